@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+# Everything that is built goes to build/, .venv/ and host/kontur/lib/; `make clean` removes the first and the last.
+
+CC       ?= gcc
+PYTHON   ?= python3
+UNITY_DIR ?= build/unity/src
+
+VENV     := .venv
+PY       := $(VENV)/bin/python
+KONTUR   := $(VENV)/bin/kontur
+LIB      := host/kontur/lib
+
+WARN     := -Wall -Wextra -Werror -Wconversion -Wdouble-promotion -Wshadow -Wmissing-prototypes -Wstrict-prototypes
+CFLAGS   := -std=c11 -O2 -g -ffp-contract=off -fno-math-errno $(WARN)
+SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+INCLUDE  := -Ifirmware/core -Ifirmware/drive -Ifirmware/canopen -Ifirmware/hal -Isim -Ibuild/gen
+UNITY    := -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -I$(UNITY_DIR)
+
+GENERATED := build/gen/od_table.c
+SOURCES  := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c sim/*.c) $(GENERATED)
+TESTS    := $(patsubst tests/unit/%.c,build/unit/%,$(wildcard tests/unit/test_*.c))
+objects   = $(patsubst %.c,build/$(1)/%.o,$(SOURCES))
+
+export MPLBACKEND := Agg
+
+.DELETE_ON_ERROR:
+.SECONDARY:
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-c test-host lint bench lib setup clean
+
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
+
+demo: setup lib  ## cut examples/part.ngc under five controllers: table, build/demo/report.html
+	$(KONTUR) demo
+
+test: setup test-c test-host lint  ## all tests: C (Unity, with sanitizers), Python (pytest), lint
+
+test-c: $(TESTS)  ## the C tests alone
+	@failed=0; for t in $(TESTS); do \
+	  if $$t >$$t.log 2>&1; then printf '%-28s %s\n' $${t##*/} "$$(grep -E '^[0-9]+ Tests' $$t.log)"; \
+	  else failed=1; printf '%-28s FAILED\n' $${t##*/}; grep -v ':PASS$$' $$t.log; fi; done; \
+	if [ $$failed = 0 ]; then echo "C tests: $(words $(TESTS)) programs passed"; else echo "C tests: FAILED"; exit 1; fi
+
+test-host: setup lib  ## the Python tests alone
+	$(PY) -m pytest
+
+lint: setup lib  ## ruff (style and format) and mypy --strict
+	$(VENV)/bin/ruff check host tests firmware
+	$(VENV)/bin/ruff format --check host tests firmware
+	$(VENV)/bin/mypy host/kontur
+
+bench: setup lib  ## speed of the in-process loop, direct and over CAN, against the NumPy oracle
+	$(KONTUR) bench sim
+
+lib: $(LIB)/libkontur_f32.so $(LIB)/kontur_sim.h  ## firmware and simulated machine as one shared library
+
+setup: $(VENV)/stamp  ## system packages (installed by apt-get where it may) and the Python environment
+
+clean:  ## remove everything built, but the Python environment
+	rm -rf build $(LIB)
+
+# --- set-up -----------------------------------------------------------------------------------------------------------
+# The Debian packages that a build needs and this machine lacks, found by trying.
+build/debian.stamp:
+	@mkdir -p build; missing=; \
+	command -v $(CC) >/dev/null || missing="$$missing gcc"; \
+	echo '#include <stdint.h>' | $(CC) -E - >/dev/null 2>&1 || missing="$$missing libc6-dev"; \
+	$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || missing="$$missing python3 python3-venv"; \
+	if [ -n "$$missing" ]; then \
+	  if [ "$$(id -u)" = 0 ]; then root=; elif sudo -n true 2>/dev/null; then root="sudo -n"; else root=no; fi; \
+	  if [ "$$root" = no ] || ! command -v apt-get >/dev/null; then \
+	    echo "make: these Debian packages are missing:$$missing"; \
+	    echo "make: install them, e.g. with: sudo apt-get install$$missing"; exit 1; fi; \
+	  echo "Installing Debian packages:$$missing"; \
+	  $$root apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$root apt-get install -y -qq --no-install-recommends $$missing || exit 1; \
+	fi; \
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "make: Python 3.10 or newer is needed; name it with PYTHON=..."; exit 1; }; \
+	touch $@
+
+$(VENV)/stamp: requirements.lock pyproject.toml | build/debian.stamp
+	$(PYTHON) -m venv $(VENV)
+	$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(PY) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+# --- library ----------------------------------------------------------------------------------------------------------
+$(GENERATED) &: firmware/canopen/objects.toml firmware/canopen/generate.py | $(VENV)/stamp
+	$(PY) firmware/canopen/generate.py build/gen --eds host/kontur/kontur.eds --docs docs/objects.md
+
+build/f32/%.o: %.c | build/debian.stamp $(GENERATED)
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) -fPIC -fvisibility=hidden $(INCLUDE) -MMD -MP -c $< -o $@
+
+$(LIB)/libkontur_f32.so: $(call objects,f32)
+	@mkdir -p $(@D)
+	$(CC) -shared -o $@ $^ -lm
+
+$(LIB)/kontur_sim.h: sim/kontur_sim.h
+	@mkdir -p $(@D)
+	cp $< $@
+
+# --- C tests ----------------------------------------------------------------------------------------------------------
+build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
+	@mkdir -p build/unity
+	$(PY) -m pip download --quiet --disable-pip-version-check --no-deps --no-binary :all: --no-build-isolation --require-hashes -r $< -d build/unity
+	tar -xzf build/unity/pytest_unity-*.tar.gz -C build/unity --strip-components=3 --wildcards '*/vendor/unity/src' '*/vendor/unity/LICENSE.txt'
+	@touch $@
+
+build/unit/unity.o: $(UNITY_DIR)/unity.c
+	@mkdir -p $(@D)
+	$(CC) -std=c11 -O1 -g $(SANITIZE) $(UNITY) -c $< -o $@
+
+build/unit/%.o: %.c | build/debian.stamp $(GENERATED)
+	@mkdir -p $(@D)
+	$(CC) $(CFLAGS) $(SANITIZE) $(INCLUDE) -MMD -MP -c $< -o $@
+
+build/unit/libkontur.a: $(call objects,unit)
+	@rm -f $@
+	ar rcs $@ $^
+
+build/unit/%: tests/unit/%.c build/unit/unity.o build/unit/libkontur.a
+	$(CC) $(CFLAGS) $(SANITIZE) $(INCLUDE) $(UNITY) -MMD -MP -MF $@.d $< build/unit/unity.o build/unit/libkontur.a -lm -o $@
+
+-include $(patsubst %.o,%.d,$(call objects,f32) $(call objects,unit)) $(addsuffix .d,$(TESTS))

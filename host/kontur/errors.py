@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The exception tree. A message says what went wrong, where, and what to do next; the CLI prints it without traceback."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class KonturError(Exception):
+    """Base of every error that a user of kontur can cause or meet."""
+
+
+class InputError(KonturError):
+    """A file or value given by the user cannot be used."""
+
+
+class FileError(InputError):
+    """A mistake in an input file.
+
+    `line` is counted from 1; `word` is the offending piece of text. Both may be unknown (None).
+    """
+
+    def __init__(self, file: str | Path, problem: str, line: int | None = None, word: str | None = None) -> None:
+        self.file = str(file)
+        self.problem = problem
+        self.line = line
+        self.word = word
+        where = self.file if line is None else f"{self.file}:{line}"
+        super().__init__(f"{where}: {problem}" if word is None else f"{where}: {word}: {problem}")
+
+
+class PathError(InputError):
+    """A path that cannot be planned or driven: outside the limits, empty, without a feed."""
+
+
+class MachineError(InputError):
+    """A machine file that cannot be used."""
+
+
+class ParameterError(InputError):
+    """An unknown parameter, or a value outside its range."""
+
+
+class LibraryError(KonturError):
+    """The simulator library is missing or does not fit this version of the package."""
+
+
+class BusError(KonturError):
+    """The CAN bus cannot be opened, or failed."""
+
+
+class DeviceError(KonturError):
+    """The drive answered with an error, or is not in the state that was asked for."""
+
+
+class NoAnswerError(DeviceError):
+    """The drive does not answer."""
+
+
+class StreamError(DeviceError):
+    """A trajectory could not be streamed to its end."""
+
+
+class EmcyError(DeviceError):
+    """The drive reported an emergency (EMCY) object.
+
+    `code` is the EMCY error code, `register` the error register 1001h, `data` the five manufacturer bytes.
+    """
+
+    def __init__(self, code: int, register: int, data: bytes, text: str) -> None:
+        self.code = code
+        self.register = register
+        self.data = data
+        super().__init__(text)
+
+
+class LogError(InputError):
+    """A log file that cannot be read or written."""
