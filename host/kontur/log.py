@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The log of one run: what was run (`meta`) and one row a telemetry tick (`columns`), as CSV or MF4.
+
+`COLUMNS` is the only place where names, units and digits of the columns stand, `META` the same for what stands on top.
+A log holds no wall clock, so equal runs give equal files, byte for byte. CSV carries the digits of the table, MF4 the
+doubles themselves. A file appears under its name when it is whole, never before.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kontur.errors import FileError, LogError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: `name` ends in the unit, `unit` as MF4 shows it, `digits` after the point in CSV."""
+
+    name: str
+    unit: str
+    digits: int
+    what: str
+    required: bool = False
+
+
+COLUMNS = (
+    Column("tick", "ms", 0, "device tick (1 ms), unwrapped; a gap is a lost frame", required=True),
+    Column("time_s", "s", 3, "time since the path began", required=True),
+    Column("e_n1_um", "um", 3, "drive's estimate: error along the path", required=True),
+    Column("e_n2_um", "um", 3, "drive's estimate: contour error, left of the path positive", required=True),
+    Column("x_mm", "mm", 6, "position by the encoder, x"),
+    Column("y_mm", "mm", 6, "position by the encoder, y"),
+    Column("reference_x_mm", "mm", 6, "trajectory at this time, x"),
+    Column("reference_y_mm", "mm", 6, "trajectory at this time, y"),
+    Column("force_x_N", "N", 1, "force asked for, x"),
+    Column("force_y_N", "N", 1, "force asked for, y"),
+    Column("k_1_per_s", "1/s", 1, "adaptive contouring gain along the path"),
+    Column("k_2_per_s", "1/s", 1, "adaptive contouring gain across the path"),
+    Column("mu_1_mps2", "m/s^2", 3, "uncertainty gain along the path"),
+    Column("mu_2_mps2", "m/s^2", 3, "uncertainty gain across the path"),
+    Column("energy_J", "J", 3, "energy of both axes since power-on"),
+    Column("true_x_mm", "mm", 9, "true position of the simulated machine, x"),
+    Column("true_y_mm", "mm", 9, "true position of the simulated machine, y"),
+    Column("contour_um", "um", 6, "true contour error: distance to the programmed path, left of it positive"),
+    Column("tangential_um", "um", 6, "true error along the programmed path, behind is negative"),
+)
+
+META = {
+    "program": "name of the part program or shape",
+    "controller": "track, cc, ccu, cascade or ccc",
+    "status": "complete, or interrupted: the rows end where the run did",
+    "trajectory": "SHA-256 of the knots",
+    "machine": "name of the machine, or of the bus of a real drive",
+    "plant": "the simulated machine's values",
+    "seed": "seed of the simulated noise",
+    "firmware": "build id of the firmware",
+    "num": "numeric back end of the firmware",
+    "control_hz": "control periods a second",
+    "parameters": "the drive's parameters, name to value",
+    "frames_lost": "telemetry frames that did not arrive",
+    "accepted": "knots the drive took",
+    "rejected": "knot frames the drive did not take, by reason",
+    "command": "the command that makes this run again",
+    "score": "scoring.Score of the whole run at the control rate, by field",
+    "force_max_N": "greatest force of an axis at the control rate",
+    "force_step_N": "mean change of force from one control period to the next",
+}
+REQUIRED_META = ("program", "controller", "status")
+STATUS = ("complete", "interrupted")
+
+_FIRST_LINE = "# kontur log 1"
+_BY_NAME = {column.name: column for column in COLUMNS}
+_EPOCH = datetime(2000, 1, 1, tzinfo=timezone.utc)  # MF4 demands a start time; the true one would differ each run
+
+
+@dataclass(frozen=True)
+class RunLog:
+    """One run: `meta` (keys of `META`, JSON values) and `columns` (names of `COLUMNS`, each (n,) float64; NaN: unknown).
+
+    Columns are put into the order of the table.
+
+    Raises LogError: a key or column of the required ones is missing, a column is unknown or of another length, ticks do
+    not increase.
+    """
+
+    meta: Mapping[str, Any]
+    columns: Mapping[str, Array]
+
+    def __post_init__(self) -> None:
+        problem = _meta_problem(self.meta) or _columns_problem(self.columns)
+        if problem:
+            raise LogError(f"log of a run: {problem}")
+        ordered = {c.name: np.asarray(self.columns[c.name], dtype=np.float64)
+                   for c in COLUMNS if c.name in self.columns}  # fmt: skip
+        object.__setattr__(self, "columns", ordered)
+
+    def __len__(self) -> int:
+        return len(self.columns["tick"])
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the true contour error is known, that is, the machine was simulated."""
+        return "contour_um" in self.columns
+
+
+def write(run: RunLog, path: str | Path) -> None:
+    """Write CSV or MF4, by the suffix of `path`. Raises LogError: another suffix, or the file cannot be written."""
+    path = Path(path)
+    content = _mf4_bytes(run) if _suffix(path) == ".mf4" else csv_text(run).encode()
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_bytes(content)
+        os.replace(part, path)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written ({error.strerror}); give another place") from error
+
+
+def read(path: str | Path) -> RunLog:
+    """Read CSV or MF4, by the suffix. Raises LogError: another suffix; FileError: not readable as a log of kontur."""
+    path = Path(path)
+    suffix = _suffix(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FileError(path, f"cannot be read ({error.strerror}); is the name right?") from error
+    return _parse_mf4(content, path) if suffix == ".mf4" else _parse_csv(content, path)
+
+
+def csv_text(run: RunLog) -> str:
+    """The log as CSV: `# key: JSON` lines, one header row, one row a tick; an unknown value is an empty cell."""
+    head = [_FIRST_LINE, *(f"# {key}: {json.dumps(value)}" for key, value in run.meta.items()), ",".join(run.columns)]
+    row = ",".join(f"%.{_BY_NAME[name].digits}f" for name in run.columns)
+    rows = [row % values for values in zip(*(column.tolist() for column in run.columns.values()), strict=True)]
+    return "\n".join(head) + "\n" + "".join(line.replace("nan", "") + "\n" for line in rows)
+
+
+def _parse_csv(content: bytes, path: Path) -> RunLog:
+    try:
+        lines = content.decode().splitlines()
+    except UnicodeDecodeError as error:
+        raise FileError(path, "is not text; a CSV log of kontur was expected") from error
+    if not lines or lines[0] != _FIRST_LINE:
+        raise FileError(path, f"is not a log of kontur: the first line must be '{_FIRST_LINE}'", line=1)
+    meta: dict[str, Any] = {}
+    head = 1
+    while head < len(lines) and lines[head].startswith("#"):
+        key, _, value = lines[head][1:].partition(":")
+        try:
+            meta[key.strip()] = json.loads(value)
+        except ValueError as error:
+            raise FileError(path, "the value after ':' is not JSON", line=head + 1, word=key.strip()) from error
+        head += 1
+    if head == len(lines):
+        raise FileError(path, "ends before the header row", line=head)
+    names = lines[head].split(",")
+    table = np.array([_csv_row(line, names, path, number)
+                      for number, line in enumerate(lines[head + 1:], start=head + 2)]).reshape(-1, len(names))  # fmt: skip
+    columns = dict(zip(names, table.T.copy(), strict=True))
+    if len(columns) != len(names):
+        raise FileError(path, "a column stands there twice", line=head + 1)
+    return _checked(meta, columns, path, head + 1)
+
+
+def _csv_row(line: str, names: list[str], path: Path, number: int) -> list[float]:
+    cells = line.split(",")
+    if len(cells) != len(names):
+        raise FileError(path, f"{len(cells)} cells where the header row has {len(names)}", line=number)
+    try:
+        return [float(cell) if cell else math.nan for cell in cells]
+    except ValueError as error:
+        raise FileError(path, f"a cell is not a number: {error}", line=number) from error
+
+
+def _mf4_bytes(run: RunLog) -> bytes:
+    from asammdf import MDF, Signal  # takes half a second: only who uses MF4 pays
+    from asammdf.blocks.v4_blocks import FileHistory
+
+    mdf = MDF(version="4.10")
+    try:
+        mdf.start_time = _EPOCH
+        mdf.header.comment = f"<HDcomment><TX>{escape(json.dumps(run.meta), quote=False)}</TX></HDcomment>"
+        history = FileHistory()
+        history.time_stamp = _EPOCH
+        history.comment = "<FHcomment><TX>kontur log 1</TX><tool_id>kontur</tool_id></FHcomment>"
+        mdf.file_history.append(history)
+        time_s = run.columns["time_s"]
+        mdf.append(
+            [Signal(values, time_s, name=name, unit=_BY_NAME[name].unit, comment=_BY_NAME[name].what)
+             for name, values in run.columns.items() if name != "time_s"],
+            acq_name="telemetry", common_timebase=True,
+        )  # fmt: skip
+        out = io.BytesIO()
+        mdf.save(out, add_history_block=False)
+        return out.getvalue()
+    finally:
+        mdf.close()
+
+
+def _parse_mf4(content: bytes, path: Path) -> RunLog:
+    from asammdf import MDF
+
+    try:
+        mdf = MDF(io.BytesIO(content))
+    except Exception as error:  # the library raises what its parsing stumbles over
+        raise FileError(path, "is not a readable MF4 file") from error
+    try:
+        meta = json.loads(mdf.header.description)
+        signals = [mdf.get(name, group=0) for name in mdf.channels_db if name in _BY_NAME and name != "tick"]
+        tick = mdf.get("tick", group=0)
+    except Exception as error:
+        raise FileError(path, "is an MF4 file, but not a log of kontur") from error
+    finally:
+        mdf.close()
+    columns = {"tick": tick.samples, "time_s": tick.timestamps} | {s.name: s.samples for s in signals}
+    return _checked(meta, columns, path, None)
+
+
+def _checked(meta: dict[str, Any], columns: dict[str, Array], path: Path, line: int | None) -> RunLog:
+    problem = _meta_problem(meta) or _columns_problem(columns)
+    if problem:
+        raise FileError(path, problem, line=line)
+    return RunLog(meta, columns)
+
+
+def _meta_problem(meta: Mapping[str, Any]) -> str | None:
+    missing = [key for key in REQUIRED_META if key not in meta]
+    if missing:
+        return f"nothing says {', '.join(missing)} of the run"
+    if meta["status"] not in STATUS:
+        return f"status is {meta['status']!r}, not one of {', '.join(STATUS)}"
+    return None
+
+
+def _columns_problem(columns: Mapping[str, Array]) -> str | None:
+    missing = [column.name for column in COLUMNS if column.required and column.name not in columns]
+    if missing:
+        return f"column {', '.join(missing)} is missing"
+    unknown = [name for name in columns if name not in _BY_NAME]
+    if unknown:
+        return f"column {', '.join(unknown)} is unknown; known are {', '.join(_BY_NAME)}"
+    if len({np.shape(values) for values in columns.values()}) != 1 or np.ndim(columns["tick"]) != 1:
+        return "columns differ in length"
+    if not np.all(np.diff(columns["tick"]) > 0):
+        return "ticks do not increase from row to row"
+    return None
+
+
+def _suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in (".csv", ".mf4"):
+        raise LogError(f"{path}: a log ends in .csv or .mf4")
+    return suffix
