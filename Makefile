@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # Everything that is built goes to build/, .venv/ and host/kontur/lib/; `make clean` removes the first and the last.
 
-CC       ?= gcc
+ifeq ($(origin CC),default)
+CC       := gcc
+endif
 PYTHON   ?= python3
 UNITY_DIR ?= build/unity/src
 

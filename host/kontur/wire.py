@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The integers of the wire and what they mean: the only place where the host scales them (docs/protocol.md).
+
+Everything works on whole arrays, so that a trajectory is packed and a log is unpacked at once.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kontur.errors import PathError
+
+M_PER_NM = 1e-9
+KNOT_PERIOD_S = 1e-3
+TICK_PERIOD_S = 1e-3
+FORCE_N = 0.1
+GAIN_PER_S = 0.1
+UNCERTAINTY_GAIN_MPS2 = 1e-3
+ENERGY_J = 1e-3
+
+RPDO1, RPDO2 = 0x200, 0x300
+TPDO1, TPDO2, TPDO3, TPDO4, TPDO5 = 0x180, 0x280, 0x380, 0x480, 0x1C0
+TELEMETRY = (TPDO2, TPDO3, TPDO4, TPDO5)
+HEARTBEAT = 0x700
+HOST_NODE_ID = 127
+
+DIFFERENCE_MAX_NM = 2**23 - 1
+POSITION_MAX_NM = 2**31 - 1
+
+
+def _crc_table() -> NDArray[np.uint8]:
+    crc = np.arange(256, dtype=np.uint16)
+    for _ in range(8):
+        crc = np.where(crc & 0x80, (crc << 1) ^ 0x2F, crc << 1) & 0xFF
+    return crc.astype(np.uint8)
+
+
+_CRC = _crc_table()
+
+
+def crc8(data: ArrayLike) -> NDArray[np.uint8]:
+    """CRC-8/AUTOSAR over the last axis of `data` (..., n) uint8; returns (...)."""
+    octets = np.asarray(data, dtype=np.uint8)
+    crc = np.full(octets.shape[:-1], 0xFF, dtype=np.uint8)
+    for i in range(octets.shape[-1]):
+        crc = _CRC[crc ^ octets[..., i]]
+    return crc ^ np.uint8(0xFF)
+
+
+def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int]) -> list[bytes]:
+    """The knot frames (RPDO2) of a whole trajectory.
+
+    `knots_nm` (N, 2); `start_nm` is the position that knot 0 is a difference to. Returns N payloads of 8 bytes.
+    Raises PathError when a step between knots does not fit into the 24 bits of the wire.
+    """
+    absolute = np.vstack([np.asarray(start_nm, dtype=np.int64), knots_nm.astype(np.int64)])
+    difference = np.diff(absolute, axis=0)
+    too_far = np.flatnonzero(np.abs(difference).max(axis=1) > DIFFERENCE_MAX_NM)
+    if too_far.size:
+        i = int(too_far[0])
+        raise PathError(
+            f"knot {i}: a step of {np.abs(difference[i]).max() * M_PER_NM * 1e3:.3f} mm in 1 ms does not fit the wire "
+            f"(at most {DIFFERENCE_MAX_NM * M_PER_NM * 1e3:.3f} mm); lower the feed"
+        )
+    frames = np.empty((len(knots_nm), 8), dtype=np.uint8)
+    frames[:, 0] = np.arange(len(knots_nm)) & 0xFF
+    frames[:, 2:5] = (difference[:, :1] >> np.array([0, 8, 16])) & 0xFF
+    frames[:, 5:8] = (difference[:, 1:] >> np.array([0, 8, 16])) & 0xFF
+    frames[:, 1] = crc8(frames[:, [0, 2, 3, 4, 5, 6, 7]])
+    octets = frames.tobytes()
+    return [octets[i : i + 8] for i in range(0, len(octets), 8)]
+
+
+def pack_controlwords(x: int, y: int) -> bytes:
+    """RPDO1."""
+    return struct.pack("<HH", x, y)
+
+
+@dataclass(frozen=True)
+class Status:
+    """TPDO1: both statuswords, free slots of the knot queue, and the count of accepted knots modulo 2**16."""
+
+    statusword: tuple[int, int]
+    free: int
+    accepted: int
+
+
+def unpack_status(data: bytes) -> Status:
+    """TPDO1. Raises struct.error when `data` is not 8 bytes long."""
+    x, y, free, accepted = struct.unpack("<HHHH", data)
+    return Status((x, y), free, accepted)
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """Telemetry of a run in SI units, one row a device tick (1 ms). Rows that were lost are absent; see `tick`.
+
+    `tick` (n,) unwrapped milliseconds since power-on modulo 2**16 at the first row; `contour_m` (n, 2) tangential and
+    normal error e_n1, e_n2; `position_m` (n, 2); `force_N` (n, 2), `gain_per_s` (n, 2), `uncertainty_gain_mps2` (n, 2),
+    `energy_J` (n,): the latest value at or before the row, NaN before the first. `frames_lost`: frames of any of the
+    four PDOs missing between the first and the last.
+    """
+
+    tick: NDArray[np.int64]
+    contour_m: NDArray[np.float64]
+    position_m: NDArray[np.float64]
+    force_N: NDArray[np.float64]
+    gain_per_s: NDArray[np.float64]
+    uncertainty_gain_mps2: NDArray[np.float64]
+    energy_J: NDArray[np.float64]
+    frames_lost: int
+
+
+_TELEMETRY_PERIOD = {TPDO2: 1, TPDO3: 1, TPDO4: 2, TPDO5: 20}
+
+
+def unpack_telemetry(
+    function: NDArray[np.int64], payload: NDArray[np.uint8], start_nm: tuple[int, int]
+) -> Telemetry:
+    """Telemetry from frames in the order of their arrival.
+
+    `function` (m,) COB-ID without node id, one of TELEMETRY; `payload` (m, 8); `start_nm` is any position within 8 mm
+    of the first one reported, to complete the 24 bits of the wire.
+    """
+    dated = (function == TPDO2) | (function == TPDO3)
+    first = int(np.argmax(dated)) if dated.any() else len(function)
+    function, payload, dated = function[first:], payload[first:], dated[first:]
+
+    # Every frame gets the unwrapped tick of the latest dated one.
+    raw = payload[dated, 0].astype(np.int64) | payload[dated, 1].astype(np.int64) << 8
+    tick_of_dated = unwrap_tick(raw)
+    tick = tick_of_dated[np.cumsum(dated) - 1] if len(function) else tick_of_dated
+
+    of = {cob: function == cob for cob in TELEMETRY}
+    lost = sum(_missing(tick[of[cob]], _TELEMETRY_PERIOD[cob]) for cob in TELEMETRY)
+
+    rows, at2, at3 = np.intersect1d(tick[of[TPDO2]], tick[of[TPDO3]], assume_unique=True, return_indices=True)
+    error_nm = _int24_pairs(payload[of[TPDO2]])[at2]
+    position_nm = unwrap_position(_int24_pairs(payload[of[TPDO3]]), start_nm)[at3]
+
+    tpdo4 = payload[of[TPDO4]].view("<u2").astype(np.float64)
+    force = payload[of[TPDO4]].view("<i2")[:, :2].astype(np.float64)
+    tpdo5 = payload[of[TPDO5]]
+    uncertainty = tpdo5.view("<u2")[:, :2].astype(np.float64)
+    energy = tpdo5.view("<u4")[:, 1].astype(np.float64)
+    at4 = np.searchsorted(tick[of[TPDO4]], rows, side="right") - 1
+    at5 = np.searchsorted(tick[of[TPDO5]], rows, side="right") - 1
+    return Telemetry(
+        tick=rows,
+        contour_m=error_nm * M_PER_NM,
+        position_m=position_nm * M_PER_NM,
+        force_N=_hold(force * FORCE_N, at4),
+        gain_per_s=_hold(tpdo4[:, 2:] * GAIN_PER_S, at4),
+        uncertainty_gain_mps2=_hold(uncertainty * UNCERTAINTY_GAIN_MPS2, at5),
+        energy_J=_hold(energy * ENERGY_J, at5),
+        frames_lost=lost,
+    )
+
+
+def unwrap_tick(tick: NDArray[np.int64]) -> NDArray[np.int64]:
+    """16-bit ticks (n,) of frames in order, continued past their wrap; the first keeps its value."""
+    if not len(tick):
+        return tick
+    return tick[0] + np.concatenate([[0], np.cumsum(np.diff(tick) & 0xFFFF)])
+
+
+def unwrap_position(position_nm: NDArray[np.int64], start_nm: tuple[int, int]) -> NDArray[np.int64]:
+    """24-bit positions (n, 2) in order, continued past their wrap from `start_nm`, at most 8 mm from one to the next."""
+    if not len(position_nm):
+        return position_nm
+    steps = np.diff(position_nm, axis=0, prepend=np.asarray([start_nm], dtype=np.int64))
+    return np.asarray(start_nm, dtype=np.int64) + np.cumsum(_sign24(steps), axis=0)
+
+
+def _sign24(value: NDArray[np.int64]) -> NDArray[np.int64]:
+    return ((value + 0x800000) & 0xFFFFFF) - 0x800000
+
+
+def _int24_pairs(payload: NDArray[np.uint8]) -> NDArray[np.int64]:
+    octets = payload.astype(np.int64)
+    pairs = octets[:, [2, 5]] | octets[:, [3, 6]] << 8 | octets[:, [4, 7]] << 16
+    return _sign24(pairs)
+
+
+def _missing(tick: NDArray[np.int64], period: int) -> int:
+    if not len(tick):
+        return 0
+    return max(0, (int(tick[-1]) - int(tick[0])) // period + 1 - len(tick))
+
+
+def _hold(values: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
+    """`values[at]`, NaN where `at` is −1 (no value yet)."""
+    padded = np.concatenate([values, np.full((1, *values.shape[1:]), np.nan)])
+    return padded[at]

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The scaling module against values worked out without it."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kontur import wire
+from kontur.errors import PathError
+
+
+def i24(value: int) -> bytes:
+    return (value & 0xFFFFFF).to_bytes(3, "little")
+
+
+def bitwise_crc8(data: bytes) -> int:
+    """The definition of CRC-8/AUTOSAR, bit by bit."""
+    crc = 0xFF
+    for octet in data:
+        crc ^= octet
+        for _ in range(8):
+            crc = ((crc << 1) ^ 0x2F if crc & 0x80 else crc << 1) & 0xFF
+    return crc ^ 0xFF
+
+
+def test_crc_has_the_published_check_value() -> None:
+    assert wire.crc8(np.frombuffer(b"123456789", dtype=np.uint8)) == 0xDF
+
+
+@given(st.binary(min_size=7, max_size=7))
+def test_crc_equals_its_definition(data: bytes) -> None:
+    assert wire.crc8(np.frombuffer(data, dtype=np.uint8)) == bitwise_crc8(data)
+
+
+def test_knot_frames_carry_number_crc_and_differences() -> None:
+    knots = np.array([[1_000_000, -5], [1_000_001, -300_005], [999_999, 0]], dtype=np.int32)
+    frames = wire.pack_knots(knots, (1_000_000, 0))
+    for i, (dx, dy) in enumerate([(0, -5), (1, -300_000), (-2, 300_005)]):
+        body = i24(dx) + i24(dy)
+        assert frames[i] == bytes([i, bitwise_crc8(bytes([i]) + body)]) + body
+
+
+def test_knot_number_wraps_after_255() -> None:
+    frames = wire.pack_knots(np.zeros((300, 2), dtype=np.int32), (0, 0))
+    assert [frames[i][0] for i in (0, 255, 256, 299)] == [0, 255, 0, 43]
+
+
+def test_difference_of_24_bits_fits_and_one_more_is_refused() -> None:
+    wire.pack_knots(np.array([[8_388_607, -8_388_607]], dtype=np.int32), (0, 0))
+    with pytest.raises(PathError, match=r"knot 1: a step of 8\.389 mm in 1 ms"):
+        wire.pack_knots(np.array([[0, 0], [8_388_608, 0]], dtype=np.int32), (0, 0))
+
+
+def test_status_is_two_statuswords_free_and_accepted() -> None:
+    status = wire.unpack_status(bytes.fromhex("3710 3712 ff01 0a00"))
+    assert status == wire.Status((0x1037, 0x1237), 511, 10)
+
+
+def telemetry(frames: list[tuple[int, bytes]], start_nm: tuple[int, int] = (0, 0)) -> wire.Telemetry:
+    function = np.array([f for f, _ in frames], dtype=np.int64)
+    payload = np.frombuffer(b"".join(d for _, d in frames), dtype=np.uint8).reshape(-1, 8)
+    return wire.unpack_telemetry(function, payload, start_nm)
+
+
+def millisecond(tick: int, error: tuple[int, int], position: tuple[int, int]) -> list[tuple[int, bytes]]:
+    head = struct.pack("<H", tick & 0xFFFF)
+    return [
+        (wire.TPDO2, head + i24(error[0]) + i24(error[1])),
+        (wire.TPDO3, head + i24(position[0]) + i24(position[1])),
+    ]
+
+
+def test_telemetry_is_scaled_to_si() -> None:
+    frames = millisecond(7, (-1500, 42), (3, -4))
+    frames.append((wire.TPDO4, struct.pack("<hhHH", -1234, 567, 1000, 1)))
+    frames.append((wire.TPDO5, struct.pack("<HHI", 1000, 2500, 123456)))
+    row = telemetry(frames)
+    assert row.tick.tolist() == [7]
+    np.testing.assert_allclose(row.contour_m, [[-1.5e-6, 42e-9]], rtol=1e-12)
+    np.testing.assert_allclose(row.position_m, [[3e-9, -4e-9]], rtol=1e-12)
+    np.testing.assert_allclose(row.force_N, [[-123.4, 56.7]], rtol=1e-12)
+    np.testing.assert_allclose(row.gain_per_s, [[100.0, 0.1]], rtol=1e-12)
+    np.testing.assert_allclose(row.uncertainty_gain_mps2, [[1.0, 2.5]], rtol=1e-12)
+    np.testing.assert_allclose(row.energy_J, [123.456], rtol=1e-12)
+
+
+def test_tick_and_position_continue_past_their_wrap() -> None:
+    x = [8_388_000 + 500 * i for i in range(4)]
+    frames = [f for i in range(4) for f in millisecond(65_534 + i, (0, 0), (x[i], -x[i]))]
+    run = telemetry(frames, start_nm=(8_387_000, -8_387_000))
+    assert run.tick.tolist() == [65_534, 65_535, 65_536, 65_537]
+    np.testing.assert_allclose(run.position_m[:, 0], np.array(x) * 1e-9, rtol=1e-12)
+    np.testing.assert_allclose(run.position_m[:, 1], np.array(x) * -1e-9, rtol=1e-12)
+
+
+def test_start_position_completes_the_missing_bits() -> None:
+    run = telemetry(millisecond(0, (0, 0), (-145_000_100, 145_000_100)), start_nm=(-145_000_000, 145_000_000))
+    np.testing.assert_allclose(run.position_m, [[-0.1450001, 0.1450001]], rtol=1e-12)
+
+
+def test_gap_in_the_ticks_counts_as_lost_frames() -> None:
+    frames = [f for i in (0, 1, 2, 6, 7) for f in millisecond(i, (i, 0), (i, 0))]
+    del frames[2]  # TPDO2 of tick 1
+    run = telemetry(frames)
+    assert run.tick.tolist() == [0, 2, 6, 7]
+    assert run.frames_lost == 3 + 1 + 3
+
+
+def test_slow_telemetry_is_held_and_unknown_before_it_came() -> None:
+    frames = millisecond(0, (0, 0), (0, 0)) + millisecond(1, (0, 0), (0, 0))
+    frames.append((wire.TPDO4, struct.pack("<hhHH", 10, 20, 30, 40)))
+    frames += millisecond(2, (0, 0), (0, 0))
+    run = telemetry(frames)
+    assert np.isnan(run.force_N[0]).all()
+    np.testing.assert_allclose(run.force_N[1:, 0], [1.0, 1.0], rtol=1e-12)
+    assert np.isnan(run.energy_J).all()
+
+
+def test_no_telemetry_gives_an_empty_run() -> None:
+    run = telemetry([])
+    assert len(run.tick) == 0
+    assert run.frames_lost == 0
