@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exception tree. A message says what went wrong, where, and what to do next; the CLI prints it without traceback."""
+"""The exception tree. A message says what went wrong, where, and what to do next; the CLI prints it, no traceback."""
 
 from __future__ import annotations
 

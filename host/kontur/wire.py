@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kontur.errors import PathError
+
+Floats: TypeAlias = NDArray[np.float64]
 
 M_PER_NM = 1e-9
 KNOT_PERIOD_S = 1e-3
@@ -33,9 +36,9 @@ POSITION_MAX_NM = 2**31 - 1
 
 
 def _crc_table() -> NDArray[np.uint8]:
-    crc = np.arange(256, dtype=np.uint16)
+    crc = np.arange(256)
     for _ in range(8):
-        crc = np.where(crc & 0x80, (crc << 1) ^ 0x2F, crc << 1) & 0xFF
+        crc = ((crc << 1) ^ (crc >> 7) * 0x2F) & 0xFF
     return crc.astype(np.uint8)
 
 
@@ -106,21 +109,19 @@ class Telemetry:
     """
 
     tick: NDArray[np.int64]
-    contour_m: NDArray[np.float64]
-    position_m: NDArray[np.float64]
-    force_N: NDArray[np.float64]
-    gain_per_s: NDArray[np.float64]
-    uncertainty_gain_mps2: NDArray[np.float64]
-    energy_J: NDArray[np.float64]
+    contour_m: Floats
+    position_m: Floats
+    force_N: Floats
+    gain_per_s: Floats
+    uncertainty_gain_mps2: Floats
+    energy_J: Floats
     frames_lost: int
 
 
 _TELEMETRY_PERIOD = {TPDO2: 1, TPDO3: 1, TPDO4: 2, TPDO5: 20}
 
 
-def unpack_telemetry(
-    function: NDArray[np.int64], payload: NDArray[np.uint8], start_nm: tuple[int, int]
-) -> Telemetry:
+def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], start_nm: tuple[int, int]) -> Telemetry:
     """Telemetry from frames in the order of their arrival.
 
     `function` (m,) COB-ID without node id, one of TELEMETRY; `payload` (m, 8); `start_nm` is any position within 8 mm
@@ -151,8 +152,8 @@ def unpack_telemetry(
     at5 = np.searchsorted(tick[of[TPDO5]], rows, side="right") - 1
     return Telemetry(
         tick=rows,
-        contour_m=error_nm * M_PER_NM,
-        position_m=position_nm * M_PER_NM,
+        contour_m=error_nm.astype(np.float64) * M_PER_NM,
+        position_m=position_nm.astype(np.float64) * M_PER_NM,
         force_N=_hold(force * FORCE_N, at4),
         gain_per_s=_hold(tpdo4[:, 2:] * GAIN_PER_S, at4),
         uncertainty_gain_mps2=_hold(uncertainty * UNCERTAINTY_GAIN_MPS2, at5),
@@ -165,11 +166,11 @@ def unwrap_tick(tick: NDArray[np.int64]) -> NDArray[np.int64]:
     """16-bit ticks (n,) of frames in order, continued past their wrap; the first keeps its value."""
     if not len(tick):
         return tick
-    return tick[0] + np.concatenate([[0], np.cumsum(np.diff(tick) & 0xFFFF)])
+    return np.cumsum(np.concatenate([tick[:1], np.diff(tick) & 0xFFFF]))
 
 
 def unwrap_position(position_nm: NDArray[np.int64], start_nm: tuple[int, int]) -> NDArray[np.int64]:
-    """24-bit positions (n, 2) in order, continued past their wrap from `start_nm`, at most 8 mm from one to the next."""
+    """24-bit positions (n, 2) in order, continued past their wrap from `start_nm`, at most 8 mm each."""
     if not len(position_nm):
         return position_nm
     steps = np.diff(position_nm, axis=0, prepend=np.asarray([start_nm], dtype=np.int64))
@@ -192,7 +193,7 @@ def _missing(tick: NDArray[np.int64], period: int) -> int:
     return max(0, (int(tick[-1]) - int(tick[0])) // period + 1 - len(tick))
 
 
-def _hold(values: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
-    """`values[at]`, NaN where `at` is −1 (no value yet)."""
+def _hold(values: Floats, at: NDArray[np.int64]) -> Floats:
+    """`values[at]`, NaN where `at` is -1 (no value yet)."""
     padded = np.concatenate([values, np.full((1, *values.shape[1:]), np.nan)])
     return padded[at]

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A machine: what is simulated, what the drive is told of it, what the planner may ask of it. One TOML file, SI."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from kontur.errors import MachineError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+MACHINES = Path(__file__).with_name("machines")
+DEFAULT = MACHINES / "table1.toml"
+SCHEDULE_ROWS_MAX = 16
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis; units in the names. `travel_m` and `soft_limit_m` are (least, greatest) positions."""
+
+    mass_kg: float
+    viscous_Nspm: float
+    coulomb_N: float
+    force_limit_N: float
+    encoder_m: float
+    travel_m: tuple[float, float]
+    soft_limit_m: tuple[float, float]
+    velocity_mps: float
+    acceleration_mps2: float
+    jerk_mps3: float
+    breakaway: float = 1.0
+    stribeck_mps: float = 0.001
+    force_noise_N: float = 0.0
+    current_lag_s: float = 0.0
+    start_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Both axes and what they share. `friction_schedule` rows are (time_s, scale), see sim/kontur_sim.h."""
+
+    name: str
+    x: Axis
+    y: Axis
+    delay_periods: int
+    substeps: int
+    centripetal_step_mps2: float
+    friction_schedule: tuple[tuple[float, float], ...] = ()
+    friction_repeat_s: float = 0.0
+
+    @property
+    def axes(self) -> tuple[Axis, Axis]:
+        return (self.x, self.y)
+
+    def starting_at(self, start_m: tuple[float, float]) -> Machine:
+        """The same machine with its axes standing at `start_m` at power-on."""
+        return dataclasses.replace(
+            self,
+            x=dataclasses.replace(self.x, start_m=start_m[0]),
+            y=dataclasses.replace(self.y, start_m=start_m[1]),
+        )
+
+    def parameters(self) -> dict[str, float]:
+        """The drive's parameters that describe this machine, by their names and in their units (docs/objects.md)."""
+        values: dict[str, float] = {}
+        for name, axis in (("x", self.x), ("y", self.y)):
+            values |= {
+                f"plant_{name}.mass": axis.mass_kg,
+                f"plant_{name}.viscous": axis.viscous_Nspm,
+                f"plant_{name}.coulomb": axis.coulomb_N,
+                f"plant_{name}.force_limit": axis.force_limit_N,
+                f"plant_{name}.encoder": axis.encoder_m * 1e6,
+                f"position_limit_{name}.min": axis.soft_limit_m[0] * 1e9,
+                f"position_limit_{name}.max": axis.soft_limit_m[1] * 1e9,
+            }
+        return values
+
+
+# Accepted range of every number of an axis: (least, greatest, whether the least itself is accepted).
+_RANGE = {
+    "mass_kg": (0.1, 1e5, True),
+    "viscous_Nspm": (0.0, 1e6, True),
+    "coulomb_N": (0.0, 3000.0, True),
+    "force_limit_N": (1.0, 3000.0, True),
+    "encoder_m": (1e-12, 1e-5, True),
+    "velocity_mps": (0.0, 10.0, False),
+    "acceleration_mps2": (0.0, 1e3, False),
+    "jerk_mps3": (0.0, 1e6, False),
+    "breakaway": (1.0, 10.0, True),
+    "stribeck_mps": (0.0, 1.0, False),
+    "force_noise_N": (0.0, 1e4, True),
+    "current_lag_s": (0.0, 1.0, True),
+    "start_m": (-2.0, 2.0, True),
+}
+_PAIRS = ("travel_m", "soft_limit_m")
+
+
+def load(file: str | Path = DEFAULT) -> Machine:
+    """Read a machine file. Raises MachineError, which names file, key and what is wrong with it."""
+    try:
+        text = Path(file).read_bytes().decode()
+        table = tomllib.loads(text)
+    except OSError as error:
+        raise MachineError(
+            f"{file}: cannot be read ({error.strerror}); machines that come along: {MACHINES}"
+        ) from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise MachineError(f"{file}: not a TOML file: {error}") from error
+    return _Reader(str(file)).machine(table)
+
+
+class _Reader:
+    """Turns parsed TOML into a Machine; every problem is raised with the file's name and the key."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+
+    def problem(self, key: str, what: str) -> MachineError:
+        return MachineError(f"{self.file}: {key}: {what}")
+
+    def machine(self, table: dict[str, Any]) -> Machine:
+        self.keys(
+            "", table, {"name", "x", "y", "delay_periods", "substeps", "centripetal_step_mps2"}, {"friction_schedule"}
+        )
+        if not isinstance(table["name"], str):
+            raise self.problem("name", "must be text")
+        rows, repeat_s = self.schedule(table.get("friction_schedule", {"rows": []}))
+        return Machine(
+            name=table["name"],
+            x=self.axis("x", table["x"]),
+            y=self.axis("y", table["y"]),
+            delay_periods=self.integer("delay_periods", table["delay_periods"], 1, 4),
+            substeps=self.integer("substeps", table["substeps"], 10, 1000),
+            centripetal_step_mps2=self.number("centripetal_step_mps2", table["centripetal_step_mps2"], 0.0, 1e3, False),
+            friction_schedule=rows,
+            friction_repeat_s=repeat_s,
+        )
+
+    def axis(self, name: str, table: Any) -> Axis:
+        fields = dataclasses.fields(Axis)
+        required = {f.name for f in fields if f.default is dataclasses.MISSING}
+        self.keys(name, table, required, {f.name for f in fields} - required)
+        values: dict[str, Any] = {}
+        for key, value in table.items():
+            where = f"{name}.{key}"
+            if key in _PAIRS:
+                values[key] = self.pair(where, value)
+            else:
+                values[key] = self.number(where, value, *_RANGE[key])
+        axis = Axis(**values)
+        if axis.soft_limit_m[0] < axis.travel_m[0] or axis.soft_limit_m[1] > axis.travel_m[1]:
+            raise self.problem(f"{name}.soft_limit_m", f"must lie within travel_m {list(axis.travel_m)}")
+        if not axis.soft_limit_m[0] <= axis.start_m <= axis.soft_limit_m[1]:
+            raise self.problem(f"{name}.start_m", f"must lie within soft_limit_m {list(axis.soft_limit_m)}")
+        return axis
+
+    def schedule(self, table: Any) -> tuple[tuple[tuple[float, float], ...], float]:
+        name = "friction_schedule"
+        self.keys(name, table, {"rows"}, {"repeat_s"})
+        repeat_s = self.number(f"{name}.repeat_s", table.get("repeat_s", 0.0), 0.0, 1e6, True)
+        rows = table["rows"]
+        if not isinstance(rows, list) or len(rows) > SCHEDULE_ROWS_MAX:
+            raise self.problem(f"{name}.rows", f"must be a list of at most {SCHEDULE_ROWS_MAX} [time_s, scale]")
+        result: list[tuple[float, float]] = []
+        for i, row in enumerate(rows):
+            where = f"{name}.rows[{i}]"
+            if not isinstance(row, list) or len(row) != 2:
+                raise self.problem(where, "must be [time_s, scale]")
+            time_s = self.number(where, row[0], 0.0, 1e6, True)
+            scale = self.number(where, row[1], 0.0, 100.0, True)
+            if result and time_s <= result[-1][0]:
+                raise self.problem(where, "times must increase from row to row")
+            result.append((time_s, scale))
+        if result and repeat_s and repeat_s <= result[-1][0]:
+            raise self.problem(f"{name}.repeat_s", "must be 0 or later than the last row")
+        return tuple(result), repeat_s
+
+    def keys(self, name: str, table: Any, required: set[str], optional: set[str]) -> None:
+        if not isinstance(table, dict):
+            raise self.problem(name, f"must be a table [{name}]")
+        prefix = f"{name}." if name else ""
+        for key in table:
+            if key not in required | optional:
+                raise self.problem(prefix + key, f"unknown key; known are {', '.join(sorted(required | optional))}")
+        for key in sorted(required):
+            if key not in table:
+                raise self.problem(prefix + key, "is missing")
+
+    def number(self, where: str, value: Any, least: float, greatest: float, with_least: bool) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise self.problem(where, f"must be a number, is {value!r}")
+        if not least <= value <= greatest or (value == least and not with_least):
+            bound = f"at least {least:g}" if with_least else f"greater than {least:g}"
+            raise self.problem(where, f"must be {bound} and at most {greatest:g}, is {value:g}")
+        return float(value)
+
+    def integer(self, where: str, value: Any, least: int, greatest: int) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= greatest:
+            raise self.problem(where, f"must be a whole number {least}..{greatest}, is {value!r}")
+        return value
+
+    def pair(self, where: str, value: Any) -> tuple[float, float]:
+        if not isinstance(value, list) or len(value) != 2:
+            raise self.problem(where, f"must be [least, greatest], is {value!r}")
+        low, high = (self.number(where, v, -2.0, 2.0, True) for v in value)
+        if low >= high:
+            raise self.problem(where, f"the least must be below the greatest, is {value!r}")
+        return low, high

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated drive as a python-can bus: `can.Bus(interface="kontur", channel="sim", seed=1)`.
+
+Time of the device passes inside recv() only, by as much as its timeout allows ("lockstep"), so that a run needs no
+thread and is the same each time. Clients that receive in a thread of their own (can.Notifier) want `pace="clock"`:
+then the device's time passes in recv() too, but never faster than the wall clock.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import can
+
+from kontur import machine as machines
+from kontur.errors import KonturError
+from kontur.machine import Machine
+from kontur.simlib import Sim
+
+PATIENCE_S = 3600.0
+"""Device time after which a recv() without timeout gives up."""
+
+_CLOCK_SLICE_S = 1e-3
+
+
+class KonturBus(can.BusABC):
+    """See the module. `machine` is a Machine or the name of a file; `sim` gives the truth that no frame carries.
+
+    Raises can.CanInitializationError when the simulator cannot be started.
+    """
+
+    def __init__(
+        self,
+        channel: Any = "sim",
+        can_filters: Any = None,
+        *,
+        machine: Machine | str | Path = machines.DEFAULT,
+        seed: int = 1,
+        node_id: int = 1,
+        num: str = "f32",
+        pace: str = "lockstep",
+        **_: object,
+    ) -> None:
+        if pace not in ("lockstep", "clock"):
+            raise can.CanInitializationError(f"pace must be lockstep or clock, is {pace!r}")
+        try:
+            plant = machine if isinstance(machine, Machine) else machines.load(machine)
+            self.sim = Sim(plant, int(seed), int(node_id), num)
+        except (KonturError, ValueError, OverflowError) as error:
+            raise can.CanInitializationError(str(error)) from error
+        self.channel_info = f"kontur simulated drive, machine {plant.name!r}, seed {seed}, node {node_id}"
+        self._lock = threading.Lock()
+        self._clock_start_s = time.monotonic() if pace == "clock" else None
+        super().__init__(channel=channel, can_filters=can_filters)
+
+    @property
+    def time_s(self) -> float:
+        """Time of the device since power-on."""
+        return self.sim.tick / self.sim.control_hz
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Hand a frame to the device, which handles it at once."""
+        with self._lock:
+            if msg.is_extended_id or msg.is_fd or not self.sim.send(msg.arbitration_id, msg.data, msg.is_remote_frame):
+                raise can.CanOperationError("the simulated drive takes classic frames with 11-bit identifiers only")
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """The oldest frame; without one, the device's time passes until a frame comes or `timeout` is over."""
+        end_tick = self.sim.tick + round((PATIENCE_S if timeout is None else max(0.0, timeout)) * self.sim.control_hz)
+        while True:
+            with self._lock:
+                frame = self.sim.recv()
+                if frame is None and self.sim.tick < end_tick and self.sim.step(self._periods_to(end_tick)):
+                    continue
+            if frame is not None:
+                message = can.Message(
+                    timestamp=frame.tick / self.sim.control_hz,
+                    arbitration_id=frame.id,
+                    is_extended_id=False,
+                    is_remote_frame=frame.rtr,
+                    data=frame.data,
+                )
+                if self._matches_filters(message):
+                    return message
+            elif self.sim.tick >= end_tick:
+                return None
+            else:
+                time.sleep(_CLOCK_SLICE_S)
+
+    def shutdown(self) -> None:
+        """Power the drive off."""
+        super().shutdown()
+        self.sim.close()
+
+    def _periods_to(self, end_tick: int) -> int:
+        if self._clock_start_s is not None:
+            end_tick = min(end_tick, int((time.monotonic() - self._clock_start_s) * self.sim.control_hz))
+        return max(0, end_tick - self.sim.tick)

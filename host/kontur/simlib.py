@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The in-process target: firmware and simulated machine as a shared library, made by `make lib` (sim/kontur_sim.h)."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cffi import FFI
+from numpy.typing import NDArray
+
+from kontur.errors import LibraryError, MachineError
+from kontur.machine import Machine
+
+LIBRARIES = Path(__file__).with_name("lib")
+_DOUBLES_PER_ROW = 8
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What no encoder sees, one row a control period; each array (n, 2), x and y.
+
+    `pos_m`, `vel_mps` at the instant the encoders are read; `force_N` as asked for by the firmware in this period;
+    `friction_N` as it acted.
+    """
+
+    pos_m: NDArray[np.float64]
+    vel_mps: NDArray[np.float64]
+    force_N: NDArray[np.float64]
+    friction_N: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame that the device sent at control period `tick` since power-on."""
+
+    id: int
+    data: bytes
+    rtr: bool
+    tick: int
+
+
+@functools.cache
+def _load(num: str) -> tuple[FFI, Any]:
+    header = LIBRARIES / "kontur_sim.h"
+    library = LIBRARIES / f"libkontur_{num}.so"
+    built = sorted(f.stem.removeprefix("libkontur_") for f in LIBRARIES.glob("libkontur_*.so"))
+    if not built or not header.exists():
+        raise LibraryError(f"{LIBRARIES}: the simulator is not built; run `make lib` in the source folder")
+    if num not in built:
+        raise LibraryError(f"{library}: no such numeric back end; built are: {', '.join(built)}")
+    ffi = FFI()
+    try:
+        ffi.cdef(header.read_text().split("/* CDEF-BEGIN */")[1].split("/* CDEF-END */")[0])
+        return ffi, ffi.dlopen(str(library))
+    except (OSError, IndexError) as error:
+        raise LibraryError(
+            f"{library}: cannot be loaded ({error}); run `make clean lib` in the source folder"
+        ) from error
+
+
+class Sim:
+    """One simulated drive, freshly powered on. Time passes in step() and run() only. Not thread safe.
+
+    Raises LibraryError when the library is missing, MachineError when it refuses the machine.
+    """
+
+    def __init__(self, machine: Machine, seed: int, node_id: int = 1, num: str = "f32") -> None:
+        self._ffi, self._lib = _load(num)
+        c_machine = self._c_machine(machine)
+        field = self._lib.ks_check(c_machine)
+        if field != self._ffi.NULL:
+            raise MachineError(f"machine {machine.name!r}: {self._text(field)} is out of the simulator's range")
+        self._ks = self._lib.ks_new(c_machine, seed, node_id)
+        if self._ks == self._ffi.NULL:
+            raise LibraryError(
+                f"the simulator does not start: node id {node_id} must be 1..31, and memory must suffice"
+            )
+        self._frame = self._ffi.new("struct ks_frame *")
+        self._data = self._ffi.buffer(self._ffi.addressof(self._frame, "data"), 8)
+        self.machine = machine
+        self.control_hz: int = self._lib.ks_control_hz(self._ks)
+        self.build: str = self._text(self._lib.ks_build(self._ks))
+        self.num: str = self._text(self._lib.ks_num(self._ks))
+
+    def close(self) -> None:
+        """Power off and free the memory; the object cannot be used afterwards."""
+        if self._ks is not None:
+            self._lib.ks_free(self._ks)
+            self._ks = None
+
+    @property
+    def tick(self) -> int:
+        """Control periods since power-on."""
+        tick: int = self._lib.ks_tick(self._ks)
+        return tick
+
+    @property
+    def overflows(self) -> int:
+        """Frames lost inside the simulator because nobody took them."""
+        count: int = self._lib.ks_overflows(self._ks)
+        return count
+
+    def send(self, can_id: int, data: bytes | bytearray, rtr: bool = False) -> bool:
+        """Give the device a frame; False when it is not a classic frame with an 11-bit id."""
+        accepted: bool = self._lib.ks_send(self._ks, can_id, rtr, len(data), bytes(data)) == 0
+        return accepted
+
+    def recv(self) -> Frame | None:
+        """Take the oldest frame the device has sent, None when there is none."""
+        frame = self._frame
+        if not self._lib.ks_recv(self._ks, frame):
+            return None
+        return Frame(frame.id, self._data[: frame.len], bool(frame.rtr), frame.tick)
+
+    def step(self, periods: int) -> int:
+        """Let at most `periods` control periods pass, fewer when a frame comes; returns how many passed."""
+        passed: int = self._lib.ks_step(self._ks, periods)
+        return passed
+
+    def run(self, periods: int) -> None:
+        """Let `periods` control periods pass."""
+        self._lib.ks_run(self._ks, periods)
+
+    def start_schedule(self) -> None:
+        """Start the machine's friction schedule now."""
+        self._lib.ks_start_schedule(self._ks)
+
+    def record(self, on: bool) -> None:
+        """Take the truth of each period from now on, dropping what was taken before; or stop taking it."""
+        self._lib.ks_record(self._ks, on)
+
+    def truth(self) -> Truth:
+        """A copy of what was recorded."""
+        count = self._lib.ks_record_count(self._ks)
+        if not count:
+            rows = np.empty((0, _DOUBLES_PER_ROW))
+        else:
+            memory = self._ffi.buffer(self._lib.ks_record_data(self._ks), count * _DOUBLES_PER_ROW * 8)
+            rows = np.frombuffer(memory, dtype=np.float64).reshape(-1, _DOUBLES_PER_ROW).copy()
+        return Truth(*(rows[:, 2 * i : 2 * i + 2] for i in range(4)))
+
+    def push_knots(self, knots_nm: NDArray[np.int32]) -> int:
+        """Hand knots (n, 2) to the queue without the wire; returns how many were taken."""
+        knots = np.ascontiguousarray(knots_nm, dtype=np.int32)
+        taken: int = self._lib.ks_push_knots(self._ks, self._ffi.from_buffer("int32_t *", knots), len(knots))
+        return taken
+
+    def _text(self, pointer: Any) -> str:
+        return bytes(self._ffi.string(pointer)).decode()
+
+    def _c_machine(self, machine: Machine) -> Any:
+        c = self._ffi.new("struct ks_machine *")
+        for field in (
+            "mass_kg",
+            "viscous_Nspm",
+            "coulomb_N",
+            "breakaway",
+            "stribeck_mps",
+            "force_limit_N",
+            "force_noise_N",
+            "current_lag_s",
+            "encoder_m",
+            "start_m",
+        ):
+            _fill(getattr(c, field), [getattr(axis, field) for axis in machine.axes])
+        _fill(c.travel_min_m, [axis.travel_m[0] for axis in machine.axes])
+        _fill(c.travel_max_m, [axis.travel_m[1] for axis in machine.axes])
+        c.delay_periods = machine.delay_periods
+        c.substeps = machine.substeps
+        c.schedule_count = len(machine.friction_schedule)
+        _fill(c.schedule_time_s, [time_s for time_s, _ in machine.friction_schedule])
+        _fill(c.schedule_scale, [scale for _, scale in machine.friction_schedule])
+        c.schedule_repeat_s = machine.friction_repeat_s
+        return c
+
+
+def _fill(array: Any, values: Sequence[float]) -> None:
+    for i, value in enumerate(values):
+        array[i] = value
