@@ -1,0 +1,71 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "asmc.h"
+#include "trig.h"
+
+struct surface {
+    num a;  /* lambda + psi gamma */
+    num b;  /* psi' gamma */
+};
+
+/* (11) and its derivative; beyond e_max psi is constant */
+static struct surface surface(const struct asmc_cfg *cfg, num e, num e_dot)
+{
+    const bool inside = !n_lt(cfg->e_max, n_abs(e));
+    const num x = n_mul(cfg->k_bar, n_clamp(e, n_neg(cfg->e_max), cfg->e_max));
+    const struct trig_cosh h = trig_cosh(x);
+    const num x_dot = inside ? n_mul(cfg->k_bar, e_dot) : NUM(0);
+    num psi, psi_dot;
+    if (cfg->psi_printed) {
+        psi = n_mul(cfg->beta, h.cosh_x);
+        psi_dot = n_mul(cfg->beta, n_mul(h.sinh_x, x_dot));
+    } else {
+        psi = n_div(cfg->beta, h.cosh_x);
+        psi_dot = n_neg(n_mul(psi, n_mul(n_div(h.sinh_x, h.cosh_x), x_dot)));
+    }
+    const struct surface s = {n_mad(cfg->lambda, psi, cfg->gamma), n_mul(psi_dot, cfg->gamma)};
+    return s;
+}
+
+/* (16) */
+static num adapt(const struct asmc_cfg *cfg, num k_hat, num s_bar, num dt)
+{
+    const num s = n_abs(s_bar);
+    num rate = cfg->zeta_rate;
+    if (n_lt(cfg->zeta, k_hat)) {
+        const num grow = n_mul(cfg->xi, s);
+        rate = n_lt(cfg->epsilon, s) ? grow : n_neg(grow);
+    }
+    return n_clamp(n_mad(k_hat, rate, dt), NUM(0), cfg->k_max);
+}
+
+vec2 asmc_friction(const struct plant_cfg *plant, num friction_speed, vec2 r_dot)
+{
+    return v2_mul(plant->coulomb, v2(n_sat(r_dot.x, friction_speed), n_sat(r_dot.y, friction_speed)));
+}
+
+void asmc_reset(const struct asmc_cfg *cfg, struct asmc_state *state)
+{
+    state->k_hat = v2(cfg->k_0, cfg->k_0);
+}
+
+void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct asmc_state *state,
+               const struct asmc_in *in, num dt, struct asmc_out *out)
+{
+    const struct surface s1 = surface(cfg, in->e.x, in->e_dot.x);
+    const struct surface s2 = surface(cfg, in->e.y, in->e_dot.y);
+    out->s_bar = v2(n_mad(in->e_dot.x, s1.a, in->e.x), n_mad(in->e_dot.y, s2.a, in->e.y)); /* (10) */
+
+    /* (15): r'' - R (A e' + B e + K s) - theta'' I_e e_w + theta'^2 e_w - 2 theta' I_e e_w' */
+    const vec2 feedback =
+        v2(n_mad(n_mad(n_mul(s1.a, in->e_dot.x), s1.b, in->e.x), state->k_hat.x, out->s_bar.x),
+           n_mad(n_mad(n_mul(s2.a, in->e_dot.y), s2.b, in->e.y), state->k_hat.y, out->s_bar.y));
+    const num w = in->theta_dot;
+    vec2 a = v2_sub(in->r_ddot, v2_from_frame(in->t, feedback));
+    a = v2_mad(a, n_neg(in->theta_ddot), v2_ie(in->e_w));
+    a = v2_mad(a, n_mul(w, w), in->e_w);
+    a = v2_mad(a, n_neg(n_mul(NUM(2), w)), v2_ie(in->e_w_dot));
+    out->u_linear = v2_add(v2_mul(plant->mass, a), v2_mul(plant->viscous, in->q_dot));
+    out->u_friction = asmc_friction(plant, cfg->friction_speed, in->r_dot);
+
+    state->k_hat = v2(adapt(cfg, state->k_hat.x, out->s_bar.x, dt), adapt(cfg, state->k_hat.y, out->s_bar.y, dt));
+}

@@ -1,0 +1,72 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* asmc.h: adaptive nonlinear sliding mode contouring law, eqs (10)-(16).
+ *
+ * Differences from the source
+ * - (11) psi = beta / cosh(k_bar e): shrinks far away, as the text demands; the printed beta cosh(k_bar e) is
+ *   selectable (`psi_printed`).
+ * - (15) B = diag(psi' gamma), theta'^2 and 2 theta': the dots that (9) demands.
+ * - (15) L sign(q') uses the reference velocity with a boundary layer: a measured sign chatters at rest. It is
+ *   returned apart, since the reference model (2) must not see it.
+ *
+ * | symbol        | meaning                                   | unit          |
+ * |---------------|-------------------------------------------|---------------|
+ * | s_bar         | sliding variable (10)                     | um/T0         |
+ * | lambda, gamma | linear terms of the surface               | 1/T0          |
+ * | psi           | nonlinear function (11)                   | -             |
+ * | k_hat         | adaptive gain (16)                        | 1/T0          |
+ * | u_bar         | control force without friction term (15)  | N             |
+ */
+#ifndef KONTUR_ASMC_H
+#define KONTUR_ASMC_H
+#include "contour.h"
+
+/* Nominal plant (1) in core units. */
+struct plant_cfg {
+    vec2 mass;      /* N per um/T0^2 */
+    vec2 viscous;   /* N per um/T0 */
+    vec2 coulomb;   /* N */
+    vec2 force_max; /* N */
+};
+
+struct asmc_cfg {
+    num lambda, gamma, beta;
+    num k_bar;  /* 1/um; k_bar e_max <= TRIG_COSH_MAX */
+    num e_max;  /* um */
+    bool psi_printed;
+    num k_0, k_max; /* start and upper clamp of k_hat, 1/T0 */
+    num zeta;       /* floor of k_hat, 1/T0, and in (16) its rate there, 1/T0^2 */
+    num zeta_rate;
+    num xi;         /* adaptation rate, 1/(um T0) */
+    num epsilon;    /* um/T0 */
+    num friction_speed; /* boundary layer of the reference velocity's sign, um/T0 */
+};
+
+struct asmc_state {
+    vec2 k_hat;
+};
+
+/* What the law works on: the errors of contour.h, in a frame of tangent t turning with theta_dot. `track` uses
+ * the axis frame at rest and e_w in place of e_wn. */
+struct asmc_in {
+    vec2 t;
+    num theta_dot, theta_ddot;
+    vec2 e_w, e_w_dot;    /* in the axis frame: e_wn, or e_w for tracking */
+    vec2 e, e_dot;        /* in the frame */
+    vec2 r_ddot;          /* of the reference the errors refer to */
+    vec2 q_dot;
+    vec2 r_dot;           /* programmed velocity: its sign drives the friction term */
+};
+
+struct asmc_out {
+    vec2 s_bar;
+    vec2 u_linear;   /* (15) without L sign(.) */
+    vec2 u_friction; /* L sign(.) */
+};
+
+void asmc_reset(const struct asmc_cfg *cfg, struct asmc_state *state);
+/* One control period of length dt (T0). */
+void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct asmc_state *state,
+               const struct asmc_in *in, num dt, struct asmc_out *out);
+/* L sat(r_dot / friction_speed), shared by all controllers */
+vec2 asmc_friction(const struct plant_cfg *plant, num friction_speed, vec2 r_dot);
+#endif

@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "contour.h"
+
+static vec2 difference(const pos_t a[2], const pos_t b[2])
+{
+    return v2(pos_sub(a[0], b[0]), pos_sub(a[1], b[1]));
+}
+
+/* Unit vector along d; at standstill, where there is no direction, the x axis. */
+static vec2 direction(vec2 d, num length)
+{
+    return n_lt(NUM(1e-4), length) ? v2_scale(n_div(NUM(1), length), d) : v2(NUM(1), NUM(0));
+}
+
+static path_t path_shift(path_t s, num t_T0)
+{
+    const path_t p = s + n_to_q32(t_T0) / 8 * (SPLINE_PER_T0 * PATH_ONE / (1 << 29));
+    return p > 0 ? p : 0;
+}
+
+/* |r'|^2 - (q - r) . r'', the slope of the foot-point condition with its sign turned, regularised: it vanishes
+ * where the axes stand at the centre of curvature, and there no foot point exists. */
+static num foot_slope(const struct contour_cfg *cfg, const struct spline_point *p, vec2 e)
+{
+    const num speed2 = v2_dot(p->d1, p->d1);
+    const num slope = n_sub(speed2, v2_dot(e, p->d2));
+    return n_add(n_max(slope, n_mul(NUM(0.25), speed2)), n_mul(cfg->v_min, cfg->v_min));
+}
+
+/* (3)-(6): errors at r(s), delay, foot point */
+static void find_foot(const struct contour_cfg *cfg, const struct spline_ring *ring, const struct path_state *path,
+                      const pos_t q[2], struct spline_point *foot, struct contour_out *o)
+{
+    const num speed2 = v2_dot(o->ref.d1, o->ref.d1);
+    const num speed = n_sqrt(speed2);
+    const vec2 tangent = direction(o->ref.d1, speed);
+
+    o->e_w = difference(q, o->ref.pos);    /* (3) */
+    o->e_l = v2_to_frame(tangent, o->e_w); /* (4) */
+    const num t_d = n_div(n_mul(n_neg(o->e_l.x), speed), n_add(speed2, n_mul(cfg->v_min, cfg->v_min)));
+    o->t_d = n_clamp(t_d, n_neg(cfg->lag_max), cfg->lag_max); /* (5) */
+    o->tau = path_shift(path->s, n_neg(o->t_d));
+    spline_at(ring, path->count, o->tau, foot); /* (6) */
+
+    if (cfg->newton) {
+        const vec2 e = difference(q, foot->pos);
+        const num step = n_div(v2_dot(e, foot->d1), foot_slope(cfg, foot, e));
+        o->tau = path_shift(o->tau, n_clamp(step, n_neg(cfg->lag_max), cfg->lag_max));
+        spline_at(ring, path->count, o->tau, foot);
+    }
+}
+
+/* Frame at the foot point and its rates. r_a(tau(t)) moves with nu. */
+static void frame_rates(const struct contour_cfg *cfg, const struct path_state *path, const struct spline_point *foot,
+                        vec2 e_a, vec2 q_dot, struct contour_out *o)
+{
+    const num v2min = n_mul(cfg->v_min, cfg->v_min);
+    const num speed2 = n_add(v2_dot(foot->d1, foot->d1), v2min);
+    const num theta_1 = n_div(v2_cross(foot->d1, foot->d2), speed2);
+    const num theta_2 = n_sub(n_div(v2_cross(foot->d1, foot->d3), speed2),
+                              n_mul(n_mul(NUM(2), theta_1), n_div(v2_dot(foot->d1, foot->d2), speed2)));
+    const num nu = n_div(n_mad(v2_dot(q_dot, foot->d1), v2min, path->rate), foot_slope(cfg, foot, e_a));
+    o->nu = n_clamp(nu, NUM(-4), NUM(4));
+    o->theta_dot = n_mul(theta_1, o->nu);
+    o->theta_ddot = n_mul(theta_2, n_mul(o->nu, o->nu));
+}
+
+/* (7), (8): r_n = r + f n with f = n . (r_a - r), and its derivatives */
+static void adjust_reference(const struct spline_point *foot, const pos_t q[2], vec2 q_dot, struct contour_out *o)
+{
+    const vec2 t = o->t;
+    const vec2 n = v2_normal(t);
+    const vec2 d = difference(foot->pos, o->ref.pos);
+    const num w = o->theta_dot;
+    const num f = v2_dot(n, d);
+    const num g = v2_dot(t, d);
+    const num foot_speed = n_mul(v2_dot(t, foot->d1), o->nu); /* t . dr_a/dt; n . dr_a/dt = 0 */
+    const num r_dot_t = v2_dot(t, o->r_dot);
+
+    /* f' = -w g - n.r' ;  g' = w f + t.r_a' - t.r' ;  f'' = -w' g - w g' + w t.r' - n.r'' */
+    const num f_dot = n_sub(n_mul(n_neg(w), g), v2_dot(n, o->r_dot));
+    const num g_dot = n_sub(n_mad(foot_speed, w, f), r_dot_t);
+    const num f_ddot = n_sub(n_mad(n_neg(n_mul(o->theta_ddot, g)), w, n_sub(r_dot_t, g_dot)), v2_dot(n, o->r_ddot));
+
+    /* n' = -w t, n'' = -w' t - w^2 n */
+    o->rn_dot = v2_mad(v2_mad(o->r_dot, f_dot, n), n_neg(n_mul(f, w)), t);
+    const num along = n_neg(n_mad(n_mul(f, o->theta_ddot), n_mul(NUM(2), f_dot), w));
+    o->rn_ddot = v2_mad(v2_mad(o->r_ddot, n_sub(f_ddot, n_mul(f, n_mul(w, w))), n), along, t);
+
+    o->e_wn = v2_mad(o->e_w, n_neg(f), n);
+    o->e_wn_dot = v2_sub(q_dot, o->rn_dot);
+    /* e_n.y = n . (q - r_a): taken from the foot point itself, where the difference is smallest */
+    o->e_n = v2(v2_dot(t, o->e_w), v2_dot(n, difference(q, foot->pos)));
+    o->e_n_dot = v2_to_frame(t, v2_mad(o->e_wn_dot, w, v2_ie(o->e_wn))); /* (9) */
+}
+
+void contour_step(const struct contour_cfg *cfg, const struct spline_ring *ring, const struct path_state *path,
+                  const pos_t q[2], vec2 q_dot, struct contour_out *out)
+{
+    struct spline_point foot;
+    spline_at(ring, path->count, path->s, &out->ref);
+    out->r_dot = v2_scale(path->rate, out->ref.d1);
+    out->r_ddot = v2_mad(v2_scale(n_mul(path->rate, path->rate), out->ref.d2), path->rate_dot, out->ref.d1);
+    find_foot(cfg, ring, path, q, &foot, out);
+    out->t = direction(foot.d1, n_sqrt(v2_dot(foot.d1, foot.d1)));
+    frame_rates(cfg, path, &foot, difference(q, foot.pos), q_dot, out);
+    adjust_reference(&foot, q, q_dot, out);
+    out->e_w_dot = v2_sub(q_dot, out->r_dot);
+}

@@ -1,0 +1,64 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* contour.h: contour-error estimation and reference adjustment, eqs (3)-(9).
+ *
+ * Source: "Adaptive Sliding Mode Contouring Control Design Based on Reference Adjustment and Uncertainty
+ * Compensation for Feed Drive Systems". Equation numbers throughout `core` are that paper's.
+ *
+ * Differences from the source
+ * - (5) is singular at standstill; here t_d = -e_lt |r'| / (|r'|^2 + v_min^2), clamped to +-lag_max, goes to 0 there
+ *   and the adjusted reference becomes r: the law turns into plain tracking by itself.
+ * - One Newton step on the foot-point condition (q - r(tau)) . r'(tau) = 0 follows (6), unless `newton` is off.
+ * - The rate nu = d tau/dt of the foot point comes from differentiating that condition, which needs no |r'| in a
+ *   denominator by itself, in place of 1 - d t_d/dt.
+ * - The frame's rates use tau'' = 0: theta'' = theta''(tau) nu^2.
+ *
+ * | symbol    | meaning                                              | unit     |
+ * |-----------|------------------------------------------------------|----------|
+ * | s, sigma  | path time and its rate (1: as programmed)            | knots, - |
+ * | tau, nu   | path time of the foot point, its rate                | knots, - |
+ * | t, n      | unit tangent and normal at the foot point            | -        |
+ * | e_w       | q - r                                        (3)     | um       |
+ * | e_l       | e_w in the frame at r(s)                     (4)     | um       |
+ * | t_d       | path time from foot point to r(s)            (5)     | T0       |
+ * | r_n       | adjusted reference                           (7)     | um       |
+ * | e_wn      | q - r_n                                              | um       |
+ * | e_n       | e_wn in the frame at the foot point; e_n.y is the    |          |
+ * |           | contour error, e_n.x the error along the path  (9)   | um       |
+ */
+#ifndef KONTUR_CONTOUR_H
+#define KONTUR_CONTOUR_H
+#include "spline.h"
+
+struct contour_cfg {
+    num v_min;    /* regularising speed, um/T0, > 0 */
+    num lag_max;  /* limit of |t_d|, T0, > 0 */
+    bool newton;
+};
+
+/* Where the reference is on its path: written once a control period by the drive layer. */
+struct path_state {
+    path_t s;       /* path time, >= 0 */
+    num rate;       /* sigma = ds/dt, 0..1.2 */
+    num rate_dot;   /* d sigma/dt, 1/T0 */
+    uint32_t count; /* valid knots */
+};
+
+struct contour_out {
+    struct spline_point ref;  /* r(s), derivatives by path time */
+    vec2 r_dot, r_ddot;       /* derivatives by time */
+    vec2 e_w, e_w_dot;
+    vec2 e_l;
+    num t_d;
+    path_t tau;
+    num nu;
+    vec2 t;
+    num theta_dot, theta_ddot;  /* of the frame at the foot point, 1/T0, 1/T0^2 */
+    vec2 rn_dot, rn_ddot;
+    vec2 e_wn, e_wn_dot;
+    vec2 e_n, e_n_dot;
+};
+
+/* One evaluation for actual position q and velocity q_dot (um/T0). Pure: the module has no state. */
+void contour_step(const struct contour_cfg *cfg, const struct spline_ring *ring, const struct path_state *path,
+                  const pos_t q[2], vec2 q_dot, struct contour_out *out);
+#endif

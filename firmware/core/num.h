@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* num.h: the numeric contract of the control core.
+ *
+ * Every signal of the control law is a `num`; every absolute position is a `pos_t`. The control files use
+ * these functions only, never an operator on a `num`, so that a back end can be float32 (this file's
+ * `num_f32.h`), fixed point, or a checking one, without a change to the law.
+ *
+ * Units of the core
+ *   length   1 um
+ *   time     T0 = 5 ms
+ *   force    1 N
+ * so that with e, e' T0, e'' T0^2 every kinematic signal lies within +-4096 and one fixed-point format
+ * (Q12.19, 2 pm) can carry them all. What leaves +-4096 saturates there in a fixed-point back end.
+ *
+ * pos_t: int64, unit 2^-16 nm. Positions are subtracted first; only the difference becomes a `num`:
+ * float32 has steps of 7.6 nm at 100 mm.
+ *
+ * A back end defines: num, NUM(c) for a literal constant c, and
+ *   n_add n_sub n_mul n_div (divisor not 0) n_neg n_lt n_sqrt (of >= 0)
+ *   n_ratio(n, d)      n/d from integers, d > 0
+ *   n_to_q32(x)        round(x * 2^32) as int64, for |x| < 4096
+ *   pos_sub(a, b)      (a - b) in um;   pos_add(p, x)   p + x um
+ *   n_to_scaled(x, k)  round(x * k) as int32, saturated: for telemetry
+ */
+#ifndef KONTUR_NUM_H
+#define KONTUR_NUM_H
+#include <stdbool.h>
+#include <stdint.h>
+
+typedef int64_t pos_t;
+#define POS_PER_NM 65536
+
+static inline pos_t pos_from_nm(int64_t nm)
+{
+    return nm * POS_PER_NM;
+}
+
+/* Nearest nm, saturated to int32 (+-2.147 m). */
+static inline int32_t pos_to_nm(pos_t p)
+{
+    const int64_t nm = (p + (p < 0 ? -POS_PER_NM / 2 : POS_PER_NM / 2)) / POS_PER_NM;
+    return nm > INT32_MAX ? INT32_MAX : nm < INT32_MIN ? INT32_MIN : (int32_t)nm;
+}
+
+#include "num_f32.h"
+
+static inline num n_abs(num a)
+{
+    return n_lt(a, NUM(0)) ? n_neg(a) : a;
+}
+
+static inline num n_min(num a, num b)
+{
+    return n_lt(b, a) ? b : a;
+}
+
+static inline num n_max(num a, num b)
+{
+    return n_lt(a, b) ? b : a;
+}
+
+/* a within lo..hi, lo <= hi */
+static inline num n_clamp(num a, num lo, num hi)
+{
+    return n_max(lo, n_min(a, hi));
+}
+
+/* sat(x / width): the sign function with a boundary layer, width > 0 */
+static inline num n_sat(num x, num width)
+{
+    if (!n_lt(x, width)) {
+        return NUM(1);
+    }
+    if (!n_lt(n_neg(width), x)) {
+        return NUM(-1);
+    }
+    return n_div(x, width);
+}
+
+/* a + b c */
+static inline num n_mad(num a, num b, num c)
+{
+    return n_add(a, n_mul(b, c));
+}
+#endif

@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* servo.h: one control period, composed. Pure: servo_step() reads cfg and in, changes state, fills out.
+ *
+ * Order: observer -> spline and contour -> law (-> uncertainty) -> limits. Reading encoders before and writing forces
+ * after is loop_tick()'s (drive/loop.h).
+ *
+ * The force returned acts from the next encoder reading to the one after (one control period of delay); observer and
+ * reference model are fed accordingly.
+ *
+ * Switching the controller at run time: the difference between the last force and the new law's first one is kept as
+ * an offset that decays with cfg.blend, so that the force does not jump. The reference model sees the offset too.
+ */
+#ifndef KONTUR_SERVO_H
+#define KONTUR_SERVO_H
+#include "cascade.h"
+#include "energy.h"
+#include "observer.h"
+#include "uncertainty.h"
+
+enum controller {
+    CONTROLLER_TRACK,   /* sliding mode law on each axis */
+    CONTROLLER_CC,      /* contouring law */
+    CONTROLLER_CCU,     /* contouring law and uncertainty compensator */
+    CONTROLLER_CASCADE, /* P-PI with feedforward */
+    CONTROLLER_CCC,     /* the same, cross-coupled */
+    CONTROLLERS
+};
+
+struct servo_cfg {
+    num dt;    /* control period, T0 */
+    num blend; /* factor per period on the switching offset, 0..1 */
+    struct plant_cfg plant;
+    struct observer_cfg observer;
+    struct contour_cfg contour;
+    struct asmc_cfg asmc;
+    struct uncertainty_cfg uncertainty;
+    struct cascade_cfg cascade;
+    struct energy_cfg energy[2];
+};
+
+struct servo_in {
+    pos_t measured[2]; /* encoder positions */
+    bool enabled[2];   /* per axis; false: observed only, force 0 */
+    enum controller controller;
+    struct path_state path;
+    const struct spline_ring *ring;
+};
+
+struct servo_state {
+    struct observer_state observer[2];
+    struct asmc_state asmc;
+    struct uncertainty_state uncertainty;
+    struct cascade_state cascade;
+    struct energy_state energy[2];
+    bool enabled[2];
+    enum controller controller;
+    vec2 offset;
+    vec2 force[2]; /* asked for in the last period, and in the one before: that one has just acted */
+    vec2 model[2]; /* the same for the input of the reference model */
+};
+
+struct servo_out {
+    vec2 force;    /* N, within plant.force_max */
+    bool saturated;
+    vec2 velocity; /* um/T0 */
+    struct contour_out contour;
+    struct asmc_out asmc;              /* track, cc, ccu */
+    struct uncertainty_out uncertainty; /* ccu */
+};
+
+/* At rest at the measured positions. */
+void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2]);
+void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_in *in,
+                struct servo_out *out);
+#endif

@@ -1,0 +1,197 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "plant.h"
+
+#include <math.h>
+#include <string.h>
+
+/* xoshiro256++ (Blackman, Vigna), seeded by splitmix64 */
+static uint64_t rotl(uint64_t x, int k)
+{
+    return (x << k) | (x >> (64 - k));
+}
+
+static uint64_t next(uint64_t s[4])
+{
+    const uint64_t result = rotl(s[0] + s[3], 23) + s[0];
+    const uint64_t t = s[1] << 17;
+    s[2] ^= s[0];
+    s[3] ^= s[1];
+    s[1] ^= s[2];
+    s[0] ^= s[3];
+    s[2] ^= t;
+    s[3] = rotl(s[3], 45);
+    return result;
+}
+
+static void seed_rng(uint64_t s[4], uint64_t seed)
+{
+    for (int i = 0; i < 4; i++) {
+        seed += 0x9E3779B97F4A7C15u;
+        uint64_t z = seed;
+        z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
+        z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
+        s[i] = z ^ (z >> 31);
+    }
+}
+
+/* uniform in [-1, 1) */
+static double uniform(uint64_t s[4])
+{
+    return (double)(next(s) >> 11) * 0x1.0p-52 - 1.0;
+}
+
+/* Marsaglia's polar method */
+static double gaussian(struct plant *p)
+{
+    if (p->has_spare) {
+        p->has_spare = 0;
+        return p->spare;
+    }
+    double a, b, r2;
+    do {
+        a = uniform(p->rng);
+        b = uniform(p->rng);
+        r2 = a * a + b * b;
+    } while (r2 >= 1.0 || r2 == 0.0);
+    const double k = sqrt(-2.0 * log(r2) / r2);
+    p->spare = b * k;
+    p->has_spare = 1;
+    return a * k;
+}
+
+static int positive(double x)
+{
+    return isfinite(x) && x > 0.0;
+}
+
+static int not_negative(double x)
+{
+    return isfinite(x) && x >= 0.0;
+}
+
+const char *plant_check(const struct ks_machine *m)
+{
+    for (int i = 0; i < 2; i++) {
+        const struct {
+            int ok;
+            const char *name;
+        } rules[] = {
+            {positive(m->mass_kg[i]), "mass_kg"},
+            {not_negative(m->viscous_Nspm[i]), "viscous_Nspm"},
+            {not_negative(m->coulomb_N[i]), "coulomb_N"},
+            {isfinite(m->breakaway[i]) && m->breakaway[i] >= 1.0, "breakaway"},
+            {positive(m->stribeck_mps[i]), "stribeck_mps"},
+            {positive(m->force_limit_N[i]), "force_limit_N"},
+            {not_negative(m->force_noise_N[i]), "force_noise_N"},
+            {not_negative(m->current_lag_s[i]), "current_lag_s"},
+            {positive(m->encoder_m[i]), "encoder_m"},
+            {isfinite(m->travel_min_m[i]) && fabs(m->travel_min_m[i]) <= 2.0, "travel_min_m"},
+            {m->travel_max_m[i] > m->travel_min_m[i] && m->travel_max_m[i] <= 2.0, "travel_max_m"},
+            {m->start_m[i] >= m->travel_min_m[i] && m->start_m[i] <= m->travel_max_m[i], "start_m"},
+            {fmax(fabs(m->travel_min_m[i]), fabs(m->travel_max_m[i])) / m->encoder_m[i] < 2147483647.0, "encoder_m"},
+        };
+        for (size_t k = 0; k < sizeof rules / sizeof rules[0]; k++) {
+            if (!rules[k].ok) {
+                return rules[k].name;
+            }
+        }
+    }
+    if (m->delay_periods < 1 || m->delay_periods > PLANT_DELAY_MAX) {
+        return "delay_periods";
+    }
+    if (m->substeps < 10 || m->substeps > 1000) {
+        return "substeps";
+    }
+    if (m->schedule_count < 0 || m->schedule_count > 16) {
+        return "schedule_count";
+    }
+    for (int i = 0; i < m->schedule_count; i++) {
+        if (!not_negative(m->schedule_time_s[i]) || (i > 0 && m->schedule_time_s[i] <= m->schedule_time_s[i - 1])) {
+            return "schedule_time_s";
+        }
+        if (!not_negative(m->schedule_scale[i])) {
+            return "schedule_scale";
+        }
+    }
+    return not_negative(m->schedule_repeat_s) ? NULL : "schedule_repeat_s";
+}
+
+void plant_init(struct plant *p, const struct ks_machine *m, uint64_t seed, double period_s)
+{
+    memset(p, 0, sizeof *p);
+    p->machine = *m;
+    p->period_s = period_s;
+    seed_rng(p->rng, seed);
+    for (int i = 0; i < 2; i++) {
+        p->pos_m[i] = m->start_m[i];
+    }
+}
+
+void plant_encoders(const struct plant *p, int32_t count[2])
+{
+    for (int i = 0; i < 2; i++) {
+        count[i] = (int32_t)lround(p->pos_m[i] / p->machine.encoder_m[i]);
+    }
+}
+
+static double friction_scale(const struct plant *p)
+{
+    const struct ks_machine *m = &p->machine;
+    double t = (double)(p->period - p->schedule_start) * p->period_s;
+    if (m->schedule_repeat_s > 0.0) {
+        t = fmod(t, m->schedule_repeat_s);
+    }
+    double scale = 1.0;
+    for (int i = 0; i < m->schedule_count && t >= m->schedule_time_s[i]; i++) {
+        scale = m->schedule_scale[i];
+    }
+    return scale;
+}
+
+static void axis_step(struct plant *p, int i, double force_N, double coulomb_N, double h)
+{
+    const struct ks_machine *m = &p->machine;
+    const double v = p->vel_mps[i];
+    const double stribeck = exp(-fabs(v) / m->stribeck_mps[i]);
+    const double level = coulomb_N * (1.0 + (m->breakaway[i] - 1.0) * stribeck);
+    const double dir = v != 0.0 ? copysign(1.0, v) : copysign(1.0, force_N);
+
+    if (v == 0.0 && fabs(force_N) <= level) {
+        p->friction_N[i] = force_N; /* stuck */
+        return;
+    }
+    p->friction_N[i] = dir * level;
+    const double a = (force_N - m->viscous_Nspm[i] * v - dir * level) / m->mass_kg[i];
+    double v1 = v + a * h;
+    if (v1 * dir < 0.0) {
+        v1 = 0.0; /* friction stops an axis, it does not turn it round */
+    }
+    p->pos_m[i] += 0.5 * (v + v1) * h;
+    p->vel_mps[i] = v1;
+    if (p->pos_m[i] <= m->travel_min_m[i] || p->pos_m[i] >= m->travel_max_m[i]) {
+        p->pos_m[i] = fmin(fmax(p->pos_m[i], m->travel_min_m[i]), m->travel_max_m[i]);
+        p->vel_mps[i] = 0.0;
+    }
+}
+
+void plant_step(struct plant *p, const double force_N[2])
+{
+    const struct ks_machine *m = &p->machine;
+    const double h = p->period_s / m->substeps;
+    const double scale = friction_scale(p);
+
+    memmove(p->asked_N[1], p->asked_N[0], sizeof p->asked_N[0] * PLANT_DELAY_MAX);
+    for (int i = 0; i < 2; i++) {
+        p->asked_N[0][i] = fmin(fmax(force_N[i], -m->force_limit_N[i]), m->force_limit_N[i]);
+    }
+    for (int i = 0; i < 2; i++) {
+        const double asked = p->asked_N[m->delay_periods][i];
+        const double noise = m->force_noise_N[i] * gaussian(p);
+        const double follow = m->current_lag_s[i] > 0.0 ? 1.0 - exp(-h / m->current_lag_s[i]) : 1.0;
+        for (int k = 0; k < m->substeps; k++) {
+            p->lagged_N[i] += follow * (asked - p->lagged_N[i]);
+            axis_step(p, i, p->lagged_N[i] + noise, m->coulomb_N[i] * scale, h);
+        }
+    }
+    p->period++;
+}
