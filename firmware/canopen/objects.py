@@ -272,8 +272,8 @@ def _pdo(name: str, source: dict[str, Any], objects: list[Object]) -> list[Objec
             "name": "cob_id",
             "type": "u32",
             "access": "rw",
-            "default": f"$NODEID+0x{source['cob_id']:X}",
-            "description": "bit 31: not in use",
+            "default": f"$NODEID+0x{source['cob_id'] | (0x40000000 if transmit else 0):X}",
+            "description": "bit 31: not in use; bit 30: no RTR; else the identifier, which changes only while not in use",
         },
         {"name": "type", "type": "u8", "access": "rw", "default": 254, "min": 254, "max": 255},
     ]

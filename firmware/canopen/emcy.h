@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* emcy.h: errors in effect, EMCY messages, error register 1001h and history 1003h.
+ *
+ * An error is known by its code (CiA 301/402) and stays in effect until it is reset. It sends one
+ * message when it begins and one (code 0, and the register that is left) when it ends.
+ */
+#ifndef CO_EMCY_H
+#define CO_EMCY_H
+#include <stdint.h>
+
+/* Bits of the error register */
+enum {
+    CO_REG_GENERIC = 1, /* set with every error */
+    CO_REG_CURRENT = 2,
+    CO_REG_VOLTAGE = 4,
+    CO_REG_TEMPERATURE = 8,
+    CO_REG_COMMUNICATION = 16,
+    CO_REG_PROFILE = 32,
+    CO_REG_MANUFACTURER = 128,
+};
+
+/* Codes that the node raises itself; each ends with the next frame of the right length. */
+enum { CO_EMCY_PDO_SHORT = 0x8210, CO_EMCY_PDO_LONG = 0x8220 };
+
+#define CO_ERRORS 16
+
+struct co_emcy {
+    uint16_t code[CO_ERRORS];
+    uint8_t reg[CO_ERRORS];
+    uint8_t count;
+};
+
+struct co_node;
+
+/* An error begins; nothing happens when it is in effect already. msef: bytes 3..6 of the message, as
+ * you like. More than CO_ERRORS at once are reported but not kept. */
+void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t msef);
+/* It ends; nothing happens when it is not in effect. */
+void co_emcy_reset(struct co_node *node, uint16_t code);
+#endif

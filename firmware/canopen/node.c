@@ -1,0 +1,177 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "node.h"
+
+#include <stddef.h>
+
+enum { NMT_START = 1, NMT_STOP = 2, NMT_PRE_OPERATIONAL = 128, NMT_RESET_NODE = 129, NMT_RESET_COMMUNICATION = 130 };
+enum { ID_NMT = 0x000, ID_SDO_REQUEST = 0x600, ID_HEARTBEAT = 0x700, ID_SERVICE = 0x780, ID_NODE = 0x07F };
+
+void co_put(uint8_t *data, uint32_t value, uint8_t count)
+{
+    for (unsigned i = 0; i < count; i++) {
+        data[i] = (uint8_t)(value >> (8 * i));
+    }
+}
+
+uint32_t co_get(const uint8_t *data, uint8_t count)
+{
+    uint32_t value = 0;
+    for (unsigned i = 0; i < count; i++) {
+        value |= (uint32_t)data[i] << (8 * i);
+    }
+    return value;
+}
+
+static void flush(struct co_node *node)
+{
+    const struct hal *hal = node->config.hal;
+    unsigned sent = 0;
+    while (sent < node->tx_count && hal->can_send(hal->ctx, &node->tx[sent])) {
+        sent++;
+    }
+    node->tx_count = (uint8_t)(node->tx_count - sent);
+    for (unsigned i = 0; i < node->tx_count; i++) {
+        node->tx[i] = node->tx[i + sent];
+    }
+}
+
+bool co_send(struct co_node *node, const struct can_frame *frame)
+{
+    const struct hal *hal = node->config.hal;
+    flush(node);
+    if (node->tx_count == 0 && hal->can_send(hal->ctx, frame)) {
+        return true;
+    }
+    if (node->tx_count == CO_TX_FRAMES) {
+        return false;
+    }
+    node->tx[node->tx_count++] = *frame;
+    return true;
+}
+
+/* The heartbeat; state 0 is the boot-up message. */
+static void send_heartbeat(struct co_node *node, uint8_t state)
+{
+    const struct can_frame frame = {.id = (uint16_t)(ID_HEARTBEAT + node->config.node_id), .len = 1, .data = {state}};
+    node->producer_ms = 0;
+    (void)co_send(node, &frame);
+}
+
+static void enter(struct co_node *node, enum co_state state)
+{
+    if (node->state == state) {
+        return;
+    }
+    node->state = state;
+    if (state == CO_OPERATIONAL) {
+        co_pdo_start(node);
+    }
+    if (node->config.hooks.on_nmt != NULL) {
+        node->config.hooks.on_nmt(node->config.hooks.ctx, state);
+    }
+}
+
+/* From initialisation, which no frame can see, to pre-operational. */
+static void boot(struct co_node *node)
+{
+    node->state = (enum co_state)0;
+    node->sdo.transfer = CO_SDO_IDLE;
+    node->consumer_left_ms = 0;
+    co_pdo_init(node);
+    send_heartbeat(node, 0);
+    enter(node, CO_PRE_OPERATIONAL);
+}
+
+static void reset(struct co_node *node, bool communication_only)
+{
+    od_restore(node->config.od, node->config.node_id, 0x1000, communication_only ? 0x1FFF : 0xFFFF);
+    if (!communication_only) {
+        node->emcy.count = 0;
+        node->config.od->error_register = 0;
+    }
+    if (node->config.hooks.on_reset != NULL) {
+        node->config.hooks.on_reset(node->config.hooks.ctx, communication_only);
+    }
+    boot(node);
+}
+
+void co_init(struct co_node *node, const struct co_config *config)
+{
+    *node = (struct co_node){.config = *config};
+    boot(node);
+}
+
+enum co_state co_nmt_state(const struct co_node *node)
+{
+    return node->state;
+}
+
+void co_written(struct co_node *node, const struct od_entry *entry)
+{
+    if (entry->index == 0x1016) {
+        node->consumer_left_ms = 0;
+    } else if (entry->index == 0x1017) {
+        node->producer_ms = 0;
+    } else if (entry->index >= 0x1400 && entry->index < 0x1C00) {
+        co_pdo_refresh(node);
+    }
+}
+
+static void nmt(struct co_node *node, const struct can_frame *frame)
+{
+    if (frame->len != 2 || (frame->data[1] != 0 && frame->data[1] != node->config.node_id)) {
+        return;
+    }
+    switch (frame->data[0]) {
+    case NMT_START: enter(node, CO_OPERATIONAL); break;
+    case NMT_STOP: enter(node, CO_STOPPED); break;
+    case NMT_PRE_OPERATIONAL: enter(node, CO_PRE_OPERATIONAL); break;
+    case NMT_RESET_NODE: reset(node, false); break;
+    case NMT_RESET_COMMUNICATION: reset(node, true); break;
+    default: break;
+    }
+}
+
+/* 1016h:1 holds node << 16 | ms. */
+static void heartbeat_seen(struct co_node *node, unsigned from)
+{
+    const uint32_t consumer = node->config.od->heartbeat_consumer[0];
+    const uint32_t time_ms = consumer & 0xFFFFu;
+    if (time_ms != 0 && consumer >> 16 == from) {
+        node->consumer_left_ms = time_ms + 1; /* never early: the first tick may follow at once */
+    }
+}
+
+void co_receive(struct co_node *node, const struct can_frame *frame)
+{
+    if (frame->rtr || frame->len > 8) {
+        return;
+    }
+    if (frame->id == ID_NMT) {
+        nmt(node, frame);
+    } else if (frame->id == ID_SDO_REQUEST + node->config.node_id) {
+        if (node->state != CO_STOPPED) {
+            co_sdo_receive(node, frame);
+        }
+    } else if ((frame->id & ID_SERVICE) == ID_HEARTBEAT) {
+        heartbeat_seen(node, frame->id & ID_NODE);
+    } else if (node->state == CO_OPERATIONAL) {
+        co_pdo_receive(node, frame);
+    }
+}
+
+void co_tick_ms(struct co_node *node)
+{
+    const struct co_hooks *hooks = &node->config.hooks;
+    const uint16_t period_ms = node->config.od->heartbeat_producer;
+    flush(node);
+    if (period_ms != 0 && ++node->producer_ms >= period_ms) {
+        send_heartbeat(node, (uint8_t)node->state);
+    }
+    if (node->consumer_left_ms != 0 && --node->consumer_left_ms == 0 && hooks->on_heartbeat_lost != NULL) {
+        hooks->on_heartbeat_lost(hooks->ctx);
+    }
+    if (node->state == CO_OPERATIONAL) {
+        co_pdo_tick_ms(node);
+    }
+}

@@ -1,0 +1,84 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* node.h: a CANopen device (CiA 301) on top of the generated object dictionary.
+ *
+ * NMT slave, heartbeat producer and consumer, SDO server (sdo.h), PDOs (pdo.h), EMCY (emcy.h).
+ * No SYNC, no RTR, no node guarding. PDO mapping is fixed.
+ *
+ * Use: od_init(), set the texts of the dictionary (build id, ...), fill a co_config, co_init();
+ * then, in the background loop only, co_receive() for every frame and co_tick_ms() once a
+ * millisecond. Fields that TPDOs carry are to be up to date whenever co_tick_ms() is called.
+ * A frame that makes no sense is ignored where CiA 301 gives no answer to it.
+ */
+#ifndef CO_NODE_H
+#define CO_NODE_H
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "emcy.h"
+#include "hal.h"
+#include "od.h"
+#include "pdo.h"
+#include "sdo.h"
+
+enum co_state { CO_STOPPED = 4, CO_OPERATIONAL = 5, CO_PRE_OPERATIONAL = 127 };
+
+/* What the application adds. Each may be NULL; all are called from co_init, co_receive, co_tick_ms. */
+struct co_hooks {
+    void *ctx;
+    /* An SDO wants to write `value`, which is in range: SDO_OK, or the abort code to answer with.
+     * `entry->flags & OD_CONFIG` marks what must not change while an axis is in operation enabled. */
+    uint32_t (*check_write)(void *ctx, const struct od_entry *entry, int64_t value);
+    /* An SDO has written. */
+    void (*on_write)(void *ctx, const struct od_entry *entry);
+    /* An SDO is about to read: bring the field up to date. */
+    void (*before_read)(void *ctx, const struct od_entry *entry);
+    /* RPDO `number` (1...) has arrived and its fields are stored, without a range check. Called for
+     * every frame before the next one is looked at. */
+    void (*on_rpdo)(void *ctx, unsigned number);
+    /* The NMT state has changed. */
+    void (*on_nmt)(void *ctx, enum co_state state);
+    /* The node of 1016h has been silent for its time. Called once; the next heartbeat rearms it. */
+    void (*on_heartbeat_lost)(void *ctx);
+    /* Reset node, or reset communication only. What can be written is at its default again (of
+     * 1000h..1FFFh, or of all objects); stop the machine, take over the values. The boot-up message
+     * follows, then on_nmt. */
+    void (*on_reset)(void *ctx, bool communication_only);
+};
+
+struct co_config {
+    struct od_data *od;
+    const struct hal *hal; /* can_send */
+    uint8_t node_id;       /* 1..127 */
+    struct co_hooks hooks;
+};
+
+#define CO_TX_FRAMES 8
+
+/* Owned by the caller; no field is for his use. */
+struct co_node {
+    struct co_config config;
+    enum co_state state;
+    uint16_t producer_ms;       /* since the last heartbeat */
+    uint32_t consumer_left_ms;  /* until the consumed heartbeat is lost; 0: not watched */
+    struct can_frame tx[CO_TX_FRAMES]; /* frames that the HAL had no room for, oldest first */
+    uint8_t tx_count;
+    struct co_emcy emcy;
+    struct co_sdo sdo;
+    struct co_pdo rpdo[CO_RPDOS], tpdo[CO_TPDOS];
+};
+
+/* Power-on: sends the boot-up message and enters pre-operational. The dictionary must be set up. */
+void co_init(struct co_node *node, const struct co_config *config);
+void co_receive(struct co_node *node, const struct can_frame *frame);
+void co_tick_ms(struct co_node *node);
+enum co_state co_nmt_state(const struct co_node *node);
+
+/* Between the files of this folder: */
+/* Send, or keep until there is room. false: no room here either. */
+bool co_send(struct co_node *node, const struct can_frame *frame);
+/* An SDO has written; what node.c keeps of the dictionary follows. */
+void co_written(struct co_node *node, const struct od_entry *entry);
+/* Put `count` bytes of `value`, little-endian. */
+void co_put(uint8_t *data, uint32_t value, uint8_t count);
+uint32_t co_get(const uint8_t *data, uint8_t count);
+#endif
