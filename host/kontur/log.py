@@ -90,7 +90,7 @@ _EPOCH = datetime(2000, 1, 1, tzinfo=timezone.utc)  # MF4 demands a start time; 
 
 @dataclass(frozen=True)
 class RunLog:
-    """One run: `meta` (keys of `META`, JSON values) and `columns` (names of `COLUMNS`, each (n,) float64; NaN: unknown).
+    """One run: `meta` (keys of `META`, JSON values) and `columns` (names of `COLUMNS`, each (n,); NaN: unknown).
 
     Columns are put into the order of the table.
 
@@ -105,8 +105,9 @@ class RunLog:
         problem = _meta_problem(self.meta) or _columns_problem(self.columns)
         if problem:
             raise LogError(f"log of a run: {problem}")
-        ordered = {c.name: np.asarray(self.columns[c.name], dtype=np.float64)
-                   for c in COLUMNS if c.name in self.columns}  # fmt: skip
+        ordered = {
+            c.name: np.asarray(self.columns[c.name], dtype=np.float64) for c in COLUMNS if c.name in self.columns
+        }
         object.__setattr__(self, "columns", ordered)
 
     def __len__(self) -> int:
@@ -168,8 +169,9 @@ def _parse_csv(content: bytes, path: Path) -> RunLog:
     if head == len(lines):
         raise FileError(path, "ends before the header row", line=head)
     names = lines[head].split(",")
-    table = np.array([_csv_row(line, names, path, number)
-                      for number, line in enumerate(lines[head + 1:], start=head + 2)]).reshape(-1, len(names))  # fmt: skip
+    table = np.array(
+        [_csv_row(line, names, path, number) for number, line in enumerate(lines[head + 1 :], start=head + 2)]
+    ).reshape(-1, len(names))
     columns = dict(zip(names, table.T.copy(), strict=True))
     if len(columns) != len(names):
         raise FileError(path, "a column stands there twice", line=head + 1)
@@ -200,10 +202,14 @@ def _mf4_bytes(run: RunLog) -> bytes:
         mdf.file_history.append(history)
         time_s = run.columns["time_s"]
         mdf.append(
-            [Signal(values, time_s, name=name, unit=_BY_NAME[name].unit, comment=_BY_NAME[name].what)
-             for name, values in run.columns.items() if name != "time_s"],
-            acq_name="telemetry", common_timebase=True,
-        )  # fmt: skip
+            [
+                Signal(values, time_s, name=name, unit=_BY_NAME[name].unit, comment=_BY_NAME[name].what)
+                for name, values in run.columns.items()
+                if name != "time_s"
+            ],
+            acq_name="telemetry",
+            common_timebase=True,
+        )
         out = io.BytesIO()
         mdf.save(out, add_history_block=False)
         return out.getvalue()
@@ -237,7 +243,9 @@ def _checked(meta: dict[str, Any], columns: dict[str, Array], path: Path, line: 
     return RunLog(meta, columns)
 
 
-def _meta_problem(meta: Mapping[str, Any]) -> str | None:
+def _meta_problem(meta: object) -> str | None:
+    if not isinstance(meta, Mapping):
+        return "nothing says what was run"
     missing = [key for key in REQUIRED_META if key not in meta]
     if missing:
         return f"nothing says {', '.join(missing)} of the run"
@@ -255,8 +263,10 @@ def _columns_problem(columns: Mapping[str, Array]) -> str | None:
         return f"column {', '.join(unknown)} is unknown; known are {', '.join(_BY_NAME)}"
     if len({np.shape(values) for values in columns.values()}) != 1 or np.ndim(columns["tick"]) != 1:
         return "columns differ in length"
-    if not np.all(np.diff(columns["tick"]) > 0):
-        return "ticks do not increase from row to row"
+    if not all(
+        np.all(np.isfinite(columns[name])) and np.all(np.diff(columns[name]) > 0) for name in ("tick", "time_s")
+    ):
+        return "tick and time_s do not increase from row to row"
     return None
 
 
