@@ -18,7 +18,7 @@ SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-fra
 INCLUDE  := -Ifirmware/core -Ifirmware/drive -Ifirmware/canopen -Ifirmware/hal -Isim -Ibuild/gen
 UNITY    := -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -I$(UNITY_DIR)
 
-GENERATED := build/gen/od_table.c
+GENERATED := build/gen/od_gen.c
 SOURCES  := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c sim/*.c) $(GENERATED)
 TESTS    := $(patsubst tests/unit/%.c,build/unit/%,$(wildcard tests/unit/test_*.c))
 objects   = $(patsubst %.c,build/$(1)/%.o,$(SOURCES))
@@ -87,7 +87,7 @@ $(VENV)/stamp: requirements.lock pyproject.toml | build/debian.stamp
 	@touch $@
 
 # --- library ----------------------------------------------------------------------------------------------------------
-$(GENERATED) &: firmware/canopen/objects.toml firmware/canopen/generate.py | $(VENV)/stamp
+$(GENERATED): firmware/canopen/objects.toml firmware/canopen/generate.py firmware/canopen/objects.py | $(VENV)/stamp
 	$(PY) firmware/canopen/generate.py build/gen --eds host/kontur/kontur.eds --docs docs/objects.md
 
 build/f32/%.o: %.c | build/debian.stamp $(GENERATED)

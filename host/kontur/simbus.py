@@ -8,6 +8,7 @@ then the device's time passes in recv() too, but never faster than the wall cloc
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from pathlib import Path
@@ -69,7 +70,9 @@ class KonturBus(can.BusABC):
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The oldest frame; without one, the device's time passes until a frame comes or `timeout` is over."""
-        end_tick = self.sim.tick + round((PATIENCE_S if timeout is None else max(0.0, timeout)) * self.sim.control_hz)
+        end_tick = self.sim.tick + math.ceil(
+            (PATIENCE_S if timeout is None else max(0.0, timeout)) * self.sim.control_hz
+        )
         while True:
             with self._lock:
                 frame = self.sim.recv()

@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drive: its objects and parameters by name, its state machine (CiA 402, both axes together), its errors.
+
+Names, units and ranges come from the EDS alone (docs/objects.md): `asmc.lambda`, `plant_x.mass`, `position_actual_y`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Any
+
+import can
+from canopen.objectdictionary import ODVariable, datatypes
+from canopen.sdo import SdoAbortedError, SdoCommunicationError
+
+from kontur import wire
+from kontur.errors import BusError, DeviceError, EmcyError, NoAnswerError, ParameterError
+from kontur.link import Link
+
+CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
+
+_SDO_ATTEMPTS = 3
+_HOST_TIMEOUT_MS = 500
+_STATE_TIMEOUT_S = 2.0
+_MODE_INTERPOLATED = 7
+
+# Controlwords of CiA 402, and its states by (mask, value) of the statusword.
+SHUTDOWN, SWITCH_ON, ENABLE, DISABLE_VOLTAGE, FAULT_RESET = 0x06, 0x07, 0x0F, 0x00, 0x80
+RUN_PATH = ENABLE | 0x10
+_STATES = (
+    ("fault", 0x4F, 0x08),
+    ("fault reaction active", 0x4F, 0x0F),
+    ("not ready to switch on", 0x4F, 0x00),
+    ("switch on disabled", 0x4F, 0x40),
+    ("ready to switch on", 0x6F, 0x21),
+    ("switched on", 0x6F, 0x23),
+    ("operation enabled", 0x6F, 0x27),
+    ("quick stop active", 0x6F, 0x07),
+)
+_TOWARDS_ENABLED = {
+    "fault": FAULT_RESET,
+    "switch on disabled": SHUTDOWN,
+    "ready to switch on": SWITCH_ON,
+    "switched on": ENABLE,
+    "operation enabled": ENABLE,
+}
+BIT_TARGET_REACHED, BIT_PATH_RUNS = 1 << 10, 1 << 12
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter as the EDS declares it; `least`, `greatest` and `default` in `unit`."""
+
+    name: str
+    unit: str
+    least: float
+    greatest: float
+    default: float
+    description: str
+
+
+@dataclass(frozen=True)
+class Info:
+    """Who answered."""
+
+    node_id: int
+    name: str
+    build: str
+    num: str
+    control_hz: int
+    controller: str
+    state: tuple[str, str]
+    position_m: tuple[float, float]
+    error_code: tuple[int, int]
+
+
+def open_bus(options: Mapping[str, Any]) -> can.BusABC:
+    """Open a bus by python-can's options. Raises BusError."""
+    try:
+        return can.Bus(**options)
+    except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+        name = f"{options.get('interface', '?')}:{options.get('channel', '?')}"
+        raise BusError(
+            f"bus {name} cannot be opened: {error}. Check -i, -c and -b (python-can's interface, channel, bitrate), "
+            "or leave them out to use the simulated drive"
+        ) from error
+
+
+class Device:
+    """The drive at the other end of `link`. Raises NoAnswerError when there is none."""
+
+    def __init__(self, link: Link) -> None:
+        self.link = link
+        self._dictionary = link.node.object_dictionary
+        self._variables = {_name(v): v for v in _variables(self._dictionary)}
+        self.parameters = {
+            name: _parameter(name, v) for name, v in self._variables.items() if v.storage_location == "PARAMETER"
+        }
+        self.read("device_name")
+
+    # --- objects ---
+
+    def read(self, name: str) -> Any:
+        """Value of an object in its unit: float, int where a count is the unit, or str."""
+        variable = self._variable(name)
+        raw = self._transfer(name, lambda: variable.decode_raw(self.link.node.sdo.upload(*_address(variable))))
+        return raw if isinstance(raw, str) else _physical(variable, raw)
+
+    def write(self, name: str, value: float) -> None:
+        """Set an object, `value` in its unit. Raises ParameterError when it is out of range."""
+        variable = self._variable(name)
+        data = variable.encode_raw(_counts(name, variable, value))
+        self._transfer(name, lambda: self.link.node.sdo.download(*_address(variable), data))
+
+    def set_parameters(self, values: Mapping[str, float]) -> None:
+        """Set parameters by name; none is set when one of them is unknown or out of range (ParameterError)."""
+        for name, value in values.items():
+            if name not in self.parameters:
+                raise ParameterError(self._unknown(name))
+            _counts(name, self._variables[name], value)
+        for name, value in values.items():
+            self.write(name, value)
+
+    def dump(self) -> dict[str, float]:
+        """All parameters, name to value in its unit."""
+        return {name: self.read(name) for name in self.parameters}
+
+    def info(self) -> Info:
+        """Identity and state."""
+        states = (_state(self._statusword("x")), _state(self._statusword("y")))
+        return Info(
+            node_id=self.link.node_id,
+            name=self.read("device_name"),
+            build=self.read("build_id"),
+            num=self.read("num_backend"),
+            control_hz=self.read("clock.control_hz"),
+            controller=CONTROLLERS[self.read("controller.active")],
+            state=states,
+            position_m=self.position_m(),
+            error_code=(self.read("error_code_x"), self.read("error_code_y")),
+        )
+
+    def position_nm(self) -> tuple[int, int]:
+        """Position by the encoders."""
+        return (int(self.read("position_actual_x")), int(self.read("position_actual_y")))
+
+    def position_m(self) -> tuple[float, float]:
+        """Position by the encoders."""
+        x, y = self.position_nm()
+        return (x * wire.M_PER_NM, y * wire.M_PER_NM)
+
+    def select_controller(self, name: str) -> None:
+        """Use one of CONTROLLERS from now on."""
+        if name not in CONTROLLERS:
+            raise ParameterError(f"controller {name!r} is unknown; there are {', '.join(CONTROLLERS)}")
+        self.write("controller.select", CONTROLLERS.index(name))
+
+    # --- state machine ---
+
+    def enable(self) -> None:
+        """Bring both axes to *operation enabled*, holding their position; a latched fault is reset first.
+
+        From here on the drive watches the host's heartbeat. Raises DeviceError with the state that it got stuck in.
+        """
+        self.link.node.nmt.state = "OPERATIONAL"
+        self.wait(self._fresh_status(), _STATE_TIMEOUT_S, "sends no status in NMT state operational")
+        self._take_emergencies()
+        self._write_entry("heartbeat_consumer", 1, wire.HOST_NODE_ID << 16 | _HOST_TIMEOUT_MS)
+        self.write("mode_x", _MODE_INTERPOLATED)
+        self.write("mode_y", _MODE_INTERPOLATED)
+        end_s = self.link.time_s + _STATE_TIMEOUT_S
+        while (states := self.states()) != ("operation enabled", "operation enabled"):
+            if self.link.time_s > end_s:
+                raise DeviceError(self._stuck("enabled", states))
+            self.controlwords(*(_TOWARDS_ENABLED.get(state, DISABLE_VOLTAGE) for state in states))
+            self.link.wait(self._fresh_status(), 0.05)
+
+    def disable(self) -> None:
+        """Switch both axes off and stop watching the host. Raises DeviceError when they stay enabled."""
+        self.controlwords(DISABLE_VOLTAGE, DISABLE_VOLTAGE)
+        off = ("switch on disabled", "fault", "fault reaction active")
+        if not self.link.wait(lambda: all(state in off for state in self.states()), _STATE_TIMEOUT_S):
+            raise DeviceError(self._stuck("disabled", self.states()))
+        self._write_entry("heartbeat_consumer", 1, 0)
+
+    def controlwords(self, x: int, y: int) -> None:
+        """Send both controlwords in one frame."""
+        self.link.send(wire.RPDO1 + self.link.node_id, wire.pack_controlwords(x, y))
+
+    def statuswords(self) -> tuple[int, int]:
+        """Latest statuswords received."""
+        return self.link.status.statusword if self.link.status else (0, 0)
+
+    def states(self) -> tuple[str, str]:
+        """Latest states of both axes received."""
+        x, y = self.statuswords()
+        return (_state(x), _state(y))
+
+    def both_axes(self, bit: int, wanted: bool = True) -> bool:
+        """Whether `bit` of the latest statuswords is set (or clear) on both axes."""
+        return all(bool(word & bit) == wanted for word in self.statuswords())
+
+    def wait(self, condition: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
+        """Pump until `condition` holds. Raises EmcyError when the drive reports a fault, else NoAnswerError."""
+
+        def done() -> bool:
+            self.check()
+            return condition()
+
+        if not self.link.wait(done, timeout_s):
+            raise NoAnswerError(f"the drive (node {self.link.node_id}) {otherwise}, {timeout_s:g} s waited")
+
+    def check(self) -> None:
+        """Raise EmcyError when the drive has reported a fault since the last look."""
+        if self.link.emergencies:
+            for code, register, data in self._take_emergencies():
+                if code & 0xFF00:
+                    raise EmcyError(code, register, data, f"the drive reports {describe_emcy(code)}")
+
+    # --- inside ---
+
+    def _take_emergencies(self) -> list[tuple[int, int, bytes]]:
+        taken, self.link.emergencies = self.link.emergencies, []
+        return taken
+
+    def _fresh_status(self) -> Callable[[], bool]:
+        seen = self.link.status_count
+        return lambda: self.link.status_count > seen
+
+    def _statusword(self, axis: str) -> int:
+        return int(self.read(f"statusword_{axis}"))
+
+    def _stuck(self, wanted: str, states: tuple[str, str]) -> str:
+        codes = [self.read("error_code_x"), self.read("error_code_y")]
+        faults = ", ".join(f"{axis}: {describe_emcy(code)}" for axis, code in zip("xy", codes, strict=True) if code)
+        return f"the axes cannot be {wanted}: x is {states[0]!r}, y is {states[1]!r}" + (
+            f" ({faults})" if faults else ""
+        )
+
+    def _variable(self, name: str) -> ODVariable:
+        if name not in self._variables:
+            raise ParameterError(self._unknown(name))
+        return self._variables[name]
+
+    def _unknown(self, name: str) -> str:
+        import difflib
+
+        close = difflib.get_close_matches(name, self._variables, n=3)
+        return f"{name}: no such parameter; " + (
+            f"did you mean {', '.join(close)}?" if close else "see `kontur param list`"
+        )
+
+    def _write_entry(self, name: str, subindex: int, value: int) -> None:
+        variable = self._dictionary[name][subindex]
+        self._transfer(name, lambda: self.link.node.sdo.download(*_address(variable), variable.encode_raw(value)))
+
+    def _transfer(self, name: str, transfer: Callable[[], Any]) -> Any:
+        """Run an SDO transfer, again where the bus lost a frame of it."""
+        for attempt in range(1, _SDO_ATTEMPTS + 1):
+            try:
+                return transfer()
+            except SdoAbortedError as error:
+                raise DeviceError(f"{name}: the drive refuses: {error}") from error
+            except SdoCommunicationError as error:
+                if attempt == _SDO_ATTEMPTS:
+                    raise NoAnswerError(
+                        f"node {self.link.node_id} on {self.link.bus.channel_info} does not answer (asked for {name}). "
+                        "Is the drive powered, the bitrate right, the node id right (--node)?"
+                    ) from error
+            except can.CanError as error:
+                raise BusError(f"{self.link.bus.channel_info}: sending failed: {error}") from error
+
+
+def describe_emcy(code: int) -> str:
+    """An EMCY code in words."""
+    return f"{code:04X}h ({EMCY_TEXT.get(code, 'see docs/objects.md')})"
+
+
+EMCY_TEXT = {
+    0x8130: "the host's heartbeat ceased: the drive stopped on the path and switched off",
+}
+
+
+@contextmanager
+def connected(bus: can.BusABC, node_id: int) -> Iterator[Device]:
+    """The drive on `bus`; the bus is shut down at the end."""
+    try:
+        yield Device(Link(bus, node_id))
+    finally:
+        bus.shutdown()
+
+
+def _variables(dictionary: Any) -> Iterator[ODVariable]:
+    for entry in dictionary.values():
+        if isinstance(entry, ODVariable):
+            yield entry
+        else:
+            yield from (v for v in entry.values() if v.subindex)
+
+
+def _name(variable: ODVariable) -> str:
+    name: str = variable.qualname
+    return name
+
+
+def _address(variable: ODVariable) -> tuple[int, int]:
+    return variable.index, variable.subindex
+
+
+def _is_text(variable: ODVariable) -> bool:
+    return variable.data_type not in datatypes.NUMBER_TYPES
+
+
+def _parameter(name: str, variable: ODVariable) -> Parameter:
+    low, high, default = (
+        math.nan if raw is None else float(_physical(variable, raw))
+        for raw in (variable.min, variable.max, variable.default)
+    )
+    return Parameter(name, variable.unit or "", low, high, default, variable.description or "")
+
+
+def _physical(variable: ODVariable, raw: int) -> float | int:
+    """Counts times factor, exactly as written in decimals."""
+    return raw if variable.factor == 1 else float(raw * Decimal(str(variable.factor)))
+
+
+def _counts(name: str, variable: ODVariable, value: float) -> int:
+    """The raw value for `value` in the unit of the object. Raises ParameterError."""
+    if _is_text(variable) or not variable.writable:
+        raise ParameterError(f"{name}: cannot be set")
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise ParameterError(f"{name}: {value!r} is not a number")
+    factor = Decimal(str(variable.factor))
+    raw = int((Decimal(repr(value)) / factor).to_integral_value())
+    unit = f" {variable.unit}" if variable.unit else ""
+    if (variable.min is not None and raw < variable.min) or (variable.max is not None and raw > variable.max):
+        low, high = _physical(variable, variable.min), _physical(variable, variable.max)
+        raise ParameterError(f"{name}: {value:g}{unit} is out of range; it must be {low:g}..{high:g}{unit}")
+    return raw
+
+
+def _state(statusword: int) -> str:
+    return next((name for name, mask, value in _STATES if statusword & mask == value), "unknown")

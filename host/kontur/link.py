@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The connection to one drive: python-canopen on a python-can bus, without threads.
+
+Whoever waits for something pumps the bus meanwhile, so a simulated drive, whose time passes in recv() only, and a real
+one are served by the same code. All times are of the target's clock: device time in the simulator, else the wall clock.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import can
+import canopen
+import numpy as np
+from canopen.sdo import SdoClient, SdoCommunicationError
+
+from kontur import wire
+from kontur.errors import BusError, DeviceError
+from kontur.simbus import KonturBus
+from kontur.wire import Status, Telemetry
+
+EDS = Path(__file__).with_name("kontur.eds")
+HEARTBEAT_S = 0.1
+_HEARTBEAT_OPERATIONAL = b"\x05"
+
+# Their warnings are about what is raised as an exception here anyway.
+logging.getLogger("canopen").addHandler(logging.NullHandler())
+logging.getLogger("can").addHandler(logging.NullHandler())
+
+
+class Link:
+    """One drive with `node_id` on `bus`, which stays the caller's to shut down.
+
+    `status` is the latest TPDO1, None before the first, `status_count` how many came; `emergencies` are the EMCY
+    objects received and not yet taken by the caller, as (code, register, data).
+    """
+
+    def __init__(self, bus: can.BusABC, node_id: int, eds: str | Path = EDS) -> None:
+        if not 1 <= node_id <= 31:
+            raise DeviceError(f"node id {node_id}: a kontur drive has one of 1..31")
+        self.bus = bus
+        self.node_id = node_id
+        self.status: Status | None = None
+        self.status_count = 0
+        self.emergencies: list[tuple[int, int, bytes]] = []
+        self._clock: Callable[[], float] = (lambda: bus.time_s) if isinstance(bus, KonturBus) else time.monotonic
+        self._next_heartbeat_s = self._clock()
+        self._recording = False
+        self._frames: list[tuple[int, bytearray]] = []
+        self._telemetry_ids = frozenset(cob + node_id for cob in wire.TELEMETRY)
+        self._network = canopen.Network(bus)
+        self.node = _PumpedNode(self, node_id, str(eds))
+        self._network.add_node(self.node)
+        self._network.subscribe(wire.TPDO1 + node_id, self._on_status)
+        self.node.emcy.add_callback(lambda e: self.emergencies.append((e.code, e.register, bytes(e.data))))
+
+    @property
+    def time_s(self) -> float:
+        """Now, by the clock of the target."""
+        return self._clock()
+
+    def send(self, cob_id: int, data: bytes) -> None:
+        """Send one frame. Raises BusError."""
+        try:
+            self.bus.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
+        except can.CanError as error:
+            raise BusError(f"{self.bus.channel_info}: sending failed: {error}") from error
+
+    def pump(self, timeout_s: float) -> bool:
+        """Wait at most `timeout_s` for one frame and handle it; False when none came. Raises BusError."""
+        now_s = self._clock()
+        if now_s >= self._next_heartbeat_s:
+            self._next_heartbeat_s = now_s + HEARTBEAT_S
+            self.send(wire.HEARTBEAT + wire.HOST_NODE_ID, _HEARTBEAT_OPERATIONAL)
+        try:
+            message = self.bus.recv(min(timeout_s, self._next_heartbeat_s - now_s))
+        except can.CanError as error:
+            raise BusError(f"{self.bus.channel_info}: receiving failed: {error}") from error
+        if message is None:
+            return False
+        if message.arbitration_id in self._telemetry_ids:
+            if self._recording and len(message.data) == 8:
+                self._frames.append((message.arbitration_id - self.node_id, message.data))
+        elif not message.is_error_frame and not message.is_remote_frame:
+            self._network.notify(message.arbitration_id, message.data, message.timestamp)
+        return True
+
+    def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Pump until `condition` holds; False when it does not within `timeout_s`."""
+        end_s = self._clock() + timeout_s
+        while not condition():
+            left_s = end_s - self._clock()
+            if left_s <= 0.0:
+                return False
+            self.pump(left_s)
+        return True
+
+    def record(self) -> None:
+        """Keep all telemetry frames from now on, dropping those kept before."""
+        self._frames = []
+        self._recording = True
+
+    def recorded(self, start_nm: tuple[int, int]) -> Telemetry:
+        """Stop keeping telemetry and unpack it; `start_nm` is a position within 8 mm of the first one recorded."""
+        self._recording = False
+        function = np.array([f for f, _ in self._frames], dtype=np.int64)
+        payload = np.frombuffer(b"".join(d for _, d in self._frames), dtype=np.uint8).reshape(-1, 8)
+        return wire.unpack_telemetry(function, payload, start_nm)
+
+    def _on_status(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
+        if len(data) == 8:
+            self.status = wire.unpack_status(bytes(data))
+            self.status_count += 1
+
+
+class _PumpedNode(canopen.RemoteNode):  # type: ignore[misc]  # the library is not typed
+    """A remote node whose SDO client pumps the link while it waits."""
+
+    def __init__(self, link: Link, node_id: int, eds: str) -> None:
+        self._link = link
+        super().__init__(node_id, eds)
+
+    def add_sdo(self, rx_cobid: int, tx_cobid: int) -> Any:
+        client = _PumpedSdoClient(self._link, rx_cobid, tx_cobid, self.object_dictionary)
+        self.sdo_channels.append(client)
+        return client
+
+
+class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
+    def __init__(self, link: Link, rx_cobid: int, tx_cobid: int, od: Any) -> None:
+        super().__init__(rx_cobid, tx_cobid, od)
+        self._link = link
+
+    def read_response(self) -> Any:
+        if not self._link.wait(lambda: not self.responses.empty(), self.RESPONSE_TIMEOUT):
+            raise SdoCommunicationError("No SDO response received")
+        return super().read_response()
