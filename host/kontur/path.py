@@ -103,7 +103,7 @@ class Curve:
     _ROWS = 1 << 16  # evaluated at once, to bound memory
 
     def __init__(self, formula: Callable[[FloatArray, int], FloatArray], breaks: FloatArray) -> None:
-        self._formula = formula
+        self.formula = formula
         parts = max(4, math.ceil(256 / (len(breaks) - 1)))
         steps = np.arange(parts) / parts
         self._u = np.append((breaks[:-1, None] + np.diff(breaks)[:, None] * steps).ravel(), breaks[-1])
@@ -115,15 +115,15 @@ class Curve:
         return float(self._s[-1])
 
     def point(self, s_m: FloatArray) -> FloatArray:
-        return self._formula(self.parameter(s_m), 0)
+        return self.formula(self.parameter(s_m), 0)
 
     def tangent(self, s_m: FloatArray) -> FloatArray:
-        first = self._formula(self._moving(self.parameter(s_m)), 1)
+        first = self.formula(self._moving(self.parameter(s_m)), 1)
         return first / np.hypot(first[:, 0], first[:, 1])[:, None]
 
     def curvature(self, s_m: FloatArray) -> FloatArray:
         u = self._moving(self.parameter(s_m))
-        first, second = self._formula(u, 1), self._formula(u, 2)
+        first, second = self.formula(u, 1), self.formula(u, 2)
         cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
         return np.asarray(cross / np.hypot(first[:, 0], first[:, 1]) ** 3)
 
@@ -159,7 +159,7 @@ class Curve:
         return np.clip(np.searchsorted(edges, value, side="right") - 1, 0, len(edges) - 2)
 
     def _speed(self, u: FloatArray) -> FloatArray:
-        first = self._formula(u, 1)
+        first = self.formula(u, 1)
         return np.hypot(first[:, 0], first[:, 1])
 
     def _distance(self, u_from: FloatArray, u_to: FloatArray) -> FloatArray:
