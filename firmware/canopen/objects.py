@@ -273,7 +273,7 @@ def _pdo(name: str, source: dict[str, Any], objects: list[Object]) -> list[Objec
             "type": "u32",
             "access": "rw",
             "default": f"$NODEID+0x{source['cob_id'] | (0x40000000 if transmit else 0):X}",
-            "description": "bit 31: not in use; bit 30: no RTR; else the identifier, which changes only while not in use",
+            "description": "bit 31: not in use; bit 30: no RTR; the identifier changes only while not in use",
         },
         {"name": "type", "type": "u8", "access": "rw", "default": 254, "min": 254, "max": 255},
     ]

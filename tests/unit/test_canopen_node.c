@@ -1,0 +1,369 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* NMT, heartbeats, EMCY: frames as CiA 301 prints them. */
+#include "test_canopen_bus.h"
+
+static struct bus bus;
+
+void setUp(void)
+{
+    bus_start(&bus);
+}
+
+void tearDown(void)
+{
+}
+
+/* ---- NMT ---- */
+
+static void test_power_on_sends_the_boot_up_message_and_enters_pre_operational(void)
+{
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    bus_expect(&bus, 0, 0x705, "00");
+    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, co_nmt_state(&bus.node));
+    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, bus.state);
+    TEST_ASSERT_EQUAL_UINT(0, bus.resets);
+}
+
+static void test_nmt_commands_lead_to_their_states(void)
+{
+    bus_give(&bus, 0, "01 05");
+    TEST_ASSERT_EQUAL(CO_OPERATIONAL, co_nmt_state(&bus.node));
+    bus_give(&bus, 0, "02 05");
+    TEST_ASSERT_EQUAL(CO_STOPPED, co_nmt_state(&bus.node));
+    bus_give(&bus, 0, "80 05");
+    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, co_nmt_state(&bus.node));
+    TEST_ASSERT_EQUAL_UINT(4, bus.nmt_changes); /* boot, start, stop, pre-operational */
+}
+
+static void test_nmt_command_to_node_0_is_for_everybody(void)
+{
+    bus_give(&bus, 0, "01 00");
+    TEST_ASSERT_EQUAL(CO_OPERATIONAL, bus.state);
+}
+
+static void test_nmt_command_to_another_node_unknown_or_malformed_is_ignored(void)
+{
+    bus_give(&bus, 0, "01 06");
+    bus_give(&bus, 0, "07 05");
+    bus_give(&bus, 0, "01");
+    bus_give(&bus, 0, "01 05 00");
+    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, co_nmt_state(&bus.node));
+    TEST_ASSERT_EQUAL_UINT(1, bus.nmt_changes);
+}
+
+static void test_repeated_start_changes_nothing(void)
+{
+    bus_give(&bus, 0, "01 05");
+    bus_give(&bus, 0, "01 05");
+    TEST_ASSERT_EQUAL_UINT(2, bus.nmt_changes);
+}
+
+static void test_reset_communication_restores_communication_objects_alone(void)
+{
+    bus.od.heartbeat_producer = 7;
+    bus.od.tpdo1.cob_id = 0x80000185;
+    bus.od.asmc.lambda = 123456;
+    bus.od.device_name = "other";
+    bus_give(&bus, 0, "01 05");
+    bus_clear(&bus);
+    bus_give(&bus, 0, "82 05");
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    bus_expect(&bus, 0, 0x705, "00");
+    TEST_ASSERT_EQUAL_UINT(1, bus.resets);
+    TEST_ASSERT_TRUE(bus.reset_communication_only);
+    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, bus.state);
+    TEST_ASSERT_EQUAL_UINT(100, bus.od.heartbeat_producer);
+    TEST_ASSERT_EQUAL_HEX32(0x40000185, bus.od.tpdo1.cob_id);
+    TEST_ASSERT_EQUAL_UINT(123456, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_STRING("other", bus.od.device_name);
+}
+
+static void test_reset_node_restores_all_that_can_be_written(void)
+{
+    bus.od.heartbeat_producer = 7;
+    bus.od.asmc.lambda = 123456;
+    bus.od.axis[AXIS_Y].plant.mass = 1000;
+    bus.od.clock.tick = 99;
+    co_emcy_set(&bus.node, 0x5000, 0, 0);
+    bus_give(&bus, 0, "81 00");
+    TEST_ASSERT_EQUAL_UINT(1, bus.resets);
+    TEST_ASSERT_FALSE(bus.reset_communication_only);
+    TEST_ASSERT_EQUAL_UINT(100, bus.od.heartbeat_producer);
+    TEST_ASSERT_EQUAL_UINT(200000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(97900, bus.od.axis[AXIS_Y].plant.mass);
+    TEST_ASSERT_EQUAL_UINT(99, bus.od.clock.tick);
+    TEST_ASSERT_EQUAL_HEX8(0, bus.od.error_register);
+}
+
+static void test_stopped_node_answers_no_sdo(void)
+{
+    bus_give(&bus, 0, "02 05");
+    bus_clear(&bus);
+    bus_give(&bus, 0x605, "40 00 10 00 00 00 00 00");
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+}
+
+static void test_remote_frames_are_ignored(void)
+{
+    const struct can_frame guard = {.id = 0x705, .len = 1, .rtr = true};
+    bus_clear(&bus);
+    co_receive(&bus.node, &guard);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+}
+
+static void test_node_works_without_any_hook(void)
+{
+    struct co_node node;
+    const struct co_config config = {.od = &bus.od, .hal = &bus.hal, .node_id = NODE, .hooks = {.ctx = NULL}};
+    co_init(&node, &config);
+    const struct can_frame frames[] = {
+        {.id = 0x605, .len = 8, .data = {0x2B, 0x17, 0x10, 0, 0x0A}},
+        {.id = 0x605, .len = 8, .data = {0x40, 0x17, 0x10}},
+        {.id = 0x605, .len = 8, .data = {0x23, 0x16, 0x10, 1, 1, 0, 0x7F}},
+        {.id = 0x77F, .len = 1, .data = {5}},
+        {.id = 0, .len = 2, .data = {1, 5}},
+        {.id = 0x205, .len = 4},
+    };
+    for (unsigned i = 0; i < sizeof frames / sizeof frames[0]; i++) {
+        co_receive(&node, &frames[i]);
+    }
+    for (unsigned i = 0; i < 5; i++) {
+        co_tick_ms(&node);
+    }
+    const struct can_frame reset = {.id = 0, .len = 2, .data = {129, 5}};
+    co_receive(&node, &reset);
+    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, co_nmt_state(&node));
+}
+
+/* ---- heartbeats ---- */
+
+static void test_heartbeat_comes_every_100_ms_with_the_state(void)
+{
+    bus_clear(&bus);
+    bus_run_ms(&bus, 99);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    bus_run_ms(&bus, 1);
+    bus_expect(&bus, 0, 0x705, "7F");
+    bus_give(&bus, 0, "02 05");
+    bus_run_ms(&bus, 100);
+    TEST_ASSERT_EQUAL_UINT(2, bus.count);
+    bus_expect(&bus, 1, 0x705, "04");
+}
+
+static void test_heartbeat_period_can_be_changed_and_switched_off(void)
+{
+    bus_sdo(&bus, "2B 17 10 00 0A 00 00 00", "60 17 10 00 00 00 00 00");
+    bus_clear(&bus);
+    bus_run_ms(&bus, 30);
+    TEST_ASSERT_EQUAL_UINT(3, bus.count);
+    bus_sdo(&bus, "2B 17 10 00 00 00 00 00", "60 17 10 00 00 00 00 00");
+    bus_clear(&bus);
+    bus_run_ms(&bus, 1000);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+}
+
+static void watch_node_127_for_50_ms(void)
+{
+    bus_sdo(&bus, "23 16 10 01 32 00 7F 00", "60 16 10 01 00 00 00 00");
+}
+
+static void test_heartbeat_is_not_missed_before_the_first_one(void)
+{
+    watch_node_127_for_50_ms();
+    bus_run_ms(&bus, 1000);
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+}
+
+static void test_lost_heartbeat_is_told_once_and_never_early(void)
+{
+    watch_node_127_for_50_ms();
+    bus_give(&bus, 0x77F, "05");
+    bus_run_ms(&bus, 50); /* the first tick may come right after the frame */
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(1, bus.lost);
+    bus_run_ms(&bus, 1000);
+    TEST_ASSERT_EQUAL_UINT(1, bus.lost);
+}
+
+static void test_regular_heartbeats_are_not_lost_and_the_watch_starts_anew_after_a_loss(void)
+{
+    watch_node_127_for_50_ms();
+    for (unsigned i = 0; i < 10; i++) {
+        bus_give(&bus, 0x77F, "05");
+        bus_run_ms(&bus, 49);
+    }
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+    bus_run_ms(&bus, 10);
+    TEST_ASSERT_EQUAL_UINT(1, bus.lost);
+    bus_give(&bus, 0x77F, "05");
+    bus_run_ms(&bus, 60);
+    TEST_ASSERT_EQUAL_UINT(2, bus.lost);
+}
+
+static void test_heartbeat_of_another_node_does_not_count(void)
+{
+    watch_node_127_for_50_ms();
+    bus_give(&bus, 0x77F, "05");
+    bus_run_ms(&bus, 40);
+    bus_give(&bus, 0x77E, "05");
+    bus_run_ms(&bus, 40);
+    TEST_ASSERT_EQUAL_UINT(1, bus.lost);
+}
+
+static void test_consumer_switched_off_forgets_the_heartbeat(void)
+{
+    watch_node_127_for_50_ms();
+    bus_give(&bus, 0x77F, "05");
+    bus_sdo(&bus, "23 16 10 01 00 00 00 00", "60 16 10 01 00 00 00 00");
+    bus_run_ms(&bus, 1000);
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+}
+
+/* ---- EMCY ---- */
+
+static void test_error_sends_one_message_with_register_and_details(void)
+{
+    bus_clear(&bus);
+    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0x12345678);
+    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0x12345678);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    bus_expect(&bus, 0, 0x085, "11 86 21 78 56 34 12 00");
+    TEST_ASSERT_EQUAL_HEX8(0x21, bus.od.error_register);
+}
+
+static void test_register_falls_to_what_is_left_as_errors_end(void)
+{
+    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0);
+    co_emcy_set(&bus.node, 0x2310, CO_REG_CURRENT, 0);
+    bus_clear(&bus);
+    co_emcy_reset(&bus.node, 0x8611);
+    co_emcy_reset(&bus.node, 0x2310);
+    TEST_ASSERT_EQUAL_UINT(2, bus.count);
+    bus_expect(&bus, 0, 0x085, "00 00 03 00 00 00 00 00");
+    bus_expect(&bus, 1, 0x085, "00 00 00 00 00 00 00 00");
+}
+
+static void test_error_that_is_not_in_effect_cannot_end(void)
+{
+    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0);
+    bus_clear(&bus);
+    co_emcy_reset(&bus.node, 0x8130);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    TEST_ASSERT_EQUAL_HEX8(0x21, bus.od.error_register);
+}
+
+static void test_error_that_ended_may_begin_again(void)
+{
+    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
+    co_emcy_reset(&bus.node, 0x8130);
+    bus_clear(&bus);
+    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
+    bus_expect(&bus, 0, 0x085, "30 81 11 00 00 00 00 00");
+}
+
+static void test_history_holds_the_newest_error_first_and_at_most_eight(void)
+{
+    for (uint16_t i = 1; i <= 10; i++) {
+        co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, i);
+    }
+    bus_sdo(&bus, "40 03 10 00 00 00 00 00", "4F 03 10 00 08 00 00 00");
+    bus_sdo(&bus, "40 03 10 01 00 00 00 00", "43 03 10 01 0A FF 0A 00");
+    bus_sdo(&bus, "40 03 10 08 00 00 00 00", "43 03 10 08 03 FF 03 00");
+}
+
+static void test_history_is_cleared_by_writing_0_and_nothing_else(void)
+{
+    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
+    bus_sdo(&bus, "2F 03 10 00 01 00 00 00", "80 03 10 00 31 00 09 06");
+    bus_sdo(&bus, "2F 03 10 00 00 00 00 00", "60 03 10 00 00 00 00 00");
+    bus_sdo(&bus, "40 03 10 00 00 00 00 00", "4F 03 10 00 00 00 00 00");
+    bus_sdo(&bus, "40 03 10 01 00 00 00 00", "80 03 10 01 24 00 00 08"); /* no data available */
+}
+
+static void test_more_errors_than_are_kept_are_still_reported(void)
+{
+    for (uint16_t i = 0; i < CO_ERRORS; i++) {
+        co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, 0);
+    }
+    bus_clear(&bus);
+    co_emcy_set(&bus.node, 0x2310, CO_REG_CURRENT, 0);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    TEST_ASSERT_EQUAL_HEX8(0x01, bus.od.error_register);
+}
+
+static void test_stopped_node_sends_no_emcy(void)
+{
+    bus_give(&bus, 0, "02 05");
+    bus_clear(&bus);
+    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    TEST_ASSERT_EQUAL_HEX8(0x11, bus.od.error_register);
+}
+
+/* ---- a full bus ---- */
+
+static void test_emcy_and_answers_wait_in_order_until_the_bus_has_room(void)
+{
+    bus_clear(&bus);
+    bus.room = 0;
+    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
+    bus_give(&bus, 0x605, "40 01 10 00 00 00 00 00");
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    bus.room = 1;
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    bus_expect(&bus, 0, 0x085, "30 81 11 00 00 00 00 00");
+    bus.room = 9;
+    co_emcy_reset(&bus.node, 0x8130);
+    TEST_ASSERT_EQUAL_UINT(3, bus.count);
+    bus_expect(&bus, 1, 0x585, "4F 01 10 00 11 00 00 00");
+    bus_expect(&bus, 2, 0x085, "00 00 00 00 00 00 00 00");
+}
+
+static void test_frames_beyond_the_waiting_room_are_dropped_and_the_oldest_kept(void)
+{
+    bus_clear(&bus);
+    bus.room = 0;
+    for (uint16_t i = 0; i < CO_TX_FRAMES + 3; i++) {
+        co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, 0);
+    }
+    bus.room = SENT_MAX;
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(CO_TX_FRAMES, bus.count);
+    bus_expect(&bus, 0, 0x085, "00 FF 01 00 00 00 00 00");
+    bus_expect(&bus, 7, 0x085, "07 FF 01 00 00 00 00 00");
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_power_on_sends_the_boot_up_message_and_enters_pre_operational);
+    RUN_TEST(test_nmt_commands_lead_to_their_states);
+    RUN_TEST(test_nmt_command_to_node_0_is_for_everybody);
+    RUN_TEST(test_nmt_command_to_another_node_unknown_or_malformed_is_ignored);
+    RUN_TEST(test_repeated_start_changes_nothing);
+    RUN_TEST(test_reset_communication_restores_communication_objects_alone);
+    RUN_TEST(test_reset_node_restores_all_that_can_be_written);
+    RUN_TEST(test_stopped_node_answers_no_sdo);
+    RUN_TEST(test_remote_frames_are_ignored);
+    RUN_TEST(test_node_works_without_any_hook);
+    RUN_TEST(test_heartbeat_comes_every_100_ms_with_the_state);
+    RUN_TEST(test_heartbeat_period_can_be_changed_and_switched_off);
+    RUN_TEST(test_heartbeat_is_not_missed_before_the_first_one);
+    RUN_TEST(test_lost_heartbeat_is_told_once_and_never_early);
+    RUN_TEST(test_regular_heartbeats_are_not_lost_and_the_watch_starts_anew_after_a_loss);
+    RUN_TEST(test_heartbeat_of_another_node_does_not_count);
+    RUN_TEST(test_consumer_switched_off_forgets_the_heartbeat);
+    RUN_TEST(test_error_sends_one_message_with_register_and_details);
+    RUN_TEST(test_register_falls_to_what_is_left_as_errors_end);
+    RUN_TEST(test_error_that_is_not_in_effect_cannot_end);
+    RUN_TEST(test_error_that_ended_may_begin_again);
+    RUN_TEST(test_history_holds_the_newest_error_first_and_at_most_eight);
+    RUN_TEST(test_history_is_cleared_by_writing_0_and_nothing_else);
+    RUN_TEST(test_more_errors_than_are_kept_are_still_reported);
+    RUN_TEST(test_stopped_node_sends_no_emcy);
+    RUN_TEST(test_emcy_and_answers_wait_in_order_until_the_bus_has_room);
+    RUN_TEST(test_frames_beyond_the_waiting_room_are_dropped_and_the_oldest_kept);
+    return UNITY_END();
+}
