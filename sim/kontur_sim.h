@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* kontur_sim.h: the firmware and a simulated machine as one object, for any host language.
  *
  * One `ks` is one drive: the firmware of `firmware/` (core, drive, CANopen) wired to the plant of

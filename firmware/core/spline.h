@@ -9,6 +9,8 @@
  */
 #ifndef KONTUR_SPLINE_H
 #define KONTUR_SPLINE_H
+#include <stdatomic.h>
+
 #include "vec2.h"
 
 #define SPLINE_RING 1024u  /* knots; a power of two */
@@ -22,7 +24,7 @@ struct knot {
 
 struct spline_ring {
     struct knot start;              /* position before knot 0 */
-    uint32_t count;                 /* knots accepted so far; written by the background loop only */
+    _Atomic uint32_t count;         /* knots accepted so far; written by the background loop only */
     struct knot knot[SPLINE_RING];  /* knot i in knot[i % SPLINE_RING] */
 };
 

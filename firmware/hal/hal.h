@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* hal.h: what a machine, real or simulated, offers the firmware.
  *
  * A port fills one `const struct hal`; every function gets `ctx` back as first argument. Nothing here
@@ -24,8 +25,8 @@ struct hal_drive_in {
 };
 
 struct hal_drive_out {
-    float force_N[AXES];   /* to be applied in the next control period; clipped by the drive layer */
-    bool enable[AXES];     /* power stage on */
+    int32_t force_mN[AXES]; /* to be applied in the next control period; within the axis's force limit */
+    bool enable[AXES];      /* power stage on */
 };
 
 struct hal {

@@ -1,0 +1,211 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "app.h"
+
+#ifndef KONTUR_BUILD_ID
+#define KONTUR_BUILD_ID "unknown"
+#endif
+#ifndef KONTUR_VERSION
+#define KONTUR_VERSION "0.0.0"
+#endif
+
+static int32_t clamp(int32_t x, int32_t lo, int32_t hi)
+{
+    return x < lo ? lo : x > hi ? hi : x;
+}
+
+static int32_t int24(int32_t x)
+{
+    return clamp(x, -0x800000, 0x7FFFFF);
+}
+
+/* The low 24 bits, as a signed number */
+static int32_t low24(int32_t x)
+{
+    return (int32_t)(((uint32_t)x + 0x800000u) & 0xFFFFFFu) - 0x800000;
+}
+
+static void report(struct app *app, const struct loop_snapshot *s)
+{
+    struct od_data *od = &app->od;
+    struct od_telemetry *t = &od->telemetry;
+    const int64_t energy = (int64_t)s->energy_mJ[0] + s->energy_mJ[1];
+
+    od->clock.tick = s->ms;
+    od->controller.active = s->controller;
+    od->stream.rate = (uint16_t)s->rate;
+    od->energy.x = (uint32_t)clamp(s->energy_mJ[0], 0, INT32_MAX);
+    od->energy.y = (uint32_t)clamp(s->energy_mJ[1], 0, INT32_MAX);
+    for (int i = 0; i < 2; i++) {
+        od->axis[i].position_actual = s->position_nm[i];
+        od->axis[i].velocity_actual = s->velocity_umps[i];
+        od->axis[i].following_error = s->following_nm[i];
+        od->axis[i].mode_display = od->axis[i].mode;
+    }
+    t->tick = (uint16_t)s->ms;
+    t->e_n1 = int24(s->e_n_nm[0]);
+    t->e_n2 = int24(s->e_n_nm[1]);
+    t->position_x = low24(s->position_nm[0]);
+    t->position_y = low24(s->position_nm[1]);
+    t->force_x = (int16_t)clamp(s->force_dN[0], INT16_MIN, INT16_MAX);
+    t->force_y = (int16_t)clamp(s->force_dN[1], INT16_MIN, INT16_MAX);
+    t->k_1 = (uint16_t)clamp(s->k_hat[0], 0, UINT16_MAX);
+    t->k_2 = (uint16_t)clamp(s->k_hat[1], 0, UINT16_MAX);
+    t->mu_1 = (uint16_t)clamp(s->mu[0], 0, UINT16_MAX);
+    t->mu_2 = (uint16_t)clamp(s->mu[1], 0, UINT16_MAX);
+    t->energy = energy < 0 ? 0 : (uint32_t)energy;
+}
+
+/* Faults and statuswords on their way out. */
+static void announce(struct app *app, uint32_t new_faults)
+{
+    for (unsigned f = 0; f < FAULTS; f++) {
+        const struct fault_row *row = &fault_table[f];
+        if ((new_faults & FAULT_BIT(f)) != 0) {
+            co_emcy_set(&app->node, row->emcy, row->reg, f);
+        } else if ((app->drive.faults & FAULT_BIT(f)) == 0) {
+            co_emcy_reset(&app->node, row->emcy);
+        }
+    }
+    bool changed = false;
+    for (int i = 0; i < 2; i++) {
+        changed = changed || app->statusword[i] != app->od.axis[i].statusword;
+        app->statusword[i] = app->od.axis[i].statusword;
+    }
+    if (changed) {
+        co_tpdo_send(&app->node, 1);
+    }
+}
+
+static void follow(struct app *app)
+{
+    announce(app, drive_poll(&app->drive));
+}
+
+static void on_rpdo(void *ctx, unsigned number)
+{
+    struct app *app = ctx;
+    if (number == 1) {
+        drive_command(&app->drive);
+        follow(app);
+    } else if (number == 2) {
+        const enum queue_result result = drive_knot(&app->drive, &app->od.knot);
+        if (result != QUEUE_TAKEN && result != QUEUE_NOT_OPEN) {
+            co_tpdo_send(&app->node, 1); /* tell at once what is expected next */
+        }
+    }
+}
+
+static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t value)
+{
+    struct app *app = ctx;
+    if ((entry->flags & OD_CONFIG) != 0 && drive_powered(&app->drive)) {
+        return SDO_ABORT_STATE;
+    }
+    if (entry->index == 0x2200 && entry->sub == 1) {
+        return drive_stream_command(&app->drive, (uint8_t)value);
+    }
+    return SDO_OK;
+}
+
+static void on_write(void *ctx, const struct od_entry *entry)
+{
+    struct app *app = ctx;
+    if ((entry->flags & OD_CONFIG) != 0) {
+        drive_configure(&app->drive);
+    }
+    switch (entry->index) {
+    case 0x6040:
+    case 0x6840:
+        drive_command(&app->drive);
+        follow(app);
+        break;
+    case 0x2000:
+        atomic_store(&app->drive.loop.command.controller, app->od.controller.select);
+        break;
+    case 0x2220:
+        atomic_store(&app->drive.loop.command.energy_reset, true);
+        break;
+    default:
+        break;
+    }
+}
+
+static void on_nmt(void *ctx, enum co_state state)
+{
+    struct app *app = ctx;
+    if (state != CO_OPERATIONAL) { /* no PDO can stop the axes any more: quick stop */
+        for (int i = 0; i < 2; i++) {
+            app->od.axis[i].controlword = (uint16_t)(app->od.axis[i].controlword & ~(unsigned)CW_QUICK_STOP);
+        }
+        drive_command(&app->drive);
+    }
+}
+
+static void on_heartbeat_lost(void *ctx)
+{
+    struct app *app = ctx;
+    if (drive_powered(&app->drive)) {
+        const bool is_new = (app->drive.faults & FAULT_BIT(FAULT_HEARTBEAT)) == 0;
+        drive_fault(&app->drive, FAULT_HEARTBEAT);
+        announce(app, is_new ? FAULT_BIT(FAULT_HEARTBEAT) : 0u);
+    }
+}
+
+static void set_texts(struct od_data *od)
+{
+    od->device_name = "Kontur";
+    od->hardware_version = "-";
+    od->software_version = KONTUR_VERSION;
+    od->build_id = KONTUR_BUILD_ID;
+    od->num_backend = NUM_NAME;
+}
+
+static void on_reset(void *ctx, bool communication_only)
+{
+    struct app *app = ctx;
+    set_texts(&app->od);
+    if (!communication_only) {
+        drive_init(&app->drive, &app->od, app->hal);
+        atomic_store(&app->drive.loop.command.controller, app->od.controller.select);
+    }
+}
+
+void app_init(struct app *app, const struct hal *hal, uint8_t node_id)
+{
+    *app = (struct app){.hal = hal};
+    od_init(&app->od, node_id);
+    on_reset(app, false);
+    const struct co_config config = {
+        .od = &app->od,
+        .hal = hal,
+        .node_id = node_id,
+        .hooks = {.ctx = app,
+                  .check_write = check_write,
+                  .on_write = on_write,
+                  .on_rpdo = on_rpdo,
+                  .on_nmt = on_nmt,
+                  .on_heartbeat_lost = on_heartbeat_lost,
+                  .on_reset = on_reset},
+    };
+    co_init(&app->node, &config);
+}
+
+void app_tick(struct app *app)
+{
+    loop_tick(&app->drive.loop);
+}
+
+void app_poll(struct app *app)
+{
+    struct can_frame frame;
+    for (int i = 0; i < 64 && app->hal->can_receive(app->hal->ctx, &frame); i++) {
+        co_receive(&app->node, &frame);
+    }
+    const uint32_t published = atomic_load(&app->drive.loop.published);
+    while (app->ms != published) {
+        app->ms++;
+        report(app, loop_snapshot(&app->drive.loop));
+        follow(app);
+        co_tick_ms(&app->node);
+    }
+}

@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "cia402.h"
+
+void cia402_init(struct cia402 *c)
+{
+    *c = (struct cia402){.state = CIA402_SWITCH_ON_DISABLED, .leave_to = CIA402_OPERATION_ENABLED};
+}
+
+static void go(struct cia402 *c, enum cia402_state state)
+{
+    c->state = state;
+    c->leave_to = CIA402_OPERATION_ENABLED;
+}
+
+/* From operation enabled, once the path stands; otherwise now. */
+static void leave(struct cia402 *c, enum cia402_state state)
+{
+    if (c->state == CIA402_OPERATION_ENABLED) {
+        c->leave_to = state;
+    } else if (c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON) {
+        go(c, state);
+    }
+}
+
+void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable)
+{
+    const bool reset_edge = (controlword & CW_FAULT_RESET) != 0 && (c->controlword & CW_FAULT_RESET) == 0;
+    c->controlword = controlword;
+
+    if (c->state == CIA402_FAULT) {
+        if (reset_edge && may_enable) {
+            go(c, CIA402_SWITCH_ON_DISABLED);
+        }
+        return;
+    }
+    if (c->state == CIA402_FAULT_REACTION_ACTIVE) {
+        return;
+    }
+    if ((controlword & CW_ENABLE_VOLTAGE) == 0) {
+        go(c, CIA402_SWITCH_ON_DISABLED); /* transitions 7, 9, 10, 12 */
+    } else if ((controlword & CW_QUICK_STOP) == 0) {
+        if (c->state == CIA402_OPERATION_ENABLED) {
+            go(c, CIA402_QUICK_STOP_ACTIVE); /* 11 */
+        } else {
+            leave(c, CIA402_SWITCH_ON_DISABLED); /* 7, 10 */
+        }
+    } else if ((controlword & CW_SWITCH_ON) == 0) {
+        if (c->state == CIA402_SWITCH_ON_DISABLED) {
+            go(c, CIA402_READY_TO_SWITCH_ON); /* 2 */
+        } else {
+            leave(c, CIA402_READY_TO_SWITCH_ON); /* 6, 8 */
+        }
+    } else if ((controlword & CW_ENABLE_OPERATION) == 0) {
+        if (c->state == CIA402_READY_TO_SWITCH_ON) {
+            go(c, CIA402_SWITCHED_ON); /* 3 */
+        } else {
+            leave(c, CIA402_SWITCHED_ON); /* 5 */
+        }
+    } else if (may_enable && (c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON)) {
+        go(c, CIA402_OPERATION_ENABLED); /* 3 and 4 */
+    }
+}
+
+void cia402_poll(struct cia402 *c, bool standing)
+{
+    if (!standing) {
+        return;
+    }
+    if (c->state == CIA402_QUICK_STOP_ACTIVE) {
+        go(c, CIA402_SWITCH_ON_DISABLED); /* 12; 605Ah = 2 */
+    } else if (c->state == CIA402_FAULT_REACTION_ACTIVE) {
+        go(c, CIA402_FAULT); /* 14 */
+    } else if (c->state == CIA402_OPERATION_ENABLED && c->leave_to != CIA402_OPERATION_ENABLED) {
+        go(c, c->leave_to); /* 5, 8 */
+    }
+}
+
+void cia402_fault(struct cia402 *c, bool stop_first)
+{
+    if (c->state == CIA402_FAULT) {
+        return;
+    }
+    go(c, stop_first && cia402_powered(c) ? CIA402_FAULT_REACTION_ACTIVE : CIA402_FAULT);
+}
+
+bool cia402_powered(const struct cia402 *c)
+{
+    return c->state == CIA402_OPERATION_ENABLED || c->state == CIA402_QUICK_STOP_ACTIVE ||
+           c->state == CIA402_FAULT_REACTION_ACTIVE;
+}
+
+bool cia402_enabled(const struct cia402 *c)
+{
+    return c->state == CIA402_OPERATION_ENABLED && c->leave_to == CIA402_OPERATION_ENABLED;
+}
+
+uint16_t cia402_statusword(const struct cia402 *c)
+{
+    static const uint16_t bits[] = {
+        [CIA402_SWITCH_ON_DISABLED] = 0x0040, [CIA402_READY_TO_SWITCH_ON] = 0x0021,
+        [CIA402_SWITCHED_ON] = 0x0023,        [CIA402_OPERATION_ENABLED] = 0x0027,
+        [CIA402_QUICK_STOP_ACTIVE] = 0x0007,  [CIA402_FAULT_REACTION_ACTIVE] = 0x000F,
+        [CIA402_FAULT] = 0x0008,
+    };
+    return (uint16_t)(bits[c->state] | 0x0210u);
+}

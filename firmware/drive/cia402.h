@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* cia402.h: the power state machine of one axis (CiA 402-2, clause "Device control").
+ *
+ * Leaving operation enabled waits until the path stands, except for "disable voltage", which cuts the power at once.
+ */
+#ifndef KONTUR_CIA402_H
+#define KONTUR_CIA402_H
+#include <stdbool.h>
+#include <stdint.h>
+
+enum cia402_state {
+    CIA402_SWITCH_ON_DISABLED,
+    CIA402_READY_TO_SWITCH_ON,
+    CIA402_SWITCHED_ON,
+    CIA402_OPERATION_ENABLED,
+    CIA402_QUICK_STOP_ACTIVE,
+    CIA402_FAULT_REACTION_ACTIVE,
+    CIA402_FAULT
+};
+
+/* Controlword 6040h */
+enum {
+    CW_SWITCH_ON = 1u << 0,
+    CW_ENABLE_VOLTAGE = 1u << 1,
+    CW_QUICK_STOP = 1u << 2, /* 0: stop */
+    CW_ENABLE_OPERATION = 1u << 3,
+    CW_ENABLE_IP = 1u << 4,
+    CW_FAULT_RESET = 1u << 7,
+    CW_HALT = 1u << 8
+};
+
+/* Statusword 6041h: what is added to the state's own bits */
+enum { SW_TARGET_REACHED = 1u << 10, SW_IP_ACTIVE = 1u << 12 };
+
+struct cia402 {
+    enum cia402_state state;
+    enum cia402_state leave_to; /* while OPERATION_ENABLED: where to go once the path stands */
+    uint16_t controlword;
+};
+
+void cia402_init(struct cia402 *c);
+/* A controlword has been written. may_enable: no fault is in effect and the configuration is usable. */
+void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable);
+/* Once a millisecond and after each command: transitions that wait for standstill. */
+void cia402_poll(struct cia402 *c, bool standing);
+/* A fault: stop on the path first, or cut the power at once. */
+void cia402_fault(struct cia402 *c, bool stop_first);
+/* The power stage is on: operation enabled, or stopping. */
+bool cia402_powered(const struct cia402 *c);
+/* Operation enabled and to stay so. */
+bool cia402_enabled(const struct cia402 *c);
+/* The state's bits of 6041h, with bits 4 (voltage enabled) and 9 (remote). */
+uint16_t cia402_statusword(const struct cia402 *c);
+#endif

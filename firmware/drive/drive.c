@@ -1,0 +1,231 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "drive.h"
+
+static struct loop_cfg loop_cfg(const struct od_data *od, const struct servo_cfg *servo)
+{
+    struct loop_cfg c = {.servo = *servo,
+                         .speed_max = n_ratio(od->limits.velocity, 200),
+                         .stop_time = n_ratio(od->limits.path_stop_time, 1)};
+    for (int i = 0; i < 2; i++) {
+        const struct od_axis *a = &od->axis[i];
+        c.encoder_pm[i] = a->plant.encoder;
+        c.following_max[i] = n_ratio(a->following_window, 1000);
+        c.min_nm[i] = a->position_limit.min;
+        c.max_nm[i] = a->position_limit.max;
+    }
+    return c;
+}
+
+void drive_configure(struct drive *d)
+{
+    struct servo_cfg servo;
+    d->configured = params_to_cfg(d->od, &servo);
+    d->configured_at = atomic_load(&d->loop.published);
+    if (!d->configured) {
+        return;
+    }
+    const uint8_t next = 1u - atomic_load(&d->loop.command.cfg_index);
+    d->loop.cfg[next] = loop_cfg(d->od, &servo);
+    atomic_store(&d->loop.command.cfg_index, next);
+    for (int i = 0; i < 2; i++) {
+        d->queue.min_nm[i] = d->od->axis[i].position_limit.min;
+        d->queue.max_nm[i] = d->od->axis[i].position_limit.max;
+    }
+}
+
+void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
+{
+    *d = (struct drive){.od = od};
+    queue_init(&d->queue, &od->stream);
+    for (int i = 0; i < 2; i++) {
+        cia402_init(&d->axis[i]);
+    }
+    drive_configure(d);
+    d->loop.cfg[0] = d->loop.cfg[1];
+    loop_init(&d->loop, hal, &d->queue.ring);
+}
+
+bool drive_powered(const struct drive *d)
+{
+    return cia402_powered(&d->axis[0]) || cia402_powered(&d->axis[1]);
+}
+
+void drive_fault(struct drive *d, enum fault f)
+{
+    const bool stop_first = fault_table[f].reaction == REACT_PATH_STOP;
+    d->faults |= FAULT_BIT(f);
+    for (int i = 0; i < 2; i++) {
+        cia402_fault(&d->axis[i], stop_first);
+        d->od->axis[i].error_code = fault_table[f].emcy;
+    }
+}
+
+/* Stand where the powered axes are held, and where the others are. */
+static void hold(struct drive *d)
+{
+    const struct loop_snapshot *s = loop_snapshot(&d->loop);
+    struct knot start;
+    for (int i = 0; i < 2; i++) {
+        start.nm[i] = d->powered[i] ? s->reference_nm[i] : s->position_nm[i];
+    }
+    queue_hold(&d->queue, start);
+    atomic_store(&d->loop.command.complete, false);
+    atomic_fetch_add(&d->loop.command.begin, 1u);
+}
+
+/* The tick has seen the last stream begin: what it says of the path is about this one. */
+static bool in_step(const struct drive *d)
+{
+    return atomic_load(&d->loop.begun) == atomic_load(&d->loop.command.begin);
+}
+
+static bool standing(const struct drive *d)
+{
+    return !in_step(d) || atomic_load(&d->loop.standing);
+}
+
+static bool run_wanted(const struct drive *d)
+{
+    for (int i = 0; i < 2; i++) {
+        const uint16_t cw = d->axis[i].controlword;
+        if (!cia402_enabled(&d->axis[i]) || (cw & CW_ENABLE_IP) == 0 || (cw & CW_HALT) != 0) {
+            return false;
+        }
+    }
+    return d->queue.stream->state != STREAM_IDLE && !d->queue.outside;
+}
+
+/* Power and path as the axes' states want them. An axis that gets power starts from where it stands. */
+static void apply(struct drive *d)
+{
+    bool off = false;
+    bool on = false;
+    for (int i = 0; i < 2; i++) {
+        const bool powered = cia402_powered(&d->axis[i]);
+        off = off || (d->powered[i] && !powered);
+        on = on || (!d->powered[i] && powered);
+    }
+    if (on) {
+        hold(d);
+    }
+    if (off) {
+        queue_close(&d->queue);
+    }
+    for (int i = 0; i < 2; i++) {
+        d->powered[i] = cia402_powered(&d->axis[i]);
+        atomic_store(&d->loop.command.powered[i], d->powered[i]);
+    }
+    atomic_store(&d->loop.command.run, run_wanted(d));
+}
+
+void drive_command(struct drive *d)
+{
+    /* where the axes stand is known in the units of the configuration from the second snapshot on */
+    const bool ready = d->configured && atomic_load(&d->loop.published) - d->configured_at >= 2u;
+    for (int i = 0; i < 2; i++) {
+        const bool was_fault = d->axis[i].state == CIA402_FAULT;
+        cia402_command(&d->axis[i], d->od->axis[i].controlword, ready);
+        if (was_fault && d->axis[i].state != CIA402_FAULT) {
+            d->od->axis[i].error_code = 0;
+        }
+    }
+    if (d->axis[0].state != CIA402_FAULT && d->axis[1].state != CIA402_FAULT && !drive_powered(d)) {
+        d->faults = 0;
+        atomic_store(&d->loop.faults, 0u);
+    }
+    apply(d);
+}
+
+static void follow_stream(struct drive *d)
+{
+    struct od_stream *s = d->queue.stream;
+    if (!in_step(d)) {
+        return;
+    }
+    const bool starved = atomic_load(&d->loop.starved);
+    queue_executed(&d->queue, atomic_load(&d->loop.executed));
+    s->underruns += starved && !d->starved ? 1u : 0u;
+    d->starved = starved;
+    if (s->state == STREAM_IDLE || s->state == STREAM_DONE) {
+        return;
+    }
+    if (atomic_load(&d->loop.at_end)) {
+        s->state = STREAM_DONE;
+    } else if (!standing(d)) {
+        s->state = atomic_load(&d->loop.command.run) ? STREAM_RUNNING : STREAM_STOPPING;
+    } else if (s->state != STREAM_FILLING || !d->queue.open) {
+        s->state = STREAM_STOPPED;
+    }
+}
+
+uint32_t drive_poll(struct drive *d)
+{
+    const uint32_t before = d->faults;
+    const uint32_t raised = atomic_load(&d->loop.faults);
+    for (unsigned f = 0; f < FAULTS; f++) {
+        if ((raised & FAULT_BIT(f)) != 0 && (d->faults & FAULT_BIT(f)) == 0) {
+            drive_fault(d, (enum fault)f);
+        }
+    }
+    if (d->queue.outside && standing(d) && (d->faults & FAULT_BIT(FAULT_KNOT_RANGE)) == 0) {
+        drive_fault(d, FAULT_KNOT_RANGE);
+    }
+    for (int i = 0; i < 2; i++) {
+        cia402_poll(&d->axis[i], standing(d));
+    }
+    drive_command(d); /* a command that had to wait */
+    follow_stream(d);
+
+    const uint8_t stream = d->queue.stream->state;
+    const bool active = stream == STREAM_RUNNING || stream == STREAM_STOPPING;
+    for (int i = 0; i < 2; i++) {
+        d->od->axis[i].statusword = (uint16_t)(cia402_statusword(&d->axis[i]) | (active ? SW_IP_ACTIVE : 0u) |
+                                               (stream == STREAM_DONE ? SW_TARGET_REACHED : 0u));
+    }
+    return d->faults & ~before;
+}
+
+uint32_t drive_stream_command(struct drive *d, uint8_t command)
+{
+    const struct od_stream *s = d->queue.stream;
+    const struct loop_snapshot *now = loop_snapshot(&d->loop);
+    const struct knot start = {{s->start_x, s->start_y}};
+    if (!standing(d) || atomic_load(&d->loop.command.run)) {
+        return SDO_ABORT_STATE;
+    }
+    if (command == 2) {
+        hold(d);
+        return SDO_OK;
+    }
+    if (!cia402_enabled(&d->axis[0]) || !cia402_enabled(&d->axis[1]) || s->total == 1 || s->total == 2) {
+        return SDO_ABORT_STATE;
+    }
+    for (int i = 0; i < 2; i++) {
+        const int64_t distance = (int64_t)start.nm[i] - now->reference_nm[i];
+        if (distance > d->od->limits.start_window || -distance > d->od->limits.start_window) {
+            return SDO_ABORT_STATE;
+        }
+    }
+    queue_begin(&d->queue, start, s->total);
+    atomic_store(&d->loop.command.complete, false);
+    atomic_fetch_add(&d->loop.command.begin, 1u);
+    return SDO_OK;
+}
+
+static enum queue_result taken(struct drive *d, enum queue_result result)
+{
+    if (result == QUEUE_TAKEN && queue_complete(&d->queue)) {
+        atomic_store(&d->loop.command.complete, true);
+    }
+    return result;
+}
+
+enum queue_result drive_knot(struct drive *d, const struct od_knot *frame)
+{
+    return taken(d, queue_frame(&d->queue, frame));
+}
+
+enum queue_result drive_push(struct drive *d, struct knot knot)
+{
+    return taken(d, queue_push(&d->queue, knot));
+}

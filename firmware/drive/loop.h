@@ -1,0 +1,82 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* loop.h: the servo tick: read the drive, one servo_step(), write the drive. The only place where the step order stands.
+ *
+ * loop_tick() runs in the servo interrupt (CONTROL_HZ), everything else in the background loop. They meet in
+ * - struct loop_command: single words, background writes;
+ * - two configurations, of which `cfg_index` names the one in use;
+ * - the ring of knots (one writer, one reader);
+ * - two snapshots, published once a millisecond; and `faults`, bits that the tick sets and the background clears.
+ */
+#ifndef KONTUR_LOOP_H
+#define KONTUR_LOOP_H
+#include <stdatomic.h>
+
+#include "fault.h"
+#include "hal.h"
+#include "params.h"
+#include "path.h"
+
+struct loop_cfg {
+    struct servo_cfg servo;
+    uint32_t encoder_pm[2];     /* length of one encoder count */
+    num following_max[2];       /* um */
+    num speed_max;              /* um/T0 */
+    int32_t min_nm[2], max_nm[2];
+    num stop_time;              /* knots (ms) */
+};
+
+struct loop_command {
+    _Atomic bool powered[2];   /* power stage on, law active */
+    _Atomic bool run;          /* path time may run */
+    _Atomic bool complete;     /* all knots of the stream are in the ring */
+    _Atomic uint8_t controller;
+    _Atomic uint32_t begin;    /* counts up: path time starts anew at 0 */
+    _Atomic uint8_t cfg_index;
+    _Atomic bool energy_reset;
+};
+
+/* What the background and the telemetry see of the servo: consistent, one millisecond old at most. */
+struct loop_snapshot {
+    uint32_t ms;              /* since power-on */
+    int32_t position_nm[2];   /* observed */
+    int32_t reference_nm[2];
+    int32_t velocity_umps[2];
+    int32_t following_nm[2];
+    int32_t e_n_nm[2];
+    int32_t force_dN[2];      /* 0.1 N */
+    int32_t k_hat[2];         /* 0.1 1/s */
+    int32_t mu[2];            /* mm/s^2 */
+    int32_t energy_mJ[2];
+    int32_t rate;             /* sigma, 1/1000 */
+    uint8_t controller;
+};
+
+struct loop {
+    const struct hal *hal;
+    const struct spline_ring *ring;
+    struct loop_command command;
+    struct loop_cfg cfg[2];
+    _Atomic uint32_t faults;    /* FAULT_BIT()s */
+    _Atomic uint32_t begun;     /* command.begin that the next four words belong to */
+    _Atomic bool standing;      /* path time does not run */
+    _Atomic bool at_end;        /* ... since it has reached the end of a complete stream */
+    _Atomic bool starved;       /* path time is slowed for want of knots */
+    _Atomic uint32_t executed;  /* knots passed */
+    _Atomic uint32_t published; /* snapshots so far: one a millisecond */
+    struct loop_snapshot snapshot[2];
+
+    /* the tick's own */
+    struct servo_state servo;
+    struct path_state path;
+    int32_t last_count[2];
+    int64_t count[2];
+    uint32_t ticks;
+    uint8_t cfg_used;
+};
+
+/* cfg[0] and the ring must be set up. Positions are encoder counts times their length. */
+void loop_init(struct loop *loop, const struct hal *hal, const struct spline_ring *ring);
+void loop_tick(struct loop *loop);
+/* The newest snapshot. */
+const struct loop_snapshot *loop_snapshot(const struct loop *loop);
+#endif

@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "params.h"
+
+#include "trig.h"
+
+/* Core units: um, T0 = 5 ms, N. A value of u wire units of `factor` each is u * factor * core units per SI unit:
+ *   m/s    -> um/T0     5000        1/s    -> 1/T0      1/200      1/s2 -> 1/T0^2  1/40000
+ *   m/s2   -> um/T0^2   25          kg     -> N T0^2/um 1/25       N s/m -> N T0/um 1/5000 */
+static num milli_per_s(uint32_t u)
+{
+    return n_ratio(u, 200000);
+}
+
+static num nano_mps(uint32_t u)
+{
+    return n_ratio(u, 200000);
+}
+
+static num micro_mps2(uint32_t u)
+{
+    return n_ratio(u, 40000);
+}
+
+static num milli(uint32_t u)
+{
+    return n_ratio(u, 1000);
+}
+
+static struct plant_cfg plant(const struct od_plant *x, const struct od_plant *y)
+{
+    const struct plant_cfg p = {
+        .mass = v2(n_ratio(x->mass, 25000), n_ratio(y->mass, 25000)),
+        .viscous = v2(n_ratio(x->viscous, 5000000), n_ratio(y->viscous, 5000000)),
+        .coulomb = v2(milli(x->coulomb), milli(y->coulomb)),
+        .force_max = v2(milli(x->force_limit), milli(y->force_limit)),
+    };
+    return p;
+}
+
+static struct energy_cfg energy(const struct od_motor *m, num sign_speed)
+{
+    const struct energy_cfg e = {
+        .force_constant = milli(m->force_constant),
+        .impedance = milli(m->impedance),
+        .back_emf = n_ratio(m->back_emf, 5000000),
+        .power_factor = milli(m->power_factor),
+        .sign_speed = sign_speed,
+        .dt_ms = n_ratio(1000, CONTROL_HZ),
+    };
+    return e;
+}
+
+bool params_to_cfg(const struct od_data *od, struct servo_cfg *cfg)
+{
+    const struct od_asmc *a = &od->asmc;
+    const struct od_uncertainty *u = &od->uncertainty;
+    const struct od_cascade *c = &od->cascade;
+    const num friction_speed = nano_mps(od->contour.friction_speed);
+    const num dt = n_ratio(200, CONTROL_HZ);
+
+    /* k_bar e_max in 1e-9 */
+    if ((uint64_t)a->k_bar * a->e_max > (uint64_t)TRIG_COSH_MAX * 1000000000u || a->k_max < a->k_0 ||
+        u->mu_max < u->mu_0) {
+        return false;
+    }
+    *cfg = (struct servo_cfg){
+        .dt = dt,
+        .plant = plant(&od->axis[0].plant, &od->axis[1].plant),
+        .observer = observer_design(milli_per_s(od->observer.bandwidth), dt),
+        .contour = {.v_min = nano_mps(od->contour.v_min),
+                    .lag_max = n_ratio(od->contour.lag_max, 5000),
+                    .newton = od->contour.newton != 0},
+        .asmc = {.lambda = milli_per_s(a->lambda),
+                 .gamma = milli_per_s(a->gamma),
+                 .beta = milli(a->beta),
+                 .k_bar = n_ratio(a->k_bar, 1000000),
+                 .e_max = milli(a->e_max),
+                 .psi_printed = a->psi_printed != 0,
+                 .k_0 = milli_per_s(a->k_0),
+                 .k_max = milli_per_s(a->k_max),
+                 .zeta = milli_per_s(a->zeta),
+                 .zeta_rate = n_ratio(a->zeta, 40000000),
+                 .xi = n_ratio(a->xi, 200000000000), /* milli/(m s) to 1/(um T0) */
+                 .epsilon = nano_mps(a->epsilon),
+                 .friction_speed = friction_speed},
+        .uncertainty = {.alpha = milli_per_s(u->alpha),
+                        .mu_0 = micro_mps2(u->mu_0),
+                        .mu_max = micro_mps2(u->mu_max),
+                        .rho = n_ratio(u->rho, 40000000),
+                        .phi = nano_mps(u->phi),
+                        .dead_zone = nano_mps(u->dead_zone),
+                        .law_printed = u->law_printed != 0,
+                        .whole_input = u->whole_input != 0},
+        .cascade = {.k_p = milli_per_s(c->position_gain),
+                    .k_v = milli_per_s(c->velocity_gain),
+                    .k_i = milli_per_s(c->integral_gain),
+                    .coupling = milli(c->coupling_gain),
+                    .integral_max = NUM(1000)},
+        .energy = {energy(&od->axis[0].motor, friction_speed), energy(&od->axis[1].motor, friction_speed)},
+    };
+    /* exp(-dt / blend_time) to first order: dt / (dt + blend_time) is left out of the offset each period */
+    const uint32_t dt_us = 1000000u / CONTROL_HZ;
+    cfg->blend = n_ratio(od->contour.blend_time, (int64_t)od->contour.blend_time + dt_us);
+    return true;
+}

@@ -1,0 +1,136 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "queue.h"
+
+uint8_t queue_crc8(const struct od_knot *f)
+{
+    const uint32_t dx = (uint32_t)f->dx;
+    const uint32_t dy = (uint32_t)f->dy;
+    const uint8_t bytes[7] = {f->sequence,          (uint8_t)dx,        (uint8_t)(dx >> 8), (uint8_t)(dx >> 16),
+                              (uint8_t)dy,          (uint8_t)(dy >> 8), (uint8_t)(dy >> 16)};
+    uint8_t crc = 0xFF;
+    for (unsigned i = 0; i < sizeof bytes; i++) {
+        crc ^= bytes[i];
+        for (int bit = 0; bit < 8; bit++) {
+            crc = (uint8_t)((crc & 0x80u) != 0 ? (crc << 1) ^ 0x2F : crc << 1);
+        }
+    }
+    return crc ^ 0xFF;
+}
+
+/* CRC-32 (IEEE 802.3) of one int32, little-endian; crc is the value without its final inversion */
+static uint32_t crc32_int(uint32_t crc, int32_t value)
+{
+    for (int i = 0; i < 4; i++) {
+        crc ^= ((uint32_t)value >> (8 * i)) & 0xFFu;
+        for (int bit = 0; bit < 8; bit++) {
+            crc = (crc >> 1) ^ (0xEDB88320u & (0u - (crc & 1u)));
+        }
+    }
+    return crc;
+}
+
+static void update_free(struct queue *q)
+{
+    const uint32_t waiting = q->stream->accepted - q->stream->executed;
+    q->stream->free = (uint16_t)(waiting < QUEUE_ROOM ? QUEUE_ROOM - waiting : 0);
+    q->stream->accepted16 = (uint16_t)q->stream->accepted;
+}
+
+void queue_init(struct queue *q, struct od_stream *stream)
+{
+    *q = (struct queue){.stream = stream, .min_nm = {INT32_MIN, INT32_MIN}, .max_nm = {INT32_MAX, INT32_MAX}};
+    update_free(q);
+}
+
+void queue_hold(struct queue *q, struct knot start)
+{
+    struct od_stream *s = q->stream;
+    q->ring.count = 0;
+    q->ring.start = start;
+    q->open = q->outside = false;
+    s->end_x = start.nm[0];
+    s->end_y = start.nm[1];
+    s->accepted = s->executed = s->checksum = 0;
+    s->state = STREAM_IDLE;
+    update_free(q);
+}
+
+void queue_begin(struct queue *q, struct knot start, uint32_t total)
+{
+    struct od_stream *s = q->stream;
+    queue_hold(q, start);
+    s->total = total;
+    s->rejected_crc = s->rejected_full = s->rejected_sequence = s->rejected_state = 0;
+    s->state = STREAM_FILLING;
+    q->open = true;
+}
+
+void queue_close(struct queue *q)
+{
+    q->open = false;
+}
+
+bool queue_complete(const struct queue *q)
+{
+    return q->stream->total != 0 && q->stream->accepted == q->stream->total;
+}
+
+enum queue_result queue_push(struct queue *q, struct knot knot)
+{
+    struct od_stream *s = q->stream;
+    if (!q->open || q->outside) {
+        s->rejected_state++;
+        return QUEUE_NOT_OPEN;
+    }
+    if (s->free == 0 || queue_complete(q)) {
+        s->rejected_full++;
+        return QUEUE_FULL;
+    }
+    for (int i = 0; i < 2; i++) {
+        if (knot.nm[i] < q->min_nm[i] || knot.nm[i] > q->max_nm[i]) {
+            q->outside = true;
+            return QUEUE_OUTSIDE;
+        }
+    }
+    q->ring.knot[s->accepted % SPLINE_RING] = knot;
+    s->end_x = knot.nm[0];
+    s->end_y = knot.nm[1];
+    s->accepted++;
+    q->ring.count = s->accepted;
+    update_free(q);
+    return QUEUE_TAKEN;
+}
+
+/* a + b; a difference that leaves int32 ends at the limit, where the soft limits refuse it */
+static int32_t add_nm(int32_t a, int32_t b)
+{
+    const int64_t sum = (int64_t)a + b;
+    return sum > INT32_MAX ? INT32_MAX : sum < INT32_MIN ? INT32_MIN : (int32_t)sum;
+}
+
+enum queue_result queue_frame(struct queue *q, const struct od_knot *frame)
+{
+    struct od_stream *s = q->stream;
+    if (frame->crc != queue_crc8(frame)) {
+        s->rejected_crc++;
+        return QUEUE_BAD_CRC;
+    }
+    if (frame->sequence != (uint8_t)s->accepted) {
+        s->rejected_sequence++;
+        return QUEUE_OUT_OF_SEQUENCE;
+    }
+    const struct knot knot = {{add_nm(s->end_x, frame->dx), add_nm(s->end_y, frame->dy)}};
+    return queue_push(q, knot);
+}
+
+void queue_executed(struct queue *q, uint32_t n)
+{
+    struct od_stream *s = q->stream;
+    uint32_t crc = ~s->checksum;
+    for (; s->executed < n && s->executed < s->accepted; s->executed++) {
+        const struct knot *k = &q->ring.knot[s->executed % SPLINE_RING];
+        crc = crc32_int(crc32_int(crc, k->nm[0]), k->nm[1]);
+    }
+    s->checksum = ~crc;
+    update_free(q);
+}

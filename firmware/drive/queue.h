@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* queue.h: from knot frames to the ring of knots (docs/protocol.md, "Streaming knots"). Background only, except that the
+ * servo tick reads the ring.
+ *
+ * Nothing is taken that is out of sequence, corrupt or too much; everything refused is counted in od.stream.
+ */
+#ifndef KONTUR_QUEUE_H
+#define KONTUR_QUEUE_H
+#include "od.h"
+#include "spline.h"
+
+#define QUEUE_ROOM (SPLINE_RING - SPLINE_PAST) /* knots that can wait */
+
+enum stream_state { STREAM_IDLE, STREAM_FILLING, STREAM_RUNNING, STREAM_STOPPING, STREAM_DONE, STREAM_STOPPED };
+
+enum queue_result { QUEUE_TAKEN, QUEUE_BAD_CRC, QUEUE_OUT_OF_SEQUENCE, QUEUE_FULL, QUEUE_NOT_OPEN, QUEUE_OUTSIDE };
+
+struct queue {
+    struct spline_ring ring;
+    struct od_stream *stream;     /* counters and what the host sees of the stream */
+    int32_t min_nm[2], max_nm[2]; /* soft limits: no knot outside is taken */
+    bool open;                    /* knots are taken */
+    bool outside;                 /* one was refused as beyond the soft limits: none is taken any more */
+};
+
+void queue_init(struct queue *q, struct od_stream *stream);
+/* Forget all knots; the reference stands at start. */
+void queue_hold(struct queue *q, struct knot start);
+/* Open for a stream of `total` knots (0: open-ended) from `start`. */
+void queue_begin(struct queue *q, struct knot start, uint32_t total);
+/* Take no more knots. */
+void queue_close(struct queue *q);
+/* One knot frame as it came from the wire. */
+enum queue_result queue_frame(struct queue *q, const struct od_knot *frame);
+/* Take a knot by its absolute position: the second half of queue_frame(). */
+enum queue_result queue_push(struct queue *q, struct knot knot);
+/* Path time has passed the first n knots: free their slots, go on with the checksum. */
+void queue_executed(struct queue *q, uint32_t n);
+/* All knots of the stream are here. */
+bool queue_complete(const struct queue *q);
+/* CRC-8/AUTOSAR over sequence, dx, dy in the order of the wire. */
+uint8_t queue_crc8(const struct od_knot *frame);
+#endif

@@ -1,0 +1,255 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "kontur_sim.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+#include "plant.h"
+
+#define QUEUE_FRAMES 4096u
+
+struct fifo {
+    struct ks_frame frame[QUEUE_FRAMES];
+    uint32_t head, count;
+};
+
+struct ks {
+    struct app app;
+    struct hal hal;
+    struct plant plant;
+    double force_N[2];
+    struct fifo to_device, to_host;
+    uint64_t tick;
+    uint32_t overflows;
+    struct ks_truth *truth;
+    uint64_t truth_count, truth_room;
+    int recording;
+};
+
+static int put(struct fifo *f, const struct ks_frame *frame)
+{
+    if (f->count == QUEUE_FRAMES) {
+        return 0;
+    }
+    f->frame[(f->head + f->count) % QUEUE_FRAMES] = *frame;
+    f->count++;
+    return 1;
+}
+
+static int take(struct fifo *f, struct ks_frame *frame)
+{
+    if (f->count == 0) {
+        return 0;
+    }
+    *frame = f->frame[f->head];
+    f->head = (f->head + 1) % QUEUE_FRAMES;
+    f->count--;
+    return 1;
+}
+
+/* ---- the HAL: the plant in place of the machine ---- */
+
+static void drive_read(void *ctx, struct hal_drive_in *in)
+{
+    const ks *s = ctx;
+    plant_encoders(&s->plant, in->count);
+    in->fault[0] = in->fault[1] = false;
+}
+
+static void drive_write(void *ctx, const struct hal_drive_out *out)
+{
+    ks *s = ctx;
+    for (int i = 0; i < 2; i++) {
+        s->force_N[i] = out->enable[i] ? out->force_mN[i] * 1e-3 : 0.0;
+    }
+}
+
+static bool can_send(void *ctx, const struct can_frame *frame)
+{
+    ks *s = ctx;
+    struct ks_frame f = {.id = frame->id, .len = frame->len, .rtr = frame->rtr, .tick = s->tick};
+    memcpy(f.data, frame->data, sizeof f.data);
+    if (!put(&s->to_host, &f)) {
+        s->overflows++; /* the wire does not wait for a listener */
+    }
+    return true;
+}
+
+static bool can_receive(void *ctx, struct can_frame *frame)
+{
+    ks *s = ctx;
+    struct ks_frame f;
+    if (!take(&s->to_device, &f)) {
+        return false;
+    }
+    *frame = (struct can_frame){.id = (uint16_t)f.id, .len = f.len, .rtr = f.rtr != 0};
+    memcpy(frame->data, f.data, sizeof frame->data);
+    return true;
+}
+
+/* ---- the interface ---- */
+
+const char *ks_check(const struct ks_machine *machine)
+{
+    return plant_check(machine);
+}
+
+ks *ks_new(const struct ks_machine *machine, uint64_t seed, uint8_t node_id)
+{
+    if (plant_check(machine) != NULL || node_id < 1 || node_id > 31) {
+        return NULL;
+    }
+    ks *s = calloc(1, sizeof *s);
+    if (s == NULL) {
+        return NULL;
+    }
+    s->hal = (struct hal){.ctx = s,
+                          .drive_read = drive_read,
+                          .drive_write = drive_write,
+                          .can_send = can_send,
+                          .can_receive = can_receive};
+    plant_init(&s->plant, machine, seed, 1.0 / CONTROL_HZ);
+    app_init(&s->app, &s->hal, node_id);
+    return s;
+}
+
+void ks_free(ks *s)
+{
+    if (s != NULL) {
+        free(s->truth);
+        free(s);
+    }
+}
+
+int ks_send(ks *s, uint32_t id, uint8_t rtr, uint8_t len, const uint8_t *data)
+{
+    struct ks_frame f = {.id = id, .len = len, .rtr = rtr};
+    if (id > 0x7FF || len > 8) {
+        return -1;
+    }
+    memcpy(f.data, data, len);
+    if (!put(&s->to_device, &f)) {
+        return -1;
+    }
+    app_poll(&s->app);
+    return 0;
+}
+
+int ks_recv(ks *s, struct ks_frame *out)
+{
+    return take(&s->to_host, out);
+}
+
+static void record(ks *s)
+{
+    if (s->truth_count == s->truth_room) {
+        const uint64_t room = s->truth_room == 0 ? 65536 : 2 * s->truth_room;
+        struct ks_truth *more = realloc(s->truth, room * sizeof *more);
+        if (more == NULL) {
+            s->recording = 0;
+            return;
+        }
+        s->truth = more;
+        s->truth_room = room;
+    }
+    struct ks_truth *row = &s->truth[s->truth_count++];
+    for (int i = 0; i < 2; i++) {
+        row->pos_m[i] = s->plant.pos_m[i];
+        row->vel_mps[i] = s->plant.vel_mps[i];
+    }
+}
+
+/* One control period: read, law, write; then the machine moves on. */
+static void period(ks *s)
+{
+    if (s->recording) {
+        record(s);
+    }
+    app_tick(&s->app);
+    s->tick++;
+    app_poll(&s->app);
+    plant_step(&s->plant, s->force_N);
+    if (s->recording) {
+        struct ks_truth *row = &s->truth[s->truth_count - 1];
+        memcpy(row->force_N, s->force_N, sizeof row->force_N);
+        memcpy(row->friction_N, s->plant.friction_N, sizeof row->friction_N);
+    }
+}
+
+uint32_t ks_step(ks *s, uint32_t periods)
+{
+    uint32_t n = 0;
+    while (n < periods && s->to_host.count == 0) {
+        period(s);
+        n++;
+    }
+    return n;
+}
+
+void ks_run(ks *s, uint32_t periods)
+{
+    for (uint32_t n = 0; n < periods; n++) {
+        period(s);
+    }
+}
+
+uint64_t ks_tick(const ks *s)
+{
+    return s->tick;
+}
+
+uint32_t ks_control_hz(const ks *s)
+{
+    (void)s;
+    return CONTROL_HZ;
+}
+
+uint32_t ks_overflows(const ks *s)
+{
+    return s->overflows;
+}
+
+const char *ks_build(const ks *s)
+{
+    return s->app.od.build_id;
+}
+
+const char *ks_num(const ks *s)
+{
+    return s->app.od.num_backend;
+}
+
+void ks_start_schedule(ks *s)
+{
+    s->plant.schedule_start = s->plant.period;
+}
+
+void ks_record(ks *s, int on)
+{
+    s->recording = on;
+    if (on) {
+        s->truth_count = 0;
+    }
+}
+
+uint64_t ks_record_count(const ks *s)
+{
+    return s->truth_count;
+}
+
+const struct ks_truth *ks_record_data(const ks *s)
+{
+    return s->truth;
+}
+
+uint32_t ks_push_knots(ks *s, const int32_t *xy_nm, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        const struct knot knot = {{xy_nm[2 * i], xy_nm[2 * i + 1]}};
+        if (drive_push(&s->app.drive, knot) != QUEUE_TAKEN) {
+            return i;
+        }
+    }
+    return count;
+}
