@@ -151,8 +151,7 @@ def _objects(name: str, source: dict[str, Any]) -> list[Object]:
     unknown = source.keys() - OBJECT_KEYS - ENTRY_KEYS
     if unknown:
         raise ObjectsError(f"{name}: unknown key {', '.join(sorted(unknown))}")
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
-        raise ObjectsError(f"{name}: a name is lower case letters, digits and _")
+    _check_name(name, name)
     index = source.get("index")
     if not isinstance(index, int) or not 0x1000 <= index <= 0xFFFF:
         raise ObjectsError(f"{name}: index must be 1000h..FFFFh")
@@ -161,14 +160,22 @@ def _objects(name: str, source: dict[str, Any]) -> list[Object]:
     return [_object(f"{name}_{axis}", name, index + AXIS_STEP * i, i, source) for i, axis in enumerate(AXES)]
 
 
+def _check_name(name: str, where: str) -> None:
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise ObjectsError(f"{where}: a name is lower case letters, digits and _, not '{name}'")
+
+
 def _object(name: str, c_name: str, index: int, axis: int | None, source: dict[str, Any]) -> Object:
     place = c_name if axis is None else f"axis[{axis}].{c_name}"
     description = source.get("description", "")
     counted = bool(source.get("counted", False))
     if "sub" in source:
         subs = source["sub"]
-        if len({s.get("name") for s in subs}) != len(subs):
-            raise ObjectsError(f"{name}: two subs have the same name, or one has none")
+        names = [s.get("name", "") for s in subs]
+        if len(set(names)) != len(subs):
+            raise ObjectsError(f"{name}: two subs have the same name")
+        for sub_name in names:
+            _check_name(sub_name, name)
         config = source.get("config", False)
         entries = [_number(index, 0, HIGHEST_SUB, "u8", len(subs))]
         for i, sub in enumerate(subs, 1):
@@ -214,7 +221,10 @@ def _entry(index: int, sub: int, name: str, field: str, axis: int | None, source
         if axis is None or len(default) != len(AXES):
             raise ObjectsError(f"{where}: a list of defaults needs axes = true and {len(AXES)} values")
         default = default[axis]
-    factor = Decimal(source.get("factor", 1))
+    factor = source.get("factor", 1)
+    if not isinstance(factor, (int, Decimal)) or factor <= 0:
+        raise ObjectsError(f"{where}: factor must be a positive number")
+    factor = Decimal(factor)
     node_id = isinstance(default, str) and default.startswith("$NODEID+")
     if node_id:
         default = int(default.removeprefix("$NODEID+"), 0)

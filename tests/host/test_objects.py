@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The object dictionary's one source: what is committed is what it generates, and its mistakes are caught."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from pathlib import Path
+
+import canopen
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCE = ROOT / "firmware" / "canopen"
+EDS = ROOT / "host" / "kontur" / "kontur.eds"
+sys.path.insert(0, str(SOURCE))
+import generate  # noqa: E402
+import objects  # noqa: E402
+
+HEAD = """
+[device]
+vendor = "V"
+product = "P"
+product_code = 1
+revision = 1
+[pdo]
+[object]
+"""
+
+
+@pytest.fixture(scope="module")
+def od() -> canopen.ObjectDictionary:
+    return canopen.import_od(str(EDS), node_id=5)
+
+
+def load(tmp_path: Path, text: str) -> list[objects.Object]:
+    """The objects of a source that is HEAD and `text`."""
+    path = tmp_path / "objects.toml"
+    path.write_text(HEAD + text, "utf-8")
+    return objects.load(path)[1]
+
+
+# ---- what is committed ----
+
+
+def test_committed_eds_and_page_are_what_the_source_generates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    eds, page = tmp_path / "kontur.eds", tmp_path / "objects.md"
+    monkeypatch.setattr(sys, "argv", ["generate.py", str(tmp_path), "--eds", str(eds), "--docs", str(page)])
+    assert generate.main() == 0
+    assert eds.read_bytes() == EDS.read_bytes(), "objects.toml changed: run generate.py and commit kontur.eds"
+    committed = ROOT / "docs" / "objects.md"
+    assert page.read_bytes() == committed.read_bytes(), "objects.toml changed: run generate.py and commit objects.md"
+
+
+# ---- the EDS ----
+
+
+def test_eds_loads_in_python_canopen_without_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.INFO):
+        od = canopen.import_od(str(EDS), node_id=5)
+    assert not caplog.records
+    info = od.device_information
+    assert (info.nr_of_RXPDO, info.nr_of_TXPDO, info.allowed_baudrates) == (2, 5, {1_000_000})
+
+
+def test_eds_is_ascii() -> None:
+    assert EDS.read_bytes().isascii()
+
+
+def test_eds_lists_every_object_once_in_its_section() -> None:
+    import configparser
+
+    eds = configparser.RawConfigParser(strict=True)  # strict: no section twice
+    eds.read(EDS, "ascii")
+    listed = {}
+    for section in ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects"):
+        count = eds.getint(section, "SupportedObjects")
+        listed[section] = [int(eds[section][str(i)], 16) for i in range(1, count + 1)]
+        assert len(eds[section]) == count + 1
+    assert listed["MandatoryObjects"] == [0x1000, 0x1001, 0x1018]
+    assert all(0x2000 <= index < 0x6000 for index in listed["ManufacturerObjects"])
+    assert not any(0x2000 <= index < 0x6000 for index in listed["OptionalObjects"])
+    found = [int(name, 16) for name in eds.sections() if len(name) == 4]
+    assert sorted(found) == sorted(index for indices in listed.values() for index in indices)
+
+
+def test_eds_has_factor_unit_limits_and_description_of_a_parameter(od: canopen.ObjectDictionary) -> None:
+    entry = od["asmc.lambda"]
+    assert (entry.index, entry.subindex, entry.factor, entry.unit) == (0x2110, 1, 1e-3, "1/s")
+    assert (entry.default, entry.min, entry.max) == (200_000, 1_000, 2_000_000)
+    assert "sliding surface" in entry.description
+    encoder = od["plant_y.encoder"]
+    assert (encoder.index, encoder.default, encoder.factor, encoder.unit) == (0x2900, 76_290, 1e-6, "um")
+
+
+def test_axes_differ_where_the_source_says_so(od: canopen.ObjectDictionary) -> None:
+    assert (od["plant_x.mass"].default, od["plant_y.mass"].default) == (88_080, 97_900)
+    assert (od["statusword_x"].index, od["statusword_y"].index) == (0x6041, 0x6841)
+    assert od["axis_device_type_y"].index == 0x6FFF
+
+
+def test_negative_limits_and_defaults_survive(od: canopen.ObjectDictionary) -> None:
+    low = od["position_limit_x.min"]
+    assert (low.default, low.min, low.max) == (-150_000_000, -2_000_000_000, 2_000_000_000)
+
+
+def test_cob_ids_depend_on_the_node_id(od: canopen.ObjectDictionary) -> None:
+    assert od["emcy_cob_id"].default == 0x85
+    assert od["tpdo5.cob_id"].default == 0x400001C5
+    assert od["rpdo2.cob_id"].default == 0x305
+
+
+@pytest.mark.parametrize(
+    ("index", "bits"),
+    [(0x1600, 32), (0x1601, 64), (0x1A00, 64), (0x1A01, 64), (0x1A02, 64), (0x1A03, 64), (0x1A04, 64)],
+)
+def test_every_mapping_names_mappable_objects_of_the_right_length(
+    od: canopen.ObjectDictionary, index: int, bits: int
+) -> None:
+    total = 0
+    for sub in range(1, od[index][0].default + 1):
+        value = od[index][sub].default
+        entry = od.get_variable(value >> 16, value >> 8 & 0xFF)
+        assert entry.pdo_mappable
+        assert len(entry) == value & 0xFF
+        total += value & 0xFF
+    assert total == bits
+
+
+def test_parameters_are_marked_and_complete(od: canopen.ObjectDictionary) -> None:
+    entries = [v for o in od.values() for v in (o.values() if hasattr(o, "values") else [o])]
+    marked = [v for v in entries if v.storage_location == "PARAMETER"]
+    named = {v.qualname for v in marked}
+    assert {"plant_x.mass", "motor_y.back_emf", "asmc.xi", "limits.velocity", "following_window_y"} <= named
+    for v in marked:
+        assert v.access_type == "rw", v.qualname
+        assert v.min <= v.default <= v.max, v.qualname
+    assert od["controller.select"].storage_location is None
+
+
+# ---- mistakes in the source ----
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[object.a]\nindex = 0x2000\ntype = 'u8'\n[object.b]\nindex = 0x2000\ntype = 'u8'", "b: index 2000h is .* a"),
+        (
+            "[object.a]\nindex = 0x2000\ntype = 'u8'\naxes = true\n[object.b]\nindex = 0x2800\ntype = 'u8'",
+            "taken by a_y",
+        ),
+        ("[object.a]\nindex = 0x20000\ntype = 'u8'", "a: index must be"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u7'", "a: type must be one of"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u8'\ncolour = 1", "a: unknown key colour"),
+        ("[object.a]\nindex = 0x2000\nsub = [{name = 'b', type = 'u8', colour = 1}]", "a.b: unknown key colour"),
+        ("[object.a]\nindex = 0x2000\nsub = [{name = 'b', type = 'u8'}, {name = 'b', type = 'u8'}]", "a: two subs"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u8'\naccess = 'rx'", "a: access must be"),
+        (
+            "[object.a]\nindex = 0x2000\ntype = 'u8'\naccess = 'rw'\ndefault = 4\nmax = 3",
+            "a: default 4 is outside 0..3",
+        ),
+        ("[object.a]\nindex = 0x2000\ntype = 'u8'\naccess = 'rw'\nmin = 1", "a: default 0 is outside 1..255"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u8'\nmax = 256", "a: min..max .* does not fit into u8"),
+        ("[object.a]\nindex = 0x2000\ntype = 'i24'\nmin = -8388609", "a: min..max .* does not fit into i24"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u8'\nmin = 3\nmax = 2", "a: min..max is empty"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u16'\nfactor = 1e-2\ndefault = 0.123", "a: default 0.123 is no whole"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u16'\ndefault = 'x'", "a: default must be a number"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u16'\ndefault = [1, 2]", "a: a list of defaults needs axes"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u16'\nconfig = true", "a: a parameter is rw and has a default"),
+        ("[object.a]\nindex = 0x2000\ntype = 'string'\naccess = 'rw'", "a: a string"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u16'\nfactor = 0", "a: factor must be a positive"),
+        ("[object.a]\nindex = 0x2000\nsub = [{type = 'u8'}]", "a: a name is lower case"),
+        ("[object.A]\nindex = 0x2000\ntype = 'u8'", "A: a name is lower case"),
+        ("[object.a]\nindex = 0x2000\ntype = 'u8'\nunit = 'µm'", "ascii"),
+        (
+            "[object.a]\nindex = 0x2000\ntype = 'u8'\n[pdo.tpdo1]\ncob_id = 0x180\nevent_ms = 1\nmap = ['a']",
+            "tpdo1: a .*lacks pdo",
+        ),
+        (
+            "[object.a]\nindex = 0x2000\ntype = 'u8'\npdo = true\n[pdo.rpdo1]\ncob_id = 0x200\nmap = ['a']",
+            "rpdo1: a is ro",
+        ),
+        (
+            "[object.a]\nindex = 0x2000\ntype = 'u32'\npdo = true\n"
+            "[pdo.tpdo1]\ncob_id = 0x180\nevent_ms = 1\nmap = ['a', 'a', 'a']",
+            "tpdo1: 96 bits",
+        ),
+        ("[pdo.spdo1]\ncob_id = 0x180\nmap = ['a']", "spdo1: the name is"),
+        ("[object.a\n", "objects.toml"),
+    ],
+)
+def test_mistake_in_the_source_is_named(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(objects.ObjectsError, match=message):
+        load(tmp_path, text)
+
+
+def test_generator_ends_with_a_message_and_status_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "objects.toml").write_text(HEAD + "[object.a]\nindex = 0x2000\ntype = 'u7'")
+    monkeypatch.setattr(generate, "HERE", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["generate.py", str(tmp_path / "out")])
+    assert generate.main() == 1
+    assert "a: type must be one of" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
