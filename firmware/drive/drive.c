@@ -60,13 +60,23 @@ void drive_fault(struct drive *d, enum fault f)
     }
 }
 
+/* Where the path stands. */
+static struct knot reference(const struct drive *d)
+{
+    const struct loop_snapshot *s = loop_snapshot(&d->loop);
+    const struct knot at = {{s->reference_nm[0], s->reference_nm[1]}};
+    return d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at;
+}
+
 /* Stand where the powered axes are held, and where the others are. */
 static void hold(struct drive *d)
 {
     const struct loop_snapshot *s = loop_snapshot(&d->loop);
-    struct knot start;
+    struct knot start = reference(d);
     for (int i = 0; i < 2; i++) {
-        start.nm[i] = d->powered[i] ? s->reference_nm[i] : s->position_nm[i];
+        if (!d->powered[i]) {
+            start.nm[i] = s->position_nm[i];
+        }
     }
     queue_hold(&d->queue, start);
     atomic_store(&d->loop.command.complete, false);
@@ -188,7 +198,7 @@ uint32_t drive_poll(struct drive *d)
 uint32_t drive_stream_command(struct drive *d, uint8_t command)
 {
     const struct od_stream *s = d->queue.stream;
-    const struct loop_snapshot *now = loop_snapshot(&d->loop);
+    const struct knot now = reference(d);
     const struct knot start = {{s->start_x, s->start_y}};
     if (!standing(d) || atomic_load(&d->loop.command.run)) {
         return SDO_ABORT_STATE;
@@ -201,7 +211,7 @@ uint32_t drive_stream_command(struct drive *d, uint8_t command)
         return SDO_ABORT_STATE;
     }
     for (int i = 0; i < 2; i++) {
-        const int64_t distance = (int64_t)start.nm[i] - now->reference_nm[i];
+        const int64_t distance = (int64_t)start.nm[i] - now.nm[i];
         if (distance > d->od->limits.start_window || -distance > d->od->limits.start_window) {
             return SDO_ABORT_STATE;
         }
