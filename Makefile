@@ -92,11 +92,11 @@ $(GENERATED): firmware/canopen/objects.toml firmware/canopen/generate.py firmwar
 
 build/f32/%.o: %.c | build/debian.stamp $(GENERATED)
 	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) -fPIC -fvisibility=hidden $(INCLUDE) -MMD -MP -c $< -o $@
+	$(CC) $(CFLAGS) -fPIC $(INCLUDE) -MMD -MP -c $< -o $@
 
 $(LIB)/libkontur_f32.so: $(call objects,f32)
 	@mkdir -p $(@D)
-	$(CC) -shared -o $@ $^ -lm
+	$(CC) -shared -Wl,-Bsymbolic -o $@ $^ -lm
 
 $(LIB)/kontur_sim.h: sim/kontur_sim.h
 	@mkdir -p $(@D)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
@@ -18,7 +18,7 @@ from canopen.objectdictionary import ODVariable, datatypes
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from kontur import wire
-from kontur.errors import BusError, DeviceError, EmcyError, NoAnswerError, ParameterError
+from kontur.errors import BusError, DeviceError, EmcyError, KonturError, NoAnswerError, ParameterError
 from kontur.link import Link
 
 CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
@@ -26,6 +26,8 @@ CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 _SDO_ATTEMPTS = 3
 _HOST_TIMEOUT_MS = 500
 _STATE_TIMEOUT_S = 2.0
+_SETTLE_S = 0.01  # after which what the drive reports of itself is of the enabled state
+_STOP_TIMEOUT_S = 15.0  # limits.path_stop_time is at most 10 s
 _MODE_INTERPOLATED = 7
 
 # Controlwords of CiA 402, and its states by (mask, value) of the statusword.
@@ -178,13 +180,29 @@ class Device:
                 raise DeviceError(self._stuck("enabled", states))
             self.controlwords(*(_TOWARDS_ENABLED.get(state, DISABLE_VOLTAGE) for state in states))
             self.link.wait(self._fresh_status(), 0.05)
+        self.link.wait(lambda: False, _SETTLE_S)
+
+    @contextmanager
+    def enabled(self) -> Iterator[None]:
+        """Both axes enabled inside, switched off afterwards, whatever happened."""
+        self.enable()
+        try:
+            yield
+        except BaseException:
+            with suppress(KonturError):  # what happened first is what is told
+                self.disable()
+            raise
+        self.disable()
 
     def disable(self) -> None:
-        """Switch both axes off and stop watching the host. Raises DeviceError when they stay enabled."""
-        self.controlwords(DISABLE_VOLTAGE, DISABLE_VOLTAGE)
-        off = ("switch on disabled", "fault", "fault reaction active")
-        if not self.link.wait(lambda: all(state in off for state in self.states()), _STATE_TIMEOUT_S):
-            raise DeviceError(self._stuck("disabled", self.states()))
+        """Stop on the path if it runs, switch both axes off, stop watching the host.
+
+        Raises DeviceError when they stay enabled.
+        """
+        for controlword, left in ((SWITCH_ON, "operation enabled"), (DISABLE_VOLTAGE, "switched on")):
+            self.controlwords(controlword, controlword)
+            if not self.link.wait(lambda left=left: left not in self.states(), _STOP_TIMEOUT_S):  # type: ignore[misc]
+                raise DeviceError(self._stuck("disabled", self.states()))
         self._write_entry("heartbeat_consumer", 1, 0)
 
     def controlwords(self, x: int, y: int) -> None:
@@ -281,7 +299,13 @@ def describe_emcy(code: int) -> str:
 
 
 EMCY_TEXT = {
-    0x8130: "the host's heartbeat ceased: the drive stopped on the path and switched off",
+    0x5400: "the amplifier or an encoder reports a fault; see its display",
+    0x8130: "the host's heartbeat ceased; the drive stopped on the path and switched off",
+    0x8400: "an axis was faster than limits.velocity",
+    0x8611: "an axis was further from its reference than following_window",
+    0x8612: "an axis left position_limit",
+    0xFF10: "it ran out of knots and stopped on the path; the host or the bus was too slow",
+    0xFF11: "a knot lies outside position_limit",
 }
 
 

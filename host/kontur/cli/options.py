@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options that several verbs share: which drive, which machine; progress; Ctrl-C."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any, TypeVar
+
+import can.util
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from kontur import machine as machines
+from kontur.errors import ParameterError
+from kontur.run import Target
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+console = Console(stderr=True)
+
+
+class _KeyValue(click.ParamType[tuple[str, str]]):
+    name = "name=value"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, str]:
+        if isinstance(value, tuple):
+            return value
+        key, separator, text = str(value).partition("=")
+        if not separator or not key or not text:
+            self.fail(f"{value!r} is not NAME=VALUE", param, ctx)
+        return key, text
+
+
+KEY_VALUE = _KeyValue()
+
+
+def simulation_options(function: F) -> F:
+    """--machine, --seed, --num."""
+    for option in (
+        click.option("--num", default="f32", show_default=True, help="Numeric back end of the simulated firmware."),
+        click.option(
+            "--seed",
+            type=click.IntRange(0, 2**63 - 1),
+            default=1,
+            show_default=True,
+            help="Seed of the simulated noise.",
+        ),
+        click.option(
+            "--machine",
+            type=click.Path(dir_okay=False),
+            default=str(machines.DEFAULT),
+            show_default="Table 1 of the paper",
+            help="Machine file (TOML): what is simulated, and the limits that motion is planned for.",
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+def target_options(function: F) -> F:
+    """Bus and simulation options, given to the verb together as `target`, a run.Target."""
+
+    def with_target(
+        *args: Any,
+        interface: str | None,
+        channel: str | None,
+        bitrate: int | None,
+        bus: tuple[tuple[str, str], ...],
+        node: int,
+        machine: str,
+        seed: int,
+        num: str,
+        **kwargs: Any,
+    ) -> Any:
+        target = Target(
+            bus=_bus_config(interface, channel, bitrate, bus),
+            node_id=node,
+            machine=machines.load(machine),
+            seed=seed,
+            num=num,
+        )
+        return function(*args, target=target, **kwargs)
+
+    with_target.__name__ = function.__name__
+    with_target.__doc__ = function.__doc__
+    with_target.__click_params__ = getattr(function, "__click_params__", [])  # type: ignore[attr-defined]
+    decorated: Any = simulation_options(with_target)
+    for option in (
+        click.option("--node", type=click.IntRange(1, 31), default=1, show_default=True, help="CANopen node id."),
+        click.option(
+            "--bus", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Any other option of python-can's bus."
+        ),
+        click.option("-b", "--bitrate", type=click.IntRange(min=1), help="Bit rate of the bus, bit/s."),
+        click.option("-c", "--channel", help="python-can's channel, e.g. can0."),
+        click.option(
+            "-i", "--interface", help="python-can's interface, e.g. socketcan, slcan; none: simulate the drive."
+        ),
+    ):
+        decorated = option(decorated)
+    result: F = decorated
+    return result
+
+
+def _bus_config(
+    interface: str | None, channel: str | None, bitrate: int | None, more: tuple[tuple[str, str], ...]
+) -> dict[str, Any] | None:
+    given: dict[str, Any] = {
+        key: value
+        for key, value in {"interface": interface, "channel": channel, "bitrate": bitrate}.items()
+        if value is not None
+    }
+    given |= {key: can.util.cast_from_string(value) for key, value in more}
+    elsewhere = {**can.rc, **can.util.load_file_config(), **can.util.load_environment_config()}
+    if given.get("interface") or elsewhere.get("interface"):
+        return given
+    if given:
+        raise click.UsageError(
+            f"{', '.join(given)}: which interface? Name it with -i, or give none to simulate the drive"
+        )
+    return None
+
+
+def parameter_values(pairs: tuple[tuple[str, str], ...]) -> dict[str, float]:
+    """NAME=VALUE pairs as numbers. Raises ParameterError."""
+    values: dict[str, float] = {}
+    for name, text in pairs:
+        try:
+            values[name] = float(text)
+        except ValueError as error:
+            raise ParameterError(f"{name}: {text!r} is not a number") from error
+    return values
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
+    """A bar on a terminal, nothing when piped; yields a function that takes the share done, 0 to 1."""
+    if not sys.stderr.isatty():
+        yield lambda share: None
+        return
+    columns = (
+        TextColumn("{task.description:<22}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(what, total=1.0)
+        yield lambda share: progress.update(task, completed=share)
+
+
+@contextmanager
+def interruptible() -> Iterator[Callable[[], bool]]:
+    """The first Ctrl-C only asks to stop (the function yielded says so), a second one interrupts at once."""
+    asked = False
+
+    def ask(_signal: int, _frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    before = signal.signal(signal.SIGINT, ask)
+    try:
+        yield lambda: asked
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One run: a planned trajectory, streamed to a drive under one controller, logged, and scored where the truth is known.
+
+A simulated drive goes the same way as a real one, over CAN frames; what differs is that it starts where the program
+starts, is told of the machine it moves, and that its true position is known.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kontur import scoring, wire
+from kontur.device import Device, connected, open_bus
+from kontur.errors import DeviceError
+from kontur.log import RunLog
+from kontur.machine import Machine
+from kontur.path import Line, Move, Program
+from kontur.planner import Limits, Trajectory, plan
+from kontur.simbus import KonturBus
+from kontur.simlib import Truth
+from kontur.stream import StreamResult, stream
+
+SIMULATED = "kontur"
+APPROACH_FEED_MPS = 0.02
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Target:
+    """Which drive: `bus` are python-can's options, None for a simulated one, which takes machine, seed and num."""
+
+    machine: Machine
+    bus: Mapping[str, Any] | None = None
+    node_id: int = 1
+    seed: int = 1
+    num: str = "f32"
+
+    def options(self, machine: Machine) -> dict[str, Any]:
+        """python-can's options to open the bus with; a simulated drive gets `machine`."""
+        options = dict(self.bus) if self.bus is not None else {"interface": SIMULATED, "channel": "sim"}
+        if options.get("interface") == SIMULATED:
+            options |= {"machine": machine, "seed": self.seed, "node_id": self.node_id, "num": self.num}
+        return options
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """`log` of the run; `truth` at the control rate from the start of the path to its end, None on a real drive."""
+
+    log: RunLog
+    truth: Truth | None
+    completed: bool
+
+
+def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: float | None = None) -> Limits:
+    """The planner's limits for `machine`, with another acceleration or jerk for both axes where given."""
+    x, y = machine.axes
+    return Limits(
+        velocity_mps=(x.velocity_mps, y.velocity_mps),
+        acceleration_mps2=(x.acceleration_mps2, y.acceleration_mps2)
+        if acceleration_mps2 is None
+        else (acceleration_mps2,) * 2,
+        jerk_mps3=(x.jerk_mps3, y.jerk_mps3) if jerk_mps3 is None else (jerk_mps3,) * 2,
+        centripetal_step_mps2=machine.centripetal_step_mps2,
+    )
+
+
+def run(
+    trajectory: Trajectory,
+    controller: str,
+    target: Target,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    score_from_s: float = 0.0,
+    command: str = "",
+    approach: Limits | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+    stop_requested: Callable[[], bool] = lambda: False,
+) -> RunResult:
+    """Run `trajectory`; `parameters` are set before, by name, in their units.
+
+    A real drive that does not stand at the start goes there first if `approach` gives the limits for that, else this
+    is refused. `command` is kept in the log. When `stop_requested` returns True the drive stops on the path, and the
+    log ends there. Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError.
+    """
+    start_m = trajectory.program.start_m
+    machine = target.machine.starting_at(start_m)
+    bus = open_bus(target.options(machine))
+    sim = bus.sim if isinstance(bus, KonturBus) else None
+    with connected(bus, target.node_id) as device:
+        device.set_parameters((machine.parameters() if sim is not None else {}) | dict(parameters or {}))
+        device.select_controller(controller)
+        with device.enabled():
+            _go_to_start(device, start_m, approach)
+            device.write("energy.reset", 1)
+            start_nm = device.position_nm()
+
+            def before_start() -> None:
+                device.link.record()
+                if sim is not None:
+                    sim.start_schedule()
+                    sim.record(True)
+
+            streamed = stream(
+                device, trajectory.knots_nm, before_start=before_start, progress=progress, stop_requested=stop_requested
+            )
+            truth = sim.truth() if sim is not None else None
+            telemetry = device.link.recorded(start_nm)
+        meta: dict[str, Any] = {
+            "program": trajectory.program.name,
+            "controller": controller,
+            "status": "complete" if streamed.completed else "interrupted",
+            "trajectory": trajectory.digest,
+            "machine": machine.name if sim is not None else str(bus.channel_info),
+        }
+        if sim is not None:
+            meta |= {"plant": dataclasses.asdict(machine), "seed": target.seed}
+        meta |= {
+            "firmware": device.read("build_id"),
+            "num": device.read("num_backend"),
+            "control_hz": device.read("clock.control_hz"),
+            "parameters": device.dump(),
+            "frames_lost": telemetry.frames_lost,
+            "accepted": streamed.executed,
+            "rejected": streamed.rejected,
+            "command": command,
+        }
+        clock = _PathClock(trajectory, streamed, meta["control_hz"], device.read("limits.path_stop_time") * 1e-3)
+    time_s = clock.of_ticks(telemetry.tick, simulated=sim is not None)
+    columns = _columns(telemetry, time_s, trajectory, clock)
+    if truth is not None:
+        truth = _cut(truth, clock.periods)
+        meta |= _score(columns, truth, trajectory, clock, score_from_s)
+    return RunResult(RunLog(meta, columns), truth, streamed.completed)
+
+
+def _go_to_start(device: Device, start_m: tuple[float, float], approach: Limits | None) -> None:
+    here_m = device.position_m()
+    window_m = device.read("limits.start_window") * 1e-6
+    if max(abs(a - b) for a, b in zip(here_m, start_m, strict=True)) <= window_m:
+        return
+    if approach is None:
+        raise DeviceError(
+            f"the axes stand at {_mm(here_m)} mm, the program starts at {_mm(start_m)} mm; "
+            f"jog there, or let --approach go there in a straight line at {APPROACH_FEED_MPS * 1e3:g} mm/s"
+        )
+    line = Program("approach", (Move(Line(here_m, start_m), APPROACH_FEED_MPS),), here_m)
+    stream(device, plan(line, approach).knots_nm)
+
+
+class _PathClock:
+    """Time since the path was started, and how far path time came by then: the same, but for a stop on the path."""
+
+    def __init__(self, trajectory: Trajectory, streamed: StreamResult, control_hz: int, stop_time_s: float) -> None:
+        self.control_hz = control_hz
+        self._start_period = round(streamed.start_s * control_hz)
+        self._duration_s = trajectory.duration_s
+        self._stop_s = math.inf if streamed.stop_s is None else streamed.stop_s - streamed.start_s
+        self._stop_time_s = stop_time_s
+        self.end_s = min(self._duration_s, self._stop_s + stop_time_s)
+        self.periods = round(self.end_s * control_hz)
+
+    def path_time(self, time_s: Floats) -> Floats:
+        """Path time (n,) in s: at rate 1, and at a rate that falls evenly to 0 during a stop on the path."""
+        late_s: Floats = np.clip(time_s - self._stop_s, 0.0, self._stop_time_s)
+        slowing_s = late_s - late_s**2 / (2.0 * self._stop_time_s)
+        return np.asarray(np.clip(np.minimum(time_s, self._stop_s) + slowing_s, 0.0, self._duration_s))
+
+    def of_ticks(self, tick: NDArray[np.int64], simulated: bool) -> Floats:
+        """Time (n,) in s of telemetry rows. The row of tick i was taken in control period `i ms - 1`, counted from 0.
+
+        The control period in which the path started is known of a simulated drive; of a real one, the first row that
+        came after the command to start is taken for the start, which is right to 1 ms and the time on the bus.
+        """
+        if not simulated or not len(tick):
+            return np.asarray((tick - tick[:1]) * wire.TICK_PERIOD_S)
+        periods = round(wire.TICK_PERIOD_S * self.control_hz)
+        first = self._start_period // periods + 1
+        since = (tick[0] - first + 0x8000) % 0x10000 - 0x8000 + (tick - tick[0])
+        return np.asarray(((first + since) * periods - 1 - self._start_period) / self.control_hz)
+
+
+def _columns(telemetry: wire.Telemetry, time_s: Floats, trajectory: Trajectory, clock: _PathClock) -> dict[str, Floats]:
+    rows = (time_s >= 0.0) & (time_s <= clock.end_s)
+    time_s = time_s[rows]
+    knot = clock.path_time(time_s) / wire.KNOT_PERIOD_S
+    number = np.arange(len(trajectory.position_m))
+    columns: dict[str, Floats] = {
+        "tick": telemetry.tick[rows].astype(np.float64),
+        "time_s": time_s,
+        "energy_J": telemetry.energy_J[rows],
+    }
+    for i, axis in enumerate("xy"):
+        columns |= {
+            f"e_n{i + 1}_um": telemetry.contour_m[rows, i] * 1e6,
+            f"{axis}_mm": telemetry.position_m[rows, i] * 1e3,
+            f"reference_{axis}_mm": np.interp(knot, number, trajectory.position_m[:, i]) * 1e3,
+            f"force_{axis}_N": telemetry.force_N[rows, i],
+            f"k_{i + 1}_per_s": telemetry.gain_per_s[rows, i],
+            f"mu_{i + 1}_mps2": telemetry.uncertainty_gain_mps2[rows, i],
+        }
+    return columns
+
+
+def _cut(truth: Truth, periods: int) -> Truth:
+    """The rows of the path alone, both ends included."""
+    return Truth(*(getattr(truth, field.name)[: periods + 1] for field in dataclasses.fields(truth)))
+
+
+def _score(
+    columns: dict[str, Floats], truth: Truth, trajectory: Trajectory, clock: _PathClock, from_s: float
+) -> dict[str, Any]:
+    """Score the truth at the control rate; adds its columns and returns what the log's head says of it."""
+    time_s = np.arange(len(truth.pos_m)) / clock.control_hz
+    knot = clock.path_time(time_s) / wire.KNOT_PERIOD_S
+    path_s_m = np.interp(knot, np.arange(len(trajectory.path_s_m)), trajectory.path_s_m)
+    error = scoring.contour_error(trajectory.program, truth.pos_m, path_s_m)
+    if from_s > time_s[-1]:
+        from_s = 0.0  # stopped before: better the whole than nothing
+    force_max_N, force_step_N = scoring.force_effort(truth.force_N[time_s >= from_s])
+    at = np.rint(columns["time_s"] * clock.control_hz).astype(np.int64)
+    columns |= {
+        "true_x_mm": truth.pos_m[at, 0] * 1e3,
+        "true_y_mm": truth.pos_m[at, 1] * 1e3,
+        "contour_um": error.normal_m[at] * 1e6,
+        "tangential_um": error.tangential_m[at] * 1e6,
+    }
+    return {
+        "score": dataclasses.asdict(scoring.score(error, time_s, truth.pos_m, from_s)),
+        "force_max_N": force_max_N,
+        "force_step_N": force_step_N,
+    }
+
+
+def _mm(position_m: tuple[float, float]) -> str:
+    return f"({position_m[0] * 1e3:.3f}, {position_m[1] * 1e3:.3f})"
