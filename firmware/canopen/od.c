@@ -44,7 +44,6 @@ const struct od_entry *od_find(uint16_t index, uint8_t sub, uint32_t *abort)
 {
     const uint32_t key = (uint32_t)index << 8 | sub;
     uint16_t low = 0, high = od_table_len;
-    bool object_exists = false;
     while (low < high) {
         const uint16_t middle = (uint16_t)((low + high) / 2);
         const struct od_entry *e = &od_table[middle];
@@ -58,9 +57,8 @@ const struct od_entry *od_find(uint16_t index, uint8_t sub, uint32_t *abort)
             high = middle;
         }
     }
-    /* An object's entries are neighbours of the place where the missing one would stand. */
-    object_exists = (low < od_table_len && od_table[low].index == index) || (low > 0 && od_table[low - 1].index == index);
-    *abort = object_exists ? SDO_ABORT_NO_SUB : SDO_ABORT_NO_OBJECT;
+    /* Every object has a sub 0, so an entry of the same object would be just before the gap. */
+    *abort = low > 0 && od_table[low - 1].index == index ? SDO_ABORT_NO_SUB : SDO_ABORT_NO_OBJECT;
     return NULL;
 }
 

@@ -9,7 +9,6 @@
  */
 #ifndef OD_H
 #define OD_H
-#include <stdbool.h>
 #include <stdint.h>
 
 #include "od_gen.h"

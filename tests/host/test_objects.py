@@ -85,10 +85,10 @@ def test_eds_lists_every_object_once_in_its_section() -> None:
 
 
 def test_eds_has_factor_unit_limits_and_description_of_a_parameter(od: canopen.ObjectDictionary) -> None:
-    entry = od["asmc.lambda"]
-    assert (entry.index, entry.subindex, entry.factor, entry.unit) == (0x2110, 1, 1e-3, "1/s")
-    assert (entry.default, entry.min, entry.max) == (200_000, 1_000, 2_000_000)
-    assert "sliding surface" in entry.description
+    entry = od["motor_x.power_factor"]
+    assert (entry.index, entry.subindex, entry.factor, entry.unit) == (0x2101, 4, 1e-3, "")
+    assert (entry.default, entry.min, entry.max) == (900, 1, 1000)
+    assert entry.description == "cos phi"
     encoder = od["plant_y.encoder"]
     assert (encoder.index, encoder.default, encoder.factor, encoder.unit) == (0x2900, 76_290, 1e-6, "um")
 

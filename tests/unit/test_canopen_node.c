@@ -89,10 +89,17 @@ static void test_reset_node_restores_all_that_can_be_written(void)
     TEST_ASSERT_EQUAL_UINT(1, bus.resets);
     TEST_ASSERT_FALSE(bus.reset_communication_only);
     TEST_ASSERT_EQUAL_UINT(100, bus.od.heartbeat_producer);
-    TEST_ASSERT_EQUAL_UINT(200000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
     TEST_ASSERT_EQUAL_UINT(97900, bus.od.axis[AXIS_Y].plant.mass);
     TEST_ASSERT_EQUAL_UINT(99, bus.od.clock.tick);
     TEST_ASSERT_EQUAL_HEX8(0, bus.od.error_register);
+}
+
+static void test_reset_ends_an_sdo_transfer(void)
+{
+    bus_sdo(&bus, "40 08 10 00 00 00 00 00", "41 08 10 00 06 00 00 00");
+    bus_give(&bus, 0, "82 05");
+    bus_sdo(&bus, "60 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05");
 }
 
 static void test_stopped_node_answers_no_sdo(void)
@@ -106,8 +113,10 @@ static void test_stopped_node_answers_no_sdo(void)
 static void test_remote_frames_are_ignored(void)
 {
     const struct can_frame guard = {.id = 0x705, .len = 1, .rtr = true};
+    const struct can_frame upload = {.id = 0x605, .len = 8, .rtr = true, .data = {0x40, 0x00, 0x10}};
     bus_clear(&bus);
     co_receive(&bus.node, &guard);
+    co_receive(&bus.node, &upload);
     TEST_ASSERT_EQUAL_UINT(0, bus.count);
 }
 
@@ -160,6 +169,17 @@ static void test_heartbeat_period_can_be_changed_and_switched_off(void)
     bus_clear(&bus);
     bus_run_ms(&bus, 1000);
     TEST_ASSERT_EQUAL_UINT(0, bus.count);
+}
+
+static void test_new_heartbeat_period_begins_when_it_is_written(void)
+{
+    bus_run_ms(&bus, 60);
+    bus_sdo(&bus, "2B 17 10 00 32 00 00 00", "60 17 10 00 00 00 00 00"); /* 50 ms */
+    bus_clear(&bus);
+    bus_run_ms(&bus, 49);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
 }
 
 static void watch_node_127_for_50_ms(void)
@@ -216,6 +236,23 @@ static void test_consumer_switched_off_forgets_the_heartbeat(void)
     watch_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "05");
     bus_sdo(&bus, "23 16 10 01 00 00 00 00", "60 16 10 01 00 00 00 00");
+    bus_run_ms(&bus, 1000);
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+}
+
+static void test_consumer_with_time_0_watches_nothing(void)
+{
+    bus_sdo(&bus, "23 16 10 01 00 00 7F 00", "60 16 10 01 00 00 00 00");
+    bus_give(&bus, 0x77F, "05");
+    bus_run_ms(&bus, 1000);
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+}
+
+static void test_reset_communication_ends_the_watch(void)
+{
+    watch_node_127_for_50_ms();
+    bus_give(&bus, 0x77F, "05");
+    bus_give(&bus, 0, "82 05");
     bus_run_ms(&bus, 1000);
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
 }
@@ -345,16 +382,20 @@ int main(void)
     RUN_TEST(test_repeated_start_changes_nothing);
     RUN_TEST(test_reset_communication_restores_communication_objects_alone);
     RUN_TEST(test_reset_node_restores_all_that_can_be_written);
+    RUN_TEST(test_reset_ends_an_sdo_transfer);
     RUN_TEST(test_stopped_node_answers_no_sdo);
     RUN_TEST(test_remote_frames_are_ignored);
     RUN_TEST(test_node_works_without_any_hook);
     RUN_TEST(test_heartbeat_comes_every_100_ms_with_the_state);
     RUN_TEST(test_heartbeat_period_can_be_changed_and_switched_off);
+    RUN_TEST(test_new_heartbeat_period_begins_when_it_is_written);
     RUN_TEST(test_heartbeat_is_not_missed_before_the_first_one);
     RUN_TEST(test_lost_heartbeat_is_told_once_and_never_early);
     RUN_TEST(test_regular_heartbeats_are_not_lost_and_the_watch_starts_anew_after_a_loss);
     RUN_TEST(test_heartbeat_of_another_node_does_not_count);
     RUN_TEST(test_consumer_switched_off_forgets_the_heartbeat);
+    RUN_TEST(test_consumer_with_time_0_watches_nothing);
+    RUN_TEST(test_reset_communication_ends_the_watch);
     RUN_TEST(test_error_sends_one_message_with_register_and_details);
     RUN_TEST(test_register_falls_to_what_is_left_as_errors_end);
     RUN_TEST(test_error_that_is_not_in_effect_cannot_end);

@@ -132,7 +132,7 @@ static void test_application_may_refuse_with_its_own_abort_code(void)
 {
     bus.refuse = SDO_ABORT_STATE;
     bus_sdo(&bus, "23 10 21 01 A0 86 01 00", "80 10 21 01 22 00 00 08");
-    TEST_ASSERT_EQUAL_UINT(200000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
     TEST_ASSERT_EQUAL_UINT(0, bus.writes);
 }
 
@@ -149,7 +149,7 @@ static void test_segmented_download_in_two_segments_without_announced_size(void)
 {
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "0A A0 86 00 00 00 00 00", "20 00 00 00 00 00 00 00"); /* 2 bytes, more follow */
-    TEST_ASSERT_EQUAL_UINT(200000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
     bus_sdo(&bus, "1B 01 00 00 00 00 00 00", "30 00 00 00 00 00 00 00"); /* 2 bytes, last, toggle 1 */
     TEST_ASSERT_EQUAL_UINT(100000, bus.od.asmc.lambda);
 }
@@ -159,7 +159,7 @@ static void test_wrong_toggle_ends_a_download(void)
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "17 A0 86 01 00 00 00 00", "80 10 21 01 00 00 03 05");
     bus_sdo(&bus, "07 A0 86 01 00 00 00 00", "80 00 00 00 01 00 04 05");
-    TEST_ASSERT_EQUAL_UINT(200000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
 }
 
 static void test_segmented_download_that_is_too_long_or_too_short_is_refused(void)
@@ -169,15 +169,17 @@ static void test_segmented_download_that_is_too_long_or_too_short_is_refused(voi
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "01 A0 86 01 00 00 00 00", "80 10 21 01 12 00 07 06"); /* 7 bytes */
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
+    bus_sdo(&bus, "00 A0 86 01 00 00 00 00", "80 10 21 01 12 00 07 06"); /* 7 bytes, more follow */
+    bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "09 A0 86 01 00 00 00 00", "80 10 21 01 13 00 07 06"); /* 3 bytes, last */
-    TEST_ASSERT_EQUAL_UINT(200000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
 }
 
 static void test_segmented_download_is_range_checked_at_its_end(void)
 {
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "07 00 00 00 00 00 00 00", "80 10 21 01 32 00 09 06");
-    TEST_ASSERT_EQUAL_UINT(200000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
 }
 
 /* ---- what is refused ---- */
@@ -261,7 +263,7 @@ static void test_new_request_takes_the_place_of_a_transfer(void)
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "40 17 10 00 00 00 00 00", "4B 17 10 00 64 00 00 00");
     bus_sdo(&bus, "07 A0 86 01 00 00 00 00", "80 00 00 00 01 00 04 05");
-    TEST_ASSERT_EQUAL_UINT(200000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
 }
 
 static void test_abort_of_the_client_ends_a_transfer_without_an_answer(void)
@@ -322,6 +324,19 @@ static void test_every_default_is_in_range_and_every_number_keeps_what_is_writte
     }
 }
 
+static void test_signed_types_are_sign_extended(void)
+{
+    const uint8_t minus_two[] = {0xFE, 0xFF, 0xFF, 0xFF};
+    for (uint8_t type = OD_U8; type <= OD_I32; type++) {
+        const struct od_entry e = {.type = type, .flags = OD_WRITE};
+        const bool is_signed = type == OD_I8 || type == OD_I16 || type == OD_I24 || type == OD_I32;
+        const int64_t expected = is_signed ? -2 : (INT64_C(1) << 8 * od_size(&e)) - 2;
+        TEST_ASSERT_EQUAL_INT64(expected, od_decode(&e, minus_two));
+        od_write(&bus.od, &e, expected);
+        TEST_ASSERT_EQUAL_INT64(expected, od_read(&bus.od, &e));
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -359,5 +374,6 @@ int main(void)
     RUN_TEST(test_pdo_identifier_must_be_free_and_of_11_bits);
     RUN_TEST(test_every_entry_is_found_and_the_table_is_sorted);
     RUN_TEST(test_every_default_is_in_range_and_every_number_keeps_what_is_written);
+    RUN_TEST(test_signed_types_are_sign_extended);
     return UNITY_END();
 }
