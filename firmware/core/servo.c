@@ -8,8 +8,9 @@ static void observe(const struct servo_cfg *cfg, struct servo_state *state, cons
 {
     const struct plant_cfg *p = &cfg->plant;
     struct observer_state *ob = state->observer;
-    observer_step(&cfg->observer, &ob[0], in->measured[0], state->force[1].x, p->mass.x, p->viscous.x);
-    observer_step(&cfg->observer, &ob[1], in->measured[1], state->force[1].y, p->mass.y, p->viscous.y);
+    const vec2 moving = v2_sub(state->last[1].force, state->last[1].friction);
+    observer_step(&cfg->observer, &ob[0], in->measured[0], moving.x, p->mass.x, p->viscous.x);
+    observer_step(&cfg->observer, &ob[1], in->measured[1], moving.y, p->mass.y, p->viscous.y);
     for (int i = 0; i < 2; i++) {
         q[i] = ob[i].pos;
     }
@@ -26,14 +27,17 @@ static void reset_laws(const struct servo_cfg *cfg, struct servo_state *state, c
     state->offset = ZERO;
 }
 
-/* The law's force; *linear: the part of it that the linear reference model shall see. */
-static vec2 law(const struct servo_cfg *cfg, struct servo_state *state, enum controller controller, const pos_t q[2],
-                struct servo_out *out, vec2 *linear)
+/* What the law asks for. */
+static struct servo_history law(const struct servo_cfg *cfg, struct servo_state *state, enum controller controller,
+                                const pos_t q[2], struct servo_out *out)
 {
     const struct contour_out *c = &out->contour;
+    struct servo_history h;
     if (controller == CONTROLLER_CASCADE || controller == CONTROLLER_CCC) {
-        *linear = cascade_step(&cfg->cascade, &cfg->plant, &state->cascade, c, controller == CONTROLLER_CCC, cfg->dt);
-        return v2_add(*linear, asmc_friction(&cfg->plant, cfg->asmc.friction_speed, c->r_dot));
+        h.friction = asmc_friction(&cfg->plant, cfg->asmc.friction_speed, c->r_dot);
+        h.model = cascade_step(&cfg->cascade, &cfg->plant, &state->cascade, c, controller == CONTROLLER_CCC, cfg->dt);
+        h.force = v2_add(h.model, h.friction);
+        return h;
     }
 
     struct asmc_in in = {.t = c->t,
@@ -54,17 +58,15 @@ static vec2 law(const struct servo_cfg *cfg, struct servo_state *state, enum con
         in.r_ddot = c->r_ddot;
     }
     asmc_step(&cfg->asmc, &cfg->plant, &state->asmc, &in, cfg->dt, &out->asmc);
-    *linear = out->asmc.u_linear;
-    vec2 u = v2_add(out->asmc.u_linear, out->asmc.u_friction);
+    h.friction = out->asmc.u_friction;
+    h.force = v2_add(out->asmc.u_linear, h.friction);
+    h.model = cfg->uncertainty.whole_input ? h.force : out->asmc.u_linear;
     if (controller == CONTROLLER_CCU) {
-        if (cfg->uncertainty.whole_input) {
-            *linear = u;
-        }
         uncertainty_step(&cfg->uncertainty, &cfg->plant, &state->uncertainty, q, out->velocity, c->t, c->theta_dot,
                          cfg->dt, &out->uncertainty);
-        u = v2_add(u, out->uncertainty.u);
+        h.force = v2_add(h.force, out->uncertainty.u);
     }
-    return u;
+    return h;
 }
 
 static vec2 limit(const struct plant_cfg *plant, const bool enabled[2], vec2 force)
@@ -92,29 +94,28 @@ void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const st
     observe(cfg, state, in, q, &out->velocity);
     contour_step(&cfg->contour, in->ring, &in->path, q, out->velocity, &out->contour);
 
-    vec2 linear = ZERO;
+    struct servo_history now = {ZERO, ZERO, ZERO};
     const bool fresh = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
     if (in->enabled[0] || in->enabled[1]) {
         const bool switched = in->controller != state->controller;
-        uncertainty_model(&cfg->plant, &state->uncertainty, state->model[1], cfg->dt);
+        uncertainty_model(&cfg->plant, &state->uncertainty, state->last[1].model, cfg->dt);
         if (fresh || switched) {
             reset_laws(cfg, state, q, out->velocity);
         }
-        const vec2 u = law(cfg, state, in->controller, q, out, &linear);
-        state->offset = switched && !fresh ? v2_sub(state->force[0], u) : v2_scale(cfg->blend, state->offset);
+        now = law(cfg, state, in->controller, q, out);
+        state->offset =
+            switched && !fresh ? v2_sub(state->last[0].force, now.force) : v2_scale(cfg->blend, state->offset);
 
-        const vec2 wanted = v2_add(u, state->offset);
-        out->force = limit(&cfg->plant, in->enabled, wanted);
+        const vec2 wanted = v2_add(now.force, state->offset);
+        out->force = now.force = limit(&cfg->plant, in->enabled, wanted);
         const vec2 excess = v2_sub(wanted, out->force);
         out->saturated = (in->enabled[0] && n_lt(NUM(0), n_abs(excess.x))) ||
                          (in->enabled[1] && n_lt(NUM(0), n_abs(excess.y)));
-        linear = v2_add(linear, v2_sub(state->offset, excess));
+        now.model = v2_add(now.model, v2_sub(state->offset, excess));
     }
     state->enabled[0] = in->enabled[0];
     state->enabled[1] = in->enabled[1];
     state->controller = in->controller;
-    state->force[1] = state->force[0];
-    state->force[0] = out->force;
-    state->model[1] = state->model[0];
-    state->model[0] = linear;
+    state->last[1] = state->last[0];
+    state->last[0] = now;
 }

@@ -5,7 +5,8 @@
  * after is loop_tick()'s (drive/loop.h).
  *
  * The force returned acts from the next encoder reading to the one after (one control period of delay); observer and
- * reference model are fed accordingly.
+ * reference model are fed accordingly. The observer gets the force less its friction feedforward: what balances friction
+ * accelerates nothing, and an observer that thinks it does is wrong by mm/s for some ms at each reversal.
  *
  * Switching the controller at run time: the difference between the last force and the new law's first one is kept as
  * an offset that decays with cfg.blend, so that the force does not jump. The reference model sees the offset too.
@@ -46,6 +47,13 @@ struct servo_in {
     const struct spline_ring *ring;
 };
 
+/* What a period asked for, N. */
+struct servo_history {
+    vec2 force;
+    vec2 friction; /* its part that balances nominal Coulomb friction */
+    vec2 model;    /* its part that the reference model sees */
+};
+
 struct servo_state {
     struct observer_state observer[2];
     struct asmc_state asmc;
@@ -55,8 +63,7 @@ struct servo_state {
     bool enabled[2];
     enum controller controller;
     vec2 offset;
-    vec2 force[2]; /* asked for in the last period, and in the one before: that one has just acted */
-    vec2 model[2]; /* the same for the input of the reference model */
+    struct servo_history last[2]; /* of the last period, and of the one before: that one's force has just acted */
 };
 
 struct servo_out {
