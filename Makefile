@@ -21,6 +21,8 @@ UNITY    := -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -I$(UNITY_DIR)
 GENERATED := build/gen/od_gen.c
 SOURCES  := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c sim/*.c) $(GENERATED)
 TESTS    := $(patsubst tests/unit/%.c,build/unit/%,$(wildcard tests/unit/test_*.c))
+BUILD_ID := $(shell git describe --always --dirty 2>/dev/null || echo unknown)
+VERSION  := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
 objects   = $(patsubst %.c,build/$(1)/%.o,$(SOURCES))
 
 export MPLBACKEND := Agg
@@ -28,7 +30,7 @@ export MPLBACKEND := Agg
 .DELETE_ON_ERROR:
 .SECONDARY:
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-c test-host lint bench lib setup clean
+.PHONY: help demo test test-c test-host lint bench lib setup clean FORCE
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -89,6 +91,13 @@ $(VENV)/stamp: requirements.lock pyproject.toml | build/debian.stamp
 # --- library ----------------------------------------------------------------------------------------------------------
 $(GENERATED): firmware/canopen/objects.toml firmware/canopen/generate.py firmware/canopen/objects.py | $(VENV)/stamp
 	$(PY) firmware/canopen/generate.py build/gen --eds host/kontur/kontur.eds --docs docs/objects.md
+
+# The build id is compiled into one file, again when it has changed.
+build/build_id: FORCE
+	@mkdir -p build; echo '$(BUILD_ID)' | cmp -s - $@ || echo '$(BUILD_ID)' >$@
+FORCE:
+build/f32/firmware/drive/app.o build/unit/firmware/drive/app.o: build/build_id
+build/f32/firmware/drive/app.o build/unit/firmware/drive/app.o: CFLAGS += -DKONTUR_BUILD_ID='"$(BUILD_ID)"' -DKONTUR_VERSION='"$(VERSION)"'
 
 build/f32/%.o: %.c | build/debian.stamp $(GENERATED)
 	@mkdir -p $(@D)

@@ -26,7 +26,7 @@ CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 _SDO_ATTEMPTS = 3
 _HOST_TIMEOUT_MS = 500
 _STATE_TIMEOUT_S = 2.0
-_SETTLE_S = 0.01  # after which what the drive reports of itself is of the enabled state
+_SETTLE_S = 0.01  # after power-on or a change of state, until what the drive tells of itself is of now
 _STOP_TIMEOUT_S = 15.0  # limits.path_stop_time is at most 10 s
 _MODE_INTERPOLATED = 7
 
@@ -112,6 +112,10 @@ class Device:
         raw = self._transfer(name, lambda: variable.decode_raw(self.link.node.sdo.upload(*_address(variable))))
         return raw if isinstance(raw, str) else _physical(variable, raw)
 
+    def unit(self, name: str) -> str:
+        """Unit of an object, empty for a bare number."""
+        return self._variable(name).unit or ""
+
     def write(self, name: str, value: float) -> None:
         """Set an object, `value` in its unit. Raises ParameterError when it is out of range."""
         variable = self._variable(name)
@@ -133,6 +137,7 @@ class Device:
 
     def info(self) -> Info:
         """Identity and state."""
+        self.link.wait(lambda: False, _SETTLE_S)
         states = (_state(self._statusword("x")), _state(self._statusword("y")))
         return Info(
             node_id=self.link.node_id,

@@ -60,6 +60,11 @@ class Machine:
     def axes(self) -> tuple[Axis, Axis]:
         return (self.x, self.y)
 
+    @property
+    def soft_limits_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """((x least, x greatest), (y least, y greatest)): where a path may go."""
+        return (self.x.soft_limit_m, self.y.soft_limit_m)
+
     def starting_at(self, start_m: tuple[float, float]) -> Machine:
         """The same machine with its axes standing at `start_m` at power-on."""
         return dataclasses.replace(

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,12 +44,24 @@ class Target:
     seed: int = 1
     num: str = "f32"
 
-    def options(self, machine: Machine) -> dict[str, Any]:
-        """python-can's options to open the bus with; a simulated drive gets `machine`."""
+    def options(self) -> dict[str, Any]:
+        """python-can's options to open the bus with."""
         options = dict(self.bus) if self.bus is not None else {"interface": SIMULATED, "channel": "sim"}
         if options.get("interface") == SIMULATED:
-            options |= {"machine": machine, "seed": self.seed, "node_id": self.node_id, "num": self.num}
+            options |= {"machine": self.machine, "seed": self.seed, "node_id": self.node_id, "num": self.num}
         return options
+
+
+@contextmanager
+def connect(target: Target) -> Iterator[Device]:
+    """The drive of `target`; a simulated one is told of the machine that it moves.
+
+    Raises BusError, NoAnswerError, ParameterError.
+    """
+    with connected(open_bus(target.options()), target.node_id) as device:
+        if isinstance(device.link.bus, KonturBus):
+            device.set_parameters(target.machine.parameters())
+        yield device
 
 
 @dataclass(frozen=True)
@@ -92,11 +105,11 @@ def run(
     log ends there. Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError.
     """
     start_m = trajectory.program.start_m
-    machine = target.machine.starting_at(start_m)
-    bus = open_bus(target.options(machine))
-    sim = bus.sim if isinstance(bus, KonturBus) else None
-    with connected(bus, target.node_id) as device:
-        device.set_parameters((machine.parameters() if sim is not None else {}) | dict(parameters or {}))
+    target = dataclasses.replace(target, machine=target.machine.starting_at(start_m))
+    with connect(target) as device:
+        bus = device.link.bus
+        sim = bus.sim if isinstance(bus, KonturBus) else None
+        device.set_parameters(parameters or {})
         device.select_controller(controller)
         with device.enabled():
             _go_to_start(device, start_m, approach)
@@ -119,10 +132,10 @@ def run(
             "controller": controller,
             "status": "complete" if streamed.completed else "interrupted",
             "trajectory": trajectory.digest,
-            "machine": machine.name if sim is not None else str(bus.channel_info),
+            "machine": target.machine.name if sim is not None else str(bus.channel_info),
         }
         if sim is not None:
-            meta |= {"plant": dataclasses.asdict(machine), "seed": target.seed}
+            meta |= {"plant": dataclasses.asdict(target.machine), "seed": target.seed}
         meta |= {
             "firmware": device.read("build_id"),
             "num": device.read("num_backend"),

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur info`: who answers."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import click
+
+from kontur.cli.options import target_options
+from kontur.cli.output import print_json
+from kontur.device import describe_emcy
+from kontur.run import Target, connect
+
+
+@click.command(name="info")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@target_options
+def command(*, target: Target, as_json: bool) -> None:
+    """Tell which drive answers, its firmware, state and position."""
+    with connect(target) as device:
+        info = device.info()
+        bus = str(device.link.bus.channel_info)
+    if as_json:
+        print_json({"bus": bus, **dataclasses.asdict(info)})
+        return
+    click.echo(f"bus         {bus}")
+    click.echo(f"drive       {info.name}, node {info.node_id}")
+    click.echo(f"firmware    {info.build}, numbers {info.num}, control {info.control_hz} Hz")
+    click.echo(f"controller  {info.controller}")
+    for axis, state, position_m, code in zip("xy", info.state, info.position_m, info.error_code, strict=True):
+        fault = f", error {describe_emcy(code)}" if code else ""
+        click.echo(f"axis {axis}      {state}, at {position_m * 1e3:.6f} mm{fault}")

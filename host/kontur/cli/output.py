@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the verbs print: tables for people, JSON for programs."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from kontur.log import RunLog
+from kontur.report import summarise
+
+_SUMMARY = {
+    "mean_um": "mean µm",
+    "rms_um": "rms µm",
+    "max_um": "max µm",
+    "tangential_mean_um": "along µm",
+    "energy_J": "energy J",
+    "force_max_N": "max N",
+    "force_step_N": "step N",
+    "frames_lost": "lost",
+}
+_PIPED_WIDTH = 200
+
+
+def summary(log: RunLog) -> dict[str, Any]:
+    """The figures of a run that are printed and kept in summary.json."""
+    values = summarise(log)
+    return {key: getattr(values, key) for key in _SUMMARY}
+
+
+def print_json(value: Any) -> None:
+    """JSON on stdout."""
+    click.echo(json.dumps(value, indent=2))
+
+
+def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Mapping[str, str] = _SUMMARY) -> None:
+    """A table on stdout; keys of the rows are its columns, numbers have four digits."""
+    table = Table(title=title or None, title_justify="left", title_style="bold")
+    for key in rows[0]:
+        number = any(isinstance(row[key], (int, float)) for row in rows)
+        table.add_column(headings.get(key, key), justify="right" if number else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(_text(value) for value in row.values()))
+    Console(width=None if sys.stdout.isatty() else _PIPED_WIDTH).print(table)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

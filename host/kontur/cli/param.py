@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur param`: the drive's parameters by name, in their units."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from kontur import paramfile
+from kontur.cli.options import KEY_VALUE, parameter_values, target_options
+from kontur.cli.output import print_json, print_table
+from kontur.run import Target, connect
+
+
+@click.group(name="param")
+def command() -> None:
+    """List, read, set, save and restore parameters (docs/objects.md has all of them).
+
+    A simulated drive is new in every command; give it parameters with `kontur run --set NAME=VALUE`.
+    """
+
+
+@command.command(name="list")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@target_options
+def list_command(*, target: Target, as_json: bool) -> None:
+    """List all parameters with value, range and unit."""
+    with connect(target) as device:
+        rows = [
+            {
+                "name": p.name,
+                "value": device.read(p.name),
+                "unit": p.unit,
+                "least": p.least,
+                "greatest": p.greatest,
+                "default": p.default,
+                "description": p.description,
+            }
+            for p in device.parameters.values()
+        ]
+    if as_json:
+        print_json(rows)
+    else:
+        print_table(rows)
+
+
+@command.command(name="get")
+@click.argument("names", nargs=-1, required=True)
+@target_options
+def get_command(*, target: Target, names: tuple[str, ...]) -> None:
+    """Read parameters, or any other object, by name."""
+    with connect(target) as device:
+        for name in names:
+            unit = device.unit(name)
+            click.echo(f"{name} = {device.read(name)}{f' {unit}' if unit else ''}")
+
+
+@command.command(name="set")
+@click.argument("pairs", nargs=-1, required=True, type=KEY_VALUE, metavar="NAME=VALUE...")
+@target_options
+def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
+    """Set parameters; none is set when one of them cannot be."""
+    with connect(target) as device:
+        device.set_parameters(parameter_values(pairs))
+
+
+@command.command(name="dump")
+@click.argument("file", required=False, type=click.Path(dir_okay=False, path_type=Path))
+@target_options
+def dump_command(*, target: Target, file: Path | None) -> None:
+    """Write all parameters to FILE (TOML), or to the terminal."""
+    with connect(target) as device:
+        text = paramfile.text(device.dump(), device.parameters)
+    if file is None:
+        click.echo(text, nl=False)
+    else:
+        paramfile.write(file, text)
+
+
+@command.command(name="restore")
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@target_options
+def restore_command(*, target: Target, file: Path) -> None:
+    """Set all parameters that are in FILE, as `dump` writes it."""
+    values = paramfile.read(file)
+    with connect(target) as device:
+        device.set_parameters(values)

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur run`: a file or a shape, under one or more controllers."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from click.core import ParameterSource
+
+from kontur import log as logs
+from kontur import programs, shapes
+from kontur.cli import EXIT_INTERRUPTED
+from kontur.cli.options import KEY_VALUE, interruptible, parameter_values, progress_bar, target_options
+from kontur.cli.output import print_json, print_table, summary
+from kontur.device import CONTROLLERS
+from kontur.errors import FileError
+from kontur.log import RunLog
+from kontur.path import Program
+from kontur.planner import plan
+from kontur.run import Target, limits, run
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+# Options of each shape, in mm (laps: turns), and what they are when not given.
+SHAPES: dict[str, dict[str, float]] = {
+    "circle": {"radius": 20.0, "laps": 1.0},
+    "ellipse": {"half_width": 30.0, "half_height": 15.0, "laps": 1.0},
+    "eight": {"size": 40.0, "laps": 1.0},
+    "square": {"side": 40.0, "corner_radius": 5.0},
+    "spiral": {"inner": 0.0, "outer": 20.0, "pitch": 5.0},
+}
+_NOT_IN_COMMAND = ("log", "report", "as_json", "controller")
+
+
+def _shape_option(name: str, text: str) -> Callable[[F], F]:
+    shapes_with = [f"{shape} {defaults[name]:g}" for shape, defaults in SHAPES.items() if name in defaults]
+    unit = "" if name == "laps" else ", mm"
+    return click.option(
+        f"--{name.replace('_', '-')}", type=float, help=f"{text}{unit} (default: {', '.join(shapes_with)})."
+    )
+
+
+def _program(source: str, feed_mm_s: float | None, sizes: dict[str, float | None]) -> Program:
+    feed_mps = None if feed_mm_s is None else feed_mm_s * 1e-3
+    given = {name: value for name, value in sizes.items() if value is not None}
+    fitting = SHAPES.get(source, {})
+    for name in given:
+        if name not in fitting:
+            raise click.UsageError(f"--{name.replace('_', '-')} does not belong to {source}")
+    if source not in SHAPES:
+        if not Path(source).exists():
+            raise FileError(source, f"no such file, and no shape either; shapes are {', '.join(SHAPES)}")
+        return programs.load(source, feed_mps)
+    if feed_mps is None:
+        raise click.UsageError(f"{source} needs a feed: --feed MM_PER_S")
+    values = {
+        (name if name == "laps" else f"{name}_m"): value * (1.0 if name == "laps" else 1e-3)
+        for name, value in (fitting | given).items()
+    }
+    program: Program = getattr(shapes, source)(**values, feed_mps=feed_mps)
+    return program
+
+
+def _command(ctx: click.Context, controller: str) -> str:
+    """The command that makes one run again: what was given, without where its output went."""
+    words = ["kontur", "run", str(ctx.params["source"]), "--controller", controller]
+    for param in ctx.command.params:
+        name = param.name or ""
+        if not isinstance(param, click.Option) or name in _NOT_IN_COMMAND:
+            continue
+        if ctx.get_parameter_source(name) in (ParameterSource.DEFAULT, None):
+            continue
+        value = ctx.params[name]
+        if param.is_flag:
+            words.append(param.opts[-1])
+            continue
+        for one in value if param.multiple else [value]:
+            words += [param.opts[-1], "=".join(one) if isinstance(one, tuple) else str(one)]
+    return shlex.join(words)
+
+
+def log_path(path: Path, controller: str, several: bool) -> Path:
+    """Where the log of one of several controllers goes: its name is put before the suffix."""
+    return path.with_name(f"{path.stem}-{controller}{path.suffix}") if several else path
+
+
+@click.command(name="run")
+@click.argument("source", metavar=f"FILE|{'|'.join(SHAPES)}")
+@click.option("--feed", type=float, metavar="MM_PER_S", help="Speed along a shape or a CSV path of x,y.")
+@_shape_option("radius", "Radius")
+@_shape_option("half_width", "Half axis along x")
+@_shape_option("half_height", "Half axis along y")
+@_shape_option("size", "Width")
+@_shape_option("side", "Side")
+@_shape_option("corner_radius", "Radius of the corners")
+@_shape_option("inner", "Inner radius")
+@_shape_option("outer", "Outer radius")
+@_shape_option("pitch", "Distance from turn to turn")
+@_shape_option("laps", "Laps")
+@click.option(
+    "--controller",
+    type=click.Choice([*CONTROLLERS, "all"]),
+    multiple=True,
+    default=["ccu"],
+    show_default=True,
+    help="Controller; several options, several runs.",
+)
+@click.option(
+    "--accel", type=float, metavar="M_PER_S2", help="Acceleration limit of both axes instead of the machine's."
+)
+@click.option("--jerk", type=float, metavar="M_PER_S3", help="Jerk limit of both axes instead of the machine's.")
+@click.option(
+    "--set", "parameters", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Set a parameter before."
+)
+@click.option(
+    "--approach", is_flag=True, help="Let a real drive go to the start of the path first, in a straight line."
+)
+@click.option("--log", type=click.Path(dir_okay=False, path_type=Path), help="Log to this .csv or .mf4 file.")
+@click.option("--report", type=click.Path(dir_okay=False, path_type=Path), help="Write an HTML report to this file.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@target_options
+@click.pass_context
+def command(
+    ctx: click.Context,
+    /,
+    *,
+    target: Target,
+    source: str,
+    feed: float | None,
+    controller: tuple[str, ...],
+    accel: float | None,
+    jerk: float | None,
+    parameters: tuple[tuple[str, str], ...],
+    approach: bool,
+    log: Path | None,
+    report: Path | None,
+    as_json: bool,
+    **sizes: float | None,
+) -> None:
+    """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and tell the contour error.
+
+    Ctrl-C stops the drive on the path; the log is complete up to there.
+    """
+    values = parameter_values(parameters)
+    program = _program(source, feed, sizes)
+    motion = limits(target.machine, accel, jerk)
+    with progress_bar("planning") as progress:
+        trajectory = plan(program, motion, progress, travel_m=target.machine.soft_limits_m)
+
+    controllers = CONTROLLERS if "all" in controller else tuple(dict.fromkeys(controller))
+    runs: list[RunLog] = []
+    completed = True
+    for name in controllers:
+        with progress_bar(name) as progress, interruptible() as stop_requested:
+            result = run(
+                trajectory,
+                name,
+                target,
+                parameters=values,
+                command=_command(ctx, name),
+                approach=motion if approach else None,
+                progress=progress,
+                stop_requested=stop_requested,
+            )
+        runs.append(result.log)
+        if log is not None:
+            logs.write(result.log, log_path(log, name, len(controllers) > 1))
+        completed = result.completed
+        if not completed:
+            break
+    if report is not None:
+        from kontur.report import write_report
+
+        write_report(report, runs)
+
+    rows = [{"controller": run_log.meta["controller"], **summary(run_log)} for run_log in runs]
+    if as_json:
+        print_json({"program": program.name, "duration_s": trajectory.duration_s, "runs": rows})
+    else:
+        print_table(rows, f"{program.name}, {trajectory.duration_s:.2f} s: contour error")
+    if not completed:
+        click.echo("Interrupted: the drive stopped on the path.", err=True)
+        sys.exit(EXIT_INTERRUPTED)
