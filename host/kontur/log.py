@@ -8,21 +8,27 @@ doubles themselves. A file appears under its name when it is whole, never before
 
 from __future__ import annotations
 
+import gc
 import io
 import json
 import math
 import os
+import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kontur.errors import FileError, LogError
+
+if TYPE_CHECKING:
+    from asammdf import MDF
 
 Array = NDArray[np.float64]
 
@@ -40,7 +46,7 @@ class Column:
 
 COLUMNS = (
     Column("tick", "ms", 0, "device tick (1 ms), unwrapped; a gap is a lost frame", required=True),
-    Column("time_s", "s", 3, "time since the path began", required=True),
+    Column("time_s", "s", 6, "time since the path began", required=True),
     Column("e_n1_um", "um", 3, "drive's estimate: error along the path", required=True),
     Column("e_n2_um", "um", 3, "drive's estimate: contour error, left of the path positive", required=True),
     Column("x_mm", "mm", 6, "position by the encoder, x"),
@@ -218,12 +224,9 @@ def _mf4_bytes(run: RunLog) -> bytes:
 
 
 def _parse_mf4(content: bytes, path: Path) -> RunLog:
-    from asammdf import MDF
-
-    try:
-        mdf = MDF(io.BytesIO(content))
-    except Exception as error:  # the library raises what its parsing stumbles over
-        raise FileError(path, "is not a readable MF4 file") from error
+    mdf = _open_mf4(content)
+    if mdf is None:
+        raise FileError(path, "is not an MF4 file, or not a whole one")
     try:
         meta = json.loads(mdf.header.description)
         signals = [mdf.get(name, group=0) for name in mdf.channels_db if name in _BY_NAME and name != "tick"]
@@ -234,6 +237,19 @@ def _parse_mf4(content: bytes, path: Path) -> RunLog:
         mdf.close()
     columns = {"tick": tick.samples, "time_s": tick.timestamps} | {s.name: s.samples for s in signals}
     return _checked(meta, columns, path, None)
+
+
+def _open_mf4(content: bytes) -> MDF | None:
+    from asammdf import MDF
+
+    mdf = None
+    with suppress(Exception):  # whatever its parsing meets
+        mdf = MDF(io.BytesIO(content))
+    if mdf is None:  # its destructor stumbles over what its constructor could not read, and would print that
+        hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+        gc.collect()
+        sys.unraisablehook = hook
+    return mdf
 
 
 def _checked(meta: dict[str, Any], columns: dict[str, Array], path: Path, line: int | None) -> RunLog:

@@ -11,7 +11,7 @@ import io
 import json
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from kontur.errors import LogError
 from kontur.figures import Entry, Summary, number
 from kontur.log import RunLog
 
-__all__ = ["Summary", "picture", "summarise", "write_report"]
+__all__ = ["Summary", "commands_of", "picture", "summarise", "write_report"]
 
 _SUMMARY_KEYS = ("mean_um", "rms_um", "max_um", "tangential_mean_um")  # as in the `score` of a log
 _COLUMNS = (  # key of Summary, heading, unit
@@ -82,13 +82,19 @@ def summarise(run: RunLog) -> Summary:
 def write_report(
     path: str | Path, runs: Sequence[RunLog], title: str | None = None, command: str | None = None
 ) -> None:
-    """Write one self-contained HTML file about `runs` of one path, the best first. `command` makes it again.
+    """Write one self-contained HTML file about `runs` of one path, the best first. `command` makes it again; by
+    default the commands of the runs are given.
 
     Raises LogError: no run, runs of different trajectories, or the file cannot be written.
     """
     entries = _entries(runs)
     title = title or f"Contour report: {entries[0].log.meta['program']}"
     _write(Path(path), _page(entries, title, command).encode())
+
+
+def commands_of(runs: Sequence[RunLog]) -> list[str]:
+    """The commands that make `runs` again, as far as their logs know them, each once."""
+    return list(dict.fromkeys(str(run.meta["command"]) for run in runs if run.meta.get("command")))
 
 
 def picture(path: str | Path, runs: Sequence[RunLog]) -> None:
@@ -327,10 +333,9 @@ def _measured(entries: Sequence[Entry], command: str | None) -> str:
         ("knots refused", _meta(entries, "rejected")),
         ("scored from", ", ".join(sorted({f"{e.summary.from_s:g} s" for e in entries}))),
     ]
-    commands = [command] if command else list(dict.fromkeys(
-        str(e.log.meta["command"]) for e in entries if "command" in e.log.meta))  # fmt: skip
+    commands = command or "\n".join(commands_of([entry.log for entry in entries]))
     if commands:
-        rows.append(("make it again", "\n".join(commands)))
+        rows.append(("make it again", commands))
     facts = "".join(
         f"<dt>{escape(name)}</dt><dd>{f'<pre>{escape(text)}</pre>' if name == 'make it again' else escape(text)}</dd>"
         for name, text in rows
@@ -351,7 +356,7 @@ def _meta(entries: Sequence[Entry], key: str) -> str:
 
 def _differences(entries: Sequence[Entry], key: str, heading: str) -> str:
     """A table of the values under `key`; one column if all runs share them."""
-    tables = [entry.log.meta.get(key) or {} for entry in entries]
+    tables = [_flat(entry.log.meta.get(key) or {}) for entry in entries]
     names = list(dict.fromkeys(name for table in tables for name in table))
     if not names:
         return ""
@@ -366,6 +371,14 @@ def _differences(entries: Sequence[Entry], key: str, heading: str) -> str:
     )
     return (f'<details><summary>{escape(heading)}</summary><div class="scroll"><table class="values">{heads}{body}'
             f'</table></div></details>')  # fmt: skip
+
+
+def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables within the table as `outer.inner` names."""
+    flat: dict[str, Any] = {}
+    for name, value in table.items():
+        flat |= {f"{name}.{n}": v for n, v in _flat(value).items()} if isinstance(value, Mapping) else {name: value}
+    return flat
 
 
 def _text(value: Any) -> str:

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""kontur log: what is in a log, and another format of it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from kontur import log
+
+_LONG = ("plant", "parameters")  # shown by --json only
+
+
+@click.group()
+def command() -> None:
+    """Look into a log of a run, or convert it."""
+
+
+@command.command()
+@click.argument("file", type=click.Path())
+@click.option("--json", "as_json", is_flag=True, help="Everything, for programs.")
+def show(file: str, as_json: bool) -> None:
+    """Show what FILE (CSV or MF4) says of its run, and the range of every column."""
+    run = log.read(file)
+    columns = _ranges(run)
+    if as_json:
+        click.echo(json.dumps({"meta": run.meta, "rows": len(run), "columns": columns}, indent=2))
+        return
+    console = Console()
+    head = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for key, value in run.meta.items():
+        shown = f"{len(value)} values (--json shows them)" if key in _LONG else value
+        head.add_row(key, shown if isinstance(shown, str) else json.dumps(shown))
+    console.print(head)
+    table = Table("column", "unit", box=None, padding=(0, 2, 0, 0))
+    for name in ("rows", "min", "mean", "max"):
+        table.add_column(name, justify="right")
+    for column in log.COLUMNS:
+        if column.name in columns:
+            known = columns[column.name]
+            numbers = (
+                "" if known[key] is None else f"{known[key]:.{column.digits}f}" for key in ("min", "mean", "max")
+            )
+            table.add_row(column.name, column.unit, str(known["rows"]), *numbers)
+    console.print(table)
+
+
+@command.command()
+@click.argument("source", type=click.Path())
+@click.argument("target", type=click.Path())
+def convert(source: str, target: str) -> None:
+    """Write the log SOURCE as TARGET; both are .csv or .mf4."""
+    log.write(log.read(source), target)
+
+
+def _ranges(run: log.RunLog) -> dict[str, dict[str, Any]]:
+    ranges: dict[str, dict[str, Any]] = {}
+    for name, values in run.columns.items():
+        known = values[np.isfinite(values)]
+        some = bool(known.size)
+        ranges[name] = {
+            "rows": int(known.size),
+            "min": float(known.min()) if some else None,
+            "mean": float(known.mean()) if some else None,
+            "max": float(known.max()) if some else None,
+        }
+    return ranges
