@@ -6,10 +6,30 @@ static vec2 difference(const pos_t a[2], const pos_t b[2])
     return v2(pos_sub(a[0], b[0]), pos_sub(a[1], b[1]));
 }
 
-/* Unit vector along d; at standstill, where there is no direction, the x axis. */
-static vec2 direction(vec2 d, num length)
+/* Direction and derivatives at a point, divided by the speed |r'|: squares of um/T0 would leave the range of num.
+ * `drag` = v_min^2 / |r'| regularises every quotient; at standstill there is no direction: the x axis, all rates 0. */
+struct frame {
+    bool still;
+    vec2 t;
+    num speed, drag;
+    vec2 d2, d3; /* second and third derivative / |r'| */
+};
+
+static struct frame frame_at(const struct contour_cfg *cfg, const struct spline_point *p)
 {
-    return n_lt(NUM(1e-4), length) ? v2_scale(n_div(NUM(1), length), d) : v2(NUM(1), NUM(0));
+    const num speed = v2_norm(p->d1);
+    if (!n_lt(NUM(1e-3), speed)) {
+        const struct frame still = {.still = true, .t = {NUM(1), NUM(0)}};
+        return still;
+    }
+    const struct frame f = {
+        .t = v2(n_div(p->d1.x, speed), n_div(p->d1.y, speed)),
+        .speed = speed,
+        .drag = n_mul(n_div(cfg->v_min, speed), cfg->v_min),
+        .d2 = v2(n_div(p->d2.x, speed), n_div(p->d2.y, speed)),
+        .d3 = v2(n_div(p->d3.x, speed), n_div(p->d3.y, speed)),
+    };
+    return f;
 }
 
 static path_t path_shift(path_t s, num t_T0)
@@ -18,48 +38,55 @@ static path_t path_shift(path_t s, num t_T0)
     return p > 0 ? p : 0;
 }
 
-/* |r'|^2 - (q - r) . r'', the slope of the foot-point condition with its sign turned, regularised: it vanishes
- * where the axes stand at the centre of curvature, and there no foot point exists. */
-static num foot_slope(const struct contour_cfg *cfg, const struct spline_point *p, vec2 e)
+/* (|r'|^2 - (q - r) . r'') / |r'|: the slope of the foot-point condition with its sign turned. It vanishes where the axes
+ * stand at the centre of curvature, and there no foot point exists: kept positive. */
+static num foot_slope(const struct frame *f, vec2 e)
 {
-    const num speed2 = v2_dot(p->d1, p->d1);
-    const num slope = n_sub(speed2, v2_dot(e, p->d2));
-    return n_add(n_max(slope, n_mul(NUM(0.25), speed2)), n_mul(cfg->v_min, cfg->v_min));
+    const num slope = n_sub(f->speed, v2_dot(e, f->d2));
+    return n_add(n_max(slope, n_mul(NUM(0.25), f->speed)), f->drag);
 }
 
-/* (3)-(6): errors at r(s), delay, foot point */
-static void find_foot(const struct contour_cfg *cfg, const struct spline_ring *ring, const struct path_state *path,
-                      const pos_t q[2], struct spline_point *foot, struct contour_out *o)
+static num clamp_lag(const struct contour_cfg *cfg, num t_T0)
 {
-    const num speed2 = v2_dot(o->ref.d1, o->ref.d1);
-    const num speed = n_sqrt(speed2);
-    const vec2 tangent = direction(o->ref.d1, speed);
+    return n_clamp(t_T0, n_neg(cfg->lag_max), cfg->lag_max);
+}
 
-    o->e_w = difference(q, o->ref.pos);    /* (3) */
-    o->e_l = v2_to_frame(tangent, o->e_w); /* (4) */
-    const num t_d = n_div(n_mul(n_neg(o->e_l.x), speed), n_add(speed2, n_mul(cfg->v_min, cfg->v_min)));
-    o->t_d = n_clamp(t_d, n_neg(cfg->lag_max), cfg->lag_max); /* (5) */
+/* (3)-(6): errors at r(s), delay, foot point; returns the frame there */
+static struct frame find_foot(const struct contour_cfg *cfg, const struct spline_ring *ring,
+                              const struct path_state *path, const pos_t q[2], struct spline_point *foot,
+                              struct contour_out *o)
+{
+    const struct frame ref = frame_at(cfg, &o->ref);
+    o->e_w = difference(q, o->ref.pos);  /* (3) */
+    o->e_l = v2_to_frame(ref.t, o->e_w); /* (4) */
+    o->t_d = ref.still ? NUM(0) : clamp_lag(cfg, n_div(n_neg(o->e_l.x), n_add(ref.speed, ref.drag))); /* (5) */
     o->tau = path_shift(path->s, n_neg(o->t_d));
     spline_at(ring, path->count, o->tau, foot); /* (6) */
 
-    if (cfg->newton) {
+    struct frame f = frame_at(cfg, foot);
+    if (cfg->newton && !f.still) {
         const vec2 e = difference(q, foot->pos);
-        const num step = n_div(v2_dot(e, foot->d1), foot_slope(cfg, foot, e));
-        o->tau = path_shift(o->tau, n_clamp(step, n_neg(cfg->lag_max), cfg->lag_max));
+        o->tau = path_shift(o->tau, clamp_lag(cfg, n_div(v2_dot(e, f.t), foot_slope(&f, e))));
         spline_at(ring, path->count, o->tau, foot);
+        f = frame_at(cfg, foot);
     }
+    return f;
 }
 
-/* Frame at the foot point and its rates. r_a(tau(t)) moves with nu. */
-static void frame_rates(const struct contour_cfg *cfg, const struct path_state *path, const struct spline_point *foot,
-                        vec2 e_a, vec2 q_dot, struct contour_out *o)
+/* Rates of the frame, which moves with nu. */
+static void frame_rates(const struct path_state *path, const struct frame *f, vec2 e_a, vec2 q_dot,
+                        struct contour_out *o)
 {
-    const num v2min = n_mul(cfg->v_min, cfg->v_min);
-    const num speed2 = n_add(v2_dot(foot->d1, foot->d1), v2min);
-    const num theta_1 = n_div(v2_cross(foot->d1, foot->d2), speed2);
-    const num theta_2 = n_sub(n_div(v2_cross(foot->d1, foot->d3), speed2),
-                              n_mul(n_mul(NUM(2), theta_1), n_div(v2_dot(foot->d1, foot->d2), speed2)));
-    const num nu = n_div(n_mad(v2_dot(q_dot, foot->d1), v2min, path->rate), foot_slope(cfg, foot, e_a));
+    if (f->still) {
+        o->nu = path->rate;
+        o->theta_dot = o->theta_ddot = NUM(0);
+        return;
+    }
+    const num k = n_div(f->speed, n_add(f->speed, f->drag));
+    const num theta_1 = n_mul(k, v2_cross(f->t, f->d2));
+    const num theta_2 =
+        n_mul(k, n_sub(v2_cross(f->t, f->d3), n_mul(n_mul(NUM(2), theta_1), v2_dot(f->t, f->d2))));
+    const num nu = n_div(n_mad(v2_dot(q_dot, f->t), f->drag, path->rate), foot_slope(f, e_a));
     o->nu = n_clamp(nu, NUM(-4), NUM(4));
     o->theta_dot = n_mul(theta_1, o->nu);
     o->theta_ddot = n_mul(theta_2, n_mul(o->nu, o->nu));
@@ -101,9 +128,9 @@ void contour_step(const struct contour_cfg *cfg, const struct spline_ring *ring,
     spline_at(ring, path->count, path->s, &out->ref);
     out->r_dot = v2_scale(path->rate, out->ref.d1);
     out->r_ddot = v2_mad(v2_scale(n_mul(path->rate, path->rate), out->ref.d2), path->rate_dot, out->ref.d1);
-    find_foot(cfg, ring, path, q, &foot, out);
-    out->t = direction(foot.d1, n_sqrt(v2_dot(foot.d1, foot.d1)));
-    frame_rates(cfg, path, &foot, difference(q, foot.pos), q_dot, out);
+    const struct frame f = find_foot(cfg, ring, path, q, &foot, out);
+    out->t = f.t;
+    frame_rates(path, &f, difference(q, foot.pos), q_dot, out);
     adjust_reference(&foot, q, q_dot, out);
     out->e_w_dot = v2_sub(q_dot, out->r_dot);
 }

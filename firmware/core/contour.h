@@ -5,7 +5,7 @@
  * Compensation for Feed Drive Systems". Equation numbers throughout `core` are that paper's.
  *
  * Differences from the source
- * - (5) is singular at standstill; here t_d = -e_lt |r'| / (|r'|^2 + v_min^2), clamped to +-lag_max, goes to 0 there
+ * - (5) is singular at standstill; here t_d = -e_lt / (|r'| + v_min^2/|r'|), clamped to +-lag_max, goes to 0 there
  *   and the adjusted reference becomes r: the law turns into plain tracking by itself.
  * - One Newton step on the foot-point condition (q - r(tau)) . r'(tau) = 0 follows (6), unless `newton` is off.
  * - The rate nu = d tau/dt of the foot point comes from differentiating that condition, which needs no |r'| in a

@@ -16,7 +16,7 @@
  * float32 has steps of 7.6 nm at 100 mm.
  *
  * A back end defines: num, NUM(c) for a literal constant c, and
- *   n_add n_sub n_mul n_div (divisor not 0) n_neg n_lt n_sqrt (of >= 0)
+ *   n_add n_sub n_mul n_div (divisor not 0) n_neg n_lt n_sqrt (of >= 0) n_hypot
  *   n_ratio(n, d)      n/d from integers, d > 0
  *   n_to_q32(x)        round(x * 2^32) as int64, for |x| < 4096
  *   pos_sub(a, b)      (a - b) in um;   pos_add(p, x)   p + x um

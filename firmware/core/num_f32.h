@@ -43,6 +43,11 @@ static inline num n_sqrt(num a)
     return __builtin_sqrtf(a);
 }
 
+static inline num n_hypot(num a, num b)
+{
+    return n_sqrt(a * a + b * b);
+}
+
 static inline num n_ratio(int64_t n, int64_t d)
 {
     return (num)n / (num)d;

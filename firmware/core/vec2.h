@@ -52,6 +52,11 @@ static inline num v2_cross(vec2 a, vec2 b)
     return n_sub(n_mul(a.x, b.y), n_mul(a.y, b.x));
 }
 
+static inline num v2_norm(vec2 a)
+{
+    return n_hypot(a.x, a.y);
+}
+
 /* I_e a of (9), I_e = [[0, 1], [-1, 0]] */
 static inline vec2 v2_ie(vec2 a)
 {
