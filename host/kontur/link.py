@@ -25,7 +25,7 @@ from kontur.wire import Status, Telemetry
 
 EDS = Path(__file__).with_name("kontur.eds")
 HEARTBEAT_S = 0.1
-_HEARTBEAT_OPERATIONAL = b"\x05"
+HEARTBEAT_OPERATIONAL = b"\x05"
 
 # Their warnings are about what is raised as an exception here anyway.
 logging.getLogger("canopen").addHandler(logging.NullHandler())
@@ -75,7 +75,7 @@ class Link:
         now_s = self._clock()
         if now_s >= self._next_heartbeat_s:
             self._next_heartbeat_s = now_s + HEARTBEAT_S
-            self.send(wire.HEARTBEAT + wire.HOST_NODE_ID, _HEARTBEAT_OPERATIONAL)
+            self.send(wire.HEARTBEAT + wire.HOST_NODE_ID, HEARTBEAT_OPERATIONAL)
         try:
             message = self.bus.recv(min(timeout_s, self._next_heartbeat_s - now_s))
         except can.CanError as error:

@@ -30,6 +30,16 @@ from kontur.stream import StreamResult, stream
 
 SIMULATED = "kontur"
 APPROACH_FEED_MPS = 0.02
+SUMMARY = (
+    "mean_um",
+    "rms_um",
+    "max_um",
+    "tangential_mean_um",
+    "energy_J",
+    "force_max_N",
+    "force_step_N",
+    "frames_lost",
+)
 
 Floats = NDArray[np.float64]
 
@@ -153,6 +163,14 @@ def run(
         truth = _cut(truth, clock.periods)
         meta |= _score(columns, truth, trajectory, clock, score_from_s)
     return RunResult(RunLog(meta, columns), truth, streamed.completed)
+
+
+def summary(log: RunLog) -> dict[str, Any]:
+    """The figures of a run that are printed and kept: SUMMARY, name to value, None where not known."""
+    from kontur.report import summarise  # brings matplotlib along: only who wants figures waits for it
+
+    values = summarise(log)
+    return {name: getattr(values, name) for name in SUMMARY}
 
 
 def _go_to_start(device: Device, start_m: tuple[float, float], approach: Limits | None) -> None:

@@ -24,7 +24,7 @@ FLIGHT_S = 0.02
 _BURST = 16
 _SILENCE_S = 1.0
 _STOP_TIMEOUT_S = 15.0
-_BEGIN = 1
+_BEGIN, _ABORT = 1, 2
 _STATE_DONE = 4
 
 
@@ -79,7 +79,7 @@ def stream(
     if stop_s is None:
         _check_end(device, knots_nm)
     else:
-        device.write("stream.command", 2)
+        device.write("stream.command", _ABORT)
     return StreamResult(
         completed=stop_s is None,
         start_s=start_s,
@@ -90,6 +90,15 @@ def stream(
     )
 
 
+def begin(device: Device, knots_nm: NDArray[np.int32]) -> None:
+    """Open the drive's queue for `knots_nm` (N, 2). Raises DeviceError when the drive does not stand at the first."""
+    x, y = _start_nm(knots_nm)
+    device.write("stream.total", len(knots_nm))
+    device.write("stream.start_x", x)
+    device.write("stream.start_y", y)
+    device.write("stream.command", _BEGIN)
+
+
 class _Sender:
     """Keeps the drive's queue filled. `accepted`: knots known to be taken; `_sent`: the next knot to send."""
 
@@ -98,16 +107,12 @@ class _Sender:
         self.accepted = 0
         self.retransmitted = 0
         self._knots_nm = knots_nm
-        start_nm = (int(knots_nm[0, 0]), int(knots_nm[0, 1]))
-        self._frames = wire.pack_knots(knots_nm, start_nm)
+        self._frames = wire.pack_knots(knots_nm, _start_nm(knots_nm))
         self._sent = self._ever_sent = 0
         self._sent_s = np.zeros(len(knots_nm))
         self._end_checked = False
         self._cob_id = wire.RPDO2 + device.link.node_id
-        device.write("stream.total", len(knots_nm))
-        device.write("stream.start_x", start_nm[0])
-        device.write("stream.start_y", start_nm[1])
-        device.write("stream.command", _BEGIN)
+        begin(device, knots_nm)
         self._credit = int(device.read("stream.free"))
         self._seen = device.link.status_count
         self._heard_s = device.link.time_s
@@ -173,3 +178,7 @@ def _check_end(device: Device, knots_nm: NDArray[np.int32]) -> None:
     want = zlib.crc32(np.ascontiguousarray(knots_nm, dtype="<i4").tobytes())
     if (got := device.read("stream.checksum")) != want:
         raise StreamError(f"the drive went through other knots than were sent (checksum {got:08X}h, not {want:08X}h)")
+
+
+def _start_nm(knots_nm: NDArray[np.int32]) -> tuple[int, int]:
+    return (int(knots_nm[0, 0]), int(knots_nm[0, 1]))

@@ -21,8 +21,6 @@ from kontur.run import Target
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-console = Console(stderr=True)
-
 
 class _KeyValue(click.ParamType[tuple[str, str]]):
     name = "name=value"
@@ -137,10 +135,10 @@ def parameter_values(pairs: tuple[tuple[str, str], ...]) -> dict[str, float]:
 
 
 @contextmanager
-def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
-    """A bar on a terminal, nothing when piped; yields a function that takes the share done, 0 to 1."""
+def progress_bars() -> Iterator[Callable[[str, float], None]]:
+    """A bar on a terminal, nothing when piped; yields a function that takes what is done and the share, 0 to 1."""
     if not sys.stderr.isatty():
-        yield lambda share: None
+        yield lambda what, share: None
         return
     columns = (
         TextColumn("{task.description:<22}"),
@@ -148,9 +146,25 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task(what, total=1.0)
-        yield lambda share: progress.update(task, completed=share)
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=1.0)
+        doing = ""
+
+        def update(what: str, share: float) -> None:
+            nonlocal doing
+            if what != doing:
+                doing = what
+                progress.reset(task, description=what)
+            progress.update(task, completed=share)
+
+        yield update
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
+    """The same for one thing to do: the function takes the share alone."""
+    with progress_bars() as update:
+        yield lambda share: update(what, share)
 
 
 @contextmanager

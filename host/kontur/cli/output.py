@@ -12,10 +12,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from kontur.log import RunLog
-from kontur.report import summarise
-
-_SUMMARY = {
+_HEADINGS = {
     "mean_um": "mean µm",
     "rms_um": "rms µm",
     "max_um": "max µm",
@@ -28,18 +25,12 @@ _SUMMARY = {
 _PIPED_WIDTH = 200
 
 
-def summary(log: RunLog) -> dict[str, Any]:
-    """The figures of a run that are printed and kept in summary.json."""
-    values = summarise(log)
-    return {key: getattr(values, key) for key in _SUMMARY}
-
-
 def print_json(value: Any) -> None:
     """JSON on stdout."""
     click.echo(json.dumps(value, indent=2))
 
 
-def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Mapping[str, str] = _SUMMARY) -> None:
+def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Mapping[str, str] = _HEADINGS) -> None:
     """A table on stdout; keys of the rows are its columns, numbers have four digits."""
     table = Table(title=title or None, title_justify="left", title_style="bold")
     for key in rows[0]:

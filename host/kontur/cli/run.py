@@ -16,13 +16,13 @@ from kontur import log as logs
 from kontur import programs, shapes
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import KEY_VALUE, interruptible, parameter_values, progress_bar, target_options
-from kontur.cli.output import print_json, print_table, summary
+from kontur.cli.output import print_json, print_table
 from kontur.device import CONTROLLERS
 from kontur.errors import FileError
 from kontur.log import RunLog
 from kontur.path import Program
 from kontur.planner import plan
-from kontur.run import Target, limits, run
+from kontur.run import Target, limits, run, summary
 
 F = TypeVar("F", bound=Callable[..., Any])
 
