@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 INK, FAINT, PATH = "#1b1f24", "#8a9099", "#b9bec6"
 _DASH, _TIMES = "\u2013", "\u00d7"
+_LEAST_UM = 1e-6  # drawn where there is no error at all
 _STRETCHES = 700  # of time in a picture; two points each
 _NAMES = {
     "track": "sliding mode on each axis",
@@ -141,7 +142,7 @@ def sizes(entries: Sequence[Entry]) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(bars, shares))
     _draw_sizes(upper, entries)
     for entry in entries:
-        error = np.sort(np.abs(_scored(entry, entry.error_um)))
+        error = np.sort(np.maximum(np.abs(_scored(entry, entry.error_um)), _LEAST_UM))
         few = np.unique(np.linspace(0, len(error) - 1, _STRETCHES).astype(int))
         lower.plot(error[few], 100.0 * (few + 1) / len(error), color=entry.colour, lw=1.4)
     lower.set_ylim(0.0, 100.0)
@@ -155,19 +156,19 @@ def _draw_sizes(axes: Any, entries: Sequence[Entry]) -> None:
     for row, entry in enumerate(entries):
         error = np.abs(_scored(entry, entry.error_um))
         summary = entry.summary
-        p95 = float(np.percentile(error, 95.0))
-        axes.plot([summary.mean_um, summary.max_um], [row, row], color=entry.colour, alpha=0.35, lw=5.0,
+        mean, p95, greatest = (max(v, _LEAST_UM) for v in (summary.mean_um, np.percentile(error, 95.0), summary.max_um))
+        axes.plot([mean, greatest], [row, row], color=entry.colour, alpha=0.35, lw=5.0,
                   solid_capstyle="butt")  # fmt: skip
-        axes.plot(summary.mean_um, row, entry.marker, color=entry.colour, ms=9)
+        axes.plot(mean, row, entry.marker, color=entry.colour, ms=9)
         axes.plot(p95, row, "|", color=entry.colour, ms=13, mew=2.0)
-        axes.plot(summary.max_um, row, ">", color=entry.colour, ms=7)
-        axes.annotate(number(summary.mean_um), (summary.mean_um, row), (0, 8), textcoords="offset points",
+        axes.plot(greatest, row, ">", color=entry.colour, ms=7)
+        axes.annotate(number(summary.mean_um), (mean, row), (0, 8), textcoords="offset points",
                       ha="center", weight="bold")  # fmt: skip
-        axes.annotate(number(summary.max_um), (summary.max_um, row), (7, -3), textcoords="offset points")
+        axes.annotate(number(summary.max_um), (greatest, row), (7, -3), textcoords="offset points")
     axes.set_yticks(range(len(entries)), [entry.label for entry in entries], weight="bold")
     axes.set_ylim(len(entries) - 0.5, -0.7)
     low, high = min(e.summary.mean_um for e in entries), max(e.summary.max_um for e in entries)
-    axes.set_xlim(low / 3.0, high * 2.5)
+    axes.set_xlim(max(low, _LEAST_UM) / 3.0, max(high, _LEAST_UM) * 2.5)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="y", visible=False)
@@ -243,7 +244,7 @@ def _error_panel(axes: Any, entry: Entry, limit: float) -> None:
               zorder=5)  # fmt: skip
     if summary.from_s > time_s[0]:
         axes.axvspan(time_s[0], summary.from_s, color="#eef0f3", zorder=0)
-    axes.set_ylim(-1.15 * limit, 1.15 * limit)
+    axes.set_ylim(-1.15 * max(limit, _LEAST_UM), 1.15 * max(limit, _LEAST_UM))
     axes.yaxis.set_major_locator(MaxNLocator(4, symmetric=True))
 
 
@@ -427,7 +428,7 @@ def _extent(log: RunLog) -> tuple[float, float]:
 def _scale(entries: Sequence[Entry], size: tuple[float, float]) -> int:
     """How many times to draw the errors of `entries` so that their greatest covers an eighth of the path's size."""
     greatest_um = max(float(np.max(np.abs(_scored(entry, entry.error_um)))) for entry in entries)
-    return max(1, int(_nice(0.125 * max(size) * 1e3 / max(greatest_um, 1e-6))))
+    return max(1, int(_nice(0.125 * max(size) * 1e3 / max(greatest_um, _LEAST_UM))))
 
 
 def _nice(value: float) -> float:

@@ -36,12 +36,12 @@ def error_at(path: Program, x_mm: float, y_mm: float, path_s_mm: float) -> tuple
     return error.normal_m[0] / UM, error.tangential_m[0] / UM, error.foot_s_m[0] / MM
 
 
-def ellipse(a_m: float, b_m: float) -> Curve:
+def ellipse(a_m: float, b_m: float, first_u: float = 0.0) -> Curve:
     def formula(u: Array, order: int) -> Array:
         phase = np.asarray(u) + 0.5 * math.pi * order  # each derivative turns the phase by a quarter
         return np.stack([a_m * np.cos(phase), b_m * np.sin(phase)], axis=1)
 
-    return Curve(formula, np.array([0.0, 2.0 * math.pi]))
+    return Curve(formula, first_u + np.array([0.0, 2.0 * math.pi]))
 
 
 def test_error_beside_a_line_is_positive_on_the_left_and_lag_is_negative() -> None:
@@ -155,13 +155,15 @@ def test_error_to_an_ellipse_agrees_with_a_general_minimiser() -> None:
         assert abs(normal) == pytest.approx(found.fun, abs=1e-12)
 
 
-def test_error_inside_the_tip_of_a_narrow_ellipse_finds_the_nearer_of_both_sides() -> None:
+@pytest.mark.parametrize("y_mm", [0.01, 0.0])
+def test_error_inside_the_tip_of_a_narrow_ellipse_finds_the_nearer_of_both_sides(y_mm: float) -> None:
     a, b = 20 * MM, 2 * MM  # radius at the tip is b^2 / a = 0.2 mm
-    curve = ellipse(a, b)
-    q = np.array([[a - 0.5 * MM, 0.01 * MM]])  # beyond the centre of curvature of the tip
-    error = contour_error(program(curve), q, np.array([0.4 * MM]))
+    curve = ellipse(a, b, first_u=-math.pi)
+    q = np.array([[a - 0.5 * MM, y_mm * MM]])  # beyond the centre of curvature: the tip is the farthest point near it
+    error = contour_error(program(curve), q, curve.arc_length(np.zeros(1)))
     u = np.linspace(-0.5, 0.5, 2_000_001)
     dense = np.min(np.hypot(a * np.cos(u) - q[0, 0], b * np.sin(u) - q[0, 1]))
+    assert dense < 0.46 * MM
     assert error.normal_m[0] == pytest.approx(dense, abs=1e-11)
 
 
