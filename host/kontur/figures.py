@@ -273,10 +273,16 @@ def forces(entries: Sequence[Entry]) -> Figure | None:
 
 
 def gains(entries: Sequence[Entry]) -> Figure | None:
-    """Adaptive gains over time. None: no controller adapted any."""
-    quantities = (("k_{}_per_s", "contouring gain k̂, 1/s"), ("mu_{}_mps2", "uncertainty gain µ, m/s²"))
-    shown = [(name, text, [e for e in entries if _adapts(e, name)]) for name, text in quantities]
-    shown = [row for row in shown if row[2]]
+    """Adaptive gains over time, of the controllers that use them. None: of no run here."""
+    quantities = (
+        ("k_{}_per_s", "contouring gain k̂, 1/s", ("track", "cc", "ccu")),
+        ("mu_{}_mps2", "uncertainty gain µ, m/s²", ("ccu",)),
+    )
+    shown = []
+    for name, text, users in quantities:
+        using = [e for e in entries if e.log.meta["controller"] in users and _known(e, name.format(1), name.format(2))]
+        if using:
+            shown.append((name, text, using))
     if not shown:
         return None
     figure = Figure(figsize=(11.2, 0.5 + 1.9 * len(shown)), layout="constrained")
@@ -364,7 +370,8 @@ def _magnified_panel(axes: Any, entry: Entry, whole: RunLog, scale: int) -> None
     _path(axes, whole, color=PATH, lw=1.4)
     columns = entry.log.columns
     x, y = columns["reference_x_mm"], columns["reference_y_mm"]
-    error = np.where(columns["time_s"] >= entry.summary.from_s, entry.error_um, np.nan)
+    drawn = (columns["time_s"] >= entry.summary.from_s) & ~_rapid(entry.log)
+    error = np.where(drawn, entry.error_um, np.nan)
     keep = thinned(columns["time_s"], error)
     normal = _normal(x, y)
     away = scale * error * 1e-3
@@ -385,7 +392,16 @@ def _magnified_panel(axes: Any, entry: Entry, whole: RunLog, scale: int) -> None
 
 
 def _path(axes: Any, log: RunLog, **line: Any) -> None:
-    axes.plot(log.columns["reference_x_mm"], log.columns["reference_y_mm"], **line)
+    """Feed moves as a line, rapid moves thin and dashed."""
+    x, y = log.columns["reference_x_mm"], log.columns["reference_y_mm"]
+    rapid = _rapid(log)
+    axes.plot(np.where(rapid, np.nan, x), y, **line)
+    axes.plot(np.where(rapid, x, np.nan), y, color=FAINT, lw=0.6, ls=(0, (4, 3)))
+
+
+def _rapid(log: RunLog) -> NDArray[np.bool_]:
+    rapid = log.columns.get("rapid")
+    return np.zeros(len(log), dtype=np.bool_) if rapid is None else rapid > 0.0
 
 
 def _signal(axes: Any, entry: Entry, name: str, **line: Any) -> None:
@@ -399,11 +415,6 @@ def _signal(axes: Any, entry: Entry, name: str, **line: Any) -> None:
 
 def _known(entry: Entry, *names: str) -> bool:
     return all(name in entry.log.columns and np.any(np.isfinite(entry.log.columns[name])) for name in names)
-
-
-def _adapts(entry: Entry, name: str) -> bool:
-    columns = [name.format(index) for index in (1, 2)]
-    return _known(entry, *columns) and any(bool(np.nanmax(entry.log.columns[c]) > 0.0) for c in columns)
 
 
 def _scored(entry: Entry, values: Array) -> Array:

@@ -53,6 +53,7 @@ COLUMNS = (
     Column("y_mm", "mm", 6, "position by the encoder, y"),
     Column("reference_x_mm", "mm", 6, "trajectory at this time, x"),
     Column("reference_y_mm", "mm", 6, "trajectory at this time, y"),
+    Column("rapid", "1", 0, "1 on a rapid move (G0), 0 on a feed move"),
     Column("force_x_N", "N", 1, "force asked for, x"),
     Column("force_y_N", "N", 1, "force asked for, y"),
     Column("k_1_per_s", "1/s", 1, "adaptive contouring gain along the path"),

@@ -275,6 +275,9 @@ def _pictures(entries: Sequence[Entry]) -> list[str]:
     means = ", ".join(f"{e.label} {number(e.summary.mean_um)} µm" for e in entries)
     scales = ("the scale stands over each picture" if len(entries) == 1 else
               "upper row: one scale for all, to compare; lower row: each at its own scale, to see where")  # fmt: skip
+    has_rapid = any(np.any(e.log.columns.get("rapid", 0.0)) for e in entries)
+    rapid = " Rapid moves are dashed; they are scored like all others." if has_rapid else ""
+    rapid_error = " On rapid moves it is not drawn." if has_rapid else ""
     has_path = all("reference_x_mm" in e.log.columns and "reference_y_mm" in e.log.columns for e in entries)
     out = [
         '<div class="pair">',
@@ -287,12 +290,13 @@ def _pictures(entries: Sequence[Entry]) -> list[str]:
     ]
     if has_path:
         out.append(_figure(figures.where(entries), "Where it is worst", "The path, and on it the greatest error of "
-                           "each run.", f"Path with the worst point of each run: {worst}."))  # fmt: skip
+                           "each run." + rapid, f"Path with the worst point of each run: {worst}."))  # fmt: skip
     out.append("</div>")
     if has_path:
-        out.append(_figure(figures.magnified(entries), "The path with its error magnified", f"The error is drawn from "
-                           f"the path (grey) along its normal, magnified; {scales}. The bar shows how long an error of "
-                           "that size is drawn.", f"Path with magnified contour error for {names}."))  # fmt: skip
+        note = (f"The error is drawn from the path (grey) along its normal, magnified; {scales}. The bar shows how "
+                f"long an error of that size is drawn.{rapid_error}")  # fmt: skip
+        out.append(_figure(figures.magnified(entries), "The path with its error magnified", note,
+                           f"Path with magnified contour error for {names}."))  # fmt: skip
     shaded = " What is shaded is not scored." if any(e.summary.from_s > 0.0 for e in entries) else ""
     sides = (
         "" if len(entries) == 1 else "Pictures on the left: one scale for all; on the right: each at its own scale. "
@@ -302,7 +306,7 @@ def _pictures(entries: Sequence[Entry]) -> list[str]:
                        + shaded, f"Contour error over time for {names}."))  # fmt: skip
     for draw, heading, note in (
         (figures.forces, "Force", "Asked for by the drive."),
-        (figures.gains, "Adaptive gains", "Of the controllers that adapt any."),
+        (figures.gains, "Adaptive gains", "Of the controllers that use them."),
         (figures.energy, "Energy", "By the drive's energy model, both axes."),
     ):
         drawn = draw(entries)
@@ -382,6 +386,8 @@ def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _text(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_text(inner)}" for name, inner in value.items())
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 

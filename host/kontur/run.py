@@ -224,9 +224,11 @@ def _columns(telemetry: wire.Telemetry, time_s: Floats, trajectory: Trajectory, 
     time_s = time_s[rows]
     knot = clock.path_time(time_s) / wire.KNOT_PERIOD_S
     number = np.arange(len(trajectory.position_m))
+    path_s_m = np.interp(knot, number, trajectory.path_s_m)
     columns: dict[str, Floats] = {
         "tick": telemetry.tick[rows].astype(np.float64),
         "time_s": time_s,
+        "rapid": scoring.on_rapid(trajectory.program, path_s_m).astype(np.float64),
         "energy_J": telemetry.energy_J[rows],
     }
     for i, axis in enumerate("xy"):

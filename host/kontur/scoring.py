@@ -120,6 +120,13 @@ def score(error: ContourError, time_s: Array, position_m: Array, from_s: float =
     )
 
 
+def on_rapid(program: Program, path_s_m: Array) -> NDArray[np.bool_]:
+    """Whether the move at each path position `path_s_m` (n,) of `program` is a rapid one."""
+    ends_m = np.cumsum([move.segment.length_m for move in program.moves])
+    at = np.clip(np.searchsorted(ends_m, path_s_m), 0, len(ends_m) - 1)
+    return np.array([move.rapid for move in program.moves])[at]
+
+
 def force_effort(force_N: Array) -> tuple[float, float]:
     """Greatest force of an axis, and mean length of the change from one row of `force_N` (n, 2) to the next, in N."""
     step_N = _length(np.diff(force_N, axis=0))

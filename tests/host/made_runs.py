@@ -31,6 +31,7 @@ def made_run(controller: str = "ccu", mean_um: float = 0.1, peak_um: float = 2.0
         "y_mm": np.round(true_y, 6),
         "reference_x_mm": x,
         "reference_y_mm": y,
+        "rapid": np.where(np.arange(ROWS) < 50, 1.0, 0.0),
         "force_x_N": np.where(every[2], -40.0 * np.sin(angle), np.nan),
         "force_y_N": np.where(every[2], 40.0 * np.cos(angle), np.nan),
         "k_1_per_s": np.where(every[2], 100.0 + time_s, np.nan),

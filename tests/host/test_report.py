@@ -111,6 +111,11 @@ def test_two_runs_of_one_controller_are_told_apart_by_their_seed(tmp_path: Path)
 
 
 @pytest.mark.filterwarnings("error")
+def test_gains_are_shown_of_the_controllers_that_use_them(tmp_path: Path) -> None:
+    assert "Adaptive gains" not in report_of(tmp_path, [made_run("cascade")])
+    assert "Adaptive gains" in report_of(tmp_path, [made_run("cc")])
+
+
 def test_a_log_without_path_forces_gains_and_energy_still_makes_a_report(tmp_path: Path) -> None:
     run = made_run("ccu", truth=False)
     bare = RunLog(

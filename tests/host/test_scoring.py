@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from kontur.errors import PathError
 from kontur.path import Arc, Curve, Dwell, Line, Move, Program
-from kontur.scoring import ContourError, contour_error, force_effort, score
+from kontur.scoring import ContourError, contour_error, force_effort, on_rapid, score
 
 Array = NDArray[np.float64]
 UM = 1e-6
@@ -204,6 +204,12 @@ def test_a_run_that_ends_before_scoring_begins_is_refused() -> None:
     error = ContourError(np.zeros(2), np.zeros(2), np.zeros(2))
     with pytest.raises(ValueError, match="ends before"):
         score(error, np.array([0.0, 0.1]), np.zeros((2, 2)), from_s=0.3)
+
+
+def test_rapid_moves_are_told_from_feed_moves_by_the_path_position() -> None:
+    lines = polyline((0, 0), (10, 0), (10, 10)).moves
+    path = Program("rapid first", (Move(lines[0].segment, math.inf, rapid=True), Dwell(1.0), lines[1]), (0.0, 0.0))
+    assert on_rapid(path, np.array([0.0, 9.9, 10.0, 10.1, 20.0, 20.1]) * MM).tolist() == [True] * 3 + [False] * 3
 
 
 def test_force_effort_is_the_greatest_axis_force_and_the_mean_step() -> None:
