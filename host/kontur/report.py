@@ -459,5 +459,6 @@ summary { cursor: pointer; font-weight: 600; }
   .facts { grid-template-columns: 1fr; } .facts dd { margin-bottom: 8px; } }
 @media print { main { max-width: none; padding: 0; } .pair { grid-template-columns: 1fr 1fr; }
   .answer, tr.best > *, .badge { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
-  details > :not(summary) { display: block; } body { font-size: 11px; } .scores th, .scores td { padding: 4px 5px; } }
+  details::details-content { content-visibility: visible; }
+  body { font-size: 11px; } .scores th, .scores td { padding: 4px 5px; } }
 """
