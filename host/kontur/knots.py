@@ -17,6 +17,7 @@ from kontur.errors import PathError
 
 FloatArray = npt.NDArray[np.float64]
 KNOT_S = 1e-3
+DURATION_MAX_S = 3600.0  # of a path: 3.6 million knots, which bounds memory
 _STEP_MAX_NM = (1 << 23) - 1  # signed 24-bit difference of the knot frame
 _POSITION_MAX_NM = (1 << 31) - 1
 

@@ -48,7 +48,7 @@ class Line:
 
     def point(self, s_m: FloatArray) -> FloatArray:
         share = np.asarray(s_m)[:, None] / self.length_m
-        return (1.0 - share) * np.array(self.start_m) + share * np.array(self.end_m)
+        return np.asarray((1.0 - share) * np.array(self.start_m) + share * np.array(self.end_m))
 
     def tangent(self, s_m: FloatArray) -> FloatArray:
         direction = (np.array(self.end_m) - np.array(self.start_m)) / self.length_m
@@ -104,7 +104,7 @@ class Curve:
 
     def __init__(self, formula: Callable[[FloatArray, int], FloatArray], breaks: FloatArray) -> None:
         self.formula = formula
-        parts = max(4, math.ceil(256 / (len(breaks) - 1)))
+        parts = math.ceil(256 / (len(breaks) - 1))
         steps = np.arange(parts) / parts
         self._u = np.append((breaks[:-1, None] + np.diff(breaks)[:, None] * steps).ravel(), breaks[-1])
         self._s = np.append(0.0, np.cumsum(self._distance(self._u[:-1], self._u[1:])))
@@ -133,26 +133,30 @@ class Curve:
         return np.asarray(self._s[panel] + self._distance(self._u[panel], np.asarray(u)))
 
     def parameter(self, s_m: FloatArray) -> FloatArray:
-        """Parameter u (n,) at the distance `s_m` (n,) from the start, clipped to the curve."""
-        s = np.clip(np.asarray(s_m, dtype=np.float64), 0.0, self._s[-1])
-        return np.concatenate([self._solve(s[i : i + self._ROWS]) for i in range(0, max(s.size, 1), self._ROWS)])
+        """Parameter u (n,) at the distance `s_m` (n,) from the start, clipped to the curve.
 
-    def _solve(self, s: FloatArray) -> FloatArray:
-        """Newton's method, kept inside the panel by bisection."""
+        Newton's method, kept inside its panel by bisection.
+        """
+        s = np.clip(np.asarray(s_m, dtype=np.float64), 0.0, self._s[-1])
         panel = self._panel(self._s, s)
-        start, low, high = self._u[panel], self._u[panel].copy(), self._u[panel + 1].copy()
-        width = self._s[panel + 1] - self._s[panel]
-        share = np.divide(s - self._s[panel], width, out=np.zeros_like(s), where=width > 0.0)
-        u = low + share * (high - low)
+        low, high, s_low = self._u[panel], self._u[panel + 1], self._s[panel]
+        width = self._s[panel + 1] - s_low
+        u = low + np.divide(s - s_low, width, out=np.zeros_like(s), where=width > 0.0) * (high - low)
+        open_rows = np.arange(s.size)
         for _ in range(60):
-            over = self._s[panel] + self._distance(start, u) - s
-            if not np.any(np.abs(over) > self._ROUND_M):
+            now = u[open_rows]
+            over = s_low[open_rows] + self._distance(self._u[panel[open_rows]], now) - s[open_rows]
+            off = np.abs(over) > self._ROUND_M
+            open_rows, now, over = open_rows[off], now[off], over[off]
+            if not open_rows.size:
                 break
-            low, high = np.where(over < 0.0, u, low), np.where(over > 0.0, u, high)
-            speed = self._speed(u)
-            newton = u - np.divide(over, speed, out=np.full_like(u, np.inf), where=speed > 0.0)
-            u = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
-        return u
+            low[open_rows] = np.where(over < 0.0, now, low[open_rows])
+            high[open_rows] = np.where(over > 0.0, now, high[open_rows])
+            speed = self._speed(now)
+            new = now - np.divide(over, speed, out=np.full_like(now, np.inf), where=speed > 0.0)
+            inside = (new >= low[open_rows]) & (new <= high[open_rows])
+            u[open_rows] = np.where(inside, new, 0.5 * (low[open_rows] + high[open_rows]))
+        return np.asarray(u)
 
     @staticmethod
     def _panel(edges: FloatArray, value: FloatArray) -> npt.NDArray[np.intp]:
@@ -164,9 +168,13 @@ class Curve:
 
     def _distance(self, u_from: FloatArray, u_to: FloatArray) -> FloatArray:
         """Arc length from `u_from` to `u_to` (n,), by quadrature; both within one panel."""
-        half = 0.5 * (u_to - u_from)
-        at = (0.5 * (u_to + u_from))[:, None] + half[:, None] * self._NODES
-        return np.asarray(half * (self._speed(at.ravel()).reshape(at.shape) @ self._WEIGHTS))
+        half, middle = 0.5 * (u_to - u_from), 0.5 * (u_to + u_from)
+        mean = np.empty_like(half)
+        for first in range(0, half.size, self._ROWS):
+            rows = slice(first, first + self._ROWS)
+            at = middle[rows, None] + half[rows, None] * self._NODES
+            mean[rows] = self._speed(at.ravel()).reshape(at.shape) @ self._WEIGHTS
+        return np.asarray(half * mean)
 
     def _moving(self, u: FloatArray) -> FloatArray:
         """`u`, moved a millionth of the curve inwards where the speed along u vanishes."""

@@ -27,17 +27,26 @@ from scipy.optimize import brentq
 
 from kontur import knots
 from kontur.errors import KonturError, PathError
-from kontur.knots import KNOT_S
-from kontur.path import Arc, Dwell, FloatArray, Line, Move, Program, Segment
+from kontur.knots import DURATION_MAX_S, KNOT_S
+from kontur.path import Arc, Curve, Dwell, FloatArray, Line, Move, Program, Segment
 
 CORNER_RAD = 2e-3  # a change of direction beyond this is a corner, where the motion stops
-DURATION_MAX_S = 3600.0
 
-_ACCELERATION_SHARE = 0.98  # of the limits is planned with: room for the spline between the samples and for rounding
+# Shares of the limits that are planned with: room for the spline's answer to jumps, and for rounding.
+_VELOCITY_SHARE = 0.999
+_ACCELERATION_SHARE = 0.98
 _JERK_SHARE = 0.95
+_STEP_SHARE = 0.35  # of the acceleration may come at once, where curvature or direction jumps
+_BUILD_UP_S = 4.0 * KNOT_S  # the acceleration is not built up faster, which knots could not follow
 _CENTRIPETAL_SHARE = 0.8  # of the acceleration may be centripetal; the rest is left for changes of speed
 _BEND_SHARE = 0.7  # of the jerk may come from following the bend at constant speed
+_TANGENTIAL_SHARES = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98)
 _HOLD_S = 2.0 * KNOT_S  # a stop: three equal control points in a row, so that the spline is at rest there
+_KNOT_RAD = 0.2  # the path turns no more from one knot to the next
+_CELL_M = 2e-4  # samples of a curve are this far apart, or nearer where it turns more than _CELL_RAD between them
+_CELL_RAD = 0.05
+_CELLS_MAX = 1 << 17
+_RADIUS_MIN_M = 2e-6
 _RING = 16  # knots over which the spline's answer to a step in acceleration dies down to nothing
 
 
@@ -110,7 +119,7 @@ def plan(
         control = knots.control_points(position)
         _check_schedule(program, limits, control)
     else:
-        pieces = _pieces(program, limits, report)
+        pieces = _pieces(program, _planned(limits), report)
         s = _distance(program, pieces, report)
         position = _positions(moves, s, report)
         control = knots.control_points(position)
@@ -137,6 +146,19 @@ class _Piece:
     fastest: float = 0.0  # duration at the bounds of what was merged into it, s
 
 
+def _planned(limits: Limits) -> Limits:
+    """The limits to plan with."""
+    vx, vy = limits.velocity_mps
+    ax, ay = (_ACCELERATION_SHARE * a for a in limits.acceleration_mps2)
+    jx, jy = limits.jerk_mps3
+    return Limits(
+        velocity_mps=(_VELOCITY_SHARE * vx, _VELOCITY_SHARE * vy),
+        acceleration_mps2=(ax, ay),
+        jerk_mps3=(min(_JERK_SHARE * jx, ax / _BUILD_UP_S), min(_JERK_SHARE * jy, ay / _BUILD_UP_S)),
+        centripetal_step_mps2=min(limits.centripetal_step_mps2, _STEP_SHARE * min(ax, ay)),
+    )
+
+
 def _pieces(program: Program, limits: Limits, report: Callable[[float], None]) -> list[_Piece]:
     """The pieces of the path in order; one that begins with a stop has `entry` 0. The last one is empty: the end."""
     pieces: list[_Piece] = []
@@ -147,7 +169,7 @@ def _pieces(program: Program, limits: Limits, report: Callable[[float], None]) -
             rest += item.duration_s
             before = None
             continue
-        first, *others = _cut(item, limits)
+        first, *others = _cut(item, limits, _where(program, item.line))
         first.entry, first.jump = _entry(before, item.segment, limits)
         first.rest = rest
         rest, before = 0.0, item.segment
@@ -159,7 +181,7 @@ def _pieces(program: Program, limits: Limits, report: Callable[[float], None]) -
     return [*pieces, _Piece(0.0, 1.0, 1.0, 1.0, entry=0.0, rest=rest)]
 
 
-def _cut(move: Move, limits: Limits) -> list[_Piece]:
+def _cut(move: Move, limits: Limits, where: str) -> list[_Piece]:
     segment = move.segment
     if isinstance(segment, Line):
         along = np.abs(segment.tangent(np.zeros(1))[0])
@@ -168,33 +190,61 @@ def _cut(move: Move, limits: Limits) -> list[_Piece]:
                 float(np.min(np.array(limit) / along))
                 for limit in (limits.velocity_mps, limits.acceleration_mps2, limits.jerk_mps3)
             )
-        v = min(v, move.feed_mps)
-        return [_piece(segment.length_m, v, _ACCELERATION_SHARE * a, _JERK_SHARE * j)]
+        return [_piece(segment.length_m, min(v, move.feed_mps), a, j)]
     v = min(move.feed_mps, *limits.velocity_mps)
     if isinstance(segment, Arc):
         return [_bent(segment.length_m, v, 1.0 / segment.radius_m, 0.0, limits)]
-    return _cut_curve(segment, v, limits)
+    return _cut_curve(segment, v, limits, where)
 
 
-def _cut_curve(segment: Segment, v: float, limits: Limits) -> list[_Piece]:
-    """Pieces as long as it takes to stop: short enough to follow a changing bound, long enough to change speed in."""
-    cells = int(np.clip(segment.length_m / 1e-4, 256, 1 << 17))
-    s = np.linspace(0.0, segment.length_m, cells + 1)
-    bend = segment.curvature(s)
-    change = np.abs(np.diff(bend)) / s[1]
+def _cut_curve(segment: Segment, v: float, limits: Limits, where: str) -> list[_Piece]:
+    """Pieces as long as it takes to stop: short enough to follow a changing bound, long enough to change speed in.
+
+    Raises PathError: a bend of less than _RADIUS_MIN_M.
+    """
+    s, bend = _sampled(segment, where)
+    change = np.abs(np.diff(bend)) / np.diff(s)
     change = np.maximum(change, np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1])))
     bend = np.maximum(np.abs(bend[1:]), np.abs(bend[:-1]))
     bound = np.minimum(v, _bend_speed(bend, change, limits))
-    wanted = np.clip(np.sqrt(bound**3 / min(limits.jerk_mps3)) / s[1], 1, cells)
+    wanted = np.sqrt(bound**3 / min(limits.jerk_mps3))
     pieces = []
-    start = 0
+    start, cells = 0, len(bend)
     while start < cells:
-        end = min(cells, start + int(wanted[start]))
-        end = min(cells, start + max(1, int(np.min(wanted[start:end]))))
+        end = max(start + 1, int(np.searchsorted(s, s[start] + wanted[start], side="right")) - 1)
+        shortest = s[start] + np.min(wanted[start:end])
+        end = min(cells, max(start + 1, int(np.searchsorted(s, shortest, side="right")) - 1))
         tightest, steepest = float(np.max(bend[start:end])), float(np.max(change[start:end]))
         pieces.append(_bent(s[end] - s[start], v, tightest, steepest, limits))
         start = end
     return pieces
+
+
+def _sampled(segment: Segment, where: str) -> tuple[FloatArray, FloatArray]:
+    """Distances (n,) along a curve, close enough that it turns little from one to the next, and its curvature there."""
+
+    def shape(s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        tangent = segment.tangent(s)
+        return segment.curvature(s), np.arctan2(tangent[:, 1], tangent[:, 0])
+
+    s = np.linspace(0.0, segment.length_m, int(np.clip(segment.length_m / _CELL_M, 64, _CELLS_MAX)) + 1)
+    bend, angle = shape(s)
+    while True:
+        turn = np.abs((np.diff(angle) + np.pi) % (2.0 * np.pi) - np.pi)
+        size = np.diff(s)
+        coarse = np.flatnonzero(np.maximum(turn, np.maximum(np.abs(bend[1:]), np.abs(bend[:-1])) * size) > _CELL_RAD)
+        if not coarse.size:
+            return s, bend
+        if np.min(size[coarse]) < _CELL_RAD * _RADIUS_MIN_M:
+            x, y = 1e3 * segment.point(s[coarse[:1]])[0]
+            raise PathError(
+                f"{where}: the curve bends with less than {_RADIUS_MIN_M * 1e3:g} mm radius near x = {x:.3f}, "
+                f"y = {y:.3f} mm; its points must lie on a smooth curve"
+            )
+        middle = s[coarse] + 0.5 * size[coarse]
+        more_bend, more_angle = shape(middle)
+        s = np.insert(s, coarse + 1, middle)
+        bend, angle = np.insert(bend, coarse + 1, more_bend), np.insert(angle, coarse + 1, more_angle)
 
 
 def _bent(length: float, v: float, bend: float, change: float, limits: Limits) -> _Piece:
@@ -204,24 +254,29 @@ def _bent(length: float, v: float, bend: float, change: float, limits: Limits) -
     acceleration = t s'' + n k s'^2 and jerk = t (s''' - k^2 s'^3) + n (3 k s' s'' + k' s'^3).
     Either vector may point along either axis, so its length stays within the weaker axis' limit.
     """
-    a, j = _ACCELERATION_SHARE * min(limits.acceleration_mps2), _JERK_SHARE * min(limits.jerk_mps3)
+    a, j = min(limits.acceleration_mps2), min(limits.jerk_mps3)
     v = min(v, float(_bend_speed(np.array(bend), np.array(change), limits)))
     along = bend**2 * v**3
-    j_s = 0.5 * (j - along)
-    across = math.sqrt(j**2 - (j_s + along) ** 2) - change * v**3
-    a_s = math.sqrt(a**2 - (bend * v**2) ** 2)
-    if bend > 0.0:
-        a_s = min(a_s, across / (3.0 * bend * v))
+    a_left = math.sqrt(a**2 - (bend * v**2) ** 2)
+    choices = []
+    for share in _TANGENTIAL_SHARES:  # of the jerk that is left along the path; what s'' may be depends on it
+        j_s = share * (j - along)
+        across = math.sqrt(j**2 - (j_s + along) ** 2) - change * v**3
+        a_s = min(a_left, max(across, 0.0) / (3.0 * bend * v)) if bend > 0.0 else a_left
+        if a_s > 0.0:
+            choices.append((v / a_s + a_s / j_s, a_s, j_s))
+    _, a_s, j_s = min(choices)  # the fastest from rest to the greatest speed
     return _piece(length, v, a_s, j_s)
 
 
 def _bend_speed(bend: FloatArray, change: FloatArray, limits: Limits) -> FloatArray:
     """Greatest constant speed on such a bend."""
-    a, j = _ACCELERATION_SHARE * min(limits.acceleration_mps2), _JERK_SHARE * min(limits.jerk_mps3)
+    a, j = min(limits.acceleration_mps2), min(limits.jerk_mps3)
     with np.errstate(divide="ignore"):
         by_acceleration = np.sqrt(_CENTRIPETAL_SHARE * a / bend)
         by_jerk = np.cbrt(_BEND_SHARE * j / np.hypot(bend**2, change))
-    return np.minimum(by_acceleration, by_jerk)
+        by_knots = _KNOT_RAD / KNOT_S / bend
+    return np.minimum(np.minimum(by_acceleration, by_jerk), by_knots)
 
 
 def _piece(length: float, v: float, a: float, j: float) -> _Piece:
@@ -241,10 +296,10 @@ def _entry(before: Segment | None, after: Segment, limits: Limits) -> tuple[floa
     if turn > CORNER_RAD:
         return 0.0, False
     jump = abs(float(after.curvature(start)[0] - before.curvature(end)[0]))
-    allowed = min(limits.centripetal_step_mps2, *limits.acceleration_mps2)
     kick = turn / KNOT_S
-    root = kick + math.sqrt(kick**2 + 4.0 * jump * allowed)
-    return (2.0 * allowed / root if root > 0.0 else math.inf), True
+    step = limits.centripetal_step_mps2
+    root = kick + math.sqrt(kick**2 + 4.0 * jump * step)
+    return (2.0 * step / root if root > 0.0 else math.inf), True
 
 
 def _merged(into: _Piece, piece: _Piece) -> bool:
@@ -405,7 +460,7 @@ def _check_connected(program: Program) -> None:
         here = ends[1]
 
 
-def _extent(segment: Segment) -> FloatArray:
+def _extent(segment: Segment, where: str) -> FloatArray:
     """Points (n, 2) among which are the outermost of the segment, for a Curve to about a micrometre."""
     s = np.array([0.0, segment.length_m])
     if isinstance(segment, Arc):
@@ -413,14 +468,14 @@ def _extent(segment: Segment) -> FloatArray:
         quarter = np.arange(5) * 0.5 * np.pi - turn * segment.start_rad
         s = np.append(s, segment.radius_m * (quarter % (2.0 * np.pi)))
         s = s[s <= segment.length_m]
-    elif not isinstance(segment, Line):
-        s = np.linspace(0.0, segment.length_m, int(np.clip(segment.length_m / 1e-4, 256, 1 << 17)))
+    elif isinstance(segment, Curve):
+        s, _ = _sampled(segment, where)
     return segment.point(s)
 
 
 def _check_travel(program: Program, travel_m: tuple[tuple[float, float], tuple[float, float]]) -> None:
     for move in program.moves:
-        points = _extent(move.segment)
+        points = _extent(move.segment, _where(program, move.line))
         for axis, (least, greatest) in enumerate(travel_m):
             for worst, beyond in ((np.min(points[:, axis]), -1), (np.max(points[:, axis]), 1)):
                 edge = least if beyond < 0 else greatest
