@@ -14,12 +14,13 @@ import numpy.typing as npt
 from scipy.linalg import solve_banded
 
 from kontur.errors import PathError
+from kontur.path import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 KNOT_S = 1e-3
 DURATION_MAX_S = 3600.0  # of a path: 3.6 million knots, which bounds memory
 _STEP_MAX_NM = (1 << 23) - 1  # signed 24-bit difference of the knot frame
 _POSITION_MAX_NM = (1 << 31) - 1
+POSITION_RANGE_M = ((-2.147, 2.147), (-2.147, 2.147))  # what 32 bits can count
 
 
 def control_points(position_m: FloatArray) -> FloatArray:

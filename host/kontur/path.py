@@ -229,3 +229,7 @@ class Program:
     @property
     def length_m(self) -> float:
         return math.fsum(move.segment.length_m for move in self.moves)
+
+    def where(self, line: int | None) -> str:
+        """The name, with the line if there is one: how a message begins."""
+        return self.name if line is None else f"{self.name}:{line}"

@@ -26,47 +26,15 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 
 from kontur import knots
+from kontur.bounds import Limits, Piece, pieces_of, planned, sampled
 from kontur.errors import KonturError, PathError
-from kontur.knots import DURATION_MAX_S, KNOT_S
-from kontur.path import Arc, Curve, Dwell, FloatArray, Line, Move, Program, Segment
+from kontur.knots import DURATION_MAX_S, KNOT_S, POSITION_RANGE_M
+from kontur.path import Arc, Curve, FloatArray, Move, Program, Segment
 
-CORNER_RAD = 2e-3  # a change of direction beyond this is a corner, where the motion stops
+__all__ = ["Limits", "PlannerError", "Trajectory", "plan"]
 
-# Shares of the limits that are planned with: room for the spline's answer to jumps, and for rounding.
-_VELOCITY_SHARE = 0.999
-_ACCELERATION_SHARE = 0.98
-_JERK_SHARE = 0.95
-_STEP_SHARE = 0.35  # of the acceleration may come at once, where curvature or direction jumps
-_BUILD_UP_S = 4.0 * KNOT_S  # the acceleration is not built up faster, which knots could not follow
-_CENTRIPETAL_SHARE = 0.8  # of the acceleration may be centripetal; the rest is left for changes of speed
-_BEND_SHARE = 0.7  # of the jerk may come from following the bend at constant speed
-_TANGENTIAL_SHARES = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98)
 _HOLD_S = 2.0 * KNOT_S  # a stop: three equal control points in a row, so that the spline is at rest there
-_KNOT_RAD = 0.2  # the path turns no more from one knot to the next
-_CELL_M = 2e-4  # samples of a curve are this far apart, or nearer where it turns more than _CELL_RAD between them
-_CELL_RAD = 0.05
-_CELLS_MAX = 1 << 17
-_RADIUS_MIN_M = 2e-6
 _RING = 16  # knots over which the spline's answer to a step in acceleration dies down to nothing
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What the axes may do, (x, y) each, and the step of acceleration allowed where the path's curvature jumps.
-
-    Raises PathError: a limit that is not a positive number.
-    """
-
-    velocity_mps: tuple[float, float] = (0.3, 0.3)
-    acceleration_mps2: tuple[float, float] = (5.0, 5.0)
-    jerk_mps3: tuple[float, float] = (100.0, 100.0)
-    centripetal_step_mps2: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name, values in vars(self).items():
-            for value in values if isinstance(values, tuple) else (values,):
-                if not (value > 0.0 and math.isfinite(value)):
-                    raise PathError(f"limit {name} is {value}; it must be a positive number")
 
 
 @dataclass(frozen=True)
@@ -96,7 +64,7 @@ def plan(
     program: Program,
     limits: Limits,
     progress: Callable[[float], None] | None = None,
-    travel_m: tuple[tuple[float, float], tuple[float, float]] | None = None,
+    travel_m: tuple[tuple[float, float], tuple[float, float]] = POSITION_RANGE_M,
 ) -> Trajectory:
     """Plan `program` for axes that stand at its start.
 
@@ -111,15 +79,14 @@ def plan(
     if not moves:
         raise PathError(f"{program.name}: there is no motion in it")
     _check_connected(program)
-    if travel_m is not None:
-        _check_travel(program, travel_m)
+    _check_travel(program, travel_m)
     report(0.0)
     if any(move.schedule for move in moves):
         s, position = _scheduled(program)
         control = knots.control_points(position)
         _check_schedule(program, limits, control)
     else:
-        pieces = _pieces(program, _planned(limits), report)
+        pieces = pieces_of(program, planned(limits), report)
         s = _distance(program, pieces, report)
         position = _positions(moves, s, report)
         control = knots.control_points(position)
@@ -127,190 +94,6 @@ def plan(
     knots_nm = knots.to_nm(control)
     report(1.0)
     return Trajectory(program, knots_nm, position, s, knots.digest(knots_nm))
-
-
-# --- pieces with constant bounds --------------------------------------------------------------------------------------
-
-
-@dataclass
-class _Piece:
-    """A length of path with bounds of speed, tangential acceleration and tangential jerk."""
-
-    length: float
-    v: float
-    a: float
-    j: float
-    entry: float = math.inf  # bound of the speed at its start; 0 is a stop
-    rest: float = 0.0  # dwell before it, s
-    jump: bool = False  # curvature or direction jumps at its start
-    fastest: float = 0.0  # duration at the bounds of what was merged into it, s
-
-
-def _planned(limits: Limits) -> Limits:
-    """The limits to plan with."""
-    vx, vy = limits.velocity_mps
-    ax, ay = (_ACCELERATION_SHARE * a for a in limits.acceleration_mps2)
-    jx, jy = limits.jerk_mps3
-    return Limits(
-        velocity_mps=(_VELOCITY_SHARE * vx, _VELOCITY_SHARE * vy),
-        acceleration_mps2=(ax, ay),
-        jerk_mps3=(min(_JERK_SHARE * jx, ax / _BUILD_UP_S), min(_JERK_SHARE * jy, ay / _BUILD_UP_S)),
-        centripetal_step_mps2=min(limits.centripetal_step_mps2, _STEP_SHARE * min(ax, ay)),
-    )
-
-
-def _pieces(program: Program, limits: Limits, report: Callable[[float], None]) -> list[_Piece]:
-    """The pieces of the path in order; one that begins with a stop has `entry` 0. The last one is empty: the end."""
-    pieces: list[_Piece] = []
-    before: Segment | None = None
-    rest = 0.0
-    for i, item in enumerate(program.items):
-        if isinstance(item, Dwell):
-            rest += item.duration_s
-            before = None
-            continue
-        first, *others = _cut(item, limits, _where(program, item.line))
-        first.entry, first.jump = _entry(before, item.segment, limits)
-        first.rest = rest
-        rest, before = 0.0, item.segment
-        for piece in (first, *others):
-            if not (pieces and _merged(pieces[-1], piece)):
-                pieces.append(piece)
-        if i % 256 == 0:
-            report(0.4 * i / len(program.items))
-    return [*pieces, _Piece(0.0, 1.0, 1.0, 1.0, entry=0.0, rest=rest)]
-
-
-def _cut(move: Move, limits: Limits, where: str) -> list[_Piece]:
-    segment = move.segment
-    if isinstance(segment, Line):
-        along = np.abs(segment.tangent(np.zeros(1))[0])
-        with np.errstate(divide="ignore"):
-            v, a, j = (
-                float(np.min(np.array(limit) / along))
-                for limit in (limits.velocity_mps, limits.acceleration_mps2, limits.jerk_mps3)
-            )
-        return [_piece(segment.length_m, min(v, move.feed_mps), a, j)]
-    v = min(move.feed_mps, *limits.velocity_mps)
-    if isinstance(segment, Arc):
-        return [_bent(segment.length_m, v, 1.0 / segment.radius_m, 0.0, limits)]
-    return _cut_curve(segment, v, limits, where)
-
-
-def _cut_curve(segment: Segment, v: float, limits: Limits, where: str) -> list[_Piece]:
-    """Pieces as long as it takes to stop: short enough to follow a changing bound, long enough to change speed in.
-
-    Raises PathError: a bend of less than _RADIUS_MIN_M.
-    """
-    s, bend = _sampled(segment, where)
-    change = np.abs(np.diff(bend)) / np.diff(s)
-    change = np.maximum(change, np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1])))
-    bend = np.maximum(np.abs(bend[1:]), np.abs(bend[:-1]))
-    bound = np.minimum(v, _bend_speed(bend, change, limits))
-    wanted = np.sqrt(bound**3 / min(limits.jerk_mps3))
-    pieces = []
-    start, cells = 0, len(bend)
-    while start < cells:
-        end = max(start + 1, int(np.searchsorted(s, s[start] + wanted[start], side="right")) - 1)
-        shortest = s[start] + np.min(wanted[start:end])
-        end = min(cells, max(start + 1, int(np.searchsorted(s, shortest, side="right")) - 1))
-        tightest, steepest = float(np.max(bend[start:end])), float(np.max(change[start:end]))
-        pieces.append(_bent(s[end] - s[start], v, tightest, steepest, limits))
-        start = end
-    return pieces
-
-
-def _sampled(segment: Segment, where: str) -> tuple[FloatArray, FloatArray]:
-    """Distances (n,) along a curve, close enough that it turns little from one to the next, and its curvature there."""
-
-    def shape(s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        tangent = segment.tangent(s)
-        return segment.curvature(s), np.arctan2(tangent[:, 1], tangent[:, 0])
-
-    s = np.linspace(0.0, segment.length_m, int(np.clip(segment.length_m / _CELL_M, 64, _CELLS_MAX)) + 1)
-    bend, angle = shape(s)
-    while True:
-        turn = np.abs((np.diff(angle) + np.pi) % (2.0 * np.pi) - np.pi)
-        size = np.diff(s)
-        coarse = np.flatnonzero(np.maximum(turn, np.maximum(np.abs(bend[1:]), np.abs(bend[:-1])) * size) > _CELL_RAD)
-        if not coarse.size:
-            return s, bend
-        if np.min(size[coarse]) < _CELL_RAD * _RADIUS_MIN_M:
-            x, y = 1e3 * segment.point(s[coarse[:1]])[0]
-            raise PathError(
-                f"{where}: the curve bends with less than {_RADIUS_MIN_M * 1e3:g} mm radius near x = {x:.3f}, "
-                f"y = {y:.3f} mm; its points must lie on a smooth curve"
-            )
-        middle = s[coarse] + 0.5 * size[coarse]
-        more_bend, more_angle = shape(middle)
-        s = np.insert(s, coarse + 1, middle)
-        bend, angle = np.insert(bend, coarse + 1, more_bend), np.insert(angle, coarse + 1, more_angle)
-
-
-def _bent(length: float, v: float, bend: float, change: float, limits: Limits) -> _Piece:
-    """Bounds on a piece with curvature up to `bend` (1/m) that changes by up to `change` (1/m2).
-
-    Along a curve p(s(t)) with unit tangent t and normal n, curvature k and k' = dk/ds,
-    acceleration = t s'' + n k s'^2 and jerk = t (s''' - k^2 s'^3) + n (3 k s' s'' + k' s'^3).
-    Either vector may point along either axis, so its length stays within the weaker axis' limit.
-    """
-    a, j = min(limits.acceleration_mps2), min(limits.jerk_mps3)
-    v = min(v, float(_bend_speed(np.array(bend), np.array(change), limits)))
-    along = bend**2 * v**3
-    a_left = math.sqrt(a**2 - (bend * v**2) ** 2)
-    choices = []
-    for share in _TANGENTIAL_SHARES:  # of the jerk that is left along the path; what s'' may be depends on it
-        j_s = share * (j - along)
-        across = math.sqrt(j**2 - (j_s + along) ** 2) - change * v**3
-        a_s = min(a_left, max(across, 0.0) / (3.0 * bend * v)) if bend > 0.0 else a_left
-        if a_s > 0.0:
-            choices.append((v / a_s + a_s / j_s, a_s, j_s))
-    _, a_s, j_s = min(choices)  # the fastest from rest to the greatest speed
-    return _piece(length, v, a_s, j_s)
-
-
-def _bend_speed(bend: FloatArray, change: FloatArray, limits: Limits) -> FloatArray:
-    """Greatest constant speed on such a bend."""
-    a, j = min(limits.acceleration_mps2), min(limits.jerk_mps3)
-    with np.errstate(divide="ignore"):
-        by_acceleration = np.sqrt(_CENTRIPETAL_SHARE * a / bend)
-        by_jerk = np.cbrt(_BEND_SHARE * j / np.hypot(bend**2, change))
-        by_knots = _KNOT_RAD / KNOT_S / bend
-    return np.minimum(np.minimum(by_acceleration, by_jerk), by_knots)
-
-
-def _piece(length: float, v: float, a: float, j: float) -> _Piece:
-    return _Piece(float(length), v, a, j, fastest=float(length) / v)
-
-
-def _entry(before: Segment | None, after: Segment, limits: Limits) -> tuple[float, bool]:
-    """Bound of the speed where `after` follows `before`, and whether curvature or direction jumps there.
-
-    A change of direction by `turn` is spread over one knot by the spline: an acceleration of speed times turn a knot.
-    """
-    if before is None:
-        return 0.0, False
-    end, start = np.array([before.length_m]), np.zeros(1)
-    (x0, y0), (x1, y1) = before.tangent(end)[0], after.tangent(start)[0]
-    turn = abs(math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1))
-    if turn > CORNER_RAD:
-        return 0.0, False
-    jump = abs(float(after.curvature(start)[0] - before.curvature(end)[0]))
-    kick = turn / KNOT_S
-    step = limits.centripetal_step_mps2
-    root = kick + math.sqrt(kick**2 + 4.0 * jump * step)
-    return (2.0 * step / root if root > 0.0 else math.inf), True
-
-
-def _merged(into: _Piece, piece: _Piece) -> bool:
-    """Merge `piece` into the one before it if their bounds are much the same: fewer points without acceleration."""
-    v, a, j = min(into.v, piece.v), min(into.a, piece.a), min(into.j, piece.j)
-    length, fastest = into.length + piece.length, into.fastest + piece.fastest
-    alike = length / v <= 1.05 * fastest and a >= 0.5 * max(into.a, piece.a) and j >= 0.5 * max(into.j, piece.j)
-    if not alike or piece.entry < v or piece.jump:
-        return False
-    into.length, into.v, into.a, into.j, into.fastest = length, v, a, j, fastest
-    return True
 
 
 # --- the time law -----------------------------------------------------------------------------------------------------
@@ -328,7 +111,7 @@ def _ramp_length(v0: FloatArray, v1: FloatArray, a: FloatArray, j: FloatArray) -
     return np.asarray(0.5 * (v0 + v1) * (2.0 * jerk + hold))
 
 
-def _reach(v0: float, bound: float, piece: _Piece) -> float:
+def _reach(v0: float, bound: float, piece: Piece) -> float:
     """Greatest speed up to `bound` that can be reached from `v0` over the piece."""
 
     def over(v1: float) -> float:
@@ -345,7 +128,7 @@ def _reach(v0: float, bound: float, piece: _Piece) -> float:
     return float(brentq(over, v0, bound, xtol=1e-15, rtol=1e-14))
 
 
-def _entries(pieces: list[_Piece]) -> FloatArray:
+def _entries(pieces: list[Piece]) -> FloatArray:
     """Speed at the start of each piece, by looking back from every stop and ahead from it."""
     v = [0.0, *(min(b.entry, a.v, b.v) for a, b in itertools.pairwise(pieces))]
     for i in range(len(pieces) - 2, 0, -1):
@@ -357,7 +140,7 @@ def _entries(pieces: list[_Piece]) -> FloatArray:
     return np.array(v)
 
 
-def _distance(program: Program, pieces: list[_Piece], report: Callable[[float], None]) -> FloatArray:
+def _distance(program: Program, pieces: list[Piece], report: Callable[[float], None]) -> FloatArray:
     """Distance travelled (n,) at each millisecond."""
     v0 = _entries(pieces)
     v1 = np.append(v0[1:], 0.0)
@@ -442,20 +225,16 @@ def _scheduled(program: Program) -> tuple[FloatArray, FloatArray]:
 # --- checks -----------------------------------------------------------------------------------------------------------
 
 
-def _where(program: Program, line: int | None) -> str:
-    return program.name if line is None else f"{program.name}:{line}"
-
-
 def _check_connected(program: Program) -> None:
     here = np.array(program.start_m)
     for move in program.moves:
         ends = move.segment.point(np.array([0.0, move.segment.length_m]))
         if not move.segment.length_m > 0.0 or not move.feed_mps > 0.0:
-            raise PathError(f"{_where(program, move.line)}: a move needs a length and a feed above zero")
+            raise PathError(f"{program.where(move.line)}: a move needs a length and a feed above zero")
         gap = float(np.max(np.abs(ends[0] - here)))
         if not gap <= 1e-9:
             raise PathError(
-                f"{_where(program, move.line)}: the move starts {gap * 1e3:.6f} mm from where the one before it ends"
+                f"{program.where(move.line)}: the move starts {gap * 1e3:.6f} mm from where the one before it ends"
             )
         here = ends[1]
 
@@ -469,19 +248,19 @@ def _extent(segment: Segment, where: str) -> FloatArray:
         s = np.append(s, segment.radius_m * (quarter % (2.0 * np.pi)))
         s = s[s <= segment.length_m]
     elif isinstance(segment, Curve):
-        s, _ = _sampled(segment, where)
+        s, _ = sampled(segment, where)
     return segment.point(s)
 
 
 def _check_travel(program: Program, travel_m: tuple[tuple[float, float], tuple[float, float]]) -> None:
     for move in program.moves:
-        points = _extent(move.segment, _where(program, move.line))
+        points = _extent(move.segment, program.where(move.line))
         for axis, (least, greatest) in enumerate(travel_m):
             for worst, beyond in ((np.min(points[:, axis]), -1), (np.max(points[:, axis]), 1)):
                 edge = least if beyond < 0 else greatest
                 if beyond * (worst - edge) > 1e-9:
                     raise PathError(
-                        f"{_where(program, move.line)}: the path reaches {'xy'[axis]} = {worst * 1e3:.3f} mm, outside "
+                        f"{program.where(move.line)}: the path reaches {'xy'[axis]} = {worst * 1e3:.3f} mm, outside "
                         f"the travel of {least * 1e3:.3f} .. {greatest * 1e3:.3f} mm; move or shrink the part"
                     )
 
@@ -495,7 +274,7 @@ def _motion(control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     )
 
 
-def _check(limits: Limits, control: FloatArray, s: FloatArray, pieces: list[_Piece]) -> None:
+def _check(limits: Limits, control: FloatArray, s: FloatArray, pieces: list[Piece]) -> None:
     """The planned motion, whatever the planner believes, is within the limits."""
     speed, acceleration, jerk = _motion(control)
     edge = np.cumsum([piece.length for piece in pieces])[:-1]
@@ -531,7 +310,7 @@ def _check_schedule(program: Program, limits: Limits, control: FloatArray) -> No
             row, axis = np.unravel_index(np.argmax(excess), excess.shape)
             time = int(np.clip(row + 1 - _RING, 0, len(schedule.line) - 1))
             raise PathError(
-                f"{_where(program, int(schedule.line[time]))}: {time * KNOT_S:.3f} s after its start the path asks for "
+                f"{program.where(int(schedule.line[time]))}: {time * KNOT_S:.3f} s after its start the path asks for "
                 f"a {name} of {abs(values[row, axis]):.4g} {unit} in {'xy'[axis]}, the limit is {limit[axis]:.4g}; "
                 "slow it down, and let it start and end at rest"
             )
