@@ -47,12 +47,14 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
         .dt = cfg->servo.dt,
     };
     const enum path_event event = path_step(&loop->path, &in);
-    if (event == PATH_STANDS && in.run && loop->path.s > 0) {
+    if (event == PATH_UNDERRUN) {
         raise(loop, FAULT_UNDERRUN);
     }
-    atomic_store(&loop->starved, event == PATH_STARVED);
+    const bool standing = !n_lt(NUM(0), loop->path.at.rate);
+    const bool slowed = in.run && !standing && n_lt(loop->path.at.rate, NUM(1));
+    atomic_store(&loop->starved, event == PATH_STARVED || (slowed && atomic_load(&loop->starved)));
     atomic_store(&loop->at_end, event == PATH_AT_END);
-    atomic_store(&loop->standing, event == PATH_AT_END || event == PATH_STANDS);
+    atomic_store(&loop->standing, standing);
     atomic_store(&loop->executed, path_executed(&loop->path));
     atomic_store(&loop->begun, begin);
 }
@@ -106,7 +108,7 @@ static void publish(struct loop *loop, const struct servo_out *out, enum control
         s->mu[i] = n_to_scaled(mu[i], 40);
         s->energy_mJ[i] = loop->servo.energy[i].mJ;
     }
-    s->rate = n_to_scaled(loop->path.rate, 1000);
+    s->rate = n_to_scaled(loop->path.at.rate, 1000);
     s->controller = (uint8_t)controller;
     atomic_store(&loop->published, n);
 }
@@ -154,7 +156,7 @@ void loop_tick(struct loop *loop)
         servo.enabled[i] = !cut && atomic_load(&loop->command.powered[i]);
     }
     servo.controller = (enum controller)atomic_load(&loop->command.controller);
-    servo.path = loop->path;
+    servo.path = loop->path.at;
     servo_step(&cfg->servo, &loop->servo, &servo, &out);
 
     /* limits */

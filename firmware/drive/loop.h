@@ -67,7 +67,7 @@ struct loop {
 
     /* the tick's own */
     struct servo_state servo;
-    struct path_state path;
+    struct path path;
     int32_t last_count[2];
     int64_t count[2];
     uint32_t ticks;

@@ -1,33 +1,42 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* path.h: path time. Servo tick only.
  *
- * Path time s runs over the knots at rate sigma; slowing it stops both axes *on the curve*. sigma falls and rises at
- * 1/stop_time, and never exceeds what can be stopped within the knots that are there (sigma^2 <= 2 remaining/stop_time)
- * unless the stream is complete: an underrun is a stop on the path by construction.
+ * Path time s runs over the knots at rate sigma; slowing it stops both axes *on the curve*. sigma changes without a step
+ * in its slope: a stop from rate 1 takes stop_time and half as many knots (slope 0 .. -4/3 .. 0 over stop_time), so does
+ * the way back. sigma is only ever raised if a stop from there still ends within the knots that are there, unless the
+ * stream is complete: an underrun is a stop on the path by construction.
  */
 #ifndef KONTUR_PATH_H
 #define KONTUR_PATH_H
 #include "contour.h"
 
+#define PATH_STOP_TIME_MAX 1000 /* ms: a stop needs half as many knots, which must fit the queue */
+
 struct path_in {
     uint32_t count;     /* knots there */
     bool complete;      /* no more will come: the path's own end is at rest */
     bool run;           /* false: slow down to a stop */
-    num stop_time;      /* knots (ms) from rate 1 to 0, > 0 */
+    num stop_time;      /* knots (ms) from rate 1 to 0, 1..PATH_STOP_TIME_MAX */
     path_t step;        /* path time of one control period at rate 1 */
     num dt;             /* control period, T0 */
+};
+
+struct path {
+    struct path_state at; /* what contour_step() takes */
+    num slope;            /* change of sigma in a stop_time */
 };
 
 enum path_event {
     PATH_NOTHING,
     PATH_STANDS,   /* sigma = 0: stopped or not started */
-    PATH_STARVED,  /* slowed for want of knots */
+    PATH_STARVED,  /* held back for want of knots */
+    PATH_UNDERRUN, /* stands on its way for want of knots */
     PATH_AT_END    /* the last knot of a complete stream has been reached */
 };
 
-void path_reset(struct path_state *p);
-/* One control period on; p->s, rate, rate_dot and count are then what contour_step() takes. */
-enum path_event path_step(struct path_state *p, const struct path_in *in);
+void path_reset(struct path *p);
+/* One control period on. */
+enum path_event path_step(struct path *p, const struct path_in *in);
 /* Knots passed: those with an index <= s. */
-uint32_t path_executed(const struct path_state *p);
+uint32_t path_executed(const struct path *p);
 #endif

@@ -200,9 +200,10 @@ class _PathClock:
         self.periods = round(self.end_s * control_hz)
 
     def path_time(self, time_s: Floats) -> Floats:
-        """Path time (n,) in s: at rate 1, and at a rate that falls evenly to 0 during a stop on the path."""
-        late_s: Floats = np.clip(time_s - self._stop_s, 0.0, self._stop_time_s)
-        slowing_s = late_s - late_s**2 / (2.0 * self._stop_time_s)
+        """Path time (n,) in s: at rate 1, and along a stop on the path (docs/protocol.md) half as far as it takes."""
+        u: Floats = np.clip((time_s - self._stop_s) / self._stop_time_s, 0.0, 1.0)
+        way = np.where(u < 0.75, 7.0 / 6.0 * u - 2.0 / 3.0 * u**2 - 1.0 / 72.0, 0.5 - 8.0 / 9.0 * (1.0 - u) ** 3)
+        slowing_s = self._stop_time_s * np.where(u < 0.25, u - 8.0 / 9.0 * u**3, way)
         return np.asarray(np.clip(np.minimum(time_s, self._stop_s) + slowing_s, 0.0, self._duration_s))
 
     def of_ticks(self, tick: NDArray[np.int64], simulated: bool) -> Floats:
