@@ -12,10 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from kontur import shapes, stream, wire
+from kontur import shapes, stream
 from kontur.device import RUN_PATH, Device
 from kontur.errors import LibraryError
-from kontur.link import HEARTBEAT_OPERATIONAL, HEARTBEAT_S
+from kontur.link import HEARTBEAT_S
 from kontur.planner import Trajectory, plan
 from kontur.run import Target, connect, limits
 from kontur.simbus import KonturBus
@@ -69,7 +69,7 @@ def _direct(trajectory: Trajectory, target: Target) -> float:
         begin, begin_s = sim.tick, time.perf_counter()
         while taken < len(knots_nm):
             sim.run(chunk)
-            sim.send(wire.HEARTBEAT + wire.HOST_NODE_ID, HEARTBEAT_OPERATIONAL)
+            device.link.beat()
             taken += sim.push_knots(knots_nm[taken:])
         rate = (sim.tick - begin) / (time.perf_counter() - begin_s)
         while sim.recv() is not None:

@@ -177,6 +177,7 @@ class Device:
         self.wait(self._fresh_status(), _STATE_TIMEOUT_S, "sends no status in NMT state operational")
         self._take_emergencies()
         self._write_entry("heartbeat_consumer", 1, wire.HOST_NODE_ID << 16 | _HOST_TIMEOUT_MS)
+        self.link.beat()  # the drive watches from the first one on
         self.write("mode_x", _MODE_INTERPOLATED)
         self.write("mode_y", _MODE_INTERPOLATED)
         end_s = self.link.time_s + _STATE_TIMEOUT_S

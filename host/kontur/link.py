@@ -25,7 +25,7 @@ from kontur.wire import Status, Telemetry
 
 EDS = Path(__file__).with_name("kontur.eds")
 HEARTBEAT_S = 0.1
-HEARTBEAT_OPERATIONAL = b"\x05"
+_HEARTBEAT_OPERATIONAL = b"\x05"
 
 # Their warnings are about what is raised as an exception here anyway.
 logging.getLogger("canopen").addHandler(logging.NullHandler())
@@ -70,12 +70,16 @@ class Link:
         except can.CanError as error:
             raise BusError(f"{self.bus.channel_info}: sending failed: {error}") from error
 
+    def beat(self) -> None:
+        """Send the host's heartbeat now; pump() does so every HEARTBEAT_S. Raises BusError."""
+        self._next_heartbeat_s = self._clock() + HEARTBEAT_S
+        self.send(wire.HEARTBEAT + wire.HOST_NODE_ID, _HEARTBEAT_OPERATIONAL)
+
     def pump(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` for one frame and handle it; False when none came. Raises BusError."""
         now_s = self._clock()
         if now_s >= self._next_heartbeat_s:
-            self._next_heartbeat_s = now_s + HEARTBEAT_S
-            self.send(wire.HEARTBEAT + wire.HOST_NODE_ID, HEARTBEAT_OPERATIONAL)
+            self.beat()
         try:
             message = self.bus.recv(min(timeout_s, self._next_heartbeat_s - now_s))
         except can.CanError as error:

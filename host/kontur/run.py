@@ -46,13 +46,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Target:
-    """Which drive: `bus` are python-can's options, None for a simulated one, which takes machine, seed and num."""
+    """Which drive: `bus` are python-can's options, None for a simulated one, which takes machine, seed and num.
+
+    `place_at_start`: a simulated machine stands where the path starts, instead of where its file says.
+    """
 
     machine: Machine
     bus: Mapping[str, Any] | None = None
     node_id: int = 1
     seed: int = 1
     num: str = "f32"
+    place_at_start: bool = True
 
     def options(self) -> dict[str, Any]:
         """python-can's options to open the bus with."""
@@ -115,7 +119,8 @@ def run(
     log ends there. Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError.
     """
     start_m = trajectory.program.start_m
-    target = dataclasses.replace(target, machine=target.machine.starting_at(start_m))
+    if target.place_at_start:
+        target = dataclasses.replace(target, machine=target.machine.starting_at(start_m))
     with connect(target) as device:
         bus = device.link.bus
         sim = bus.sim if isinstance(bus, KonturBus) else None

@@ -21,6 +21,9 @@ from kontur.errors import StreamError
 FLIGHT_S = 0.02
 """Time in which a knot frame is taken and its TPDO1 is back, if neither was lost."""
 
+WINDOW = 255
+"""Knots on their way at most: their numbers count to 256, and no two may look alike."""
+
 _BURST = 16
 _SILENCE_S = 1.0
 _STOP_TIMEOUT_S = 15.0
@@ -75,6 +78,7 @@ def stream(
             break
         sender.advance()
         progress(sender.accepted / len(knots_nm))
+    device.controlwords(ENABLE, ENABLE)
     executed = int(device.read("stream.executed"))
     if stop_s is None:
         _check_end(device, knots_nm)
@@ -113,15 +117,20 @@ class _Sender:
         self._end_checked = False
         self._cob_id = wire.RPDO2 + device.link.node_id
         begin(device, knots_nm)
-        self._credit = int(device.read("stream.free"))
+        self._room = int(device.read("stream.free"))
+        self._credit = min(self._room, WINDOW)
         self._seen = device.link.status_count
-        self._heard_s = device.link.time_s
+        self._heard_s = self._taken_s = device.link.time_s
 
     def fill(self) -> None:
         """Send until the queue is full or everything is there."""
-        goal = min(self._credit, len(self._frames))
+        goal = min(self._room, len(self._frames))
         while self.accepted < goal:
             self.advance()
+            if self.device.link.time_s - self._taken_s > _SILENCE_S:
+                raise StreamError(
+                    f"the drive has taken no knot for {_SILENCE_S:g} s: does the bus lose all frames to it?"
+                )
 
     def advance(self) -> None:
         """Send what there is credit for, at most one burst, then wait a little for the drive."""
@@ -150,8 +159,10 @@ class _Sender:
         if newly > self._ever_sent - self.accepted:
             return  # not of this stream
         self.accepted += newly
+        if newly:
+            self._taken_s = self._heard_s
         self._sent = max(self._sent, self.accepted)
-        self._credit = self.accepted + status.free
+        self._credit = self.accepted + min(status.free, WINDOW)
         if self.accepted < self._sent and self.device.link.time_s - self._sent_s[self.accepted] > FLIGHT_S:
             self.retransmitted += self._sent - self.accepted
             self._sent = self.accepted

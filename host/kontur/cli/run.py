@@ -89,6 +89,16 @@ def log_path(path: Path, controller: str, several: bool) -> Path:
     return path.with_name(f"{path.stem}-{controller}{path.suffix}") if several else path
 
 
+def _check_output(file: Path | None, *suffixes: str) -> None:
+    """Before anything moves. Raises FileError: another suffix, or no folder to write to."""
+    if file is None:
+        return
+    if file.suffix.lower() not in suffixes:
+        raise FileError(file, f"must end in {' or '.join(suffixes)}")
+    if not file.parent.is_dir():
+        raise FileError(file, f"there is no folder {file.parent}; make it, or give another one")
+
+
 @click.command(name="run")
 @click.argument("source", metavar=f"FILE|{'|'.join(SHAPES)}")
 @click.option("--feed", type=float, metavar="MM_PER_S", help="Speed along a shape or a CSV path of x,y.")
@@ -146,6 +156,8 @@ def command(
 
     Ctrl-C stops the drive on the path; the log is complete up to there.
     """
+    _check_output(log, ".csv", ".mf4")
+    _check_output(report, ".html")
     values = parameter_values(parameters)
     program = _program(source, feed, sizes)
     motion = limits(target.machine, accel, jerk)

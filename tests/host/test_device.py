@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drive by the names of its objects: against the simulated drive, and against a bus where nobody answers."""
+
+from collections.abc import Iterator
+
+import can
+import pytest
+
+from kontur import machine
+from kontur.device import Device, open_bus
+from kontur.errors import BusError, DeviceError, EmcyError, NoAnswerError, ParameterError
+from kontur.link import Link
+
+
+@pytest.fixture
+def device() -> Iterator[Device]:
+    with can.Bus(interface="kontur", channel="sim") as bus:
+        yield Device(Link(bus, 1))
+
+
+def test_parameter_is_read_and_written_in_its_unit(device: Device) -> None:
+    assert device.read("asmc.lambda") == 200.0
+    device.write("asmc.lambda", 150.5)
+    assert device.read("asmc.lambda") == 150.5
+    assert device.link.node.sdo.upload(0x2110, 1) == (150500).to_bytes(4, "little")
+
+
+def test_negative_value_of_four_bytes_survives_the_wire(device: Device) -> None:
+    device.write("position_limit_x.min", -123_456_789)
+    assert device.read("position_limit_x.min") == -123_456_789
+
+
+def test_machine_is_told_to_the_drive_and_read_back(device: Device) -> None:
+    values = machine.load().parameters()
+    device.set_parameters(values)
+    assert {name: device.read(name) for name in values} == pytest.approx(values, rel=1e-12)
+
+
+def test_dump_has_every_parameter_and_sets_back_what_was_changed(device: Device) -> None:
+    before = device.dump()
+    assert set(before) == set(device.parameters)
+    device.write("uncertainty.alpha", 33.0)
+    device.set_parameters(before)
+    assert device.dump() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("asmc.lambda", 1e6, r"asmc\.lambda: 1e\+06 1/s is out of range; it must be 1\.\.2000 1/s"),
+        ("asmc.lambda", float("nan"), r"asmc\.lambda: nan is not a number"),
+        ("asmc.lamda", 1.0, r"asmc\.lamda: no such parameter; did you mean asmc\.lambda"),
+    ],
+)
+def test_bad_value_is_refused_before_anything_is_set(device: Device, name: str, value: float, message: str) -> None:
+    before = device.dump()
+    with pytest.raises(ParameterError, match=message):
+        device.set_parameters({"asmc.gamma": 2.0, name: value})
+    assert device.dump() == before
+
+
+def test_parameter_of_an_enabled_axis_is_refused_by_the_drive(device: Device) -> None:
+    with device.enabled(), pytest.raises(DeviceError, match=r"plant_x\.mass: the drive refuses"):
+        device.write("plant_x.mass", 50.0)
+
+
+def test_both_axes_are_enabled_inside_and_off_afterwards(device: Device) -> None:
+    with device.enabled():
+        assert device.states() == ("operation enabled", "operation enabled")
+    assert device.states() == ("switch on disabled", "switch on disabled")
+
+
+def test_axes_are_switched_off_when_something_goes_wrong(device: Device) -> None:
+    with pytest.raises(ZeroDivisionError), device.enabled():
+        _ = 1 / 0
+    assert device.states() == ("switch on disabled", "switch on disabled")
+
+
+def test_silent_host_is_reported_and_the_axes_can_be_enabled_again(device: Device) -> None:
+    device.enable()
+    sim = device.link.bus.sim  # type: ignore[attr-defined]
+    sim.run(10_000)  # one second in which the host does nothing
+    with pytest.raises(EmcyError, match=r"8130h \(the host's heartbeat ceased"):
+        device.wait(lambda: False, 0.5, "waits")
+    with device.enabled():
+        assert device.states() == ("operation enabled", "operation enabled")
+
+
+def test_host_that_only_waits_keeps_its_heartbeat(device: Device) -> None:
+    with device.enabled():
+        device.link.wait(lambda: False, 3.0)
+        device.check()
+
+
+def test_info_tells_who_answers(device: Device) -> None:
+    info = device.info()
+    assert (info.name, info.num, info.control_hz, info.controller) == ("Kontur", "f32", 10_000, "ccu")
+    assert info.state == ("switch on disabled", "switch on disabled")
+
+
+def test_drive_that_does_not_answer_is_named() -> None:
+    with can.Bus(interface="virtual", channel="nobody") as bus, pytest.raises(NoAnswerError) as caught:
+        Device(Link(bus, 7))
+    assert "node 7" in str(caught.value)
+    assert "does not answer" in str(caught.value)
+
+
+def test_bus_that_cannot_be_opened_is_named_with_what_to_do() -> None:
+    with pytest.raises(BusError, match=r"bus socketcan:nocan0 cannot be opened: .*Check -i, -c and -b"):
+        open_bus({"interface": "socketcan", "channel": "nocan0"})

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whole runs on the simulated drive: what is logged is what happened, and happens again the same way."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from kontur import log, machine, shapes
+from kontur.errors import DeviceError, NoAnswerError, ParameterError
+from kontur.planner import Trajectory, plan
+from kontur.run import RunResult, Target, limits, run, summary
+
+TARGET = Target(machine=machine.load())
+
+
+@pytest.fixture(scope="module")
+def trajectory() -> Trajectory:
+    return plan(shapes.circle(0.02, 0.1), limits(TARGET.machine))
+
+
+@pytest.fixture(scope="module")
+def result(trajectory: Trajectory) -> RunResult:
+    return run(trajectory, "ccu", TARGET)
+
+
+def test_log_covers_the_path_row_by_row(trajectory: Trajectory, result: RunResult) -> None:
+    columns = result.log.columns
+    assert len(result.log) == len(trajectory.knots_nm) - 1
+    assert (np.diff(columns["tick"]) == 1).all()
+    assert result.log.meta["frames_lost"] == 0
+    assert result.log.meta["status"] == "complete"
+    assert result.log.meta["accepted"] == len(trajectory.knots_nm)
+
+
+def test_position_in_the_log_is_the_true_position_of_the_same_instant(result: RunResult) -> None:
+    """At 100 mm/s a control period more or less would be 10 um."""
+    columns = result.log.columns
+    off_nm = np.hypot(columns["x_mm"] - columns["true_x_mm"], columns["y_mm"] - columns["true_y_mm"]) * 1e6
+    assert off_nm.max() < 200.0
+
+
+def test_reference_in_the_log_is_the_circle_at_that_time(result: RunResult) -> None:
+    columns = result.log.columns
+    reference = columns["reference_x_mm"] + 1j * columns["reference_y_mm"]
+    np.testing.assert_allclose(np.abs(reference), 20.0, atol=1e-4)
+    cruise = (columns["time_s"] > 0.4) & (columns["time_s"] < 0.9)
+    angle = np.unwrap(np.angle(reference[cruise]))
+    speed = np.diff(angle) * 20.0 / np.diff(columns["time_s"][cruise])
+    np.testing.assert_allclose(speed, 100.0, rtol=1e-3)
+
+
+def test_score_is_the_distance_of_the_truth_to_the_circle(result: RunResult) -> None:
+    assert result.truth is not None
+    distance_um = np.abs(np.hypot(*result.truth.pos_m.T) - 0.02) * 1e6
+    score = result.log.meta["score"]
+    assert score["mean_um"] == pytest.approx(distance_um.mean(), rel=1e-6)
+    assert score["max_um"] == pytest.approx(distance_um.max(), rel=1e-6)
+    assert summary(result.log)["mean_um"] == score["mean_um"]
+
+
+def test_estimate_of_the_drive_is_near_the_true_error_while_it_moves(result: RunResult) -> None:
+    columns = result.log.columns
+    moving = (columns["time_s"] > 0.1) & (columns["time_s"] < 1.2)
+    difference = (columns["e_n2_um"] - columns["contour_um"])[moving]
+    assert np.abs(difference).max() < 0.2  # the encoder's count is 0.076
+
+
+def test_same_seed_gives_equal_bytes_and_another_seed_does_not(trajectory: Trajectory, result: RunResult) -> None:
+    again = run(trajectory, "ccu", TARGET)
+    other = run(trajectory, "ccu", dataclasses.replace(TARGET, seed=2))
+    assert log.csv_text(again.log) == log.csv_text(result.log)
+    assert not np.array_equal(other.log.columns["contour_um"], result.log.columns["contour_um"])
+
+
+def test_time_to_speed_up_can_be_left_out_of_the_score(trajectory: Trajectory) -> None:
+    result = run(trajectory, "track", TARGET, score_from_s=0.3)
+    assert result.truth is not None
+    distance_um = np.abs(np.hypot(*result.truth.pos_m[3000:].T) - 0.02) * 1e6
+    assert result.log.meta["score"]["mean_um"] == pytest.approx(distance_um.mean(), rel=1e-6)
+
+
+def test_parameters_are_set_and_logged(trajectory: Trajectory) -> None:
+    result = run(trajectory, "ccu", TARGET, parameters={"uncertainty.alpha": 40.0})
+    assert result.log.meta["parameters"]["uncertainty.alpha"] == 40.0
+
+
+def test_unknown_parameter_is_refused_before_any_motion(trajectory: Trajectory) -> None:
+    with pytest.raises(ParameterError, match="no such parameter"):
+        run(trajectory, "ccu", TARGET, parameters={"uncertainty.alhpa": 40.0})
+
+
+def test_stopped_run_has_a_complete_log_up_to_standstill(trajectory: Trajectory) -> None:
+    asked = 0
+
+    def stop_requested() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > 2000
+
+    result = run(trajectory, "ccu", TARGET, stop_requested=stop_requested)
+    columns = result.log.columns
+    assert not result.completed
+    assert result.log.meta["status"] == "interrupted"
+    assert (np.diff(columns["tick"]) == 1).all()
+    assert 0.1 < columns["time_s"][-1] < 1.2
+    last_mm = np.hypot(np.diff(columns["x_mm"])[-1], np.diff(columns["y_mm"])[-1])
+    assert last_mm < 2e-3  # in a ms; 0.1 at speed
+    np.testing.assert_allclose(np.hypot(columns["true_x_mm"], columns["true_y_mm"]), 20.0, atol=0.01)
+    assert np.abs(columns["tangential_um"]).max() < 30.0  # the log knows where path time was
+
+
+def test_real_drive_that_stands_elsewhere_is_not_moved(trajectory: Trajectory) -> None:
+    """`bus` given: nobody has put the axes to the start of the path."""
+    at_origin = dataclasses.replace(TARGET, machine=TARGET.machine.starting_at((0.0, 0.0)))
+    with pytest.raises(DeviceError, match=r"stand at \(0\.000, 0\.000\) mm, the program starts at \(20\.000, 0\.000\)"):
+        run(trajectory, "ccu", dataclasses.replace(at_origin, place_at_start=False))
+
+
+def test_real_drive_that_stands_elsewhere_goes_to_the_start_when_allowed(trajectory: Trajectory) -> None:
+    at_origin = dataclasses.replace(TARGET, machine=TARGET.machine.starting_at((0.019, 0.0)), place_at_start=False)
+    result = run(trajectory, "ccu", at_origin, approach=limits(TARGET.machine))
+    assert result.completed
+    assert result.log.meta["score"]["max_um"] < 10.0
+
+
+def test_drive_that_does_not_answer_is_an_error(trajectory: Trajectory) -> None:
+    target = dataclasses.replace(TARGET, bus={"interface": "virtual", "channel": "nobody"})
+    with pytest.raises(NoAnswerError, match="does not answer"):
+        run(trajectory, "ccu", target)

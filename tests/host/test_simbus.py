@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated drive as a python-can bus, used by python-can alone."""
+
+import dataclasses
+import time
+
+import can
+import pytest
+
+from kontur import machine
+
+HEARTBEAT = 0x701
+READ_DEVICE_TYPE = can.Message(arbitration_id=0x601, data=[0x40, 0, 0x10, 0, 0, 0, 0, 0], is_extended_id=False)
+
+
+def open_bus(**options: object) -> can.BusABC:
+    return can.Bus(interface="kontur", channel="sim", **options)
+
+
+def first(bus: can.BusABC, can_id: int) -> can.Message:
+    while True:
+        message = bus.recv(1.0)
+        assert message is not None
+        if message.arbitration_id == can_id:
+            return message
+
+
+def test_python_can_opens_the_simulated_drive_by_name() -> None:
+    with open_bus() as bus:
+        assert first(bus, HEARTBEAT).data == b"\x00"  # boot-up message
+
+
+def test_request_is_answered_without_time_passing() -> None:
+    with open_bus() as bus:
+        first(bus, HEARTBEAT)
+        bus.send(READ_DEVICE_TYPE)
+        answer = first(bus, 0x581)
+        assert bytes(answer.data) == bytes.fromhex("43 00 10 00 92 01 ff ff")
+        assert bus.time_s == 0.0  # type: ignore[attr-defined]
+
+
+def test_time_of_the_device_passes_in_recv_by_its_timeout_and_no_more() -> None:
+    with open_bus() as bus:
+        first(bus, HEARTBEAT)
+        begin = time.monotonic()
+        assert bus.recv(0.05) is None
+        assert bus.time_s == pytest.approx(0.05, abs=1e-9)  # type: ignore[attr-defined]
+        assert bus.recv(0.0) is None
+        assert bus.time_s == pytest.approx(0.05, abs=1e-9)  # type: ignore[attr-defined]
+        assert time.monotonic() - begin < 0.05
+
+
+def test_frames_carry_the_time_of_the_device() -> None:
+    with open_bus() as bus:
+        first(bus, HEARTBEAT)
+        second, third = first(bus, HEARTBEAT), first(bus, HEARTBEAT)
+        assert third.timestamp - second.timestamp == pytest.approx(0.1, abs=1e-9)
+
+
+def test_filtered_frames_do_not_end_a_recv() -> None:
+    with open_bus(can_filters=[{"can_id": HEARTBEAT, "can_mask": 0x7FF}]) as bus:
+        bus.send(READ_DEVICE_TYPE)
+        ids = {bus.recv(1.0).arbitration_id for _ in range(5)}  # type: ignore[union-attr]
+        assert ids == {HEARTBEAT}
+
+
+def test_runs_with_the_same_seed_are_equal_and_with_another_differ() -> None:
+    table1 = machine.load()
+    smooth = dataclasses.replace(table1, x=dataclasses.replace(table1.x, coulomb_N=0.0))  # lets the noise through
+
+    def run(seed: int) -> list[tuple[float, int, bytes]]:
+        with open_bus(seed=seed, machine=smooth) as bus:
+            bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
+            bus.send(can.Message(arbitration_id=0x201, data=[6, 0, 6, 0], is_extended_id=False))
+            bus.send(can.Message(arbitration_id=0x201, data=[7, 0, 7, 0], is_extended_id=False))
+            bus.send(can.Message(arbitration_id=0x201, data=[15, 0, 15, 0], is_extended_id=False))
+            frames = [bus.recv(1.0) for _ in range(500)]
+            return [(m.timestamp, m.arbitration_id, bytes(m.data)) for m in frames if m is not None]
+
+    assert run(1) == run(1)
+    assert run(1) != run(2)
+
+
+def test_node_id_moves_all_identifiers() -> None:
+    with open_bus(node_id=9) as bus:
+        assert first(bus, 0x709).data == b"\x00"
+
+
+def test_clock_pace_does_not_outrun_the_wall_clock() -> None:
+    with open_bus(pace="clock") as bus:
+        begin = time.monotonic()
+        while bus.recv(0.02) is not None:
+            pass
+        while bus.time_s < 0.2:  # type: ignore[attr-defined]
+            bus.recv(0.05)
+        assert time.monotonic() - begin >= 0.19
+
+
+def test_notifier_thread_of_python_can_works_at_clock_pace() -> None:
+    with open_bus(pace="clock") as bus:
+        reader = can.BufferedReader()
+        notifier = can.Notifier(bus, [reader], timeout=0.01)
+        try:
+            bus.send(READ_DEVICE_TYPE)
+            ids = [m.arbitration_id for m in (reader.get_message(2.0) for _ in range(2)) if m]
+        finally:
+            notifier.stop()
+        assert 0x581 in ids
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"machine": "nowhere.toml"}, r"nowhere\.toml: cannot be read"),
+        ({"node_id": 32}, r"node id 32 must be 1\.\.31"),
+        ({"num": "q99"}, r"no such numeric back end; built are: .*f32"),
+        ({"pace": "fast"}, r"pace must be lockstep or clock"),
+        ({"seed": -1}, r"seed|overflow|negative|convert"),
+    ],
+)
+def test_bus_that_cannot_be_opened_says_why(options: dict[str, object], message: str) -> None:
+    with pytest.raises(can.CanInitializationError, match=message):
+        open_bus(**options)
+
+
+def test_extended_identifier_is_refused() -> None:
+    with open_bus() as bus, pytest.raises(can.CanOperationError, match="11-bit"):
+        bus.send(can.Message(arbitration_id=0x601, data=[], is_extended_id=True))
