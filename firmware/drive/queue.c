@@ -39,7 +39,7 @@ static void update_free(struct queue *q)
 void queue_init(struct queue *q, struct od_stream *stream)
 {
     *q = (struct queue){.stream = stream, .min_nm = {INT32_MIN, INT32_MIN}, .max_nm = {INT32_MAX, INT32_MAX}};
-    update_free(q);
+    queue_hold(q, (struct knot){{0, 0}});
 }
 
 void queue_hold(struct queue *q, struct knot start)
@@ -59,8 +59,8 @@ void queue_begin(struct queue *q, struct knot start, uint32_t total)
 {
     struct od_stream *s = q->stream;
     queue_hold(q, start);
-    s->total = total;
-    s->rejected_crc = s->rejected_full = s->rejected_sequence = s->rejected_state = 0;
+    q->total = total;
+    s->rejected_crc = s->rejected_full = s->rejected_sequence = s->rejected_state = s->underruns = 0;
     s->state = STREAM_FILLING;
     q->open = true;
 }
@@ -72,16 +72,19 @@ void queue_close(struct queue *q)
 
 bool queue_complete(const struct queue *q)
 {
-    return q->stream->total != 0 && q->stream->accepted == q->stream->total;
+    return q->total != 0 && q->stream->accepted == q->total;
 }
 
-enum queue_result queue_push(struct queue *q, struct knot knot)
+static bool takes_knots(struct queue *q)
+{
+    const bool taking = q->open && !q->outside;
+    q->stream->rejected_state += taking ? 0u : 1u;
+    return taking;
+}
+
+static enum queue_result take(struct queue *q, struct knot knot)
 {
     struct od_stream *s = q->stream;
-    if (!q->open || q->outside) {
-        s->rejected_state++;
-        return QUEUE_NOT_OPEN;
-    }
     if (s->free == 0 || queue_complete(q)) {
         s->rejected_full++;
         return QUEUE_FULL;
@@ -108,9 +111,17 @@ static int32_t add_nm(int32_t a, int32_t b)
     return sum > INT32_MAX ? INT32_MAX : sum < INT32_MIN ? INT32_MIN : (int32_t)sum;
 }
 
+enum queue_result queue_push(struct queue *q, struct knot knot)
+{
+    return takes_knots(q) ? take(q, knot) : QUEUE_NOT_OPEN;
+}
+
 enum queue_result queue_frame(struct queue *q, const struct od_knot *frame)
 {
     struct od_stream *s = q->stream;
+    if (!takes_knots(q)) {
+        return QUEUE_NOT_OPEN;
+    }
     if (frame->crc != queue_crc8(frame)) {
         s->rejected_crc++;
         return QUEUE_BAD_CRC;
@@ -120,7 +131,7 @@ enum queue_result queue_frame(struct queue *q, const struct od_knot *frame)
         return QUEUE_OUT_OF_SEQUENCE;
     }
     const struct knot knot = {{add_nm(s->end_x, frame->dx), add_nm(s->end_y, frame->dy)}};
-    return queue_push(q, knot);
+    return take(q, knot);
 }
 
 void queue_executed(struct queue *q, uint32_t n)

@@ -18,11 +18,13 @@ enum queue_result { QUEUE_TAKEN, QUEUE_BAD_CRC, QUEUE_OUT_OF_SEQUENCE, QUEUE_FUL
 struct queue {
     struct spline_ring ring;
     struct od_stream *stream;     /* counters and what the host sees of the stream */
+    uint32_t total;               /* knots of the stream; 0: open-ended */
     int32_t min_nm[2], max_nm[2]; /* soft limits: no knot outside is taken */
     bool open;                    /* knots are taken */
     bool outside;                 /* one was refused as beyond the soft limits: none is taken any more */
 };
 
+/* Closed, empty. */
 void queue_init(struct queue *q, struct od_stream *stream);
 /* Forget all knots; the reference stands at start. */
 void queue_hold(struct queue *q, struct knot start);
@@ -32,7 +34,7 @@ void queue_begin(struct queue *q, struct knot start, uint32_t total);
 void queue_close(struct queue *q);
 /* One knot frame as it came from the wire. */
 enum queue_result queue_frame(struct queue *q, const struct od_knot *frame);
-/* Take a knot by its absolute position: the second half of queue_frame(). */
+/* Take a knot by its absolute position, without sequence and CRC. */
 enum queue_result queue_push(struct queue *q, struct knot knot);
 /* Path time has passed the first n knots: free their slots, go on with the checksum. */
 void queue_executed(struct queue *q, uint32_t n);

@@ -1,0 +1,369 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Knot frames: what is taken, what is refused and how it is counted. CRC values come from a polynomial long division
+ * written for this purpose (checked on the catalogue's DFh for "123456789"), checksums from zlib. */
+#include "queue.h"
+#include "unity.h"
+
+static struct od_stream stream;
+static struct queue queue;
+
+static const struct knot origin = {{0, 0}};
+
+void setUp(void)
+{
+    stream = (struct od_stream){0};
+    queue_init(&queue, &stream);
+    queue_begin(&queue, origin, 0);
+}
+
+void tearDown(void)
+{
+}
+
+static struct od_knot frame(uint8_t sequence, int32_t dx, int32_t dy)
+{
+    struct od_knot f = {.sequence = sequence, .dx = dx, .dy = dy};
+    f.crc = queue_crc8(&f);
+    return f;
+}
+
+static enum queue_result give(uint8_t sequence, int32_t dx, int32_t dy)
+{
+    const struct od_knot f = frame(sequence, dx, dy);
+    return queue_frame(&queue, &f);
+}
+
+static void expect_rejected(uint32_t sequence, uint32_t crc, uint32_t full, uint32_t state)
+{
+    TEST_ASSERT_EQUAL_UINT32(sequence, stream.rejected_sequence);
+    TEST_ASSERT_EQUAL_UINT32(crc, stream.rejected_crc);
+    TEST_ASSERT_EQUAL_UINT32(full, stream.rejected_full);
+    TEST_ASSERT_EQUAL_UINT32(state, stream.rejected_state);
+}
+
+/* ---- CRC ---- */
+
+static void test_crc_is_that_of_autosar(void)
+{
+    static const struct {
+        struct od_knot frame;
+        uint8_t crc;
+    } vector[] = {
+        {{.sequence = 0, .dx = 0, .dy = 0}, 0x6A},
+        {{.sequence = 1, .dx = 1, .dy = -1}, 0x59},
+        {{.sequence = 255, .dx = 8388607, .dy = -8388608}, 0xE2},
+        {{.sequence = 51, .dx = -5614302, .dy = -2241349}, 0xED},
+        {{.sequence = 49, .dx = 3420978, .dy = 3618357}, 0xCF}, /* the text 1234567 */
+        {{.sequence = 7, .dx = -123456, .dy = 654321}, 0xAA},
+    };
+    for (unsigned i = 0; i < sizeof vector / sizeof vector[0]; i++) {
+        TEST_ASSERT_EQUAL_HEX8(vector[i].crc, queue_crc8(&vector[i].frame));
+    }
+}
+
+static void test_every_single_bit_error_of_a_frame_is_refused(void)
+{
+    const struct od_knot good = frame(0, 123456, -654321);
+    for (unsigned bit = 0; bit < 64; bit++) {
+        struct od_knot f = good;
+        if (bit < 8) {
+            f.sequence ^= (uint8_t)(1u << bit);
+        } else if (bit < 16) {
+            f.crc ^= (uint8_t)(1u << (bit - 8));
+        } else if (bit < 40) {
+            f.dx = (int32_t)((uint32_t)f.dx ^ 1u << (bit - 16));
+        } else {
+            f.dy = (int32_t)((uint32_t)f.dy ^ 1u << (bit - 40));
+        }
+        TEST_ASSERT_EQUAL(QUEUE_BAD_CRC, queue_frame(&queue, &f));
+    }
+    expect_rejected(0, 64, 0, 0);
+    TEST_ASSERT_EQUAL_UINT32(0, stream.accepted);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_frame(&queue, &good));
+}
+
+/* ---- sequence ---- */
+
+static void test_knots_add_up_from_the_start(void)
+{
+    queue_begin(&queue, (struct knot){{1000, -2000}}, 3);
+    TEST_ASSERT_EQUAL_INT32(1000, stream.end_x);
+    TEST_ASSERT_EQUAL_INT32(-2000, stream.end_y);
+    TEST_ASSERT_EQUAL_INT32(1000, queue.ring.start.nm[0]);
+    TEST_ASSERT_EQUAL_INT32(-2000, queue.ring.start.nm[1]);
+    TEST_ASSERT_EQUAL(STREAM_FILLING, stream.state);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 5, 7));
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, -6, 70));
+    TEST_ASSERT_EQUAL_INT32(999, stream.end_x);
+    TEST_ASSERT_EQUAL_INT32(-1923, stream.end_y);
+    TEST_ASSERT_EQUAL_INT32(1005, queue.ring.knot[0].nm[0]);
+    TEST_ASSERT_EQUAL_INT32(-1993, queue.ring.knot[0].nm[1]);
+    TEST_ASSERT_EQUAL_INT32(999, queue.ring.knot[1].nm[0]);
+    TEST_ASSERT_EQUAL_UINT32(2, queue.ring.count);
+    TEST_ASSERT_EQUAL_UINT32(2, stream.accepted);
+    TEST_ASSERT_EQUAL_UINT16(2, stream.accepted16);
+    TEST_ASSERT_EQUAL_UINT16(QUEUE_ROOM - 2, stream.free);
+}
+
+static void test_duplicate_and_gap_are_refused_and_change_nothing(void)
+{
+    give(0, 10, 10);
+    TEST_ASSERT_EQUAL(QUEUE_OUT_OF_SEQUENCE, give(0, 10, 10));
+    TEST_ASSERT_EQUAL(QUEUE_OUT_OF_SEQUENCE, give(2, 10, 10));
+    TEST_ASSERT_EQUAL(QUEUE_OUT_OF_SEQUENCE, give(255, 10, 10));
+    expect_rejected(3, 0, 0, 0);
+    TEST_ASSERT_EQUAL_INT32(10, stream.end_x);
+    TEST_ASSERT_EQUAL_UINT32(1, stream.accepted);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, 10, 10));
+}
+
+static void test_sequence_wraps_after_255(void)
+{
+    for (unsigned i = 0; i < 600; i++) {
+        TEST_ASSERT_EQUAL(QUEUE_TAKEN, give((uint8_t)i, 1, -1));
+    }
+    TEST_ASSERT_EQUAL_INT32(600, stream.end_x);
+    TEST_ASSERT_EQUAL_INT32(-600, stream.end_y);
+}
+
+static void test_differences_reach_both_ends_of_24_bits(void)
+{
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 8388607, -8388608));
+    TEST_ASSERT_EQUAL_INT32(8388607, stream.end_x);
+    TEST_ASSERT_EQUAL_INT32(-8388608, stream.end_y);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, -8388608, 8388607));
+    TEST_ASSERT_EQUAL_INT32(-1, stream.end_x);
+    TEST_ASSERT_EQUAL_INT32(-1, stream.end_y);
+}
+
+static void test_sum_beyond_int32_ends_at_its_limit(void)
+{
+    queue_begin(&queue, (struct knot){{INT32_MAX - 5, INT32_MIN + 5}}, 0);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 6, -6));
+    TEST_ASSERT_EQUAL_INT32(INT32_MAX, stream.end_x);
+    TEST_ASSERT_EQUAL_INT32(INT32_MIN, stream.end_y);
+}
+
+/* ---- room ---- */
+
+static void fill(unsigned count)
+{
+    for (unsigned i = 0; i < count; i++) {
+        TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, (struct knot){{(int32_t)i, 0}}));
+    }
+}
+
+static void test_full_queue_takes_no_more_until_knots_are_executed(void)
+{
+    TEST_ASSERT_EQUAL_UINT16(992, stream.free);
+    fill(992);
+    TEST_ASSERT_EQUAL_UINT16(0, stream.free);
+    TEST_ASSERT_EQUAL(QUEUE_FULL, give((uint8_t)992, 1, 1));
+    expect_rejected(0, 0, 1, 0);
+    queue_executed(&queue, 3);
+    TEST_ASSERT_EQUAL_UINT16(3, stream.free);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give((uint8_t)992, 1, 1));
+    TEST_ASSERT_EQUAL_UINT16(2, stream.free);
+    TEST_ASSERT_EQUAL_UINT32(993, stream.accepted);
+}
+
+static void test_knots_behind_the_path_are_kept_for_a_lagging_foot_point(void)
+{
+    fill(992);
+    queue_executed(&queue, 500);
+    for (int32_t i = 992; i < 992 + 500; i++) {
+        TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, (struct knot){{i, 0}}));
+    }
+    for (int32_t i = 500 - 32; i < 992 + 500; i++) {
+        TEST_ASSERT_EQUAL_INT32(i, queue.ring.knot[i % 1024].nm[0]);
+    }
+}
+
+static void test_complete_stream_takes_no_more(void)
+{
+    queue_begin(&queue, origin, 3);
+    TEST_ASSERT_FALSE(queue_complete(&queue));
+    fill(2);
+    TEST_ASSERT_FALSE(queue_complete(&queue));
+    fill(1);
+    TEST_ASSERT_TRUE(queue_complete(&queue));
+    TEST_ASSERT_EQUAL(QUEUE_FULL, give(3, 1, 1));
+    TEST_ASSERT_EQUAL_UINT32(3, stream.accepted);
+}
+
+static void test_open_ended_stream_is_never_complete(void)
+{
+    TEST_ASSERT_FALSE(queue_complete(&queue));
+    fill(900);
+    TEST_ASSERT_FALSE(queue_complete(&queue));
+}
+
+static void test_total_written_for_the_next_stream_does_not_touch_this_one(void)
+{
+    queue_begin(&queue, origin, 5);
+    fill(3);
+    stream.total = 3;
+    TEST_ASSERT_FALSE(queue_complete(&queue));
+    stream.total = 100;
+    fill(2);
+    TEST_ASSERT_TRUE(queue_complete(&queue));
+}
+
+/* ---- not open ---- */
+
+static void test_frames_without_a_stream_count_as_such_whatever_their_number(void)
+{
+    queue_hold(&queue, origin);
+    TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(0, 1, 1));
+    TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(9, 1, 1));
+    struct od_knot bad = frame(0, 1, 1);
+    bad.crc ^= 1u;
+    TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, queue_frame(&queue, &bad));
+    expect_rejected(0, 0, 0, 3);
+    TEST_ASSERT_EQUAL_UINT32(0, stream.accepted);
+}
+
+static void test_queue_is_closed_at_power_on(void)
+{
+    queue_init(&queue, &stream);
+    TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(0, 1, 1));
+    TEST_ASSERT_EQUAL_UINT16(992, stream.free);
+}
+
+static void test_closed_queue_keeps_its_knots_and_takes_no_more(void)
+{
+    fill(10);
+    queue_close(&queue);
+    TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(10, 1, 1));
+    TEST_ASSERT_EQUAL_UINT32(10, queue.ring.count);
+}
+
+static void test_begin_forgets_knots_and_counters(void)
+{
+    fill(10);
+    give(99, 0, 0);
+    queue_executed(&queue, 5);
+    stream.underruns = 2;
+    stream.rejected_crc = stream.rejected_full = stream.rejected_state = 7;
+    queue_begin(&queue, (struct knot){{5, 6}}, 50);
+    expect_rejected(0, 0, 0, 0);
+    TEST_ASSERT_EQUAL_UINT32(0, stream.accepted);
+    TEST_ASSERT_EQUAL_UINT16(0, stream.accepted16);
+    TEST_ASSERT_EQUAL_UINT32(0, stream.executed);
+    TEST_ASSERT_EQUAL_UINT32(0, stream.checksum);
+    TEST_ASSERT_EQUAL_UINT32(0, stream.underruns);
+    TEST_ASSERT_EQUAL_UINT32(0, queue.ring.count);
+    TEST_ASSERT_EQUAL_UINT16(992, stream.free);
+}
+
+/* ---- soft limits ---- */
+
+static void test_knot_on_the_soft_limit_is_taken_and_one_beyond_ends_the_stream(void)
+{
+    queue.min_nm[0] = -100;
+    queue.max_nm[0] = 100;
+    queue.min_nm[1] = -50;
+    queue.max_nm[1] = 50;
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 100, -50));
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, -200, 100));
+    TEST_ASSERT_FALSE(queue.outside);
+    TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(2, -1, 0));
+    TEST_ASSERT_TRUE(queue.outside);
+    TEST_ASSERT_EQUAL_INT32(-100, stream.end_x);
+    TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(2, 0, 0));
+    TEST_ASSERT_EQUAL_UINT32(2, stream.accepted);
+}
+
+static void test_each_of_the_four_soft_limits_is_watched(void)
+{
+    static const int32_t beyond[4][2] = {{101, 0}, {-101, 0}, {0, 101}, {0, -101}};
+    for (unsigned i = 0; i < 4; i++) {
+        queue.min_nm[0] = queue.min_nm[1] = -100;
+        queue.max_nm[0] = queue.max_nm[1] = 100;
+        queue_begin(&queue, origin, 0);
+        TEST_ASSERT_FALSE(queue.outside);
+        TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(0, beyond[i][0], beyond[i][1]));
+    }
+}
+
+/* ---- executed ---- */
+
+static void push_test_knot(uint32_t i)
+{
+    const struct knot k = {{(int32_t)(i * 7919u % 20001u) - 10000, (int32_t)((uint64_t)i * 104729u % 30011u) - 15005}};
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, k));
+}
+
+static void test_checksum_is_zlibs_crc32_of_the_executed_knots_across_the_wrap_of_the_ring(void)
+{
+    uint32_t pushed = 0;
+    queue_begin(&queue, origin, 5000);
+    for (uint32_t done = 0; done < 5000; done += 13) {
+        while (pushed < 5000 && stream.free > 0) {
+            push_test_knot(pushed++);
+        }
+        queue_executed(&queue, done);
+        TEST_ASSERT_EQUAL_UINT32(done, stream.executed);
+        TEST_ASSERT_EQUAL_UINT16(992 - (pushed - done), stream.free);
+    }
+    TEST_ASSERT_EQUAL_UINT32(5000, stream.accepted);
+    TEST_ASSERT_EQUAL_UINT16(5000, stream.accepted16);
+    TEST_ASSERT_TRUE(queue_complete(&queue));
+    queue_executed(&queue, 5000);
+    TEST_ASSERT_EQUAL_HEX32(0xDB348984, stream.checksum);
+    TEST_ASSERT_EQUAL_UINT16(992, stream.free);
+}
+
+static void test_checksum_of_extreme_knot(void)
+{
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, (struct knot){{INT32_MIN, INT32_MAX}}));
+    queue_executed(&queue, 1);
+    TEST_ASSERT_EQUAL_HEX32(0xE7C7CC38, stream.checksum);
+}
+
+static void test_executed_never_passes_accepted_and_never_goes_back(void)
+{
+    fill(10);
+    queue_executed(&queue, 99);
+    TEST_ASSERT_EQUAL_UINT32(10, stream.executed);
+    queue_executed(&queue, 4);
+    TEST_ASSERT_EQUAL_UINT32(10, stream.executed);
+}
+
+static void test_accepted_reports_its_low_16_bits(void)
+{
+    for (uint32_t i = 0; i < 70000; i++) {
+        push_test_knot(i);
+        queue_executed(&queue, i);
+    }
+    TEST_ASSERT_EQUAL_UINT32(70000, stream.accepted);
+    TEST_ASSERT_EQUAL_UINT16(70000 - 65536, stream.accepted16);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_crc_is_that_of_autosar);
+    RUN_TEST(test_every_single_bit_error_of_a_frame_is_refused);
+    RUN_TEST(test_knots_add_up_from_the_start);
+    RUN_TEST(test_duplicate_and_gap_are_refused_and_change_nothing);
+    RUN_TEST(test_sequence_wraps_after_255);
+    RUN_TEST(test_differences_reach_both_ends_of_24_bits);
+    RUN_TEST(test_sum_beyond_int32_ends_at_its_limit);
+    RUN_TEST(test_full_queue_takes_no_more_until_knots_are_executed);
+    RUN_TEST(test_knots_behind_the_path_are_kept_for_a_lagging_foot_point);
+    RUN_TEST(test_complete_stream_takes_no_more);
+    RUN_TEST(test_open_ended_stream_is_never_complete);
+    RUN_TEST(test_total_written_for_the_next_stream_does_not_touch_this_one);
+    RUN_TEST(test_frames_without_a_stream_count_as_such_whatever_their_number);
+    RUN_TEST(test_queue_is_closed_at_power_on);
+    RUN_TEST(test_closed_queue_keeps_its_knots_and_takes_no_more);
+    RUN_TEST(test_begin_forgets_knots_and_counters);
+    RUN_TEST(test_knot_on_the_soft_limit_is_taken_and_one_beyond_ends_the_stream);
+    RUN_TEST(test_each_of_the_four_soft_limits_is_watched);
+    RUN_TEST(test_checksum_is_zlibs_crc32_of_the_executed_knots_across_the_wrap_of_the_ring);
+    RUN_TEST(test_checksum_of_extreme_knot);
+    RUN_TEST(test_executed_never_passes_accepted_and_never_goes_back);
+    RUN_TEST(test_accepted_reports_its_low_16_bits);
+    return UNITY_END();
+}
