@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 # Everything that is built goes to build/, .venv/ and host/kontur/lib/; `make clean` removes the first and the last.
+# V=1 shows the commands.
 
 ifeq ($(origin CC),default)
 CC       := gcc
 endif
 PYTHON   ?= python3
 UNITY_DIR ?= build/unity/src
+Q        := $(if $(V),,@)
 
 VENV     := .venv
 PY       := $(VENV)/bin/python
@@ -83,14 +85,16 @@ build/debian.stamp:
 	touch $@
 
 $(VENV)/stamp: requirements.lock pyproject.toml | build/debian.stamp
-	$(PYTHON) -m venv $(VENV)
-	$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
-	$(PY) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@echo "Making $(VENV): Python packages of requirements.lock (some 150 MB to load)"
+	$(Q)$(PYTHON) -m venv $(VENV)
+	$(Q)$(PY) -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(Q)$(PY) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
 # --- library ----------------------------------------------------------------------------------------------------------
 $(GENERATED): firmware/canopen/objects.toml firmware/canopen/generate.py firmware/canopen/objects.py | $(VENV)/stamp
-	$(PY) firmware/canopen/generate.py build/gen --eds host/kontur/kontur.eds --docs docs/objects.md
+	@echo "  GEN objects.toml"
+	$(Q)$(PY) firmware/canopen/generate.py build/gen --eds host/kontur/kontur.eds --docs docs/objects.md
 
 # The build id is compiled into one file, again when it has changed.
 build/build_id: FORCE
@@ -100,37 +104,37 @@ build/f32/firmware/drive/app.o build/unit/firmware/drive/app.o: build/build_id
 build/f32/firmware/drive/app.o build/unit/firmware/drive/app.o: CFLAGS += -DKONTUR_BUILD_ID='"$(BUILD_ID)"' -DKONTUR_VERSION='"$(VERSION)"'
 
 build/f32/%.o: %.c | build/debian.stamp $(GENERATED)
-	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) -fPIC $(INCLUDE) -MMD -MP -c $< -o $@
+	@mkdir -p $(@D); echo "  CC  $<"
+	$(Q)$(CC) $(CFLAGS) -fPIC $(INCLUDE) -MMD -MP -c $< -o $@
 
 $(LIB)/libkontur_f32.so: $(call objects,f32)
-	@mkdir -p $(@D)
-	$(CC) -shared -Wl,-Bsymbolic -o $@ $^ -lm
+	@mkdir -p $(@D); echo "  LD  $@"
+	$(Q)$(CC) -shared -Wl,-Bsymbolic -o $@ $^ -lm
 
 $(LIB)/kontur_sim.h: sim/kontur_sim.h
-	@mkdir -p $(@D)
-	cp $< $@
+	@mkdir -p $(@D); cp $< $@
 
 # --- C tests ----------------------------------------------------------------------------------------------------------
 build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
-	@mkdir -p build/unity
-	$(PY) -m pip download --quiet --disable-pip-version-check --no-deps --no-binary :all: --no-build-isolation --require-hashes -r $< -d build/unity
-	tar -xzf build/unity/pytest_unity-*.tar.gz -C build/unity --strip-components=3 --wildcards '*/vendor/unity/src' '*/vendor/unity/LICENSE.txt'
+	@mkdir -p build/unity; echo "Fetching Unity (see $<)"
+	$(Q)$(PY) -m pip download --quiet --disable-pip-version-check --no-deps --no-binary :all: --no-build-isolation --require-hashes -r $< -d build/unity
+	$(Q)tar -xzf build/unity/pytest_unity-*.tar.gz -C build/unity --strip-components=3 --wildcards '*/vendor/unity/src' '*/vendor/unity/LICENSE.txt'
 	@touch $@
 
 build/unit/unity.o: $(UNITY_DIR)/unity.c
 	@mkdir -p $(@D)
-	$(CC) -std=c11 -O1 -g $(SANITIZE) $(UNITY) -c $< -o $@
+	$(Q)$(CC) -std=c11 -O1 -g $(SANITIZE) $(UNITY) -c $< -o $@
 
 build/unit/%.o: %.c | build/debian.stamp $(GENERATED)
-	@mkdir -p $(@D)
-	$(CC) $(CFLAGS) $(SANITIZE) $(INCLUDE) -MMD -MP -c $< -o $@
+	@mkdir -p $(@D); echo "  CC  $< (sanitized)"
+	$(Q)$(CC) $(CFLAGS) $(SANITIZE) $(INCLUDE) -MMD -MP -c $< -o $@
 
 build/unit/libkontur.a: $(call objects,unit)
 	@rm -f $@
-	ar rcs $@ $^
+	$(Q)ar rcs $@ $^
 
 build/unit/%: tests/unit/%.c build/unit/unity.o build/unit/libkontur.a
-	$(CC) $(CFLAGS) $(SANITIZE) $(INCLUDE) $(UNITY) -MMD -MP -MF $@.d $< build/unit/unity.o build/unit/libkontur.a -lm -o $@
+	@echo "  CC  $<"
+	$(Q)$(CC) $(CFLAGS) $(SANITIZE) $(INCLUDE) $(UNITY) -MMD -MP -MF $@.d $< build/unit/unity.o build/unit/libkontur.a -lm -o $@
 
 -include $(patsubst %.o,%.d,$(call objects,f32) $(call objects,unit)) $(addsuffix .d,$(TESTS))
