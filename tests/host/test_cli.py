@@ -117,6 +117,14 @@ def test_info_names_the_simulated_drive() -> None:
     assert "switch on disabled" in text
 
 
+def test_bus_may_be_named_in_the_environment_of_python_can() -> None:
+    text = succeeds("info", "--seed", "5", "--node", "4", CAN_INTERFACE="kontur", CAN_CHANNEL="sim")
+    assert "seed 5, node 4" in text
+    result = kontur("info", CAN_INTERFACE="virtual", CAN_CHANNEL="nobody")
+    assert result.exit_code == 1
+    assert "does not answer" in result.stderr
+
+
 def test_parameters_go_to_a_file_and_back(tmp_path: Path) -> None:
     file = tmp_path / "p.toml"
     succeeds("param", "dump", str(file))

@@ -2,7 +2,11 @@
 """Whole runs on the simulated drive: what is logged is what happened, and happens again the same way."""
 
 import dataclasses
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
+import can
 import numpy as np
 import pytest
 
@@ -10,6 +14,7 @@ from kontur import log, machine, shapes
 from kontur.errors import DeviceError, NoAnswerError, ParameterError
 from kontur.planner import Trajectory, plan
 from kontur.run import RunResult, Target, limits, run, summary
+from kontur.simbus import KonturBus
 
 TARGET = Target(machine=machine.load())
 
@@ -122,6 +127,46 @@ def test_real_drive_that_stands_elsewhere_goes_to_the_start_when_allowed(traject
     result = run(trajectory, "ccu", at_origin, approach=limits(TARGET.machine))
     assert result.completed
     assert result.log.meta["score"]["max_um"] < 10.0
+
+
+@contextmanager
+def drive_on_a_bus_in_wall_time(channel: str) -> Iterator[None]:
+    """The simulated drive at the pace of the clock on python-can's virtual bus: to the host, a bus like any other."""
+    over = threading.Event()
+
+    def carry() -> None:
+        start = TARGET.machine.starting_at((0.005, 0.0))
+        with KonturBus(machine=start, pace="clock") as drive, can.Bus(interface="virtual", channel=channel) as bus:
+            while not over.is_set():
+                while (request := bus.recv(0.0)) is not None:
+                    drive.send(request)
+                if (answer := drive.recv(0.001)) is not None:
+                    bus.send(answer)
+
+    thread = threading.Thread(target=carry)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def test_run_over_a_bus_in_wall_time_is_complete_and_has_no_truth() -> None:
+    trajectory = plan(shapes.circle(0.005, 0.05), limits(TARGET.machine))
+    target = dataclasses.replace(TARGET, bus={"interface": "virtual", "channel": "wall time"})
+    with drive_on_a_bus_in_wall_time("wall time"):
+        result = run(trajectory, "ccu", target)
+    assert result.completed
+    assert result.truth is None
+    columns = result.log.columns
+    assert result.log.meta["frames_lost"] == 0
+    assert len(result.log) == pytest.approx(len(trajectory.knots_nm), abs=20)
+    assert "contour_um" not in columns
+    # The start is known to a few ms only, at 0.05 mm/ms.
+    late_mm = np.hypot(columns["x_mm"] - columns["reference_x_mm"], columns["y_mm"] - columns["reference_y_mm"])
+    assert late_mm.max() < 0.5
+    assert summary(result.log)["mean_um"] < 5.0
 
 
 def test_drive_that_does_not_answer_is_an_error(trajectory: Trajectory) -> None:

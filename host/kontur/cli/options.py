@@ -114,8 +114,8 @@ def _bus_config(
     }
     given |= {key: can.util.cast_from_string(value) for key, value in more}
     elsewhere = {**can.rc, **can.util.load_file_config(), **can.util.load_environment_config()}
-    if given.get("interface") or elsewhere.get("interface"):
-        return given
+    if found := given.get("interface") or elsewhere.get("interface"):
+        return given | {"interface": found}
     if given:
         raise click.UsageError(
             f"{', '.join(given)}: which interface? Name it with -i, or give none to simulate the drive"
