@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The control core, compiled on its own, with the parameters and units of the oracle."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import cffi
+import numpy as np
+import oracle
+
+ROOT = Path(__file__).resolve().parents[2]
+HEADER = ROOT / "tests/core/core_api.h"
+FLAGS = ["-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared"]
+UNITS = {"s", "kg", "Nspm", "N", "radps", "mps", "1ps", "1pm", "m", "1ps2", "1pms", "mps2", "NpA", "ohm", "Vspm"}
+POS_PER_M = 65536e9
+KNOT_S = oracle.KNOT_S
+
+
+def build(folder: Path) -> Path:
+    """Compile the core and its wrapper into `folder`; the shared library's path."""
+    library = folder / "libcore.so"
+    sources = [ROOT / "tests/core/core_api.c", *sorted((ROOT / "firmware/core").glob("*.c"))]
+    include = [f"-I{ROOT / d}" for d in ("firmware/core", "tests/unit", "tests/core")]
+    subprocess.run([os.environ.get("CC", "gcc"), *FLAGS, *include, *map(str, sources), "-o", str(library)], check=True)
+    return library
+
+
+class Core:
+    """The library. Vectors go in as sequences of two and come out as arrays (2,); SI units."""
+
+    def __init__(self, library: Path):
+        self.ffi = cffi.FFI()
+        self.ffi.cdef(HEADER.read_text().split("/* CDEF-BEGIN */")[1].split("/* CDEF-END */")[0])
+        self.lib = self.ffi.dlopen(str(library))
+        self.path_one = self.lib.api_path_one()
+
+    def path_time(self, t_s: float) -> int:
+        """Path time t_s in the core's integers."""
+        return round(t_s / KNOT_S * self.path_one)
+
+    def seconds(self, s: int) -> float:
+        """The exact path time of those integers, s."""
+        return s / self.path_one * KNOT_S
+
+    def drive(self, p: oracle.Params, knots_nm: Any = ((0, 0),), start_nm: Any = None) -> Drive:
+        """A drive with these parameters, and at most as many knots as the ring holds."""
+        knots = np.ascontiguousarray(knots_nm, dtype=np.int32)
+        assert len(knots) <= 1024
+        return Drive(self, p, knots, knots[0] if start_nm is None else np.asarray(start_nm, dtype=np.int32))
+
+
+def values(struct: Any, ffi: cffi.FFI) -> dict[str, Any]:
+    """The members of a C struct: arrays (2,) and numbers."""
+    found = {}
+    for name, member in ffi.typeof(struct).item.fields:
+        value = getattr(struct, name)
+        found[name] = np.array(list(value)) if member.type.kind == "array" else value
+    return found
+
+
+class Drive:
+    """One drive of the library: knots, parameters, states."""
+
+    def __init__(self, core: Core, p: oracle.Params, knots: np.ndarray, start: np.ndarray):
+        self.core, self.ffi, self.lib = core, core.ffi, core.lib
+        params = self.ffi.new("struct api_params *")
+        members = {name for name, _ in self.ffi.typeof("struct api_params").fields}
+        for f in fields(p):
+            stem, _, unit = f.name.rpartition("_")
+            name = stem if unit in UNITS else f.name
+            if name in members:
+                value = getattr(p, f.name)
+                setattr(params, name, list(value) if isinstance(value, np.ndarray) else value)
+                members.remove(name)
+        assert not members, f"parameters of the core that the oracle does not know: {members}"
+        knot_data = self.ffi.cast("int32_t *", knots.ctypes.data)
+        start_data = self.ffi.new("int32_t[2]", [int(v) for v in start])
+        self.handle = self.ffi.gc(self.lib.api_new(params, knot_data, len(knots), start_data), self.lib.api_free)
+
+    def _path(self, s: int, rate: float, rate_dot: float) -> Any:
+        return self.ffi.new("struct api_path *", [s, rate, rate_dot])
+
+    def cosh(self, x: float) -> tuple[float, float]:
+        """(cosh x, sinh x)"""
+        out = self.ffi.new("double[2]")
+        self.lib.api_trig_cosh(x, out)
+        return out[0], out[1]
+
+    def spline(self, s: int) -> dict[str, Any]:
+        """r, d1, d2, d3 at path time s."""
+        out = self.ffi.new("struct api_point *")
+        self.lib.api_spline(self.handle, s, out)
+        return values(out, self.ffi)
+
+    def contour(self, s: int, rate: float, rate_dot: float, q: Any, q_dot: Any) -> dict[str, Any]:
+        """contour_step at actual position q (core integers) and velocity."""
+        out = self.ffi.new("struct api_contour *")
+        position = self.ffi.new("int64_t[2]", [int(v) for v in q])
+        velocity = self.ffi.new("double[2]", list(q_dot))
+        self.lib.api_contour(self.handle, self._path(s, rate, rate_dot), position, velocity, out)
+        return values(out, self.ffi)
+
+    def _frame(self, t: Any, w: float, w_dot: float) -> Any:
+        return self.ffi.new("struct api_frame *", [list(t), w, w_dot])
+
+    def law(self, t: Any, w: float, w_dot: float, k_hat: Any, **inputs: Any) -> dict[str, Any]:
+        """asmc_step; `inputs` are the members of api_law_in; the result has k_hat, too."""
+        out = self.ffi.new("struct api_law_out *")
+        state = self.ffi.new("double[2]", list(k_hat))
+        given = self.ffi.new("struct api_law_in *", {name: list(value) for name, value in inputs.items()})
+        self.lib.api_law(self.handle, self._frame(t, w, w_dot), given, state, out)
+        return values(out, self.ffi) | {"k_hat": np.array(list(state))}
+
+    def compensation(self, t: Any, w: float, q: Any, q_dot: Any, q_bar: Any, q_bar_dot: Any, mu: Any) -> dict[str, Any]:
+        """uncertainty_step; the result has the new q_bar (core integers) and mu, too."""
+        out = self.ffi.new("struct api_compensation *")
+        position = self.ffi.new("int64_t[2]", [int(v) for v in q])
+        model = self.ffi.new("int64_t[2]", [int(v) for v in q_bar])
+        gain = self.ffi.new("double[2]", list(mu))
+        self.lib.api_compensation(
+            self.handle, self._frame(t, w, 0.0), position, list(q_dot), model, list(q_bar_dot), gain, out
+        )
+        return values(out, self.ffi) | {"q_bar": list(model), "mu": np.array(list(gain))}
+
+    def model(self, u_bar: Any, q_bar: Any, q_bar_dot: Any) -> tuple[list[int], np.ndarray]:
+        """uncertainty_model: new position (core integers) and velocity."""
+        position = self.ffi.new("int64_t[2]", [int(v) for v in q_bar])
+        velocity = self.ffi.new("double[2]", list(q_bar_dot))
+        self.lib.api_model(self.handle, list(u_bar), position, velocity)
+        return list(position), np.array(list(velocity))
+
+    def observe(self, axis: int, measured: int, force: float, pos: int, vel: float, rest: float) -> list[float]:
+        """observer_step: new position (core integers), velocity, unexplained acceleration, predicted acceleration."""
+        position = self.ffi.new("int64_t *", int(pos))
+        state = self.ffi.new("double[3]", [vel, rest, 0.0])
+        self.lib.api_observe(self.handle, axis, int(measured), force, position, state)
+        return [position[0], *state]
+
+    def cascade(self, errors: dict[str, Any], coupled: bool, integral: Any) -> tuple[np.ndarray, np.ndarray]:
+        """cascade_step: force and new integrals (x, y, coupled); `errors` are members of api_contour."""
+        given = self.ffi.new("struct api_contour *", {name: list(value) for name, value in errors.items()})
+        state = self.ffi.new("double[3]", list(integral))
+        force = self.ffi.new("double[2]")
+        self.lib.api_cascade(self.handle, given, coupled, state, force)
+        return np.array(list(force)), np.array(list(state))
+
+    def power(self, axis: int, velocity: float, acceleration: float) -> float:
+        """energy_step's power, W."""
+        return self.lib.api_power(self.handle, axis, velocity, acceleration)
+
+    def reset(self, measured: Any) -> None:
+        """servo_reset at encoder positions (core integers)."""
+        self.lib.api_servo_reset(self.handle, [int(v) for v in measured])
+
+    def step(
+        self, s: int, measured: Any, controller: str, rate: float = 1.0, rate_dot: float = 0.0, enabled: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """servo_step: (force, velocity, e_n, energy so far)."""
+        force, velocity, e_n = (self.ffi.new("double[2]") for _ in range(3))
+        energy = self.ffi.new("double *")
+        number = oracle.CONTROLLERS.index(controller)
+        path = self._path(s, rate, rate_dot)
+        position = [int(v) for v in measured]
+        self.lib.api_servo_step(self.handle, path, position, number, enabled, force, velocity, e_n, energy)
+        return np.array(list(force)), np.array(list(velocity)), np.array(list(e_n)), energy[0]

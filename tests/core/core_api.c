@@ -1,0 +1,263 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "core_api.h"
+
+#include <stdlib.h>
+
+#include "num_test.h"
+#include "servo.h"
+#include "trig.h"
+
+/* Units of the core in SI: 1 um, 5 ms. */
+#define UM 1e-6
+#define T0 5e-3
+#define MPS (UM / T0)
+#define MPS2 (UM / T0 / T0)
+
+struct api_drive {
+    struct servo_cfg cfg;
+    struct servo_state state;
+    struct spline_ring ring;
+};
+
+static vec2 in2(const double x[2], double unit)
+{
+    return mk2(x[0] / unit, x[1] / unit);
+}
+
+static void out2(vec2 v, double unit, double x[2])
+{
+    x[0] = val(v.x) * unit;
+    x[1] = val(v.y) * unit;
+}
+
+int64_t api_path_one(void)
+{
+    return PATH_ONE;
+}
+
+static struct servo_cfg config(const struct api_params *p)
+{
+    struct servo_cfg c = {
+        .dt = mk(p->dt / T0),
+        .blend = mk(p->blend),
+        .plant = {.mass = in2(p->mass, 1 / MPS2),
+                  .viscous = in2(p->viscous, 1 / MPS),
+                  .coulomb = in2(p->coulomb, 1),
+                  .force_max = in2(p->force_max, 1)},
+        .contour = {.v_min = mk(p->v_min / MPS), .lag_max = mk(p->lag_max / T0), .newton = p->newton != 0},
+        .asmc = {.lambda = mk(p->lambda * T0),
+                 .gamma = mk(p->gamma * T0),
+                 .beta = mk(p->beta),
+                 .k_bar = mk(p->k_bar * UM),
+                 .e_max = mk(p->e_max / UM),
+                 .psi_printed = p->psi_printed != 0,
+                 .k_0 = mk(p->k_0 * T0),
+                 .k_max = mk(p->k_max * T0),
+                 .zeta = mk(p->zeta * T0),
+                 .zeta_rate = mk(p->zeta_rate * T0 * T0),
+                 .xi = mk(p->xi * UM * T0),
+                 .epsilon = mk(p->epsilon / MPS),
+                 .friction_speed = mk(p->friction_speed / MPS)},
+        .uncertainty = {.alpha = mk(p->alpha * T0),
+                        .mu_0 = mk(p->mu_0 / MPS2),
+                        .mu_max = mk(p->mu_max / MPS2),
+                        .rho = mk(p->rho * T0 * T0),
+                        .phi = mk(p->phi / MPS),
+                        .dead_zone = mk(p->dead_zone / MPS),
+                        .law_printed = p->mu_printed != 0,
+                        .whole_input = p->whole_input != 0},
+        .cascade = {.k_p = mk(p->k_p * T0),
+                    .k_v = mk(p->k_v * T0),
+                    .k_i = mk(p->k_i * T0),
+                    .coupling = mk(p->coupling),
+                    .integral_max = mk(p->integral_max / UM)},
+    };
+    c.observer = observer_design(mk(p->observer * T0), c.dt);
+    for (int i = 0; i < 2; i++) {
+        c.energy[i] = (struct energy_cfg){.force_constant = mk(p->force_constant[i]),
+                                          .impedance = mk(p->impedance[i]),
+                                          .back_emf = mk(p->back_emf[i] * MPS),
+                                          .power_factor = mk(p->power_factor),
+                                          .sign_speed = mk(p->friction_speed / MPS),
+                                          .dt_ms = mk(p->dt * 1e3)};
+    }
+    return c;
+}
+
+api_drive *api_new(const struct api_params *p, const int32_t *knots_nm, uint32_t count, const int32_t *start_nm)
+{
+    api_drive *d = calloc(1, sizeof *d);
+    if (d != NULL) {
+        d->cfg = config(p);
+        d->ring.start = (struct knot){{start_nm[0], start_nm[1]}};
+        d->ring.count = count;
+        for (uint32_t i = 0; i < count; i++) {
+            d->ring.knot[i % SPLINE_RING] = (struct knot){{knots_nm[2 * i], knots_nm[2 * i + 1]}};
+        }
+    }
+    return d;
+}
+
+void api_free(api_drive *d)
+{
+    free(d);
+}
+
+void api_trig_cosh(double x, double out[2])
+{
+    const struct trig_cosh r = trig_cosh(mk(x));
+    out[0] = val(r.cosh_x);
+    out[1] = val(r.sinh_x);
+}
+
+void api_spline(const api_drive *d, int64_t s, struct api_point *out)
+{
+    struct spline_point p;
+    spline_at(&d->ring, d->ring.count, s, &p);
+    for (int i = 0; i < 2; i++) {
+        out->r[i] = (double)p.pos[i] / (POS_PER_NM * 1e9);
+    }
+    out2(p.d1, MPS, out->d1);
+    out2(p.d2, MPS2, out->d2);
+    out2(p.d3, MPS2 / T0, out->d3);
+}
+
+static struct path_state path_in(const api_drive *d, const struct api_path *path)
+{
+    return (struct path_state){
+        .s = path->s, .rate = mk(path->rate), .rate_dot = mk(path->rate_dot * T0), .count = d->ring.count};
+}
+
+void api_contour(const api_drive *d, const struct api_path *path, const int64_t *q, const double *q_dot,
+                 struct api_contour *out)
+{
+    const struct path_state ps = path_in(d, path);
+    struct contour_out c;
+    contour_step(&d->cfg.contour, &d->ring, &ps, q, in2(q_dot, MPS), &c);
+    out2(c.r_dot, MPS, out->r_dot);
+    out2(c.r_ddot, MPS2, out->r_ddot);
+    out2(c.e_w, UM, out->e_w);
+    out2(c.e_w_dot, MPS, out->e_w_dot);
+    out2(c.e_l, UM, out->e_l);
+    out->t_d = val(c.t_d) * T0;
+    out->tau = (double)c.tau / (double)PATH_ONE * 1e-3;
+    out->nu = val(c.nu);
+    out2(c.t, 1, out->t);
+    out->theta_dot = val(c.theta_dot) / T0;
+    out->theta_ddot = val(c.theta_ddot) / T0 / T0;
+    out2(c.rn_dot, MPS, out->rn_dot);
+    out2(c.rn_ddot, MPS2, out->rn_ddot);
+    out2(c.e_wn, UM, out->e_wn);
+    out2(c.e_wn_dot, MPS, out->e_wn_dot);
+    out2(c.e_n, UM, out->e_n);
+    out2(c.e_n_dot, MPS, out->e_n_dot);
+}
+
+void api_law(const api_drive *d, const struct api_frame *frame, const struct api_law_in *in, double *k_hat,
+             struct api_law_out *out)
+{
+    const struct asmc_in x = {.t = in2(frame->t, 1),
+                              .theta_dot = mk(frame->theta_dot * T0),
+                              .theta_ddot = mk(frame->theta_ddot * T0 * T0),
+                              .e_w = in2(in->e_w, UM),
+                              .e_w_dot = in2(in->e_w_dot, MPS),
+                              .e = in2(in->e, UM),
+                              .e_dot = in2(in->e_dot, MPS),
+                              .r_ddot = in2(in->r_ddot, MPS2),
+                              .q_dot = in2(in->q_dot, MPS),
+                              .r_dot = in2(in->r_dot, MPS)};
+    struct asmc_state state = {.k_hat = in2(k_hat, 1 / T0)};
+    struct asmc_out o;
+    asmc_step(&d->cfg.asmc, &d->cfg.plant, &state, &x, d->cfg.dt, &o);
+    out2(state.k_hat, 1 / T0, k_hat);
+    out2(o.s_bar, MPS, out->s_bar);
+    out2(o.u_linear, 1, out->u_linear);
+    out2(o.u_friction, 1, out->u_friction);
+}
+
+void api_compensation(const api_drive *d, const struct api_frame *frame, const int64_t *q, const double *q_dot,
+                      int64_t *q_bar, const double *q_bar_dot, double *mu, struct api_compensation *out)
+{
+    struct uncertainty_state state = {
+        .q_bar = {q_bar[0], q_bar[1]}, .q_bar_dot = in2(q_bar_dot, MPS), .mu = in2(mu, MPS2)};
+    struct uncertainty_out o;
+    uncertainty_step(&d->cfg.uncertainty, &d->cfg.plant, &state, q, in2(q_dot, MPS), in2(frame->t, 1),
+                     mk(frame->theta_dot * T0), d->cfg.dt, &o);
+    q_bar[0] = state.q_bar[0];
+    q_bar[1] = state.q_bar[1];
+    out2(state.mu, MPS2, mu);
+    out2(o.z_n, UM, out->z_n);
+    out2(o.s, MPS, out->s);
+    out2(o.v, MPS2, out->v);
+    out2(o.u, 1, out->u);
+}
+
+void api_model(const api_drive *d, const double *u_bar, int64_t *q_bar, double *q_bar_dot)
+{
+    struct uncertainty_state state = {.q_bar = {q_bar[0], q_bar[1]}, .q_bar_dot = in2(q_bar_dot, MPS)};
+    uncertainty_model(&d->cfg.plant, &state, in2(u_bar, 1), d->cfg.dt);
+    q_bar[0] = state.q_bar[0];
+    q_bar[1] = state.q_bar[1];
+    out2(state.q_bar_dot, MPS, q_bar_dot);
+}
+
+void api_observe(const api_drive *d, int i, int64_t measured, double force, int64_t *pos, double *state)
+{
+    const struct plant_cfg *p = &d->cfg.plant;
+    struct observer_state s = {.pos = *pos, .vel = mk(state[0] / MPS), .disturbance = mk(state[1] / MPS2)};
+    observer_step(&d->cfg.observer, &s, measured, mk(force), i == 0 ? p->mass.x : p->mass.y,
+                  i == 0 ? p->viscous.x : p->viscous.y);
+    *pos = s.pos;
+    state[0] = val(s.vel) * MPS;
+    state[1] = val(s.disturbance) * MPS2;
+    state[2] = val(s.acc) * MPS2;
+}
+
+void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force)
+{
+    const struct contour_out x = {.r_dot = in2(c->r_dot, MPS),
+                                  .r_ddot = in2(c->r_ddot, MPS2),
+                                  .e_w = in2(c->e_w, UM),
+                                  .e_w_dot = in2(c->e_w_dot, MPS),
+                                  .t = in2(c->t, 1),
+                                  .e_n = in2(c->e_n, UM),
+                                  .e_n_dot = in2(c->e_n_dot, MPS)};
+    struct cascade_state state = {.integral = in2(integral, UM), .coupled = mk(integral[2] / UM)};
+    out2(cascade_step(&d->cfg.cascade, &d->cfg.plant, &state, &x, coupled != 0, d->cfg.dt), 1, force);
+    out2(state.integral, UM, integral);
+    integral[2] = val(state.coupled) * UM;
+}
+
+double api_power(const api_drive *d, int i, double velocity, double acceleration)
+{
+    const struct plant_cfg *p = &d->cfg.plant;
+    struct energy_state state;
+    energy_reset(&state);
+    return val(energy_step(&d->cfg.energy[i], &state, i == 0 ? p->mass.x : p->mass.y,
+                           i == 0 ? p->viscous.x : p->viscous.y, i == 0 ? p->coulomb.x : p->coulomb.y,
+                           mk(velocity / MPS), mk(acceleration / MPS2)));
+}
+
+void api_servo_reset(api_drive *d, const int64_t *measured)
+{
+    servo_reset(&d->cfg, &d->state, measured);
+}
+
+void api_servo_step(api_drive *d, const struct api_path *path, const int64_t *measured, int controller, int enabled,
+                    double *force, double *velocity, double *e_n, double *energy_J)
+{
+    const struct servo_in in = {.measured = {measured[0], measured[1]},
+                                .enabled = {enabled != 0, enabled != 0},
+                                .controller = (enum controller)controller,
+                                .path = path_in(d, path),
+                                .ring = &d->ring};
+    struct servo_out out;
+    servo_step(&d->cfg, &d->state, &in, &out);
+    out2(out.force, 1, force);
+    out2(out.velocity, MPS, velocity);
+    out2(out.contour.e_n, UM, e_n);
+    *energy_J = 0;
+    for (int i = 0; i < 2; i++) {
+        *energy_J += (d->state.energy[i].mJ + val(d->state.energy[i].part_mJ)) * 1e-3;
+    }
+}

@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* core_api.h: the control core for Python: SI doubles in and out, one call a module. For the tests only.
+ * The lines between CDEF-BEGIN and CDEF-END are plain C declarations that cffi reads as they are. */
+#ifndef KONTUR_CORE_API_H
+#define KONTUR_CORE_API_H
+#include <stdint.h>
+
+/* CDEF-BEGIN */
+/* tests/oracle.py, class Params: the same names, without units */
+struct api_params {
+    double dt, mass[2], viscous[2], coulomb[2], force_max[2], observer;
+    double v_min, lag_max;
+    double lambda, gamma, beta, k_bar, e_max, k_0, k_max, zeta, zeta_rate, xi, epsilon, friction_speed;
+    double alpha, mu_0, mu_max, rho, phi, dead_zone;
+    double k_p, k_v, k_i, coupling, integral_max;
+    double force_constant[2], impedance[2], back_emf[2], power_factor, blend;
+    int newton, psi_printed, mu_printed, whole_input;
+};
+
+struct api_point {
+    double r[2], d1[2], d2[2], d3[2];
+};
+
+struct api_path {
+    int64_t s; /* path time, knots times path_one */
+    double rate, rate_dot;
+};
+
+struct api_contour {
+    double r_dot[2], r_ddot[2], e_w[2], e_w_dot[2], e_l[2], t_d, tau, nu, t[2], theta_dot, theta_ddot;
+    double rn_dot[2], rn_ddot[2], e_wn[2], e_wn_dot[2], e_n[2], e_n_dot[2];
+};
+
+struct api_frame {
+    double t[2], theta_dot, theta_ddot;
+};
+
+struct api_law_in {
+    double e_w[2], e_w_dot[2], e[2], e_dot[2], r_ddot[2], q_dot[2], r_dot[2];
+};
+
+struct api_law_out {
+    double s_bar[2], u_linear[2], u_friction[2];
+};
+
+struct api_compensation {
+    double z_n[2], s[2], v[2], u[2];
+};
+
+/* One drive: knots, parameters, states. Positions of 2^-16 nm are int64, as in the core. */
+typedef struct api_drive api_drive;
+
+int64_t api_path_one(void);
+api_drive *api_new(const struct api_params *p, const int32_t *knots_nm, uint32_t count, const int32_t *start_nm);
+void api_free(api_drive *d);
+
+void api_trig_cosh(double x, double out[2]);
+void api_spline(const api_drive *d, int64_t s, struct api_point *out);
+void api_contour(const api_drive *d, const struct api_path *path, const int64_t *q, const double *q_dot,
+                 struct api_contour *out);
+void api_law(const api_drive *d, const struct api_frame *frame, const struct api_law_in *in, double *k_hat,
+             struct api_law_out *out);
+/* q_bar, q_bar_dot, mu: state, changed */
+void api_compensation(const api_drive *d, const struct api_frame *frame, const int64_t *q, const double *q_dot,
+                      int64_t *q_bar, const double *q_bar_dot, double *mu, struct api_compensation *out);
+void api_model(const api_drive *d, const double *u_bar, int64_t *q_bar, double *q_bar_dot);
+/* state: velocity, unexplained acceleration, acceleration of the prediction; of axis i */
+void api_observe(const api_drive *d, int i, int64_t measured, double force, int64_t *pos, double *state);
+/* errors as in api_contour; integral: x, y, coupled */
+void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force);
+double api_power(const api_drive *d, int i, double velocity, double acceleration);
+
+void api_servo_reset(api_drive *d, const int64_t *measured);
+/* velocity: of the observer; energy_J: x + y so far */
+void api_servo_step(api_drive *d, const struct api_path *path, const int64_t *measured, int controller, int enabled,
+                    double *force, double *velocity, double *e_n, double *energy_J);
+/* CDEF-END */
+#endif

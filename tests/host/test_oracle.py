@@ -1,0 +1,471 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The control core (float32, C) against the oracle (double, NumPy), and the oracle against the mathematics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import oracle
+import pytest
+from core import bounds
+from core.binding import POS_PER_M, Core
+from core.bounds import QUANTUM_M, READ, T0, UM, U, size
+from oracle import Params
+from scipy.interpolate import BSpline
+from scipy.linalg import solve_banded
+
+KNOTS = 300
+P = Params()
+SLOW, FAST = 4.488e-3, 0.1
+# members of api_contour and what they are called in the oracle
+CONTOUR = (
+    *("r_dot", "r_ddot", "e_w", "e_w_dot", "e_l", "t_d", "tau", "nu", "t", "theta_dot", "theta_ddot"),
+    *("rn_dot", "rn_ddot", "e_wn", "e_wn_dot", "e_n", "e_n_dot"),
+)
+
+
+def knots_through(samples_m: np.ndarray) -> np.ndarray:
+    """Knots (n, 2), nm, of the spline through samples_m (n, 2): its tridiagonal system, the ends at rest."""
+    bands = np.array([[1.0], [4.0], [1.0]]) * np.ones(len(samples_m))
+    right = 6.0 * samples_m
+    right[0] -= samples_m[0]
+    right[-1] -= samples_m[-1]
+    return np.rint(solve_banded((1, 1), bands, right) * 1e9).astype(np.int32)
+
+
+def travelled(speed_mps: float, count: int = KNOTS, ramp_s: float = 0.03) -> np.ndarray:
+    """Path length (count,), m, a millisecond apart: from rest to speed_mps within ramp_s."""
+    t = np.arange(count) * 1e-3
+    x = np.minimum(t / ramp_s, 1.0)
+    return speed_mps * ramp_s * (x**3 - 0.5 * x**4) + speed_mps * np.maximum(t - ramp_s, 0.0)
+
+
+def circle(radius_m: float, speed_mps: float) -> np.ndarray:
+    a = travelled(speed_mps) / radius_m
+    return knots_through(radius_m * np.stack([np.cos(a), np.sin(a)], axis=1))
+
+
+def reversal() -> np.ndarray:
+    """Forth and back along a sloped line, through rest."""
+    s = 1e-3 * np.sin(np.linspace(0.0, 6.0 * np.pi, KNOTS))
+    return knots_through(np.stack([s, 0.3 * s], axis=1))
+
+
+def eight() -> np.ndarray:
+    """An eight of 20 mm at up to 0.2 m/s: curvature of both signs, speed that changes."""
+    a = travelled(0.2) / 0.02
+    return knots_through(np.stack([0.02 * np.sin(a), 0.01 * np.sin(2.0 * a)], axis=1))
+
+
+def scattered() -> np.ndarray:
+    """Knots that follow no plan at all, 100 mm from the origin: |r'''| of 1e5 m/s^3 and more."""
+    rng = np.random.default_rng(5)
+    return (100_000_000 + np.cumsum(rng.integers(-60_000, 60_000, size=(KNOTS, 2)), axis=0)).astype(np.int32)
+
+
+PATHS = {
+    "slow circle": circle(4e-3, SLOW),
+    "fast circle": circle(20e-3, FAST),
+    "tight fast circle": circle(4e-3, FAST),
+    "reversal": reversal(),
+    "eight": eight(),
+    "scattered": scattered(),
+    "standstill": np.full((KNOTS, 2), [12_345_678, -87_654_321], dtype=np.int32),
+}
+
+
+def check(name: str, found: Any, expected: Any, bound: float, what: str = "") -> None:
+    error = float(np.max(np.abs(np.asarray(found) - np.asarray(expected))))
+    assert error <= bound, f"{name} {what}: off by {error:.3g}, float32 allows {bound:.3g}; {found} for {expected}"
+
+
+# --- The oracle against mathematics that it does not use --------------------------------------------------------------
+
+
+def test_oracle_spline_is_scipys_uniform_cubic_spline() -> None:
+    knots = PATHS["eight"] * 1e-9
+    curve = BSpline(np.arange(-2, KNOTS + 2) * 1e-3, knots, 3)
+    for t in np.random.default_rng(1).uniform(0.01, 0.29, 20):
+        point = oracle.spline(knots, knots[0], t)
+        for order, value in enumerate((point.r, point.d1, point.d2, point.d3)):
+            np.testing.assert_allclose(value, curve(t, nu=order), rtol=1e-9, atol=1e-12 * 1e3**order)
+
+
+def smooth_state(knots: np.ndarray, t: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A position within 20 um of the path and a velocity within 5 mm/s of the programmed one."""
+    point = oracle.spline(knots, knots[0], t)
+    return point.r + rng.uniform(-2e-5, 2e-5, 2), point.d1 + rng.uniform(-5e-3, 5e-3, 2)
+
+
+# Without regularisation, and with Newton's step, (3)-(9) are exact but for what one step leaves of the foot point.
+EXACT = replace(P, v_min_mps=1e-9, force_max_N=np.array([1e9, 1e9]))
+
+
+@pytest.mark.parametrize("path", ["fast circle", "tight fast circle", "eight"])
+def test_oracle_rates_are_derivatives_of_what_they_are_rates_of(path: str) -> None:
+    knots, rng, h = PATHS[path] * 1e-9, np.random.default_rng(2), 1e-6
+    for t in (rng.integers(50, 280, 10) + rng.uniform(0.4, 0.6, 10)) * 1e-3:
+        q, q_dot = smooth_state(knots, t, rng)
+
+        def at(dt: float, t: float = t, q: np.ndarray = q, q_dot: np.ndarray = q_dot) -> oracle.Contour:
+            return oracle.contour_error(knots, knots[0], t + dt, 1.0, 0.0, q + q_dot * dt, q_dot, EXACT)
+
+        c, before, after = at(0.0), at(-h), at(h)
+
+        def rate(member: str, a: oracle.Contour = after, b: oracle.Contour = before) -> Any:
+            return (getattr(a, member) - getattr(b, member)) / (2.0 * h)
+
+        angle = np.arctan2(after.rotation[1, 0], after.rotation[0, 0]) - np.arctan2(
+            before.rotation[1, 0], before.rotation[0, 0]
+        )
+        assert rate("tau_s") == pytest.approx(c.nu, rel=1e-5)
+        assert angle / (2.0 * h) == pytest.approx(c.theta_dot, rel=1e-5)
+        np.testing.assert_allclose(rate("rn"), c.rn_dot, atol=1e-5 * size(c.rn_dot))
+        np.testing.assert_allclose(rate("e_n"), c.e_n_dot, atol=1e-5 * size(c.rn_dot))
+
+
+@pytest.mark.parametrize("path", ["fast circle", "tight fast circle", "eight"])
+@pytest.mark.parametrize("printed", [False, True])
+def test_oracle_law_makes_the_contour_error_slide_on_its_surface(path: str, printed: bool) -> None:
+    """(15) is right when it does what it was derived for: s_bar' = -K s_bar on the plant M q'' + C q' = u.
+
+    The derivative is taken by differences along the motion that the law's force gives, so (8)-(11) and (15) are all in
+    it. The normal component is free of the one approximation, tau'' = 0.
+    """
+    p = replace(EXACT, psi_printed=printed, k_bar_1pm=1e5, gamma_1ps=20.0)
+    knots, rng, h = PATHS[path] * 1e-9, np.random.default_rng(3), 1e-6
+    k_hat = np.array([80.0, 120.0])
+    for t in (rng.integers(50, 280, 10) + rng.uniform(0.4, 0.6, 10)) * 1e-3:
+        q, q_dot = smooth_state(knots, t, rng)
+        c = oracle.contour_error(knots, knots[0], t, 1.0, 0.0, q, q_dot, p)
+        u, s_bar = oracle.contouring_law(
+            *(c.rotation, c.theta_dot, c.theta_ddot, c.e_wn, c.e_wn_dot, c.e_n, c.e_n_dot, c.rn_ddot, q_dot, k_hat, p)
+        )
+        q_ddot = (u - p.viscous_Nspm * q_dot) / p.mass_kg
+
+        def s_at(dt: float, t: float = t, q: Any = q, q_dot: Any = q_dot, q_ddot: Any = q_ddot) -> np.ndarray:
+            moved, velocity = q + q_dot * dt + 0.5 * q_ddot * dt**2, q_dot + q_ddot * dt
+            later = oracle.contour_error(knots, knots[0], t + dt, 1.0, 0.0, moved, velocity, p)
+            return oracle.surface(later.e_n, later.e_n_dot, p)[0]
+
+        s_dot = (s_at(h) - s_at(-h)) / (2.0 * h)
+        scale = p.lambda_1ps * size(c.e_n_dot) + k_hat[1] * size(s_bar)
+        assert abs(s_dot[1] + k_hat[1] * s_bar[1]) < 1e-4 * scale
+
+
+def test_oracle_observer_has_a_triple_pole_where_the_bandwidth_puts_it() -> None:
+    dt, bandwidth = 1e-4, 1300.0
+    gains = oracle.observer_gains(bandwidth, dt)
+    error = (np.eye(3) - np.outer(gains, [1.0, 0.0, 0.0])) @ oracle.transition(dt)
+    pole = np.exp(-bandwidth * dt)
+    np.testing.assert_allclose(np.poly(error), np.poly([pole] * 3), rtol=2e-3)  # bilinear: p = exp(-x) (1 + x^3/12...)
+
+
+def test_oracle_power_is_voltage_times_current() -> None:
+    v, a = np.array([0.03, -0.2]), np.array([-2.0, 1.5])
+    force = P.coulomb_N * np.sign(v) + P.viscous_Nspm * v + P.mass_kg * a
+    current = force / P.force_constant_NpA
+    voltage = current * P.impedance_ohm + P.back_emf_Vspm * v
+    np.testing.assert_allclose(oracle.power(v, a, P), np.sqrt(3.0) * 0.9 * voltage * current, rtol=1e-12)
+
+
+def test_oracle_loop_keeps_the_axes_on_the_circle() -> None:
+    loop = oracle.Loop(replace(P, noise_N=0.0), PATHS["slow circle"], seed=1)
+    distance = []
+    for _ in range(1500):
+        loop.step()
+        distance.append(abs(np.hypot(*loop.plant.position_m) - 4e-3))
+    assert np.mean(distance) < 0.5e-6
+
+
+# --- Every module of the core against the oracle ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_spline_is_the_oracles_to_float32(core: Core, path: str) -> None:
+    drive, knots = core.drive(P, PATHS[path]), PATHS[path] * 1e-9
+    for t in np.random.default_rng(4).uniform(0.0, 0.31, 200):
+        s = core.path_time(t)
+        expected = oracle.spline(knots, knots[0], core.seconds(s))
+        found = drive.spline(s)
+        for name, bound in zip(("r", "d1", "d2", "d3"), bounds.point(expected), strict=True):
+            check(name, found[name], getattr(expected, name), bound, f"at {t * 1e3:.6f} ms")
+
+
+def test_spline_starts_from_the_start_position_and_rests_on_the_last_knot(core: Core) -> None:
+    knots, start = np.array([[1000, -2000], [4000, 500], [7000, 900]]), np.array([-3000, 600])
+    drive = core.drive(P, knots, start)
+    for t in (0.0, 0.4e-3, 1.3e-3, 2.5e-3, 3.7e-3, 0.1):
+        expected = oracle.spline(knots * 1e-9, start * 1e-9, t)
+        check("r", drive.spline(core.path_time(t))["r"], expected.r, bounds.point(expected)[0], f"at {t} s")
+    check("r", drive.spline(core.path_time(0.5))["r"], knots[-1] * 1e-9, QUANTUM_M)
+
+
+def compare_contour(
+    core: Core, knots_nm: np.ndarray, p: Params, t: float, off_m: Any, slip_mps: Any, rate: float, rate_dot: float
+) -> None:
+    knots, s = knots_nm * 1e-9, core.path_time(t)
+    t_s = core.seconds(s)
+    ref = oracle.spline(knots, knots[0], t_s)
+    q = np.rint((ref.r + off_m) * POS_PER_M)
+    q_dot = rate * ref.d1 + slip_mps
+    found = core.drive(p, knots_nm).contour(s, rate, rate_dot, q, q_dot)
+    c = oracle.contour_error(knots, knots[0], t_s, rate, rate_dot, q / POS_PER_M, q_dot, p)
+    foot = oracle.spline(knots, knots[0], c.tau_s)
+    allowed = bounds.contour(c, foot, ref, q / POS_PER_M, q_dot, rate, rate_dot, p)
+    for name in CONTOUR:
+        expected = c.rotation[:, 0] if name == "t" else c.tau_s if name == "tau" else getattr(c, name)
+        check(name, found[name], expected, allowed[name], f"at {t * 1e3:.6f} ms, off {off_m}, rate {rate}")
+
+
+@pytest.mark.parametrize("newton", [True, False])
+@pytest.mark.parametrize("path", PATHS)
+def test_contour_is_the_oracles_to_float32(core: Core, path: str, newton: bool) -> None:
+    p, rng = replace(P, newton=newton), np.random.default_rng(6)
+    for off_m in (0.0, 1e-7, 2e-6, 5e-5):
+        for t in rng.uniform(0.05, 0.28, 12):
+            off = rng.uniform(-off_m, off_m, 2)
+            compare_contour(core, PATHS[path], p, t, off, rng.uniform(-5e-3, 5e-3, 2), 1.0, 0.0)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize(("rate", "rate_dot"), [(0.0, 0.0), (0.3, -20.0), (1.0, 20.0), (1.2, 0.0)])
+def test_contour_follows_a_path_time_that_runs_slower_or_faster(
+    core: Core, path: str, rate: float, rate_dot: float
+) -> None:
+    rng = np.random.default_rng(7)
+    for t in rng.uniform(0.05, 0.28, 12):
+        compare_contour(
+            core, PATHS[path], P, t, rng.uniform(-2e-6, 2e-6, 2), rng.uniform(-1e-3, 1e-3, 2), rate, rate_dot
+        )
+
+
+@pytest.mark.parametrize("path", ["slow circle", "fast circle", "reversal", "standstill"])
+@pytest.mark.parametrize("off_mm", [(4.0, 4.0), (-4.0, 0.5), (0.0, -4.0)])
+def test_contour_far_off_the_path_is_clamped_as_the_oracle_is(core: Core, path: str, off_mm: Any) -> None:
+    """At the edge of the signal range, +-4096 um: every clamp of the foot point search is full."""
+    for t in np.random.default_rng(8).uniform(0.05, 0.28, 10):
+        compare_contour(core, PATHS[path], P, t, np.array(off_mm) * 1e-3, np.array([0.1, -0.1]), 1.0, 0.0)
+
+
+@pytest.mark.parametrize("x", [0.0, 1e-6, -1e-3, 0.1, -0.5, 1.0, 2.0, -3.3, 4.0])
+def test_cosh_and_sinh_keep_their_promise(core: Core, x: float) -> None:
+    cosh, sinh = core.drive(P).cosh(x)
+    x32 = float(np.float32(x))
+    assert cosh == pytest.approx(np.cosh(x32), rel=bounds.COSH, abs=READ)
+    assert sinh == pytest.approx(np.sinh(x32), rel=bounds.COSH, abs=READ)
+
+
+def law_inputs(rng: np.random.Generator, e_m: float, e_dot_mps: float) -> dict[str, np.ndarray]:
+    scale = {"e_w": e_m, "e_w_dot": e_dot_mps, "e": e_m, "e_dot": e_dot_mps, "r_ddot": 5.0, "q_dot": 0.3, "r_dot": 1e-4}
+    return {name: rng.uniform(-v, v, 2) for name, v in scale.items()}
+
+
+@pytest.mark.parametrize("printed", [False, True])
+@pytest.mark.parametrize(("e_m", "e_dot_mps"), [(0.0, 0.0), (1e-7, 1e-5), (1e-5, 1e-3), (9e-4, 0.1), (4e-3, 0.8)])
+def test_law_is_the_oracles_to_float32(core: Core, e_m: float, e_dot_mps: float, printed: bool) -> None:
+    p, rng = replace(P, psi_printed=printed), np.random.default_rng(9)
+    drive = core.drive(p)
+    for k_hat in ([100.0, 150.0], [399.99, 99.0], [120.0, 110.0]) * 10:
+        angle, w, w_dot = rng.uniform(-4.0, 4.0), rng.uniform(-30.0, 30.0), rng.uniform(-500.0, 500.0)
+        c, k = law_inputs(rng, e_m, e_dot_mps), np.array(k_hat)
+        rot = oracle.rotation(angle)
+        found = drive.law(rot[:, 0], w, w_dot, k, **c)
+        force, s_bar = oracle.contouring_law(
+            *(rot, w, w_dot, c["e_w"], c["e_w_dot"], c["e"], c["e_dot"], c["r_ddot"], c["q_dot"], k, p)
+        )
+        s_bound, force_bound = bounds.law(c, w, w_dot, k, p)
+        check("s_bar", found["s_bar"], s_bar, s_bound)
+        check("u_linear", found["u_linear"], force, force_bound)
+        check("u_friction", found["u_friction"], oracle.friction(c["r_dot"], p), 4 * U * 54.8)
+        # k + rate dt: 2 roundings of k, 4 of the change; s_bar enters the change by xi dt
+        change = max(p.xi_1pms * size(s_bar), p.zeta_rate_1ps2) * p.dt_s
+        bound = 2 * U * 400.0 + 4 * U * change + p.xi_1pms * p.dt_s * s_bound + READ / T0
+        check("k_hat", found["k_hat"], oracle.adapt_k(k, s_bar, p), bound)
+
+
+@pytest.mark.parametrize("printed", [False, True])
+@pytest.mark.parametrize(("z_m", "z_dot_mps"), [(0.0, 0.0), (1e-7, 1e-5), (1e-5, 1e-3), (2e-3, 0.1)])
+def test_compensator_is_the_oracles_to_float32(core: Core, z_m: float, z_dot_mps: float, printed: bool) -> None:
+    p, rng = replace(P, mu_printed=printed), np.random.default_rng(10)
+    drive, z_max = core.drive(p), P.phi_mps / P.alpha_1ps
+    for mu in ([1.0, 2.0], [3.9999999, 0.5]) * 15:
+        rot, w = oracle.rotation(rng.uniform(-4.0, 4.0)), rng.uniform(-30.0, 30.0)
+        q = rng.integers(-(10**12), 10**12, 2)
+        q_bar = q - np.rint(rng.uniform(-z_m, z_m, 2) * POS_PER_M).astype(np.int64)
+        q_dot = rng.uniform(-0.2, 0.2, 2)
+        q_bar_dot = q_dot - rng.uniform(-z_dot_mps, z_dot_mps, 2)
+        found = drive.compensation(rot[:, 0], w, q, q_dot, q_bar, q_bar_dot, mu)
+        z = np.clip((q - q_bar) / POS_PER_M, -z_max, z_max)
+        z_n, s, v, force = oracle.compensation(z, q_dot - q_bar_dot, rot, w, np.array(mu), p)
+        # z: one rounding, rotated (3); z' is the difference of two inputs of 0.2 m/s
+        d_z = 6 * U * size(z) + READ * UM
+        d_z_dot = 2 * U * (size(q_dot) + size(q_bar_dot)) + 6 * U * (size(q_dot - q_bar_dot) + abs(w) * size(z))
+        d_s = d_z_dot + p.alpha_1ps * d_z + 3 * U * size(s) + READ * UM / T0
+        d_v = p.alpha_1ps * d_z_dot + size(mu) * (d_s / p.phi_mps + 2 * U) + 4 * U * size(v) + READ * UM / T0**2
+        check("z_n", found["z_n"], z_n, d_z)
+        check("s", found["s"], s, d_s)
+        check("v", found["v"], v, d_v)
+        check("u", found["u"], force, 97.9 * (d_v + 5 * U * size(v)))
+        check("mu", found["mu"], oracle.adapt_mu(np.array(mu), s, p), 3 * U * 4.0 + p.rho_1ps2 * p.dt_s * d_s)
+        check("q_bar", (q - found["q_bar"]) / POS_PER_M, z, U * z_max + QUANTUM_M)
+
+
+def test_reference_model_is_the_oracles_to_float32(core: Core) -> None:
+    drive, rng = core.drive(P), np.random.default_rng(11)
+    for _ in range(50):
+        q_bar, velocity, u = rng.integers(-(10**12), 10**12, 2), rng.uniform(-0.3, 0.3, 2), rng.uniform(-600, 600, 2)
+        pos, after = drive.model(u, q_bar, velocity)
+        expected_pos, expected = oracle.reference_model(q_bar / POS_PER_M, velocity, u, P)
+        bound = 2 * U * 0.3 + 6 * U * P.dt_s * 10.0 + READ * UM / T0
+        check("velocity", after, expected, bound)
+        check(
+            "position",
+            (np.array(pos) - q_bar) / POS_PER_M,
+            expected_pos - q_bar / POS_PER_M,
+            P.dt_s * 2 * bound + 1e-16,
+        )
+
+
+def test_observer_is_the_oracles_to_float32(core: Core) -> None:
+    drive, rng, gains = core.drive(P), np.random.default_rng(12), oracle.observer_gains(P.observer_radps, P.dt_s)
+    for _ in range(50):
+        for miss_m in (0.0, 1e-7, 1e-3):
+            pos = rng.integers(-(10**12), 10**12, 2)
+            vel, rest, force = rng.uniform(-0.3, 0.3, 2), rng.uniform(-3.0, 3.0, 2), rng.uniform(-600.0, 600.0, 2)
+            measured = pos + np.rint((vel * P.dt_s + rng.uniform(-miss_m, miss_m, 2)) * POS_PER_M).astype(np.int64)
+            x, acceleration = oracle.observe(
+                np.array([pos / POS_PER_M, vel, rest]), measured / POS_PER_M, force, P, gains
+            )
+            # acceleration: 5 roundings; ahead: vel dt + dv dt/2. The gains come from p = (1-x)/(1+x) by 1 - p^3 and
+            # (1-p)^3: p errs by 3 U, which is 3 U/(1-p) of 1-p, three times that of its cube, and 8 U of products
+            d_a = 6 * U * 12.0
+            d_ahead = P.dt_s * (4 * U * 0.3 + P.dt_s * d_a) + 2 * QUANTUM_M
+            pole = 1.0 - (1.0 - gains[0]) ** (1.0 / 3.0)
+            d_gain = 9 * U / pole + 8 * U
+            found = [drive.observe(i, measured[i], force[i], pos[i], vel[i], rest[i]) for i in (0, 1)]
+            for i, (position, velocity, unexplained, predicted) in enumerate(found):
+                innovation = abs(measured[i] / POS_PER_M - (pos[i] / POS_PER_M + vel[i] * P.dt_s)) + 12.0 * P.dt_s**2
+                d_i = d_ahead + U * innovation + innovation * d_gain
+                check("position", (position - pos[i]) / POS_PER_M, x[0, i] - pos[i] / POS_PER_M, 2 * d_i + 1e-16)
+                check("velocity", velocity, x[1, i], 4 * U * 0.4 + P.dt_s * d_a + gains[1] * d_i + READ * UM / T0)
+                check("rest", unexplained, x[2, i], 2 * U * (3.0 + gains[2] * innovation) + gains[2] * d_i)
+                check("acceleration", predicted, acceleration[i], d_a)
+
+
+@pytest.mark.parametrize("coupled", [False, True])
+def test_cascade_is_the_oracles_to_float32(core: Core, coupled: bool) -> None:
+    drive, rng, knots = core.drive(P), np.random.default_rng(13), PATHS["eight"] * 1e-9
+    for off_m in (0.0, 1e-6, 1e-4, 4e-3):
+        for _ in range(20):
+            t = rng.uniform(0.05, 0.28)
+            q, q_dot = smooth_state(knots, t, rng)
+            c = oracle.contour_error(knots, knots[0], t, 1.0, 0.0, q + rng.uniform(-off_m, off_m, 2), q_dot, P)
+            integral = rng.uniform(-1e-3, 1e-3, 3)
+            names = ("r_dot", "r_ddot", "e_w", "e_w_dot", "e_n", "e_n_dot")
+            given = {name: getattr(c, name) for name in names} | {"t": c.rotation[:, 0]}
+            force, after = drive.cascade(given, coupled, integral)
+            expected, ints, coupled_int = oracle.cascade(c, integral[:2], float(integral[2]), coupled, P)
+            # each PI law: e' + K_p e (3 roundings), integral (3), K_v (x + K_i integral) (3), sum and mass (4)
+            error = size(c.e_w_dot) + size(c.e_n_dot) + P.k_p_1ps * (size(c.e_w) + size(c.e_n))
+            d_int = 2 * U * 1e-3 + 6 * U * P.dt_s * error + READ * UM
+            terms = size(c.r_ddot) + P.k_v_1ps * (error + P.k_i_1ps * 3e-3)
+            check("force", force, expected, 97.9 * (14 * U * terms + P.k_v_1ps * P.k_i_1ps * 2 * d_int) + U * 631 * 3)
+            check("integral", after, [*ints, coupled_int], d_int)
+
+
+def test_power_is_the_oracles_to_float32(core: Core) -> None:
+    drive, rng = core.drive(P), np.random.default_rng(14)
+    for scale in (1e-6, 1e-4, 1e-2, 0.3):
+        for _ in range(20):
+            v, a = rng.uniform(-scale, scale, 2), rng.uniform(-5.0, 5.0, 2)
+            expected = oracle.power(v, a, P)
+            force = P.coulomb_N + P.viscous_Nspm * abs(v) + P.mass_kg * abs(a)
+            current = force / P.force_constant_NpA
+            bound = (
+                14 * U * np.sqrt(3.0) * 0.9 * current * (current * P.impedance_ohm + P.back_emf_Vspm * abs(v)) + READ
+            )
+            for i in (0, 1):
+                check("power", drive.power(i, v[i], a[i]), expected[i], bound[i])
+
+
+# --- The whole servo --------------------------------------------------------------------------------------------------
+
+STEPS = 2000
+
+
+def force_bound(controller: str, p: Params, speed: float, acceleration: float) -> float:
+    """What 2,000 steps of float32 may do to the force, N.
+
+    The observer is stable: of each step's roundings, 4 U of the velocity, it keeps the sum over its memory of
+    3/(1 - p) steps. The law multiplies velocity errors by M (A + K), M K_v for the cascade (twice if coupled); (8)
+    brings r_n'' with some 12 roundings of A + w^2 F, F within 2 K_v of e'.
+    The reference model of `ccu` has no innovation: over the run the velocity walks at random by U/sqrt(3) of itself a
+    step, and half of that again by each of u_bar/M dt; 3 sigma of it enter with M (alpha + mu/phi).
+    """
+    pole = 1.0 - (1.0 - oracle.observer_gains(p.observer_radps, p.dt_s)[0]) ** (1.0 / 3.0)
+    mass = float(np.max(p.mass_kg))
+    d_velocity = 4 * U * speed * 3.0 / pole
+    a = p.lambda_1ps + p.beta * p.gamma_1ps
+    gain = {"cascade": p.k_v_1ps, "ccc": 2.0 * p.k_v_1ps}.get(controller, a + p.k_max_1ps)
+    bound = mass * (gain * d_velocity + 12 * U * acceleration)
+    if controller == "ccu":
+        walk = 3.0 * np.sqrt(STEPS) * U / np.sqrt(3.0) * speed
+        bound += mass * (p.alpha_1ps + p.mu_max_mps2 / p.phi_mps) * walk
+    return bound
+
+
+@pytest.mark.parametrize("controller", oracle.CONTROLLERS)
+@pytest.mark.parametrize(("path", "speed"), [("slow circle", SLOW), ("tight fast circle", FAST)])
+def test_servo_gives_the_oracles_forces_on_the_same_encoder_readings(
+    core: Core, controller: str, path: str, speed: float
+) -> None:
+    loop, drive = oracle.Loop(P, PATHS[path], seed=1, controller=controller), core.drive(P, PATHS[path])
+    drive.reset(np.rint(loop.plant.encoder() * POS_PER_M))
+    bound = force_bound(controller, P, 1.1 * speed, (1.1 * speed) ** 2 / 4e-3 + 3.0)
+    biggest = 0.0
+    for k in range(STEPS):
+        measured = np.rint(loop.plant.encoder() * POS_PER_M)
+        expected = loop.step()
+        force, *_, energy = drive.step(k * core.path_one // 10, measured, controller)
+        check("force", force, expected, bound, f"at step {k}")
+        biggest = max(biggest, size(expected))
+    assert biggest > 50.0
+    # mJ: the power errs by 14 U of itself and by what an error of the acceleration makes of it
+    assert energy == pytest.approx(loop.servo.state.energy_J.sum(), rel=1e-5)
+
+
+def test_servo_gives_the_oracles_forces_when_controllers_and_path_rate_change(core: Core) -> None:
+    """Every 100 steps another controller; the path slows down, stands still and goes on; the drive is off a while."""
+    knots = PATHS["fast circle"]
+    plant = oracle.Plant(P, knots[0] * 1e-9, seed=2)
+    servo, drive = oracle.Servo(P, knots, plant.encoder()), core.drive(P, knots)
+    drive.reset(np.rint(plant.encoder() * POS_PER_M))
+    bound = max(force_bound(c, P, 0.11, 4.0) for c in oracle.CONTROLLERS)
+    s, rate = 0, 0.0
+    for k in range(STEPS):
+        rate_dot = 10.0 if k < 1000 or k > 1600 else -30.0
+        enabled = not 1350 <= k < 1500
+        rate = min(max(rate + rate_dot * P.dt_s, 0.0), 1.2)
+        rate_dot = rate_dot if 0.0 < rate < 1.2 else 0.0
+        s += int(rate * core.path_one / 10)
+        controller = oracle.CONTROLLERS[(k // 100) * 3 % 5]
+        measured = plant.encoder()
+        expected = servo.step(measured, core.seconds(s), controller, rate, rate_dot, enabled)
+        force, *_ = drive.step(s, np.rint(measured * POS_PER_M), controller, rate, rate_dot, enabled)
+        check("force", force, expected, bound, f"at step {k}, {controller}")
+        plant.step(expected)
+
+
+def test_servo_takes_the_printed_forms_where_they_are_selected(core: Core) -> None:
+    p = replace(P, psi_printed=True, mu_printed=True, whole_input=True, newton=False, rho_1ps2=50.0)
+    loop, drive = oracle.Loop(p, PATHS["slow circle"], seed=3), core.drive(p, PATHS["slow circle"])
+    drive.reset(np.rint(loop.plant.encoder() * POS_PER_M))
+    bound = force_bound("ccu", p, 1.1 * SLOW, 3.0)
+    for k in range(500):
+        measured = np.rint(loop.plant.encoder() * POS_PER_M)
+        expected = loop.step()
+        force, *_ = drive.step(k * core.path_one // 10, measured, "ccu")
+        check("force", force, expected, bound, f"at step {k}")

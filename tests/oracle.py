@@ -1,0 +1,731 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The control loop of `firmware/core` once more, in NumPy double precision, written from the equations.
+
+Why: a control law in float32 (later in fixed point) needs something to be compared with that shares nothing with it.
+This file is written from the paper's equations in the form in which the paper has them: angles, rotation matrices,
+Q = R S R^T and its derivatives by the product rule, B-spline basis polynomials, exp() in (11), C1...C6 in (30). The
+firmware uses none of these forms (it has tangents, scalars f and g, differences of knots, doubling formulas, the
+product V I). Where both agree to float32 resolution, a slip of algebra in either is unlikely.
+
+Source: "Adaptive Sliding Mode Contouring Control Design Based on Reference Adjustment and Uncertainty Compensation
+for Feed Drive Systems"; numbers in brackets are its equations. Where the paper is singular, misprinted or silent, the
+decision is the one named under "Differences from the source" in the firmware's headers, and is marked "decision" here.
+
+Units: SI everywhere (m, s, N, kg, J); the units of the firmware's core (um, 5 ms) do not occur.
+Vectors are arrays of shape (2,), matrices (2, 2); index 0 is x or the tangent, index 1 is y or the normal.
+
+How it is meant: one function per equation, pure; `Servo.step` composes one control period, `Plant.step` is the
+machine, and `Loop` joins the two, so that
+
+    loop = Loop(Params(), knots_nm, seed=1)
+    for _ in range(1000):
+        loop.step()
+
+is the closed loop as someone who studies the law would write it in NumPy: one Python step a control period (it is a
+feedback loop: there is nothing to vectorise over time). `kontur bench sim` times this stepping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+KNOT_S = 1e-3
+"""Knot spacing of the trajectory, s."""
+STANDSTILL_MPS = 2e-7
+"""At or below this path speed there is no direction: the axis frame is taken, and it does not turn (decision)."""
+NU_MAX = 4.0
+"""Limit of the foot point's rate |nu| (decision)."""
+CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
+
+IDENTITY = np.eye(2)
+I_E = np.array([[0.0, 1.0], [-1.0, 0.0]])
+"""I_e of (9): R'^T = theta' I_e R^T, and I_e commutes with every rotation."""
+S = np.array([[0.0, 0.0], [0.0, 1.0]])
+"""S of (7): keeps the normal component."""
+
+
+def _pair(x: float, y: float) -> Array:
+    return np.array([x, y])
+
+
+@dataclass(frozen=True)
+class Params:
+    """Everything the loop needs, SI. The defaults are Table 1 and the firmware's own choices where it is silent."""
+
+    dt_s: float = 1e-4
+    # nominal plant (1)
+    mass_kg: Array = field(default_factory=lambda: _pair(88.08, 97.90))
+    viscous_Nspm: Array = field(default_factory=lambda: _pair(467.2, 631.0))
+    coulomb_N: Array = field(default_factory=lambda: _pair(45.5, 54.8))
+    force_max_N: Array = field(default_factory=lambda: _pair(600.0, 600.0))
+    observer_radps: float = 1300.0
+    # contour estimation (3)-(9)
+    v_min_mps: float = 1e-4
+    lag_max_s: float = 6e-3
+    newton: bool = True
+    # contouring law (10)-(16)
+    lambda_1ps: float = 200.0
+    gamma_1ps: float = 1.2
+    beta: float = 6.0
+    k_bar_1pm: float = 1e3
+    e_max_m: float = 1e-3
+    psi_printed: bool = False
+    k_0_1ps: float = 100.0
+    k_max_1ps: float = 400.0
+    zeta_1ps: float = 100.0
+    zeta_rate_1ps2: float = 100.0
+    xi_1pms: float = 1e4
+    epsilon_mps: float = 1e-3
+    friction_speed_mps: float = 5e-5
+    # uncertainty compensator (17)-(25)
+    alpha_1ps: float = 60.0
+    mu_0_mps2: float = 1.0
+    mu_max_mps2: float = 4.0
+    rho_1ps2: float = 0.5
+    phi_mps: float = 1e-3
+    dead_zone_mps: float = 1e-3
+    mu_printed: bool = False
+    whole_input: bool = False
+    # cascade and cross-coupled control
+    k_p_1ps: float = 67.4
+    k_v_1ps: float = 307.0
+    k_i_1ps: float = 77.0
+    coupling: float = 1.0
+    integral_max_m: float = 1e-3
+    # energy (26)-(30)
+    force_constant_NpA: Array = field(default_factory=lambda: _pair(72.0, 72.0))
+    impedance_ohm: Array = field(default_factory=lambda: _pair(2.5, 2.5))
+    back_emf_Vspm: Array = field(default_factory=lambda: _pair(41.6, 41.6))
+    power_factor: float = 0.9
+    # switching of controllers
+    blend: float = 0.995
+    # the machine, where it is not the nominal plant
+    encoder_m: float = 76.29e-9
+    noise_N: float = 2.0
+    schedule_time_s: tuple[float, ...] = (0.0, 1.6, 3.0, 4.4)
+    schedule_scale: tuple[float, ...] = (1.0, 0.0, 0.5, 1.5)
+    schedule_repeat_s: float = 5.6
+    delay_periods: int = 1
+    substeps: int = 10
+
+
+def rotation(theta: float) -> Array:
+    """R of (4), (2, 2): its columns are the unit tangent and the unit normal."""
+    c, s = np.cos(theta), np.sin(theta)
+    return np.array([[c, -s], [s, c]])
+
+
+def sat(x: Array, width: float) -> Array:
+    """Sign function with a boundary layer: x / width within +-1 (decision for (24) and the friction term)."""
+    return np.clip(x / width, -1.0, 1.0)
+
+
+# --- Trajectory -------------------------------------------------------------------------------------------------------
+
+BASIS = np.array([[1.0, -3.0, 3.0, -1.0], [4.0, 0.0, -6.0, 3.0], [1.0, 3.0, 3.0, -3.0], [0.0, 0.0, 0.0, 1.0]]) / 6.0
+"""Uniform cubic B-spline: weight of control point c_{i-1+j} is BASIS[j] . (1, u, u^2, u^3)."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """The curve at one path time: position and derivatives by path time, each of shape (2,)."""
+
+    r: Array
+    d1: Array
+    d2: Array
+    d3: Array
+
+
+def spline(knots_m: Array, start_m: Array, t_s: float) -> Point:
+    """The curve at path time t_s >= 0 from its control points knots_m (n, 2).
+
+    Between knots i and i+1, u = t/h - i,
+
+        r = sum_j c_{i-1+j} BASIS[j] . (1, u, u^2, u^3),
+
+    and derivatives come from differentiating the powers and dividing by h. Before knot 0 the sequence goes on with
+    start_m (2,), after the last knot with that knot.
+    """
+    i = int(np.floor(t_s / KNOT_S))
+    u = t_s / KNOT_S - i
+    last = len(knots_m) - 1
+    c = np.array([knots_m[min(k, last)] if k >= 0 and last >= 0 else start_m for k in range(i - 1, i + 3)])
+    powers = np.array(
+        [
+            [1.0, u, u * u, u * u * u],
+            [0.0, 1.0, 2.0 * u, 3.0 * u * u],
+            [0.0, 0.0, 2.0, 6.0 * u],
+            [0.0, 0.0, 0.0, 6.0],
+        ]
+    )
+    r, d1, d2, d3 = powers @ BASIS.T @ c
+    return Point(r, d1 / KNOT_S, d2 / KNOT_S**2, d3 / KNOT_S**3)
+
+
+# --- Contour error (3)-(9) --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Contour:
+    """Output of contour_error(), SI; vectors (2,)."""
+
+    r: Array
+    r_dot: Array
+    r_ddot: Array
+    e_w: Array
+    e_w_dot: Array
+    e_l: Array
+    t_d: float
+    tau_s: float
+    t_s: float
+    nu: float
+    rotation: Array
+    theta_dot: float
+    theta_ddot: float
+    rn: Array
+    rn_dot: Array
+    rn_ddot: Array
+    e_wn: Array
+    e_wn_dot: Array
+    e_n: Array
+    e_n_dot: Array
+
+
+def inclination(velocity: Array) -> float:
+    """theta of (4): the angle of the velocity (2,), rad; 0 at standstill (decision)."""
+    if np.hypot(*velocity) <= STANDSTILL_MPS:
+        return 0.0
+    return float(np.arctan2(velocity[1], velocity[0]))
+
+
+def delay(e_lt: float, speed: float, p: Params) -> float:
+    """(5), regularised (decision): t_d = -e_lt |r'| / (|r'|^2 + v_min^2), within +-lag_max; 0 at standstill."""
+    if speed <= STANDSTILL_MPS:
+        return 0.0
+    return float(np.clip(-e_lt * speed / (speed**2 + p.v_min_mps**2), -p.lag_max_s, p.lag_max_s))
+
+
+def foot_slope(point: Point, e: Array, p: Params) -> float:
+    """-g'(tau) of the foot-point condition g(tau) = (q - r(tau)) . r'(tau) = 0.
+
+    g' = -|r'|^2 + (q - r) . r''. It vanishes where q is the centre of curvature and g has no single root there; so
+    -g' is kept above |r'|^2/4 and v_min^2 is added, as in (5) (decision).
+    """
+    speed2 = float(point.d1 @ point.d1)
+    return max(speed2 - float(e @ point.d2), 0.25 * speed2) + p.v_min_mps**2
+
+
+def frame_rates(point: Point, nu: float, p: Params) -> tuple[float, float]:
+    """theta_a' and theta_a'' by time of the inclination theta(tau(t)) at the foot point.
+
+    By path time, from tan theta = r_y'/r_x':
+
+        theta'  = (r' x r'') / |r'|^2
+        theta'' = (r' x r''') / |r'|^2 - 2 theta' (r' . r'') / |r'|^2      (since r'' x r'' = 0)
+
+    and by the chain rule d/dt = nu d/dtau, with tau'' = 0 (decision). |r'|^2 gets v_min^2 as in (5).
+    """
+    if np.hypot(*point.d1) <= STANDSTILL_MPS:
+        return 0.0, 0.0
+    speed2 = float(point.d1 @ point.d1) + p.v_min_mps**2
+    theta_1 = (point.d1[0] * point.d2[1] - point.d1[1] * point.d2[0]) / speed2
+    theta_2 = (point.d1[0] * point.d3[1] - point.d1[1] * point.d3[0]) / speed2
+    theta_2 -= 2.0 * theta_1 * float(point.d1 @ point.d2) / speed2
+    return theta_1 * nu, theta_2 * nu**2
+
+
+def adjusted_reference(
+    r: tuple[Array, Array, Array], ra: tuple[Array, Array, Array], rot: Array, w: float, w_dot: float
+) -> tuple[Array, Array, Array]:
+    """(7) and (8): r_n = r + Q (r_a - r), Q = R S R^T, and its first two derivatives by time.
+
+    r and ra are (position, velocity, acceleration). With R' = w R J, J = I_e^T, and J' = 0,
+
+        R'' = R (w' J + w^2 J J) = R (w' J - w^2 I)
+        Q'  = R' S R^T + R S R'^T
+        Q'' = R'' S R^T + 2 R' S R'^T + R S R''^T
+    """
+    j = I_E.T
+    r1 = w * rot @ j
+    r2 = rot @ (w_dot * j - w**2 * IDENTITY)
+    q0 = rot @ S @ rot.T
+    q1 = r1 @ S @ rot.T + rot @ S @ r1.T
+    q2 = r2 @ S @ rot.T + 2.0 * r1 @ S @ r1.T + rot @ S @ r2.T
+    gap, gap_dot, gap_ddot = (a - b for a, b in zip(ra, r, strict=True))
+    return (
+        r[0] + q0 @ gap,
+        r[1] + q1 @ gap + q0 @ gap_dot,
+        r[2] + q2 @ gap + 2.0 * q1 @ gap_dot + q0 @ gap_ddot,
+    )
+
+
+def contour_error(
+    knots_m: Array,
+    start_m: Array,
+    t_s: float,
+    rate: float,
+    rate_dot_1ps: float,
+    q_m: Array,
+    q_dot_mps: Array,
+    p: Params,
+) -> Contour:
+    """(3)-(9) at path time t_s, which runs at `rate` (1: as programmed), for actual position and velocity (2,).
+
+    The foot point. (6) takes tau = t - t_d; one Newton step on g(tau) = (q - r(tau)) . r'(tau) = 0 follows, unless
+    p.newton is off. Its rate nu = d tau/dt from differentiating g = 0 by time (decision, instead of 1 - t_d'):
+
+        (q' - nu r') . r' + nu (q - r) . r'' = 0   =>   nu = q' . r' / (|r'|^2 - (q - r) . r'')
+
+    with v_min^2 in numerator (times the path's own rate) and denominator, so that nu -> rate towards standstill.
+
+    r_a(tau(t)) then has velocity r' nu and acceleration r'' nu^2; as n . r' = 0, n . r_a'' = n . r'' nu^2 holds even
+    where tau'' is not 0.
+
+    Where the path stands still at the foot point it has no direction: r_n = r, plain tracking (decision).
+    """
+    ref = spline(knots_m, start_m, t_s)
+    r_dot = rate * ref.d1
+    r_ddot = rate**2 * ref.d2 + rate_dot_1ps * ref.d1
+    e_w = q_m - ref.r  # (3)
+    e_l = rotation(inclination(ref.d1)).T @ e_w  # (4)
+    t_d = delay(e_l[0], float(np.hypot(*ref.d1)), p)  # (5)
+    tau = max(t_s - t_d, 0.0)
+    foot = spline(knots_m, start_m, tau)  # (6)
+    if p.newton and np.hypot(*foot.d1) > STANDSTILL_MPS:
+        step = float((q_m - foot.r) @ foot.d1) / foot_slope(foot, q_m - foot.r, p)
+        tau = max(tau + float(np.clip(step, -p.lag_max_s, p.lag_max_s)), 0.0)
+        foot = spline(knots_m, start_m, tau)
+
+    still = bool(np.hypot(*foot.d1) <= STANDSTILL_MPS)
+    nu = rate
+    if not still:
+        nu = (float(q_dot_mps @ foot.d1) + p.v_min_mps**2 * rate) / foot_slope(foot, q_m - foot.r, p)
+        nu = float(np.clip(nu, -NU_MAX, NU_MAX))
+    rot = rotation(inclination(foot.d1))
+    w, w_dot = frame_rates(foot, nu, p)
+    rn, rn_dot, rn_ddot = ref.r, r_dot, r_ddot
+    if not still:
+        foot_motion = (foot.r, nu * foot.d1, _foot_acceleration(foot, rot, w, nu))
+        rn, rn_dot, rn_ddot = adjusted_reference((ref.r, r_dot, r_ddot), foot_motion, rot, w, w_dot)
+    e_wn, e_wn_dot = q_m - rn, q_dot_mps - rn_dot
+    return Contour(
+        r=ref.r,
+        r_dot=r_dot,
+        r_ddot=r_ddot,
+        e_w=e_w,
+        e_w_dot=q_dot_mps - r_dot,
+        e_l=e_l,
+        t_d=t_d,
+        tau_s=tau,
+        t_s=t_s,
+        nu=nu,
+        rotation=rot,
+        theta_dot=w,
+        theta_ddot=w_dot,
+        rn=rn,
+        rn_dot=rn_dot,
+        rn_ddot=rn_ddot,
+        e_wn=e_wn,
+        e_wn_dot=e_wn_dot,
+        e_n=rot.T @ e_wn,
+        e_n_dot=rot.T @ (e_wn_dot + w * I_E @ e_wn),  # (9)
+    )
+
+
+def _foot_acceleration(foot: Point, rot: Array, w: float, nu: float) -> Array:
+    """r_a'' = nu^2 r''. Its normal part is |r_a'| theta_a', which is used where v_min counts in theta_a' (decision).
+
+    n . r'' = |r'| theta' exactly; with theta' regularised both must carry the same factor, or (8) would be
+    inconsistent near standstill: f'' is the derivative of f' = n' . (r_a - r) + n . (r_a' - r') with n . r_a' = 0.
+    """
+    t, n = rot.T
+    return nu**2 * float(t @ foot.d2) * t + nu * float(t @ foot.d1) * w * n
+
+
+# --- Contouring law (10)-(16) -----------------------------------------------------------------------------------------
+
+
+def psi(e: float, e_dot: float, p: Params) -> tuple[float, float]:
+    """(11) and its derivative by time: psi = beta / cosh(k e~), or beta cosh(k e~) as printed (decision).
+
+    e~ is e within +-e_max; beyond it psi is constant.
+    """
+    e_lim = float(np.clip(e, -p.e_max_m, p.e_max_m))
+    x = p.k_bar_1pm * e_lim
+    x_dot = p.k_bar_1pm * e_dot if abs(e) <= p.e_max_m else 0.0
+    cosh = (np.exp(-x) + np.exp(x)) / 2.0
+    sinh = (np.exp(x) - np.exp(-x)) / 2.0
+    if p.psi_printed:
+        return p.beta * cosh, p.beta * sinh * x_dot
+    return p.beta / cosh, -p.beta * sinh / cosh**2 * x_dot
+
+
+def friction(r_dot_mps: Array, p: Params) -> Array:
+    """L sign(r'), N: of the programmed velocity, with a boundary layer (decision)."""
+    return p.coulomb_N * sat(r_dot_mps, p.friction_speed_mps)
+
+
+def surface(e: Array, e_dot: Array, p: Params) -> tuple[Array, Array, Array]:
+    """(10): s_bar = A e + e', with A = diag(lambda + psi gamma) and B = A' = diag(psi' gamma)."""
+    (psi_1, psi_1_dot), (psi_2, psi_2_dot) = (psi(e[j], e_dot[j], p) for j in (0, 1))
+    a = np.diag([p.lambda_1ps + psi_1 * p.gamma_1ps, p.lambda_1ps + psi_2 * p.gamma_1ps])
+    b = np.diag([psi_1_dot * p.gamma_1ps, psi_2_dot * p.gamma_1ps])
+    return a @ e + e_dot, a, b
+
+
+def contouring_law(
+    rot: Array,
+    w: float,
+    w_dot: float,
+    e_w: Array,
+    e_w_dot: Array,
+    e: Array,
+    e_dot: Array,
+    r_ddot: Array,
+    q_dot: Array,
+    k_hat: Array,
+    p: Params,
+) -> tuple[Array, Array]:
+    """(15) without its friction term: (force N, s_bar m/s).
+
+    The law is what makes s_bar' = A e' + B e + e'' = -K s_bar: from (9),
+    R e'' = e_w'' + 2 w I_e e_w' + w' I_e e_w - w^2 e_w, and M (r'' + e_w'') + C q' is the force of plant (2).
+    """
+    s_bar, a, b = surface(e, e_dot, p)
+    acceleration = (
+        r_ddot
+        - rot @ (a @ e_dot + b @ e + np.diag(k_hat) @ s_bar)
+        - w_dot * I_E @ e_w
+        + w**2 * e_w
+        - 2.0 * w * I_E @ e_w_dot
+    )
+    return p.mass_kg * acceleration + p.viscous_Nspm * q_dot, s_bar
+
+
+def adapt_k(k_hat: Array, s_bar: Array, p: Params) -> Array:
+    """(16) over one period: k' = xi |s| sign(|s| - epsilon) above zeta, a constant rate below; within 0..k_max."""
+    size = np.abs(s_bar)
+    rate = np.where(k_hat > p.zeta_1ps, p.xi_1pms * size * np.where(size > p.epsilon_mps, 1.0, -1.0), p.zeta_rate_1ps2)
+    return np.clip(k_hat + rate * p.dt_s, 0.0, p.k_max_1ps)
+
+
+# --- Uncertainty compensator (2), (17)-(25) ---------------------------------------------------------------------------
+
+
+def reference_model(q_bar: Array, q_bar_dot: Array, u_bar: Array, p: Params) -> tuple[Array, Array]:
+    """(2) over one period: M q'' + C q' = u_bar, velocity by Euler's rule, position by the trapezium."""
+    velocity = q_bar_dot + p.dt_s * (u_bar - p.viscous_Nspm * q_bar_dot) / p.mass_kg
+    return q_bar + p.dt_s * 0.5 * (q_bar_dot + velocity), velocity
+
+
+def compensation(
+    z: Array, z_dot: Array, rot: Array, w: float, mu: Array, p: Params
+) -> tuple[Array, Array, Array, Array]:
+    """(17)-(24) with desired z = 0: (z_n m, s m/s, v m/s^2 in the frame, force M R v in N).
+
+    z_n = R^T z, z_n' = R^T (z' + w I_e z); s = alpha z_n + z_n' (21); v = -alpha z_n' - mu sat(s/phi) (24).
+    """
+    z_n = rot.T @ z
+    z_n_dot = rot.T @ (z_dot + w * I_E @ z)
+    s = p.alpha_1ps * z_n + z_n_dot
+    v = -p.alpha_1ps * z_n_dot - mu * sat(s, p.phi_mps)
+    return z_n, s, v, p.mass_kg * (rot @ v)
+
+
+def adapt_mu(mu: Array, s: Array, p: Params) -> Array:
+    """(25) over one period: mu' = rho |s| outside the dead zone (printed: everywhere), up to mu_max (decision)."""
+    size = np.abs(s)
+    grow = np.full(2, True) if p.mu_printed else size > p.dead_zone_mps
+    return np.where(grow, np.minimum(mu + p.rho_1ps2 * size * p.dt_s, p.mu_max_mps2), mu)
+
+
+# --- Observer ---------------------------------------------------------------------------------------------------------
+
+
+def observer_gains(bandwidth_radps: float, dt_s: float) -> Array:
+    """Gains (3,) (-, 1/s, 1/s^2) that put all three poles of the estimation error at p = (1 - x)/(1 + x), x = wo dt/2.
+
+    With F the constant-acceleration transition and H = (1, 0, 0) the error obeys e+ = (I - L H) F e. Comparing its
+    characteristic polynomial with (z - p)^3 gives L = (1 - p^3, 3/2 (1-p)^2 (1+p)/dt, (1-p)^3/dt^2).
+    """
+    x = 0.5 * bandwidth_radps * dt_s
+    p = (1.0 - x) / (1.0 + x)
+    return np.array([1.0 - p**3, 1.5 * (1.0 - p) ** 2 * (1.0 + p) / dt_s, (1.0 - p) ** 3 / dt_s**2])
+
+
+def transition(dt_s: float) -> Array:
+    """(3, 3): position, velocity, acceleration after dt at constant acceleration."""
+    return np.array([[1.0, dt_s, 0.5 * dt_s**2], [0.0, 1.0, dt_s], [0.0, 0.0, 1.0]])
+
+
+def observe(x: Array, measured_m: Array, force_N: Array, p: Params, gains: Array) -> tuple[Array, Array]:
+    """One period of the extended state observer of both axes: (new states (3, 2), predicted acceleration (2,)).
+
+    Rows of x: position, velocity, acceleration that the nominal linear plant m a + c v = u does not explain.
+    Predict with the force that acted, correct by the innovation.
+    """
+    explained = (force_N - p.viscous_Nspm * x[1]) / p.mass_kg
+    acceleration = explained + x[2]
+    ahead = transition(p.dt_s) @ np.array([x[0], x[1], acceleration])
+    predicted = np.array([ahead[0], ahead[1], x[2]])
+    return predicted + np.outer(gains, measured_m - ahead[0]), acceleration
+
+
+# --- Cascade and cross-coupled control --------------------------------------------------------------------------------
+
+
+def cascade(
+    c: Contour, integral: Array, coupled_integral: float, coupled: bool, p: Params
+) -> tuple[Array, Array, float]:
+    """P position, PI velocity with feedforward; cross-coupled control on top: (force N, integral (2,), its integral).
+
+    e_v = r' + K_p (r - q) - q', w = -(e_n2' + K_p e_n2),
+    u = M (r'' + K_v (e_v + K_i integral e_v) + n W K_v (w + K_i integral w)) + C r'. No friction feedforward.
+    """
+    e_v = -c.e_w_dot - p.k_p_1ps * c.e_w
+    integral = np.clip(integral + e_v * p.dt_s, -p.integral_max_m, p.integral_max_m)
+    acceleration = c.r_ddot + p.k_v_1ps * (e_v + p.k_i_1ps * integral)
+    if coupled:
+        w = -(c.e_n_dot[1] + p.k_p_1ps * c.e_n[1])
+        coupled_integral = float(np.clip(coupled_integral + w * p.dt_s, -p.integral_max_m, p.integral_max_m))
+        acceleration += c.rotation[:, 1] * p.coupling * p.k_v_1ps * (w + p.k_i_1ps * coupled_integral)
+    else:
+        coupled_integral = 0.0
+    return p.mass_kg * acceleration + p.viscous_Nspm * c.r_dot, integral, coupled_integral
+
+
+# --- Energy (26)-(30) -------------------------------------------------------------------------------------------------
+
+
+def power(velocity: Array, acceleration: Array, p: Params) -> Array:
+    """Integrand of (30) for both axes, W: sqrt(3) P_f (C1 a^2 + C2 v^2 + C3 v sign + C4 + C5 a sign + C6 v a).
+
+    From I = (l sign + c v + m a)/K and V = I Z + K_E v by multiplying out V I; sign stands for sat(v / v_s) (decision),
+    so that C4 comes with sign^2.
+    """
+    m, c, coulomb = p.mass_kg, p.viscous_Nspm, p.coulomb_N
+    k, z, k_e = p.force_constant_NpA, p.impedance_ohm, p.back_emf_Vspm
+    sign = sat(velocity, p.friction_speed_mps)
+    c1 = m**2 * z / k**2
+    c2 = c * (z * c / k**2 + k_e / k)
+    c3 = coulomb * (2.0 * z * c / k**2 + k_e / k)
+    c4 = coulomb**2 * z / k**2
+    c5 = 2.0 * coulomb * m * z / k**2
+    c6 = m * (2.0 * z * c / k**2 + k_e / k)
+    v, a = velocity, acceleration
+    return (
+        np.sqrt(3.0)
+        * p.power_factor
+        * (c1 * a**2 + c2 * v**2 + c3 * v * sign + c4 * sign**2 + c5 * a * sign + c6 * v * a)
+    )
+
+
+# --- One control period -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class History:
+    """What was asked for in one period, N, (2,) each: force, its part against friction, its part for the model (2)."""
+
+    force: Array
+    friction: Array
+    model: Array
+
+
+@dataclass
+class State:
+    """What the next period needs. Rows of `observer` (3, 2): position, velocity, unexplained acceleration."""
+
+    observer: Array
+    k_hat: Array
+    q_bar: Array
+    q_bar_dot: Array
+    mu: Array
+    integral: Array
+    coupled_integral: float
+    offset: Array
+    last: list[History]
+    energy_J: Array
+    controller: str | None = None
+    enabled: bool = False
+
+
+class Servo:
+    """One drive: observer, contour error, law, limits, in the firmware's order."""
+
+    def __init__(self, p: Params, knots_nm: npt.NDArray[np.int32], measured_m: Array, start_m: Array | None = None):
+        """At rest at measured_m (2,); knots_nm (n, 2); start_m (2,): position before knot 0, by default that knot."""
+        self.p = p
+        self.knots_m = np.asarray(knots_nm, dtype=np.float64) * 1e-9
+        self.start_m = self.knots_m[0] if start_m is None else start_m
+        self.gains = observer_gains(p.observer_radps, p.dt_s)
+        zero = np.zeros(2)
+        self.state = State(
+            observer=np.array([measured_m, zero, zero]),
+            k_hat=zero,
+            q_bar=zero,
+            q_bar_dot=zero,
+            mu=zero,
+            integral=zero,
+            coupled_integral=0.0,
+            offset=zero,
+            last=[History(zero, zero, zero)] * 2,
+            energy_J=zero,
+        )
+        self._reset_laws(measured_m, zero)
+        self.contour: Contour | None = None
+
+    def _reset_laws(self, q: Array, q_dot: Array) -> None:
+        s, p = self.state, self.p
+        s.k_hat = np.full(2, p.k_0_1ps)
+        s.q_bar, s.q_bar_dot = q, q_dot
+        s.mu = np.full(2, 0.0 if p.mu_printed else p.mu_0_mps2)
+        s.integral, s.coupled_integral = np.zeros(2), 0.0
+        s.offset = np.zeros(2)
+
+    def step(
+        self,
+        measured_m: Array,
+        t_s: float,
+        controller: str = "ccu",
+        rate: float = 1.0,
+        rate_dot_1ps: float = 0.0,
+        enabled: bool = True,
+    ) -> Array:
+        """Force (2,) in N for encoder positions measured_m (2,) at path time t_s.
+
+        The force asked for in a period acts in the next one: the observer is told the force of two calls ago, and
+        so is the reference model. What was fed forward against friction moves nothing, so the observer's is without it
+        (decision).
+        """
+        p, s = self.p, self.state
+        s.observer, acceleration = observe(s.observer, measured_m, s.last[1].force - s.last[1].friction, p, self.gains)
+        q, q_dot = s.observer[0], s.observer[1]
+        s.energy_J = s.energy_J + power(q_dot, acceleration, p) * p.dt_s
+        c = contour_error(self.knots_m, self.start_m, t_s, rate, rate_dot_1ps, q, q_dot, p)
+        self.contour = c
+
+        now = History(np.zeros(2), np.zeros(2), np.zeros(2))
+        if enabled:
+            fresh, switched = not s.enabled, controller != s.controller
+            s.q_bar, s.q_bar_dot = reference_model(s.q_bar, s.q_bar_dot, s.last[1].model, p)
+            if fresh or switched:
+                self._reset_laws(q, q_dot)
+            u, linear = self._law(controller, c, q, q_dot)
+            s.offset = s.last[0].force - u if switched and not fresh else p.blend * s.offset
+            wanted = u + s.offset
+            force = np.clip(wanted, -p.force_max_N, p.force_max_N)
+            now = History(force, friction(c.r_dot, p), linear + s.offset - (wanted - force))
+        s.enabled, s.controller = enabled, controller
+        s.last = [now, s.last[0]]
+        return now.force
+
+    def _law(self, controller: str, c: Contour, q: Array, q_dot: Array) -> tuple[Array, Array]:
+        """Force of the law and the part of it that drives the reference model (2), N."""
+        p, s = self.p, self.state
+        if controller in ("cascade", "ccc"):
+            linear, s.integral, s.coupled_integral = cascade(c, s.integral, s.coupled_integral, controller == "ccc", p)
+            return linear + friction(c.r_dot, p), linear
+        if controller == "track":  # R = I, r_n = r
+            linear, s_bar = contouring_law(
+                IDENTITY, 0.0, 0.0, c.e_w, c.e_w_dot, c.e_w, c.e_w_dot, c.r_ddot, q_dot, s.k_hat, p
+            )
+        else:
+            linear, s_bar = contouring_law(
+                c.rotation,
+                c.theta_dot,
+                c.theta_ddot,
+                c.e_wn,
+                c.e_wn_dot,
+                c.e_n,
+                c.e_n_dot,
+                c.rn_ddot,
+                q_dot,
+                s.k_hat,
+                p,
+            )
+        s.k_hat = adapt_k(s.k_hat, s_bar, p)
+        u = linear + friction(c.r_dot, p)
+        if controller != "ccu":
+            return u, linear
+        if p.whole_input:  # (2) as printed
+            linear = u
+        z_max = p.phi_mps / p.alpha_1ps
+        z = np.clip(q - s.q_bar, -z_max, z_max)  # beyond it sat() is full and z would only wind up (decision)
+        s.q_bar = q - z
+        _, surface_s, _, compensator = compensation(z, q_dot - s.q_bar_dot, c.rotation, c.theta_dot, s.mu, p)
+        s.mu = adapt_mu(s.mu, surface_s, p)
+        return u + compensator, linear
+
+
+# --- The machine ------------------------------------------------------------------------------------------------------
+
+
+class Plant:
+    """(1) with true stiction, schedule (32), Gaussian force noise, encoder and delay; both axes at once.
+
+    An axis at rest stays at rest while the force on it is within the Coulomb level; friction stops a moving axis and
+    does not turn it round.
+    """
+
+    def __init__(self, p: Params, start_m: Array, seed: int):
+        self.p = p
+        self.position_m = np.array(start_m, dtype=np.float64)
+        self.velocity_mps = np.zeros(2)
+        self.asked_N = [np.zeros(2) for _ in range(p.delay_periods + 1)]
+        self.rng = np.random.default_rng(seed)
+        self.period = 0
+
+    def encoder(self) -> Array:
+        """Positions (2,) as the encoder has them, m: the nearest count."""
+        return np.rint(self.position_m / self.p.encoder_m) * self.p.encoder_m
+
+    def friction_scale(self) -> float:
+        """(32) at this period."""
+        t = self.period * self.p.dt_s
+        if self.p.schedule_repeat_s > 0.0:
+            t = t % self.p.schedule_repeat_s
+        row = int(np.searchsorted(self.p.schedule_time_s, t, side="right")) - 1
+        return self.p.schedule_scale[row] if row >= 0 else 1.0
+
+    def step(self, force_N: Array) -> None:
+        """Let one control period pass with force_N (2,) asked for at its start."""
+        p = self.p
+        self.asked_N = [np.clip(force_N, -p.force_max_N, p.force_max_N), *self.asked_N[:-1]]
+        force = self.asked_N[p.delay_periods] + p.noise_N * self.rng.standard_normal(2)
+        level = p.coulomb_N * self.friction_scale()
+        h = p.dt_s / p.substeps
+        for _ in range(p.substeps):
+            v = self.velocity_mps
+            direction = np.where(v != 0.0, np.sign(v), np.sign(force))
+            stuck = (v == 0.0) & (np.abs(force) <= level)
+            after = v + h * (force - p.viscous_Nspm * v - direction * level) / p.mass_kg
+            after = np.where(stuck | (after * direction < 0.0), 0.0, after)
+            self.position_m = self.position_m + 0.5 * h * (v + after)
+            self.velocity_mps = after
+        self.period += 1
+
+
+class Loop:
+    """Servo and plant, closed: `step()` is one control period."""
+
+    def __init__(self, params: Params, knots_nm: npt.NDArray[np.int32], seed: int, controller: str = "ccu"):
+        """At rest at the first knot of knots_nm (n, 2)."""
+        start = np.asarray(knots_nm[0], dtype=np.float64) * 1e-9
+        self.controller = controller
+        self.plant = Plant(params, start, seed)
+        self.servo = Servo(params, knots_nm, self.plant.encoder())
+        self.periods = 0
+
+    def step(self) -> Array:
+        """Let one control period pass; returns the force (2,) asked for in it, N."""
+        t_s = self.periods * self.servo.p.dt_s
+        force = self.servo.step(self.plant.encoder(), t_s, self.controller)
+        self.plant.step(force)
+        self.periods += 1
+        return force

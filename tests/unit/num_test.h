@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* num_test.h: how tests make, read and compare a `num`, whatever its back end. */
+#ifndef KONTUR_NUM_TEST_H
+#define KONTUR_NUM_TEST_H
+#include "vec2.h"
+
+static inline num mk(double x)
+{
+    return NUM(x);
+}
+
+static inline vec2 mk2(double x, double y)
+{
+    return v2(mk(x), mk(y));
+}
+
+/* To 2^-32, |x| < 4096 in every back end. */
+static inline double val(num x)
+{
+    return (double)n_to_q32(x) / 4294967296.0;
+}
+
+/* A result of up to 16 roundings of terms that add up to `terms` in magnitude. A back end with a fixed step errs by
+ * half of it at each rounding. */
+#define NUM_ROUNDING 0x1p-24
+#define NUM_STEP 0x1p-33
+#define ASSERT_NEAR(expected, actual, terms) \
+    TEST_ASSERT_DOUBLE_WITHIN(16 * (NUM_ROUNDING * (terms) + NUM_STEP), expected, actual)
+#endif

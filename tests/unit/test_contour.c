@@ -1,0 +1,341 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Expected values: a circle of radius R about the origin, run anticlockwise at the rate W (rad/T0), and axes at the polar
+ * position (rho, phi_q), rates rho', phi_q', while the reference is at phi_r = phi_q + a. The foot point is at phi_q:
+ *   t = e_t, n = -e_r there; e_n = (-R sin a, R - rho); r_n = R e_r + R sin a e_t. */
+#include "contour.h"
+
+#include "nominal.h"
+#include "unity.h"
+
+#define R 4000.0
+#define STEP 0.025 /* rad a knot: 100 mm/s */
+#define W (5 * STEP)
+#define KNOT_NOISE 2e-3 /* um: two knots of 0.5 nm rounding an axis, and the spline's distance to its circle */
+
+static struct spline_ring ring;
+static struct contour_cfg cfg;
+
+void setUp(void)
+{
+    cfg = nominal().contour;
+    cfg.v_min = mk(1.0 / 64); /* of 500: what it does to t_d and nu is below 1e-9 */
+    cfg.lag_max = mk(2);
+    circle_ring(&ring, R, STEP, 200);
+}
+void tearDown(void) {}
+
+struct polar {
+    double rho, phi, rho_dot, phi_dot;
+};
+
+static struct contour_out axes_at(struct polar p, double knots)
+{
+    struct contour_out o;
+    pos_t q[2];
+    const struct path_state path = path_at(&ring, knots);
+    const double c = cos(p.phi), s = sin(p.phi);
+    at_um(p.rho * c, p.rho * s, q);
+    contour_step(&cfg, &ring, &path, q,
+                 mk2(p.rho_dot * c - p.rho * p.phi_dot * s, p.rho_dot * s + p.rho * p.phi_dot * c), &o);
+    return o;
+}
+
+/* Reference at 80.3 knots, axes `lag` rad behind and `out` um outside, moving with the reference. */
+static struct contour_out behind(double lag, double out)
+{
+    const struct polar p = {.rho = R + out, .phi = 80.3 * STEP - lag, .phi_dot = W};
+    return axes_at(p, 80.3);
+}
+
+static double tau_knots(const struct contour_out *o)
+{
+    return (double)o->tau / (double)PATH_ONE;
+}
+
+static void test_on_the_path_there_is_no_error_and_the_reference_stays(void)
+{
+    const struct contour_out o = behind(0, 0);
+    TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE, 0, val(o.e_n.x));
+    TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE, 0, val(o.e_n.y));
+    TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE, 0, val(o.e_wn.x));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, 80.3, tau_knots(&o));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, 1, val(o.nu));
+}
+
+static void test_contour_error_is_the_distance_to_the_circle_positive_to_the_left(void)
+{
+    for (double out = -300; out <= 300; out += 150) {
+        const struct contour_out o = behind(0.02, out);
+        TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE, -out, val(o.e_n.y));
+    }
+}
+
+static void test_foot_point_of_a_lagging_axis_is_exact_within_2_nm(void)
+{
+    for (double lag = -0.2; lag <= 0.201; lag += 0.05) {
+        const struct contour_out o = behind(lag, 5);
+        const double foot = (80.3 - tau_knots(&o)) * STEP * R; /* um along the path */
+        TEST_ASSERT_DOUBLE_WITHIN(2e-3, lag * R, foot);
+        TEST_ASSERT_DOUBLE_WITHIN(2e-3, -5, val(o.e_n.y));
+    }
+}
+
+static void test_without_newton_the_foot_point_is_the_papers(void)
+{
+    cfg.newton = false;
+    const struct contour_out o = behind(0.1, 5);
+    /* t_d = -e_lt/|r'|, e_lt = -rho sin a */
+    const double t_d = (R + 5) * sin(0.1) / (R * W);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, t_d, val(o.t_d));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, 80.3 - 5 * t_d, tau_knots(&o));
+}
+
+static void test_error_along_the_path_is_that_to_the_reference(void)
+{
+    const struct contour_out o = behind(0.1, 5);
+    TEST_ASSERT_DOUBLE_WITHIN(2 * KNOT_NOISE, -R * sin(0.1), val(o.e_n.x));
+}
+
+static void test_tracking_error_in_the_frame_at_the_reference(void)
+{
+    const struct contour_out o = behind(0.1, 5);
+    /* 400 um turned by 1 nm in 100 um, what knots of 1 nm make of the tangent */
+    TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE + 4e-3, -(R + 5) * sin(0.1), val(o.e_l.x));
+    TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE + 4e-3, R - (R + 5) * cos(0.1), val(o.e_l.y));
+    const double a = 80.3 * STEP - 0.1, b = 80.3 * STEP;
+    TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE, (R + 5) * cos(a) - R * cos(b), val(o.e_w.x));
+    TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE, (R + 5) * sin(a) - R * sin(b), val(o.e_w.y));
+}
+
+static void test_errors_in_both_frames_are_one_vector(void)
+{
+    const struct contour_out o = behind(0.07, -20);
+    const vec2 e = v2_from_frame(o.t, o.e_n);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, val(e.x), val(o.e_wn.x));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, val(e.y), val(o.e_wn.y));
+}
+
+static void test_the_frame_turns_at_speed_over_radius(void)
+{
+    const struct contour_out o = behind(0, 0);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, -sin(80.3 * STEP), val(o.t.x));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, cos(80.3 * STEP), val(o.t.y));
+    /* r'' is rounded by 1 nm of knots, 25 um/T0^2 a um: 0.025/500 */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, W, val(o.theta_dot));
+    /* r''' by 125 um/T0^3 a um times 4 nm: 0.5/500, and by the spline's own steps of R step^3 125/2 */
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0, val(o.theta_ddot));
+}
+
+/* Rates of everything for axes that move outwards and slip along the path. */
+static void test_rates_are_those_of_the_geometry(void)
+{
+    const double a = 0.05, out = 30, slip = -0.01, rise = 8;
+    const struct polar p = {.rho = R + out, .phi = 80.3 * STEP - a, .rho_dot = rise, .phi_dot = W + slip};
+    const struct contour_out o = axes_at(p, 80.3);
+    const double a_dot = -slip;
+    const double c = cos(p.phi), s = sin(p.phi); /* e_r = (c, s), e_t = (-s, c) */
+
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, (W + slip) / W, val(o.nu));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, W + slip, val(o.theta_dot));
+    /* 500 um/T0 turned by what is uncertain of theta' and t: 500 * 1e-4 */
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, -R * cos(a) * a_dot, val(o.e_n_dot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, -rise, val(o.e_n_dot.y));
+
+    const double vt = R * p.phi_dot + R * cos(a) * a_dot, vr = -R * sin(a) * p.phi_dot;
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, vr * c - vt * s, val(o.rn_dot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, vr * s + vt * c, val(o.rn_dot.y));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, p.rho_dot * c - p.rho * p.phi_dot * s - vr * c + vt * s, val(o.e_wn_dot.x));
+
+    const double at = -R * sin(a) * (a_dot * a_dot + p.phi_dot * p.phi_dot);
+    const double ar = -R * p.phi_dot * p.phi_dot - 2 * R * cos(a) * a_dot * p.phi_dot;
+    /* r_n'' carries theta'' a R: the spline's 0.01 times 200 */
+    TEST_ASSERT_DOUBLE_WITHIN(2, ar * c - at * s, val(o.rn_ddot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(2, ar * s + at * c, val(o.rn_ddot.y));
+}
+
+static void test_adjusted_reference_moves_as_its_velocity_says(void)
+{
+    /* r_n = q - e_wn, before and after 0.1 T0 of the motion above; third order in the step: 500 (0.1 W)^2 / 24 */
+    const double h = 0.05, slip = 0.02;
+    double before[2], after[2];
+    for (int i = 0; i < 2; i++) {
+        const double dt = i == 0 ? -h : h;
+        const struct polar p = {.rho = R + 30, .phi = 80.3 * STEP - 0.05 + (W + slip) * dt, .phi_dot = W + slip};
+        const struct contour_out o = axes_at(p, 80.3 + 5 * dt);
+        double *r_n = i == 0 ? before : after;
+        r_n[0] = p.rho * cos(p.phi) - val(o.e_wn.x);
+        r_n[1] = p.rho * sin(p.phi) - val(o.e_wn.y);
+    }
+    const struct polar p = {.rho = R + 30, .phi = 80.3 * STEP - 0.05, .phi_dot = W + slip};
+    const struct contour_out o = axes_at(p, 80.3);
+    TEST_ASSERT_DOUBLE_WITHIN(0.06, (after[0] - before[0]) / (2 * h), val(o.rn_dot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.06, (after[1] - before[1]) / (2 * h), val(o.rn_dot.y));
+}
+
+static void test_a_slower_path_time_scales_the_reference_by_the_chain_rule(void)
+{
+    struct contour_out o;
+    pos_t q[2];
+    struct path_state path = path_at(&ring, 40);
+    path.rate = mk(0.5);
+    path.rate_dot = mk(-0.25);
+    at_um(0, R, q);
+    contour_step(&cfg, &ring, &path, q, mk2(-250, 0), &o);
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.5 * -R * W * sin(1), val(o.r_dot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.5 * R * W * cos(1), val(o.r_dot.y));
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 0.25 * -R * W * W * cos(1) - 0.25 * -R * W * sin(1), val(o.r_ddot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 0.25 * -R * W * W * sin(1) - 0.25 * R * W * cos(1), val(o.r_ddot.y));
+}
+
+static void test_on_a_line_the_contour_error_is_the_distance_to_it_whatever_the_lag(void)
+{
+    line_ring(&ring, 0, 0, 30, 40, 100); /* t = (0.6, 0.8), 250 um/T0 */
+    for (double lag = -200; lag <= 200; lag += 100) {
+        struct contour_out o;
+        pos_t q[2];
+        const struct path_state path = path_at(&ring, 50);
+        at_um(1500 - 0.6 * lag - 0.8 * 12, 2000 - 0.8 * lag + 0.6 * 12, q); /* 12 um to the left */
+        contour_step(&cfg, &ring, &path, q, mk2(0.6 * 200 - 0.8 * 7, 0.8 * 200 + 0.6 * 7), &o);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-4, 12, val(o.e_n.y));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-4, -lag, val(o.e_n.x));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6, lag / 250, val(o.t_d));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6, 200.0 / 250, val(o.nu));
+        ASSERT_NEAR(200.0 - 250, val(o.e_n_dot.x), 500.0);
+        ASSERT_NEAR(7, val(o.e_n_dot.y), 500.0);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0, val(o.theta_dot));
+    }
+}
+
+static void test_tracking_error_rate_is_actual_less_programmed_velocity(void)
+{
+    line_ring(&ring, 0, 0, 30, 40, 100);
+    struct contour_out o;
+    pos_t q[2];
+    const struct path_state path = path_at(&ring, 50);
+    at_um(1500, 2000, q);
+    contour_step(&cfg, &ring, &path, q, mk2(160, 190), &o);
+    ASSERT_NEAR(10, val(o.e_w_dot.x), 160.0);
+    ASSERT_NEAR(-10, val(o.e_w_dot.y), 190.0);
+}
+
+static void test_the_delay_is_regularised_at_low_speed(void)
+{
+    line_ring(&ring, 0, 0, 0.1, 0, 100); /* 0.5 um/T0 */
+    cfg.v_min = mk(0.5);
+    cfg.newton = false;
+    struct contour_out o;
+    pos_t q[2];
+    const struct path_state path = path_at(&ring, 50);
+    at_um(5 - 0.25, 0, q);
+    contour_step(&cfg, &ring, &path, q, mk2(0.25, 0), &o);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.25 / 0.5 / 2, val(o.t_d));     /* v^2/(v^2 + v_min^2) = 1/2 of (5) */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.5 * (0.25 / 0.5) + 0.5, val(o.nu)); /* half the actual rate, half the path's */
+}
+
+static void test_at_standstill_the_law_is_given_plain_tracking(void)
+{
+    line_ring(&ring, 100, 200, 0, 0, 50);
+    struct contour_out o;
+    pos_t q[2];
+    const struct path_state path = path_at(&ring, 30);
+    at_um(103, 196, q);
+    contour_step(&cfg, &ring, &path, q, mk2(5, -6), &o);
+    ASSERT_NEAR(3, val(o.e_n.x), 3.0);
+    ASSERT_NEAR(-4, val(o.e_n.y), 4.0);
+    ASSERT_NEAR(3, val(o.e_wn.x), 3.0);
+    ASSERT_NEAR(-4, val(o.e_wn.y), 4.0);
+    ASSERT_NEAR(5, val(o.e_n_dot.x), 5.0);
+    ASSERT_NEAR(-6, val(o.e_n_dot.y), 6.0);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(o.t_d));
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(o.nu));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(o.theta_dot));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(o.theta_ddot));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(o.rn_dot.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(o.rn_ddot.y));
+}
+
+static void test_leaving_standstill_the_law_is_given_the_acceleration_of_both_axes(void)
+{
+    line_ring(&ring, 0, 0, 0, 0, 20);
+    add_knot(&ring, 0.12, 0.24); /* at path time 19: r' = (0.3, 0.6), r'' = (3, 6); at 18: rest */
+    struct contour_out o;
+    pos_t q[2];
+    const struct path_state path = path_at(&ring, 18.03);
+    at_um(0, 0, q);
+    contour_step(&cfg, &ring, &path, q, mk2(0, 0), &o);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.03 * 0.03 * 0.3, val(o.r_dot.x));
+    ASSERT_NEAR(0.03 * 3, val(o.rn_ddot.x), 3.0);
+    ASSERT_NEAR(0.03 * 6, val(o.rn_ddot.y), 6.0);
+    ASSERT_NEAR(val(o.r_dot.x), val(o.rn_dot.x), 1.0);
+    ASSERT_NEAR(val(o.r_dot.y), val(o.rn_dot.y), 1.0);
+}
+
+static void test_the_delay_is_limited(void)
+{
+    cfg.lag_max = mk(0.4);
+    cfg.newton = false;
+    const struct contour_out late = behind(0.3, 0), early = behind(-0.3, 0);
+    ASSERT_NEAR(0.4, val(late.t_d), 1.0);
+    ASSERT_NEAR(-0.4, val(early.t_d), 1.0);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 80.3 - 2, tau_knots(&late));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 80.3 + 2, tau_knots(&early));
+}
+
+static void test_newtons_step_is_limited_as_well(void)
+{
+    cfg.lag_max = mk(0.1);
+    const struct contour_out late = behind(0.3, 0);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 80.3 - 1, tau_knots(&late));
+}
+
+static void test_path_time_of_the_foot_point_is_never_negative(void)
+{
+    const struct polar p = {.rho = R, .phi = -0.1, .phi_dot = W};
+    const struct contour_out o = axes_at(p, 0.2);
+    TEST_ASSERT_TRUE(o.tau == 0);
+}
+
+static void test_at_the_centre_of_the_circle_every_output_is_finite(void)
+{
+    const struct polar p = {.rho = 0, .phi = 0, .phi_dot = 0, .rho_dot = 500};
+    const struct contour_out o = axes_at(p, 80.3);
+    TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE, R, val(o.e_n.y));
+    TEST_ASSERT_TRUE(fabs(val(o.nu)) <= 4);
+    TEST_ASSERT_TRUE(fabs(val(o.e_n_dot.y)) < 4096);
+    TEST_ASSERT_TRUE(fabs(val(o.rn_ddot.x)) < 4096);
+}
+
+static void test_rate_of_the_foot_point_is_limited(void)
+{
+    const struct polar fast = {.rho = R, .phi = 80.3 * STEP, .phi_dot = 5 * W};
+    const struct polar back = {.rho = R, .phi = 80.3 * STEP, .phi_dot = -5 * W};
+    TEST_ASSERT_EQUAL_DOUBLE(4, val(axes_at(fast, 80.3).nu));
+    TEST_ASSERT_EQUAL_DOUBLE(-4, val(axes_at(back, 80.3).nu));
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_on_the_path_there_is_no_error_and_the_reference_stays);
+    RUN_TEST(test_contour_error_is_the_distance_to_the_circle_positive_to_the_left);
+    RUN_TEST(test_foot_point_of_a_lagging_axis_is_exact_within_2_nm);
+    RUN_TEST(test_without_newton_the_foot_point_is_the_papers);
+    RUN_TEST(test_error_along_the_path_is_that_to_the_reference);
+    RUN_TEST(test_tracking_error_in_the_frame_at_the_reference);
+    RUN_TEST(test_errors_in_both_frames_are_one_vector);
+    RUN_TEST(test_the_frame_turns_at_speed_over_radius);
+    RUN_TEST(test_rates_are_those_of_the_geometry);
+    RUN_TEST(test_adjusted_reference_moves_as_its_velocity_says);
+    RUN_TEST(test_a_slower_path_time_scales_the_reference_by_the_chain_rule);
+    RUN_TEST(test_on_a_line_the_contour_error_is_the_distance_to_it_whatever_the_lag);
+    RUN_TEST(test_tracking_error_rate_is_actual_less_programmed_velocity);
+    RUN_TEST(test_the_delay_is_regularised_at_low_speed);
+    RUN_TEST(test_at_standstill_the_law_is_given_plain_tracking);
+    RUN_TEST(test_leaving_standstill_the_law_is_given_the_acceleration_of_both_axes);
+    RUN_TEST(test_the_delay_is_limited);
+    RUN_TEST(test_newtons_step_is_limited_as_well);
+    RUN_TEST(test_path_time_of_the_foot_point_is_never_negative);
+    RUN_TEST(test_at_the_centre_of_the_circle_every_output_is_finite);
+    RUN_TEST(test_rate_of_the_foot_point_is_limited);
+    return UNITY_END();
+}

@@ -1,0 +1,326 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "servo.h"
+
+#include "nominal.h"
+#include "unity.h"
+
+static struct spline_ring ring;
+static struct servo_cfg cfg;
+static struct servo_state state;
+static struct servo_in in;
+static struct servo_out out;
+
+static uint32_t periods;
+
+/* The encoders follow the path `behind_um` behind and `out_um` outside. */
+static double place(double behind_um, double out_um)
+{
+    const double knots = 50 + periods / 10.0, phi = knots * 0.005 - behind_um / 20000;
+    at_um((20000 + out_um) * cos(phi), (20000 + out_um) * sin(phi), in.measured);
+    in.path.s = path_at(&ring, knots).s;
+    return phi;
+}
+
+/* 100 mm/s on a circle of 20 mm: 12.5 um/T0^2, 50 N; the axes move with it, 20 um behind and 4 um outside */
+void setUp(void)
+{
+    cfg = nominal();
+    circle_ring(&ring, 20000, 0.005, 400);
+    in = (struct servo_in){.enabled = {true, true}, .controller = CONTROLLER_CCU, .path = path_at(&ring, 50), .ring = &ring};
+    periods = 0;
+    const double phi = place(20, 4);
+    servo_reset(&cfg, &state, in.measured);
+    state.observer[0].vel = mk(-500 * sin(phi));
+    state.observer[1].vel = mk(500 * cos(phi));
+}
+void tearDown(void) {}
+
+static void step(double behind_um, double out_um)
+{
+    place(behind_um, out_um);
+    servo_step(&cfg, &state, &in, &out);
+    periods++;
+}
+
+static void test_reset_is_at_rest_where_the_encoders_are(void)
+{
+    in.enabled[0] = in.enabled[1] = false;
+    servo_reset(&cfg, &state, in.measured);
+    servo_step(&cfg, &state, &in, &out);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.y));
+    TEST_ASSERT_TRUE(state.observer[0].pos == in.measured[0]);
+    TEST_ASSERT_TRUE(state.observer[1].pos == in.measured[1]);
+}
+
+static void run(enum controller controller, int count)
+{
+    in.controller = controller;
+    for (int i = 0; i < count; i++) {
+        step(20, 4);
+    }
+}
+
+static void test_every_switch_of_controllers_keeps_the_force(void)
+{
+    for (int from = 0; from < CONTROLLERS; from++) {
+        for (int to = 0; to < CONTROLLERS; to++) {
+            if (from == to) {
+                continue;
+            }
+            setUp();
+            run((enum controller)from, 200);
+            const vec2 before = out.force;
+            run((enum controller)to, 1);
+            /* u + (force - u) */
+            ASSERT_NEAR(val(before.x), val(out.force.x), 600.0);
+            ASSERT_NEAR(val(before.y), val(out.force.y), 600.0);
+            TEST_ASSERT_TRUE(fabs(val(before.x)) + fabs(val(before.y)) > 20);
+        }
+    }
+}
+
+static void test_after_a_switch_the_offset_fades_and_the_new_law_remains(void)
+{
+    cfg.blend = mk(0.75);
+    run(CONTROLLER_CASCADE, 100);
+    run(CONTROLLER_TRACK, 1);
+    const double x = val(state.offset.x);
+    TEST_ASSERT_TRUE(fabs(x) > 1);
+    run(CONTROLLER_TRACK, 1);
+    ASSERT_NEAR(0.75 * x, val(state.offset.x), 100.0);
+    run(CONTROLLER_TRACK, 100);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0, val(state.offset.x));
+    const vec2 u = v2_add(out.asmc.u_linear, out.asmc.u_friction);
+    ASSERT_NEAR(val(u.x), val(out.force.x), 600.0);
+}
+
+static void test_a_switch_starts_the_new_law_with_fresh_gains_and_integrals(void)
+{
+    run(CONTROLLER_CCC, 100);
+    TEST_ASSERT_TRUE(fabs(val(state.cascade.coupled)) > 0);
+    run(CONTROLLER_CCU, 1);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.cascade.coupled));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.uncertainty.z_n.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.uncertainty.s.y));
+}
+
+static void test_force_is_within_its_limits(void)
+{
+    cfg.plant.force_max = mk2(50, 40);
+    run(CONTROLLER_CC, 100);
+    for (int i = 0; i < 50; i++) {
+        step(-3000, 1000);
+        TEST_ASSERT_TRUE(fabs(val(out.force.x)) <= 50 && fabs(val(out.force.y)) <= 40);
+    }
+    TEST_ASSERT_TRUE(out.saturated);
+}
+
+static void test_force_within_its_limits_is_not_called_saturated(void)
+{
+    step(20, 4);
+    TEST_ASSERT_TRUE(fabs(val(out.force.x)) > 20);
+    TEST_ASSERT_FALSE(out.saturated);
+}
+
+static void test_a_disabled_axis_gets_no_force(void)
+{
+    run(CONTROLLER_CCU, 20);
+    in.enabled[0] = false;
+    step(20, 4);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.force.x));
+    TEST_ASSERT_TRUE(fabs(val(out.force.y)) > 0);
+    in.enabled[0] = true;
+    in.enabled[1] = false;
+    step(20, 4);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.force.y));
+    TEST_ASSERT_TRUE(fabs(val(out.force.x)) > 0);
+    in.enabled[0] = false;
+    step(20, 4);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.force.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.force.y));
+    TEST_ASSERT_FALSE(out.saturated);
+}
+
+/* The encoder of x stands still, y is driven: nothing acts on x, and its observer must not be told otherwise. */
+static void test_an_axis_that_is_disabled_and_rests_is_seen_at_rest(void)
+{
+    in.enabled[0] = false;
+    servo_reset(&cfg, &state, in.measured);
+    const pos_t x = in.measured[0];
+    for (int i = 0; i < 50; i++) {
+        in.path.s = path_at(&ring, 50 + i / 10.0).s;
+        in.measured[0] = x;
+        servo_step(&cfg, &state, &in, &out);
+        TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
+    }
+}
+
+static void test_enabling_starts_without_an_offset_and_from_where_the_axes_are(void)
+{
+    run(CONTROLLER_CC, 100);
+    in.enabled[0] = in.enabled[1] = false;
+    run(CONTROLLER_CC, 10);
+    in.enabled[0] = in.enabled[1] = true;
+    run(CONTROLLER_CCU, 1);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.offset.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.uncertainty.z_n.x));
+    TEST_ASSERT_TRUE(state.uncertainty.q_bar[0] == state.observer[0].pos);
+}
+
+/* Force asked for in period k acts from reading k+1 to reading k+2: the observer predicts with it at k+2. */
+static void test_observer_is_told_the_force_that_has_just_acted(void)
+{
+    cfg.plant.coulomb = mk2(0, 0);
+    line_ring(&ring, 0, 0, 0, 0, 60);
+    at_um(-10, 0, in.measured);
+    servo_reset(&cfg, &state, in.measured);
+    in.path = path_at(&ring, 50);
+    double force[3], acc[3];
+    for (int k = 0; k < 3; k++) {
+        servo_step(&cfg, &state, &in, &out);
+        force[k] = val(out.force.x);
+        acc[k] = val(state.observer[0].acc);
+    }
+    TEST_ASSERT_TRUE(force[0] > 1);
+    TEST_ASSERT_EQUAL_DOUBLE(0, acc[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0, acc[1]);
+    ASSERT_NEAR(force[0] / MASS_X, acc[2], 1000.0);
+}
+
+static void test_friction_feedforward_does_not_move_the_observer(void)
+{
+    cfg.plant.mass = mk2(1000, 1000); /* the law's own force is small against 45 N of friction over this mass */
+    line_ring(&ring, 0, 0, 10, 0, 60);
+    in.controller = CONTROLLER_CASCADE;
+    at_um(500, 0, in.measured);
+    servo_reset(&cfg, &state, in.measured);
+    cfg.cascade.k_v = mk(0);
+    for (int k = 0; k < 3; k++) {
+        in.path = path_at(&ring, 50);
+        servo_step(&cfg, &state, &in, &out);
+    }
+    /* u = C r' + friction; the observer is told C r' */
+    ASSERT_NEAR(VISCOUS_X * 50 + 45.5, val(out.force.x), 60.0);
+    ASSERT_NEAR(VISCOUS_X * 50 / 1000, val(state.observer[0].acc), 1.0);
+}
+
+/* The model is driven with what the law asked for two calls ago, less friction and compensation. */
+static void test_reference_model_is_driven_by_the_linear_part_of_the_delayed_force(void)
+{
+    double linear[3];
+    vec2 before;
+    for (int k = 0; k < 3; k++) {
+        before = state.uncertainty.q_bar_dot;
+        step(20, 4);
+        linear[k] = val(out.asmc.u_linear.x);
+    }
+    step(20, 4);
+    before = state.uncertainty.q_bar_dot;
+    step(20, 4); /* the fifth: with that of the third */
+    const double v0 = val(before.x);
+    ASSERT_NEAR(v0 + DT * (linear[2] - VISCOUS_X * v0) / MASS_X, val(state.uncertainty.q_bar_dot.x), 600.0);
+}
+
+static void test_reference_model_as_printed_sees_the_friction_term(void)
+{
+    cfg.uncertainty.whole_input = true;
+    step(20, 4);
+    step(20, 4);
+    const double whole = val(out.asmc.u_linear.x) + val(out.asmc.u_friction.x);
+    ASSERT_NEAR(whole, val(state.last[0].model.x), 700.0);
+    cfg.uncertainty.whole_input = false;
+    step(20, 4);
+    ASSERT_NEAR(val(out.asmc.u_linear.x), val(state.last[0].model.x), 700.0);
+}
+
+static void test_reference_model_sees_that_the_force_is_limited(void)
+{
+    cfg.plant.force_max = mk2(50, 50);
+    for (int i = 0; i < 3; i++) {
+        step(-3000, 1000);
+    }
+    TEST_ASSERT_TRUE(out.saturated);
+    const double kept = val(out.force.x) - val(out.asmc.u_friction.x) - val(out.uncertainty.u.x);
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, kept, val(state.last[0].model.x)); /* differences of forces of 1e4 N */
+}
+
+static void test_cc_has_no_compensation_and_ccu_has(void)
+{
+    run(CONTROLLER_CC, 50);
+    vec2 u = v2_add(out.asmc.u_linear, out.asmc.u_friction);
+    ASSERT_NEAR(val(u.x), val(out.force.x), 600.0);
+    setUp();
+    run(CONTROLLER_CCU, 50);
+    u = v2_add(v2_add(out.asmc.u_linear, out.asmc.u_friction), out.uncertainty.u);
+    ASSERT_NEAR(val(u.x), val(out.force.x), 600.0);
+    ASSERT_NEAR(val(u.y), val(out.force.y), 600.0);
+    TEST_ASSERT_TRUE(fabs(val(out.uncertainty.u.x)) > 0.1);
+}
+
+static void test_track_works_on_the_tracking_error_in_the_axis_frame(void)
+{
+    run(CONTROLLER_TRACK, 1);
+    const struct contour_out *c = &out.contour;
+    const double a = 1 + 6 * 0.006 / cosh(1e-3 * val(c->e_w.x));
+    ASSERT_NEAR(a * val(c->e_w.x) + val(c->e_w_dot.x), val(out.asmc.s_bar.x), 600.0);
+}
+
+static void test_cc_works_on_the_error_at_the_foot_point(void)
+{
+    run(CONTROLLER_CC, 1);
+    const struct contour_out *c = &out.contour;
+    const double a = 1 + 6 * 0.006 / cosh(1e-3 * val(c->e_n.y));
+    ASSERT_NEAR(a * val(c->e_n.y) + val(c->e_n_dot.y), val(out.asmc.s_bar.y), 600.0);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-3, -4, val(c->e_n.y)); /* 4 um outside an anticlockwise circle: to the right */
+}
+
+static void test_cascade_is_coupled_in_ccc_alone(void)
+{
+    run(CONTROLLER_CASCADE, 20);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.cascade.coupled));
+    run(CONTROLLER_CCC, 20);
+    TEST_ASSERT_TRUE(fabs(val(state.cascade.coupled)) > 0);
+}
+
+static void test_velocity_is_that_of_the_encoders(void)
+{
+    run(CONTROLLER_CC, 400);
+    const double phi = (50 + 39.9) * 0.005 - 20.0 / 20000;
+    /* curvature makes a third-order observer lag by v^3/(R^2 w^2): 500 (0.025/6.5)^2, and 20 um of noise-free start */
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, -500 * sin(phi), val(out.velocity.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 500 * cos(phi), val(out.velocity.y));
+}
+
+static void test_energy_is_counted_for_both_axes(void)
+{
+    run(CONTROLLER_CC, 400);
+    TEST_ASSERT_TRUE(state.energy[0].mJ > 10);
+    TEST_ASSERT_TRUE(state.energy[1].mJ > 10);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_reset_is_at_rest_where_the_encoders_are);
+    RUN_TEST(test_every_switch_of_controllers_keeps_the_force);
+    RUN_TEST(test_after_a_switch_the_offset_fades_and_the_new_law_remains);
+    RUN_TEST(test_a_switch_starts_the_new_law_with_fresh_gains_and_integrals);
+    RUN_TEST(test_force_is_within_its_limits);
+    RUN_TEST(test_force_within_its_limits_is_not_called_saturated);
+    RUN_TEST(test_a_disabled_axis_gets_no_force);
+    RUN_TEST(test_an_axis_that_is_disabled_and_rests_is_seen_at_rest);
+    RUN_TEST(test_enabling_starts_without_an_offset_and_from_where_the_axes_are);
+    RUN_TEST(test_observer_is_told_the_force_that_has_just_acted);
+    RUN_TEST(test_friction_feedforward_does_not_move_the_observer);
+    RUN_TEST(test_reference_model_is_driven_by_the_linear_part_of_the_delayed_force);
+    RUN_TEST(test_reference_model_as_printed_sees_the_friction_term);
+    RUN_TEST(test_reference_model_sees_that_the_force_is_limited);
+    RUN_TEST(test_cc_has_no_compensation_and_ccu_has);
+    RUN_TEST(test_track_works_on_the_tracking_error_in_the_axis_frame);
+    RUN_TEST(test_cc_works_on_the_error_at_the_foot_point);
+    RUN_TEST(test_cascade_is_coupled_in_ccc_alone);
+    RUN_TEST(test_velocity_is_that_of_the_encoders);
+    RUN_TEST(test_energy_is_counted_for_both_axes);
+    return UNITY_END();
+}

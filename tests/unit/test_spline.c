@@ -1,0 +1,183 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "spline.h"
+
+#include "nominal.h"
+#include "unity.h"
+
+static struct spline_ring ring;
+
+void setUp(void)
+{
+    ring.count = 0;
+    ring.start = (struct knot){{0, 0}};
+}
+void tearDown(void) {}
+
+static struct spline_point at(double knots)
+{
+    struct spline_point p;
+    const struct path_state path = path_at(&ring, knots);
+    spline_at(&ring, path.count, path.s, &p);
+    return p;
+}
+
+static double um_of(pos_t p)
+{
+    return (double)p / (POS_PER_NM * 1e3);
+}
+
+/* knots 2, 3, 4, 5 of x: 6, 12, 30, 12 um; of y: minus twice that */
+static void four_knots(void)
+{
+    const double x[] = {0, 0, 6, 12, 30, 12, 0};
+    for (int i = 0; i < 7; i++) {
+        add_knot(&ring, x[i], -2 * x[i]);
+    }
+}
+
+static void test_at_a_knot_the_curve_passes_through_a_sixth_of_before_four_times_it_and_after(void)
+{
+    four_knots();
+    TEST_ASSERT_DOUBLE_WITHIN(1e-8, 14.0, um_of(at(3).pos[0])); /* (6 + 48 + 30)/6 */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-8, -28.0, um_of(at(3).pos[1]));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-8, 24.0, um_of(at(4).pos[0])); /* (12 + 120 + 12)/6 */
+}
+
+static void test_derivatives_at_a_knot_are_differences_of_knots(void)
+{
+    four_knots();
+    const struct spline_point p = at(3); /* h = 0.2 */
+    ASSERT_NEAR(24.0 / 0.4, val(p.d1.x), 60.0);
+    ASSERT_NEAR(-48.0 / 0.4, val(p.d1.y), 120.0);
+    ASSERT_NEAR((6.0 - 24.0 + 30.0) / 0.04, val(p.d2.x), 1500.0);
+    ASSERT_NEAR((12.0 - 3 * 30.0 + 3 * 12.0 - 6.0) / 0.008, val(p.d3.x), 18000.0);
+    ASSERT_NEAR(-2 * (12.0 - 3 * 30.0 + 3 * 12.0 - 6.0) / 0.008, val(p.d3.y), 36000.0);
+}
+
+static void test_halfway_the_weights_are_1_23_23_1_of_48(void)
+{
+    four_knots();
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, (6 + 23 * 12.0 + 23 * 30.0 + 12) / 48.0, um_of(at(3.5).pos[0]));
+}
+
+static void test_derivatives_are_those_of_the_position_by_finite_differences(void)
+{
+    circle_ring(&ring, 4000, 0.025, 100);
+    for (double s = 50.1; s < 51.0; s += 0.2) {
+        const double h = 0.01;
+        const struct spline_point before = at(s - h), p = at(s), after = at(s + h);
+        const double dt = 2 * h * 0.2;
+        /* differences: error h^2/6 r''' <= (0.002)^2/6 * 500 (0.125)^2, and two positions of 1e-5 um rounding */
+        TEST_ASSERT_DOUBLE_WITHIN(0.01, (um_of(after.pos[0]) - um_of(before.pos[0])) / dt, val(p.d1.x));
+        TEST_ASSERT_DOUBLE_WITHIN(0.01, (um_of(after.pos[1]) - um_of(before.pos[1])) / dt, val(p.d1.y));
+        TEST_ASSERT_DOUBLE_WITHIN(0.05, (val(after.d1.x) - val(before.d1.x)) / dt, val(p.d2.x));
+        TEST_ASSERT_DOUBLE_WITHIN(0.01, (val(after.d2.y) - val(before.d2.y)) / dt, val(p.d3.y));
+    }
+}
+
+static void test_position_velocity_and_acceleration_are_continuous_across_a_knot(void)
+{
+    four_knots();
+    for (int i = 1; i < 6; i++) {
+        const struct spline_point before = at(i - 1e-6), after = at(i);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-4, um_of(before.pos[0]), um_of(after.pos[0]));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-2, val(before.d1.x), val(after.d1.x));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-2, val(before.d2.x), val(after.d2.x)); /* 1e-6 knots of jerk: 4e-3 */
+    }
+}
+
+static void test_knots_on_a_line_give_uniform_motion(void)
+{
+    line_ring(&ring, 10, -20, 3, -4, 50);
+    const struct spline_point p = at(20.3);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 10 + 3 * 20.3, um_of(p.pos[0]));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, -20 - 4 * 20.3, um_of(p.pos[1]));
+    ASSERT_NEAR(15, val(p.d1.x), 15.0);
+    ASSERT_NEAR(-20, val(p.d1.y), 20.0);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(p.d2.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(p.d3.y));
+}
+
+static void test_before_the_first_knot_the_sequence_goes_on_with_the_start(void)
+{
+    ring.start = (struct knot){{6000, -6000}};
+    add_knot(&ring, 12, 0);
+    add_knot(&ring, 30, 0);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-8, 14.0, um_of(at(0).pos[0]));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-8, -1.0, um_of(at(0).pos[1]));
+}
+
+static void test_after_the_last_knot_the_curve_rests_on_it(void)
+{
+    four_knots();
+    ring.knot[6] = (struct knot){{77000, -5000}};
+    const struct spline_point p = at(8);
+    TEST_ASSERT_EQUAL_DOUBLE(77, um_of(p.pos[0]));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(p.d1.x));
+    TEST_ASSERT_EQUAL_DOUBLE(-5, um_of(at(1000).pos[1]));
+}
+
+static void test_without_knots_the_curve_rests_on_the_start(void)
+{
+    ring.start = (struct knot){{-7000, 8000}};
+    const struct spline_point p = at(3.3);
+    TEST_ASSERT_EQUAL_DOUBLE(-7, um_of(p.pos[0]));
+    TEST_ASSERT_EQUAL_DOUBLE(8, um_of(p.pos[1]));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(p.d1.y));
+}
+
+static void test_a_ring_that_has_wrapped_gives_the_newest_knots(void)
+{
+    line_ring(&ring, 0, 0, 3, -4, 3 * SPLINE_RING + 17);
+    const double s = 3 * SPLINE_RING - 0.75;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3 * s, um_of(at(s).pos[0]));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, -4 * s, um_of(at(s).pos[1]));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3 * (s - SPLINE_PAST), um_of(at(s - SPLINE_PAST).pos[0]));
+}
+
+static void test_knots_beyond_the_snapshot_are_not_seen(void)
+{
+    line_ring(&ring, 0, 0, 3, 0, 50);
+    struct spline_point p;
+    spline_at(&ring, 20, path_at(&ring, 30).s, &p);
+    TEST_ASSERT_EQUAL_DOUBLE(3 * 19, um_of(p.pos[0]));
+}
+
+static void test_two_metres_out_the_curve_is_the_same_to_the_last_bit(void)
+{
+    four_knots();
+    const struct spline_point near = at(3.37);
+    for (uint32_t i = 0; i < ring.count; i++) {
+        ring.knot[i].nm[0] += 2000000000;
+        ring.knot[i].nm[1] -= 2000000000;
+    }
+    const struct spline_point far = at(3.37);
+    TEST_ASSERT_TRUE(far.pos[0] - near.pos[0] == pos_from_nm(2000000000));
+    TEST_ASSERT_TRUE(far.pos[1] - near.pos[1] == pos_from_nm(-2000000000));
+    TEST_ASSERT_EQUAL_DOUBLE(val(near.d2.x), val(far.d2.x));
+}
+
+static void test_control_periods_of_10_and_20_khz_are_whole_numbers_of_path_time(void)
+{
+    TEST_ASSERT_TRUE(PATH_ONE % 10 == 0);
+    TEST_ASSERT_TRUE(PATH_ONE % 20 == 0);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_at_a_knot_the_curve_passes_through_a_sixth_of_before_four_times_it_and_after);
+    RUN_TEST(test_derivatives_at_a_knot_are_differences_of_knots);
+    RUN_TEST(test_halfway_the_weights_are_1_23_23_1_of_48);
+    RUN_TEST(test_derivatives_are_those_of_the_position_by_finite_differences);
+    RUN_TEST(test_position_velocity_and_acceleration_are_continuous_across_a_knot);
+    RUN_TEST(test_knots_on_a_line_give_uniform_motion);
+    RUN_TEST(test_before_the_first_knot_the_sequence_goes_on_with_the_start);
+    RUN_TEST(test_after_the_last_knot_the_curve_rests_on_it);
+    RUN_TEST(test_without_knots_the_curve_rests_on_the_start);
+    RUN_TEST(test_a_ring_that_has_wrapped_gives_the_newest_knots);
+    RUN_TEST(test_knots_beyond_the_snapshot_are_not_seen);
+    RUN_TEST(test_two_metres_out_the_curve_is_the_same_to_the_last_bit);
+    RUN_TEST(test_control_periods_of_10_and_20_khz_are_whole_numbers_of_path_time);
+    return UNITY_END();
+}

@@ -1,0 +1,42 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "trig.h"
+
+#include <math.h>
+
+#include "num_test.h"
+#include "unity.h"
+
+void setUp(void) {}
+void tearDown(void) {}
+
+/* 1e-6 is the header's promise. */
+static void test_cosh_and_sinh_are_right_to_a_millionth_over_their_range(void)
+{
+    for (int i = -256; i <= 256; i++) {
+        const double x = i / 64.0;
+        const struct trig_cosh r = trig_cosh(mk(x));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6 * cosh(x), cosh(x), val(r.cosh_x));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6 * fabs(sinh(x)) + 0x1p-32, sinh(x), val(r.sinh_x));
+    }
+}
+
+static void test_cosh_is_clamped_at_four(void)
+{
+    TEST_ASSERT_EQUAL_DOUBLE(val(trig_cosh(mk(4)).cosh_x), val(trig_cosh(mk(5)).cosh_x));
+    TEST_ASSERT_EQUAL_DOUBLE(val(trig_cosh(mk(-4)).sinh_x), val(trig_cosh(mk(-1000)).sinh_x));
+}
+
+static void test_cosh_of_zero_is_one(void)
+{
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(trig_cosh(mk(0)).cosh_x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(trig_cosh(mk(0)).sinh_x));
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_cosh_and_sinh_are_right_to_a_millionth_over_their_range);
+    RUN_TEST(test_cosh_is_clamped_at_four);
+    RUN_TEST(test_cosh_of_zero_is_one);
+    return UNITY_END();
+}
