@@ -58,7 +58,9 @@ static inline int64_t n_to_i64(num x)
 {
     const num limit = 4.0e18f;
     const num y = x < -limit ? -limit : x > limit ? limit : x == x ? x : 0.0f;
-    return (int64_t)(y < 0.0f ? y - 0.5f : y + 0.5f);
+    const int64_t whole = (int64_t)y;
+    const num rest = y - (num)whole; /* exact; y + 0.5 is not, just below 0.5 and above 2^23 */
+    return rest >= 0.5f ? whole + 1 : rest <= -0.5f ? whole - 1 : whole;
 }
 
 static inline int64_t n_to_q32(num x)
