@@ -19,7 +19,7 @@ struct energy_cfg {
 
 struct energy_state {
     num part_mJ;   /* below 1 mJ: what has not been carried into `mJ` */
-    int32_t mJ;
+    int32_t mJ;  /* wraps */
 };
 
 void energy_reset(struct energy_state *state);

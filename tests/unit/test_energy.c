@@ -46,7 +46,8 @@ static void test_at_constant_speed_power_is_voltage_times_current(void)
 
 static void test_braking_gives_energy_back(void)
 {
-    TEST_ASSERT_TRUE(step(0.3, -2) < 0);
+    ASSERT_NEAR(by_30(0.3, -4), step(0.3, -4), 500.0);
+    TEST_ASSERT_TRUE(step(0.3, -4) < 0);
     TEST_ASSERT_TRUE(state.mJ < 0 || val(state.part_mJ) < 0);
 }
 
