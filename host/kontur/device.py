@@ -81,10 +81,12 @@ class Info:
 
 
 def open_bus(options: Mapping[str, Any]) -> can.BusABC:
-    """Open a bus by python-can's options. Raises BusError."""
+    """Open a bus by python-can's options. Raises BusError; of the simulated drive, what kept it from starting."""
     try:
         return can.Bus(**options)
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+        if isinstance(error.__cause__, KonturError):
+            raise error.__cause__ from error
         name = f"{options.get('interface', '?')}:{options.get('channel', '?')}"
         raise BusError(
             f"bus {name} cannot be opened: {error}. Check -i, -c and -b (python-can's interface, channel, bitrate), "
@@ -301,17 +303,18 @@ class Device:
 
 def describe_emcy(code: int) -> str:
     """An EMCY code in words."""
-    return f"{code:04X}h ({EMCY_TEXT.get(code, 'see docs/objects.md')})"
+    return f"{code:04X}h: {EMCY_TEXT.get(code, 'see docs/objects.md, error_code')}"
 
 
 EMCY_TEXT = {
-    0x5400: "the amplifier or an encoder reports a fault; see its display",
-    0x8130: "the host's heartbeat ceased; the drive stopped on the path and switched off",
-    0x8400: "an axis was faster than limits.velocity",
-    0x8611: "an axis was further from its reference than following_window",
-    0x8612: "an axis left position_limit",
+    0x5400: "the amplifier or an encoder reports a fault; see its display and its cables",
+    0x8130: "the host's heartbeat ceased, so it stopped on the path and switched off; is the host overloaded?",
+    0x8400: "an axis was faster than limits.velocity; lower the feed, or check plant_x.encoder and plant_y.encoder",
+    0x8611: "an axis was further from its reference than following_window; lower feed or acceleration, or check "
+    "the force limit and whether the axis moves freely",
+    0x8612: "an axis left position_limit; move it back by hand",
     0xFF10: "it ran out of knots and stopped on the path; the host or the bus was too slow",
-    0xFF11: "a knot lies outside position_limit",
+    0xFF11: "a knot lies outside position_limit; move or shrink the path",
 }
 
 

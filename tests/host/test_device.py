@@ -80,7 +80,7 @@ def test_silent_host_is_reported_and_the_axes_can_be_enabled_again(device: Devic
     device.enable()
     sim = device.link.bus.sim  # type: ignore[attr-defined]
     sim.run(10_000)  # one second in which the host does nothing
-    with pytest.raises(EmcyError, match=r"8130h \(the host's heartbeat ceased"):
+    with pytest.raises(EmcyError, match=r"8130h: the host's heartbeat ceased"):
         device.wait(lambda: False, 0.5, "waits")
     with device.enabled():
         assert device.states() == ("operation enabled", "operation enabled")

@@ -3,11 +3,13 @@
 
 import dataclasses
 import time
+from pathlib import Path
 
 import can
 import pytest
 
-from kontur import machine
+from kontur import machine, simlib
+from kontur.errors import LibraryError
 
 HEARTBEAT = 0x701
 READ_DEVICE_TYPE = can.Message(arbitration_id=0x601, data=[0x40, 0, 0x10, 0, 0, 0, 0, 0], is_extended_id=False)
@@ -126,3 +128,21 @@ def test_bus_that_cannot_be_opened_says_why(options: dict[str, object], message:
 def test_extended_identifier_is_refused() -> None:
     with open_bus() as bus, pytest.raises(can.CanOperationError, match="11-bit"):
         bus.send(can.Message(arbitration_id=0x601, data=[], is_extended_id=True))
+
+
+def test_library_that_is_not_built_is_named_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simlib, "LIBRARIES", tmp_path)
+    with pytest.raises(LibraryError, match="the simulator is not built; run `make lib`"):
+        simlib.Sim(machine.load(), seed=1, num="not loaded before")
+
+
+def test_truth_has_a_row_each_control_period_since_it_was_asked_for() -> None:
+    sim = simlib.Sim(machine.load().starting_at((0.01, -0.02)), seed=1)
+    sim.run(100)
+    assert len(sim.truth().pos_m) == 0
+    sim.record(True)
+    sim.run(50)
+    truth = sim.truth()
+    assert truth.pos_m.shape == truth.vel_mps.shape == truth.force_N.shape == truth.friction_N.shape == (50, 2)
+    assert (truth.pos_m == [0.01, -0.02]).all()  # not enabled: stiction holds it
+    sim.close()
