@@ -92,6 +92,15 @@ static void frame_rates(const struct path_state *path, const struct frame *f, ve
     o->theta_ddot = n_mul(theta_2, n_mul(o->nu, o->nu));
 }
 
+/* Where the path stands still there is no direction to adjust along: r_n = r. */
+static void keep_reference(vec2 q_dot, struct contour_out *o)
+{
+    o->rn_dot = o->r_dot;
+    o->rn_ddot = o->r_ddot;
+    o->e_wn = o->e_n = o->e_w;
+    o->e_wn_dot = o->e_n_dot = v2_sub(q_dot, o->r_dot);
+}
+
 /* (7), (8): r_n = r + f n with f = n . (r_a - r), and its derivatives */
 static void adjust_reference(const struct spline_point *foot, const pos_t q[2], vec2 q_dot, struct contour_out *o)
 {
@@ -131,6 +140,10 @@ void contour_step(const struct contour_cfg *cfg, const struct spline_ring *ring,
     const struct frame f = find_foot(cfg, ring, path, q, &foot, out);
     out->t = f.t;
     frame_rates(path, &f, difference(q, foot.pos), q_dot, out);
-    adjust_reference(&foot, q, q_dot, out);
+    if (f.still) {
+        keep_reference(q_dot, out);
+    } else {
+        adjust_reference(&foot, q, q_dot, out);
+    }
     out->e_w_dot = v2_sub(q_dot, out->r_dot);
 }
