@@ -19,6 +19,9 @@ from kontur.errors import FileError
 from kontur.knots import DURATION_MAX_S, KNOT_S
 from kontur.path import Curve, FloatArray, Move, Program, Schedule
 
+_LARGEST = 1e9
+_SHORTEST_S = 1e-6
+_NEAREST_M = 1e-9
 _HEADERS = {("t", "x", "y"), ("x", "y")}
 
 
@@ -30,10 +33,10 @@ def parse(text: str, name: str, feed_mps: float | None = None) -> Program:
     columns, values, lines = _table(text, name)
     if "t" in columns:
         if feed_mps is not None:
-            raise FileError(name, "the column t fixes the speed already; leave out the feed or the column", lines[0])
+            raise FileError(name, "the column t fixes the speed already; leave out the feed or the column")
         return _timed(values[:, 0], values[:, 1:] * 1e-3, np.array(lines), name)
     if feed_mps is None:
-        raise FileError(name, "a path of x,y needs a feed; give one with --feed, or a column t", lines[0])
+        raise FileError(name, "a path of x,y needs a feed; give one with --feed, or a column t")
     if not (feed_mps > 0.0 and math.isfinite(feed_mps)):
         raise FileError(name, f"the feed is {feed_mps:g} m/s; it must be a positive number")
     return _points(values * 1e-3, lines, name, feed_mps)
@@ -69,16 +72,18 @@ def _number(word: str, name: str, line: int) -> float:
         value = float(word)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value) or "_" in word:
-        raise FileError(name, "not a finite number; correct or remove the row", line, word or "(nothing)")
+    if not abs(value) < _LARGEST or "_" in word:
+        problem = f"not a finite number below {_LARGEST:g}; correct or remove the row"
+        raise FileError(name, problem, line, word or "(nothing)")
     return value
 
 
 def _timed(time_s: FloatArray, position_m: FloatArray, lines: FloatArray, name: str) -> Program:
-    stuck = np.flatnonzero(np.diff(time_s) <= 0.0)
+    stuck = np.flatnonzero(np.diff(time_s) < _SHORTEST_S)
     if stuck.size:
         row = stuck[0] + 1
-        raise FileError(name, "the time must rise from row to row", int(lines[row]), f"{time_s[row]:g}")
+        problem = "the time must rise from row to row, by a microsecond at least"
+        raise FileError(name, problem, int(lines[row]), f"{time_s[row]:g}")
     time_s = time_s - time_s[0]
     duration = float(time_s[-1])
     if duration > DURATION_MAX_S:
@@ -95,7 +100,7 @@ def _timed(time_s: FloatArray, position_m: FloatArray, lines: FloatArray, name: 
 
 def _points(position_m: FloatArray, lines: list[int], name: str, feed_mps: float) -> Program:
     step = np.hypot(*np.diff(position_m, axis=0).T)
-    stuck = np.flatnonzero(step <= 0.0)
+    stuck = np.flatnonzero(step < _NEAREST_M)
     if stuck.size:
         row = stuck[0] + 1
         raise FileError(name, "the point is the same as the one before it; remove the row", lines[row])

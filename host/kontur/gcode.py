@@ -104,16 +104,16 @@ def _block(code: str, line: int, name: str) -> _Block:
     while at < len(code):
         match = _WORD.match(code, at)
         if match is None:
-            raise FileError(name, _unreadable(code[at]), line, code[at : at + 12])
+            raise FileError(name, _unreadable(code[at : at + 2]), line, code[at : at + 12])
         _take(block, match[1].upper(), float(match[2]), match[0], name)
         at = match.end()
     return block
 
 
-def _unreadable(first: str) -> str:
-    if first == "/":
+def _unreadable(start: str) -> str:
+    if start[0] == "/":
         return "lines cannot be skipped by a switch; remove the line or the slash"
-    if first in "#[":
+    if "#" in start or "[" in start:
         return "variables and expressions are not understood; write numbers"
     return "not a word; words are a letter and a decimal number, like X12.5"
 
@@ -140,7 +140,7 @@ def _take(block: _Block, letter: str, value: float, text: str, name: str) -> Non
         raise problem(_REFUSED_LETTER.get(letter, "this word is not understood; remove it"))
     elif letter in block.values:
         raise problem(f"a second {letter} word on the line; put it on a line of its own")
-    elif not math.isfinite(value):
+    elif not abs(value) < 1e9:
         raise problem("the number is too large")
     else:
         block.values[letter] = value

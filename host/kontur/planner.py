@@ -29,7 +29,7 @@ from kontur import knots
 from kontur.bounds import Limits, Piece, pieces_of, planned, sampled
 from kontur.errors import KonturError, PathError
 from kontur.knots import DURATION_MAX_S, KNOT_S, POSITION_RANGE_M
-from kontur.path import Arc, Curve, FloatArray, Move, Program, Segment
+from kontur.path import Arc, Curve, FloatArray, Move, Program
 
 __all__ = ["Limits", "PlannerError", "Trajectory", "plan"]
 
@@ -239,13 +239,16 @@ def _check_connected(program: Program) -> None:
         here = ends[1]
 
 
-def _extent(segment: Segment, where: str) -> FloatArray:
-    """Points (n, 2) among which are the outermost of the segment, for a Curve to about a micrometre."""
+def _extent(move: Move, where: str) -> FloatArray:
+    """Points (n, 2) among which are the outermost of the move, for a Curve to about a micrometre."""
+    segment = move.segment
     s = np.array([0.0, segment.length_m])
-    if isinstance(segment, Arc):
+    if move.schedule is not None:
+        s = move.schedule.distance_m
+    elif isinstance(segment, Arc):
         turn = math.copysign(1.0, segment.sweep_rad)
-        quarter = np.arange(5) * 0.5 * np.pi - turn * segment.start_rad
-        s = np.append(s, segment.radius_m * (quarter % (2.0 * np.pi)))
+        quarter = np.arange(4) * 0.5 * np.pi - segment.start_rad
+        s = np.append(s, segment.radius_m * (turn * quarter % (2.0 * np.pi)))
         s = s[s <= segment.length_m]
     elif isinstance(segment, Curve):
         s, _ = sampled(segment, where)
@@ -254,15 +257,16 @@ def _extent(segment: Segment, where: str) -> FloatArray:
 
 def _check_travel(program: Program, travel_m: tuple[tuple[float, float], tuple[float, float]]) -> None:
     for move in program.moves:
-        points = _extent(move.segment, program.where(move.line))
+        points = _extent(move, program.where(move.line))
         for axis, (least, greatest) in enumerate(travel_m):
-            for worst, beyond in ((np.min(points[:, axis]), -1), (np.max(points[:, axis]), 1)):
-                edge = least if beyond < 0 else greatest
-                if beyond * (worst - edge) > 1e-9:
-                    raise PathError(
-                        f"{program.where(move.line)}: the path reaches {'xy'[axis]} = {worst * 1e3:.3f} mm, outside "
-                        f"the travel of {least * 1e3:.3f} .. {greatest * 1e3:.3f} mm; move or shrink the part"
-                    )
+            beyond = np.maximum(least - points[:, axis], points[:, axis] - greatest)
+            row = int(np.argmax(beyond))
+            if beyond[row] > 1e-9:
+                line = move.line if move.schedule is None else int(move.schedule.line[row])
+                raise PathError(
+                    f"{program.where(line)}: the path reaches {'xy'[axis]} = {points[row, axis] * 1e3:.3f} mm, outside "
+                    f"the travel of {least * 1e3:.3f} .. {greatest * 1e3:.3f} mm; move or shrink the part"
+                )
 
 
 def _motion(control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -310,7 +314,7 @@ def _check_schedule(program: Program, limits: Limits, control: FloatArray) -> No
             row, axis = np.unravel_index(np.argmax(excess), excess.shape)
             time = int(np.clip(row + 1 - _RING, 0, len(schedule.line) - 1))
             raise PathError(
-                f"{program.where(int(schedule.line[time]))}: {time * KNOT_S:.3f} s after its start the path asks for "
-                f"a {name} of {abs(values[row, axis]):.4g} {unit} in {'xy'[axis]}, the limit is {limit[axis]:.4g}; "
+                f"{program.where(int(schedule.line[time]))}: {time * KNOT_S:.3f} s after its start the {name} in "
+                f"{'xy'[axis]} is {abs(values[row, axis]):.4g} {unit}, the limit is {limit[axis]:.4g}; "
                 "slow it down, and let it start and end at rest"
             )
