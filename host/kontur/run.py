@@ -116,7 +116,10 @@ def run(
 
     A real drive that does not stand at the start goes there first if `approach` gives the limits for that, else this
     is refused. `command` is kept in the log. When `stop_requested` returns True the drive stops on the path, and the
-    log ends there. Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError.
+    log ends there.
+
+    Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError; KeyboardInterrupt when the
+    stop was requested on the way to the start, where there is no log yet.
     """
     start_m = trajectory.program.start_m
     if target.place_at_start:
@@ -127,7 +130,7 @@ def run(
         device.set_parameters(parameters or {})
         device.select_controller(controller)
         with device.enabled():
-            _go_to_start(device, start_m, approach)
+            _go_to_start(device, start_m, approach, stop_requested)
             device.write("energy.reset", 1)
             start_nm = device.position_nm()
 
@@ -157,7 +160,7 @@ def run(
             "control_hz": device.read("clock.control_hz"),
             "parameters": device.dump(),
             "frames_lost": telemetry.frames_lost,
-            "accepted": streamed.executed,
+            "accepted": streamed.accepted,
             "rejected": streamed.rejected,
             "command": command,
         }
@@ -178,7 +181,9 @@ def summary(log: RunLog) -> dict[str, Any]:
     return {name: getattr(values, name) for name in SUMMARY}
 
 
-def _go_to_start(device: Device, start_m: tuple[float, float], approach: Limits | None) -> None:
+def _go_to_start(
+    device: Device, start_m: tuple[float, float], approach: Limits | None, stop_requested: Callable[[], bool]
+) -> None:
     here_m = device.position_m()
     window_m = device.read("limits.start_window") * 1e-6
     if max(abs(a - b) for a, b in zip(here_m, start_m, strict=True)) <= window_m:
@@ -189,7 +194,8 @@ def _go_to_start(device: Device, start_m: tuple[float, float], approach: Limits 
             f"jog there, or let --approach go there in a straight line at {APPROACH_FEED_MPS * 1e3:g} mm/s"
         )
     line = Program("approach", (Move(Line(here_m, start_m), APPROACH_FEED_MPS),), here_m)
-    stream(device, plan(line, approach).knots_nm)
+    if not stream(device, plan(line, approach).knots_nm, stop_requested=stop_requested).completed:
+        raise KeyboardInterrupt
 
 
 class _PathClock:

@@ -35,13 +35,15 @@ _STATE_DONE = 4
 class StreamResult:
     """`completed`: the drive went the whole way; else it was asked to stop, and did so on the path.
 
-    `start_s`: time of the target when the motion was started; `executed`: knots passed; `retransmitted`: knot frames
-    sent again; `rejected`: knot frames that the drive did not take, by reason.
+    `start_s`, `stop_s`: time of the target when the motion was started, and when it was asked to stop; `accepted`:
+    knots taken by the drive; `executed`: knots passed; `retransmitted`: knot frames sent again; `rejected`: knot frames that
+    the drive did not take, by reason.
     """
 
     completed: bool
     start_s: float
     stop_s: float | None
+    accepted: int
     executed: int
     retransmitted: int
     rejected: dict[str, int]
@@ -79,19 +81,20 @@ def stream(
         sender.advance()
         progress(sender.accepted / len(knots_nm))
     device.controlwords(ENABLE, ENABLE)
-    executed = int(device.read("stream.executed"))
-    if stop_s is None:
-        _check_end(device, knots_nm)
-    else:
-        device.write("stream.command", _ABORT)
-    return StreamResult(
+    result = StreamResult(
         completed=stop_s is None,
         start_s=start_s,
         stop_s=stop_s,
-        executed=executed,
+        accepted=sender.accepted,
+        executed=int(device.read("stream.executed")),
         retransmitted=sender.retransmitted,
         rejected={reason: int(device.read(f"stream.rejected_{reason}")) for reason in ("sequence", "crc", "full")},
     )
+    if result.completed:
+        _check_end(device, knots_nm)
+    else:
+        device.write("stream.command", _ABORT)
+    return result
 
 
 def begin(device: Device, knots_nm: NDArray[np.int32]) -> None:

@@ -107,6 +107,7 @@ def test_stopped_run_has_a_complete_log_up_to_standstill(trajectory: Trajectory)
     columns = result.log.columns
     assert not result.completed
     assert result.log.meta["status"] == "interrupted"
+    assert result.log.meta["accepted"] <= len(trajectory.knots_nm)
     assert (np.diff(columns["tick"]) == 1).all()
     assert 0.1 < columns["time_s"][-1] < 1.2
     last_mm = np.hypot(np.diff(columns["x_mm"])[-1], np.diff(columns["y_mm"])[-1])
@@ -127,6 +128,12 @@ def test_real_drive_that_stands_elsewhere_goes_to_the_start_when_allowed(traject
     result = run(trajectory, "ccu", at_origin, approach=limits(TARGET.machine))
     assert result.completed
     assert result.log.meta["score"]["max_um"] < 10.0
+
+
+def test_stop_on_the_way_to_the_start_ends_the_run(trajectory: Trajectory) -> None:
+    elsewhere = dataclasses.replace(TARGET, machine=TARGET.machine.starting_at((0.019, 0.0)), place_at_start=False)
+    with pytest.raises(KeyboardInterrupt):
+        run(trajectory, "ccu", elsewhere, approach=limits(TARGET.machine), stop_requested=lambda: True)
 
 
 @contextmanager
