@@ -35,9 +35,9 @@ _STATE_DONE = 4
 class StreamResult:
     """`completed`: the drive went the whole way; else it was asked to stop, and did so on the path.
 
-    `start_s`, `stop_s`: time of the target when the motion was started, and when it was asked to stop; `accepted`:
-    knots taken by the drive; `executed`: knots passed; `retransmitted`: knot frames sent again; `rejected`: knot frames that
-    the drive did not take, by reason.
+    `start_s`, `stop_s`: time of the target when the motion was started, and when it was asked to stop.
+    `accepted`: knots taken by the drive; `executed`: knots passed; `retransmitted`: knot frames sent again;
+    `rejected`: knot frames that the drive did not take, by reason.
     """
 
     completed: bool
