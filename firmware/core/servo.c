@@ -69,11 +69,16 @@ static struct servo_history law(const struct servo_cfg *cfg, struct servo_state 
     return h;
 }
 
-static vec2 limit(const struct plant_cfg *plant, const bool enabled[2], vec2 force)
+/* Nothing acts on an axis that is disabled. */
+static vec2 where_enabled(const bool enabled[2], vec2 v)
+{
+    return v2(enabled[0] ? v.x : NUM(0), enabled[1] ? v.y : NUM(0));
+}
+
+static vec2 limit(const struct plant_cfg *plant, vec2 force)
 {
     const vec2 max = plant->force_max;
-    return v2(enabled[0] ? n_clamp(force.x, n_neg(max.x), max.x) : NUM(0),
-              enabled[1] ? n_clamp(force.y, n_neg(max.y), max.y) : NUM(0));
+    return v2(n_clamp(force.x, n_neg(max.x), max.x), n_clamp(force.y, n_neg(max.y), max.y));
 }
 
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2])
@@ -107,11 +112,12 @@ void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const st
             switched && !fresh ? v2_sub(state->last[0].force, now.force) : v2_scale(cfg->blend, state->offset);
 
         const vec2 wanted = v2_add(now.force, state->offset);
-        out->force = now.force = limit(&cfg->plant, in->enabled, wanted);
+        out->force = now.force = where_enabled(in->enabled, limit(&cfg->plant, wanted));
         const vec2 excess = v2_sub(wanted, out->force);
         out->saturated = (in->enabled[0] && n_lt(NUM(0), n_abs(excess.x))) ||
                          (in->enabled[1] && n_lt(NUM(0), n_abs(excess.y)));
-        now.model = v2_add(now.model, v2_sub(state->offset, excess));
+        now.friction = where_enabled(in->enabled, now.friction);
+        now.model = where_enabled(in->enabled, v2_add(now.model, v2_sub(state->offset, excess)));
     }
     state->enabled[0] = in->enabled[0];
     state->enabled[1] = in->enabled[1];

@@ -153,6 +153,7 @@ static void test_an_axis_that_is_disabled_and_rests_is_seen_at_rest(void)
         in.measured[0] = x;
         servo_step(&cfg, &state, &in, &out);
         TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
+        TEST_ASSERT_EQUAL_DOUBLE(0, val(state.last[0].model.x)); /* nor its reference model */
     }
 }
 
