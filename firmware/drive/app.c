@@ -95,11 +95,21 @@ static void on_rpdo(void *ctx, unsigned number)
     }
 }
 
+/* Whether the parameters would still fit together with this one changed */
+static uint32_t fits(struct od_data *od, const struct od_entry *entry, int64_t value)
+{
+    const int64_t now = od_read(od, entry);
+    od_write(od, entry, value);
+    const bool fit = params_fit(od);
+    od_write(od, entry, now);
+    return fit ? SDO_OK : SDO_ABORT_INCOMPATIBLE;
+}
+
 static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
     struct app *app = ctx;
-    if ((entry->flags & OD_CONFIG) != 0 && drive_powered(&app->drive)) {
-        return SDO_ABORT_STATE;
+    if ((entry->flags & OD_CONFIG) != 0) {
+        return drive_powered(&app->drive) ? SDO_ABORT_STATE : fits(&app->od, entry, value);
     }
     if (entry->index == 0x2200 && entry->sub == 1) {
         return drive_stream_command(&app->drive, (uint8_t)value);
@@ -165,8 +175,7 @@ static void on_reset(void *ctx, bool communication_only)
     struct app *app = ctx;
     set_texts(&app->od);
     if (!communication_only) {
-        drive_init(&app->drive, &app->od, app->hal);
-        atomic_store(&app->drive.loop.command.controller, app->od.controller.select);
+        drive_reset(&app->drive);
     }
 }
 
@@ -174,7 +183,8 @@ void app_init(struct app *app, const struct hal *hal, uint8_t node_id)
 {
     *app = (struct app){.hal = hal};
     od_init(&app->od, node_id);
-    on_reset(app, false);
+    set_texts(&app->od);
+    drive_init(&app->drive, &app->od, hal);
     const struct co_config config = {
         .od = &app->od,
         .hal = hal,

@@ -28,7 +28,7 @@ void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable)
     c->controlword = controlword;
 
     if (c->state == CIA402_FAULT) {
-        if (reset_edge && may_enable) {
+        if (reset_edge) {
             go(c, CIA402_SWITCH_ON_DISABLED);
         }
         return;

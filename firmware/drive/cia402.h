@@ -39,7 +39,7 @@ struct cia402 {
 };
 
 void cia402_init(struct cia402 *c);
-/* A controlword has been written. may_enable: no fault is in effect and the configuration is usable. */
+/* A controlword has been written. may_enable: the axis may enter operation enabled. */
 void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable);
 /* Once a millisecond and after each command: transitions that wait for standstill. */
 void cia402_poll(struct cia402 *c, bool standing);

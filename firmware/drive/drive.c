@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "drive.h"
 
-static struct loop_cfg loop_cfg(const struct od_data *od, const struct servo_cfg *servo)
+static struct loop_cfg loop_cfg(const struct od_data *od)
 {
-    struct loop_cfg c = {.servo = *servo,
+    struct loop_cfg c = {.servo = params_to_cfg(od),
                          .speed_max = n_ratio(od->limits.velocity, 200),
                          .stop_time = n_ratio(od->limits.path_stop_time, 1)};
     for (int i = 0; i < 2; i++) {
@@ -18,31 +18,14 @@ static struct loop_cfg loop_cfg(const struct od_data *od, const struct servo_cfg
 
 void drive_configure(struct drive *d)
 {
-    struct servo_cfg servo;
-    d->configured = params_to_cfg(d->od, &servo);
-    d->configured_at = atomic_load(&d->loop.published);
-    if (!d->configured) {
-        return;
-    }
     const uint8_t next = 1u - atomic_load(&d->loop.command.cfg_index);
-    d->loop.cfg[next] = loop_cfg(d->od, &servo);
+    d->configured_at = atomic_load(&d->loop.published);
+    d->loop.cfg[next] = loop_cfg(d->od);
     atomic_store(&d->loop.command.cfg_index, next);
     for (int i = 0; i < 2; i++) {
         d->queue.min_nm[i] = d->od->axis[i].position_limit.min;
         d->queue.max_nm[i] = d->od->axis[i].position_limit.max;
     }
-}
-
-void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
-{
-    *d = (struct drive){.od = od};
-    queue_init(&d->queue, &od->stream);
-    for (int i = 0; i < 2; i++) {
-        cia402_init(&d->axis[i]);
-    }
-    drive_configure(d);
-    d->loop.cfg[0] = d->loop.cfg[1];
-    loop_init(&d->loop, hal, &d->queue.ring);
 }
 
 bool drive_powered(const struct drive *d)
@@ -130,11 +113,13 @@ static void apply(struct drive *d)
 
 void drive_command(struct drive *d)
 {
-    /* where the axes stand is known in the units of the configuration from the second snapshot on */
-    const bool ready = d->configured && atomic_load(&d->loop.published) - d->configured_at >= 2u;
+    /* where the axes stand is known in the units of the configuration from the second snapshot on; an axis that joins
+     * in makes the path start anew, which the other one can follow from standstill only */
+    const bool may_enable =
+        d->faults == 0 && standing(d) && atomic_load(&d->loop.published) - d->configured_at >= 2u;
     for (int i = 0; i < 2; i++) {
         const bool was_fault = d->axis[i].state == CIA402_FAULT;
-        cia402_command(&d->axis[i], d->od->axis[i].controlword, ready);
+        cia402_command(&d->axis[i], d->od->axis[i].controlword, may_enable);
         if (was_fault && d->axis[i].state != CIA402_FAULT) {
             d->od->axis[i].error_code = 0;
         }
@@ -144,6 +129,28 @@ void drive_command(struct drive *d)
         atomic_store(&d->loop.faults, 0u);
     }
     apply(d);
+}
+
+void drive_reset(struct drive *d)
+{
+    d->faults = 0;
+    for (int i = 0; i < 2; i++) {
+        cia402_init(&d->axis[i]);
+        d->od->axis[i].error_code = 0;
+    }
+    apply(d); /* power off first: from here on the tick moves nothing */
+    atomic_store(&d->loop.faults, 0u);
+    atomic_store(&d->loop.command.controller, d->od->controller.select);
+    queue_init(&d->queue, &d->od->stream);
+    drive_configure(d);
+    hold(d);
+}
+
+void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
+{
+    *d = (struct drive){.od = od};
+    loop_init(&d->loop, hal, &d->queue.ring);
+    drive_reset(d);
 }
 
 static void follow_stream(struct drive *d)
@@ -177,7 +184,7 @@ uint32_t drive_poll(struct drive *d)
             drive_fault(d, (enum fault)f);
         }
     }
-    if (d->queue.outside && standing(d) && (d->faults & FAULT_BIT(FAULT_KNOT_RANGE)) == 0) {
+    if (d->queue.open && d->queue.outside && standing(d) && (d->faults & FAULT_BIT(FAULT_KNOT_RANGE)) == 0) {
         drive_fault(d, FAULT_KNOT_RANGE);
     }
     for (int i = 0; i < 2; i++) {

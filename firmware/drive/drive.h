@@ -17,13 +17,15 @@ struct drive {
     struct cia402 axis[2];
     uint32_t faults;     /* latched FAULT_BIT()s */
     bool powered[2];
-    bool configured;     /* the parameters make a usable configuration */
     uint32_t configured_at; /* snapshots published by then */
     bool starved;
 };
 
+/* Power-on, before the first tick. */
 void drive_init(struct drive *d, struct od_data *od, const struct hal *hal);
-/* Parameters have changed (without power): take them over. */
+/* As at power-on, while the tick goes on: power off at once, no stream, no fault. Position and time are kept. */
+void drive_reset(struct drive *d);
+/* Parameters have changed (without power) and fit together: take them over. */
 void drive_configure(struct drive *d);
 /* Controlwords in od have been written. */
 void drive_command(struct drive *d);

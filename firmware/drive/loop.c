@@ -116,16 +116,13 @@ static void publish(struct loop *loop, const struct servo_out *out, enum control
 void loop_init(struct loop *loop, const struct hal *hal, const struct spline_ring *ring)
 {
     struct hal_drive_in in = {0};
-    const pos_t origin[2] = {0, 0};
-    loop->hal = hal;
-    loop->ring = ring;
+    *loop = (struct loop){.hal = hal, .ring = ring};
     hal->drive_read(hal->ctx, &in);
     for (int i = 0; i < 2; i++) {
         loop->last_count[i] = in.count[i];
         loop->count[i] = in.count[i];
     }
     loop->cfg_used = UINT8_MAX; /* the first tick resets the servo */
-    servo_reset(&loop->cfg[0].servo, &loop->servo, origin);
     atomic_store(&loop->standing, true);
 }
 

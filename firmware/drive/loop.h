@@ -74,7 +74,7 @@ struct loop {
     uint8_t cfg_used;
 };
 
-/* cfg[0] and the ring must be set up. Positions are encoder counts times their length. */
+/* A configuration must be set up before the first tick. Positions are encoder counts times their length. */
 void loop_init(struct loop *loop, const struct hal *hal, const struct spline_ring *ring);
 void loop_tick(struct loop *loop);
 /* The newest snapshot. */

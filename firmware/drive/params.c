@@ -50,21 +50,26 @@ static struct energy_cfg energy(const struct od_motor *m, num sign_speed)
     return e;
 }
 
-bool params_to_cfg(const struct od_data *od, struct servo_cfg *cfg)
+bool params_fit(const struct od_data *od)
+{
+    const struct od_asmc *a = &od->asmc;
+    const struct od_uncertainty *u = &od->uncertainty;
+    const uint64_t damping_range = (uint64_t)a->k_bar * a->e_max; /* k_bar e_max in 1e-9 */
+    return damping_range <= (uint64_t)TRIG_COSH_MAX * 1000000000u && a->k_0 <= a->k_max && u->mu_0 <= u->mu_max;
+}
+
+struct servo_cfg params_to_cfg(const struct od_data *od)
 {
     const struct od_asmc *a = &od->asmc;
     const struct od_uncertainty *u = &od->uncertainty;
     const struct od_cascade *c = &od->cascade;
     const num friction_speed = nano_mps(od->contour.friction_speed);
     const num dt = n_ratio(200, CONTROL_HZ);
-
-    /* k_bar e_max in 1e-9 */
-    if ((uint64_t)a->k_bar * a->e_max > (uint64_t)TRIG_COSH_MAX * 1000000000u || a->k_max < a->k_0 ||
-        u->mu_max < u->mu_0) {
-        return false;
-    }
-    *cfg = (struct servo_cfg){
+    /* exp(-dt / blend_time) to first order: dt / (dt + blend_time) is left out of the offset each period */
+    const uint32_t dt_us = 1000000u / CONTROL_HZ;
+    return (struct servo_cfg){
         .dt = dt,
+        .blend = n_ratio(od->contour.blend_time, (int64_t)od->contour.blend_time + dt_us),
         .plant = plant(&od->axis[0].plant, &od->axis[1].plant),
         .observer = observer_design(milli_per_s(od->observer.bandwidth), dt),
         .contour = {.v_min = nano_mps(od->contour.v_min),
@@ -98,8 +103,4 @@ bool params_to_cfg(const struct od_data *od, struct servo_cfg *cfg)
                     .integral_max = NUM(1000)},
         .energy = {energy(&od->axis[0].motor, friction_speed), energy(&od->axis[1].motor, friction_speed)},
     };
-    /* exp(-dt / blend_time) to first order: dt / (dt + blend_time) is left out of the offset each period */
-    const uint32_t dt_us = 1000000u / CONTROL_HZ;
-    cfg->blend = n_ratio(od->contour.blend_time, (int64_t)od->contour.blend_time + dt_us);
-    return true;
 }

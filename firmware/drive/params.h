@@ -7,7 +7,8 @@
 
 #define CONTROL_HZ 10000u
 
-/* Builds the configuration of the parameters in od. Ranges are the dictionary's; what they cannot say (two
- * parameters that must fit together) is checked here: false, and *cfg unchanged, when they do not. */
-bool params_to_cfg(const struct od_data *od, struct servo_cfg *cfg);
+/* Whether parameters fit together, each within the dictionary's range: k_bar e_max <= 4, k_0 <= k_max, mu_0 <= mu_max. */
+bool params_fit(const struct od_data *od);
+/* The configuration that parameters which fit make. */
+struct servo_cfg params_to_cfg(const struct od_data *od);
 #endif

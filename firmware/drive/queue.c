@@ -39,6 +39,8 @@ static void update_free(struct queue *q)
 void queue_init(struct queue *q, struct od_stream *stream)
 {
     *q = (struct queue){.stream = stream, .min_nm = {INT32_MIN, INT32_MIN}, .max_nm = {INT32_MAX, INT32_MAX}};
+    stream->rejected_crc = stream->rejected_full = stream->rejected_sequence = stream->rejected_state = 0;
+    stream->underruns = 0;
     queue_hold(q, (struct knot){{0, 0}});
 }
 

@@ -1,0 +1,222 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The state machine of one axis against the tables of CiA 402-2 (commands of the controlword, states of the statusword). */
+#include "cia402.h"
+#include "unity.h"
+
+enum { DISABLE_VOLTAGE = 0x00, QUICK_STOP = 0x02, SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, FAULT_RESET = 0x80 };
+enum { COMMANDS = 5, STATES = 7 };
+
+#define SOD CIA402_SWITCH_ON_DISABLED
+#define RTSO CIA402_READY_TO_SWITCH_ON
+#define SO CIA402_SWITCHED_ON
+#define OE CIA402_OPERATION_ENABLED
+#define QSA CIA402_QUICK_STOP_ACTIVE
+#define FRA CIA402_FAULT_REACTION_ACTIVE
+#define FLT CIA402_FAULT
+
+static const uint16_t commands[COMMANDS] = {DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE};
+static struct cia402 axis;
+
+void setUp(void)
+{
+    cia402_init(&axis);
+}
+
+void tearDown(void)
+{
+}
+
+static void bring_to(enum cia402_state state)
+{
+    cia402_init(&axis);
+    if (state == SOD) {
+        return;
+    }
+    cia402_command(&axis, SHUTDOWN, true);
+    if (state == RTSO) {
+        return;
+    }
+    cia402_command(&axis, SWITCH_ON, true);
+    if (state == SO) {
+        return;
+    }
+    cia402_command(&axis, ENABLE, true);
+    if (state == QSA) {
+        cia402_command(&axis, QUICK_STOP, true);
+    } else if (state == FRA || state == FLT) {
+        cia402_fault(&axis, state == FRA);
+    }
+    TEST_ASSERT_EQUAL(state, axis.state);
+}
+
+static void test_power_on_leads_to_switch_on_disabled(void)
+{
+    TEST_ASSERT_EQUAL(SOD, axis.state);
+    TEST_ASSERT_FALSE(cia402_powered(&axis));
+    TEST_ASSERT_FALSE(cia402_enabled(&axis));
+}
+
+static void test_every_command_in_every_state_leads_where_cia_402_says(void)
+{
+    static const struct {
+        enum cia402_state moving[COMMANDS], standing[COMMANDS]; /* at once, and once the path stands */
+    } expected[STATES] = {
+        /*         00   02    06    07   0F           00   02   06    07   0F */
+        [SOD] = {{SOD, SOD, RTSO, SOD, SOD}, {SOD, SOD, RTSO, SOD, SOD}},
+        [RTSO] = {{SOD, SOD, RTSO, SO, OE}, {SOD, SOD, RTSO, SO, OE}},
+        [SO] = {{SOD, SOD, RTSO, SO, OE}, {SOD, SOD, RTSO, SO, OE}},
+        [OE] = {{SOD, QSA, OE, OE, OE}, {SOD, SOD, RTSO, SO, OE}},
+        [QSA] = {{SOD, QSA, QSA, QSA, QSA}, {SOD, SOD, SOD, SOD, SOD}},
+        [FRA] = {{FRA, FRA, FRA, FRA, FRA}, {FLT, FLT, FLT, FLT, FLT}},
+        [FLT] = {{FLT, FLT, FLT, FLT, FLT}, {FLT, FLT, FLT, FLT, FLT}},
+    };
+    for (unsigned state = 0; state < STATES; state++) {
+        for (unsigned i = 0; i < COMMANDS; i++) {
+            bring_to((enum cia402_state)state);
+            cia402_command(&axis, commands[i], true);
+            TEST_ASSERT_EQUAL_MESSAGE(expected[state].moving[i], axis.state, "at once");
+            cia402_poll(&axis, false);
+            TEST_ASSERT_EQUAL_MESSAGE(expected[state].moving[i], axis.state, "while the path runs");
+            cia402_poll(&axis, true);
+            TEST_ASSERT_EQUAL_MESSAGE(expected[state].standing[i], axis.state, "once it stands");
+        }
+    }
+}
+
+static void test_bits_without_a_meaning_change_no_command(void)
+{
+    bring_to(OE);
+    cia402_command(&axis, ENABLE | CW_ENABLE_IP | CW_HALT | 0xFE60, true);
+    TEST_ASSERT_EQUAL(OE, axis.state);
+    TEST_ASSERT_TRUE(cia402_enabled(&axis));
+}
+
+static void test_fault_is_reset_by_a_rising_edge_only(void)
+{
+    bring_to(FLT);
+    cia402_command(&axis, FAULT_RESET, true);
+    TEST_ASSERT_EQUAL(SOD, axis.state);
+    cia402_fault(&axis, false);
+    cia402_command(&axis, FAULT_RESET, true); /* still set */
+    TEST_ASSERT_EQUAL(FLT, axis.state);
+    cia402_command(&axis, ENABLE, true);
+    TEST_ASSERT_EQUAL(FLT, axis.state);
+    cia402_command(&axis, FAULT_RESET | ENABLE, true);
+    TEST_ASSERT_EQUAL(SOD, axis.state);
+}
+
+static void test_fault_can_be_reset_where_nothing_may_be_enabled(void)
+{
+    bring_to(FLT);
+    cia402_command(&axis, FAULT_RESET, false);
+    TEST_ASSERT_EQUAL(SOD, axis.state);
+}
+
+static void test_fault_reaction_cannot_be_reset(void)
+{
+    bring_to(FRA);
+    cia402_command(&axis, FAULT_RESET, true);
+    TEST_ASSERT_EQUAL(FRA, axis.state);
+}
+
+static void test_nothing_is_enabled_while_it_may_not_be(void)
+{
+    bring_to(RTSO);
+    cia402_command(&axis, ENABLE, false);
+    TEST_ASSERT_EQUAL(RTSO, axis.state);
+    bring_to(SO);
+    cia402_command(&axis, ENABLE, false);
+    TEST_ASSERT_EQUAL(SO, axis.state);
+    bring_to(OE);
+    cia402_command(&axis, ENABLE, false); /* enabled already: stays */
+    TEST_ASSERT_EQUAL(OE, axis.state);
+}
+
+static void test_fault_with_power_stops_first_where_the_path_can_be_held(void)
+{
+    bring_to(OE);
+    cia402_fault(&axis, true);
+    TEST_ASSERT_EQUAL(FRA, axis.state);
+    bring_to(QSA);
+    cia402_fault(&axis, true);
+    TEST_ASSERT_EQUAL(FRA, axis.state);
+    bring_to(OE);
+    cia402_fault(&axis, false);
+    TEST_ASSERT_EQUAL(FLT, axis.state);
+}
+
+static void test_fault_without_power_goes_to_fault_at_once(void)
+{
+    static const enum cia402_state off[] = {SOD, RTSO, SO};
+    for (unsigned i = 0; i < 3; i++) {
+        bring_to(off[i]);
+        cia402_fault(&axis, true);
+        TEST_ASSERT_EQUAL(FLT, axis.state);
+    }
+}
+
+static void test_worse_fault_during_the_reaction_cuts_the_power(void)
+{
+    bring_to(FRA);
+    cia402_fault(&axis, true);
+    TEST_ASSERT_EQUAL(FRA, axis.state);
+    cia402_fault(&axis, false);
+    TEST_ASSERT_EQUAL(FLT, axis.state);
+    cia402_fault(&axis, true);
+    TEST_ASSERT_EQUAL(FLT, axis.state);
+}
+
+static void test_power_is_on_in_operation_enabled_and_while_stopping(void)
+{
+    static const bool on[STATES] = {[OE] = true, [QSA] = true, [FRA] = true};
+    for (unsigned state = 0; state < STATES; state++) {
+        bring_to((enum cia402_state)state);
+        TEST_ASSERT_EQUAL(on[state], cia402_powered(&axis));
+        TEST_ASSERT_EQUAL(state == OE, cia402_enabled(&axis));
+    }
+}
+
+static void test_axis_that_is_to_leave_keeps_its_power_but_counts_as_enabled_no_more(void)
+{
+    bring_to(OE);
+    cia402_command(&axis, SWITCH_ON, true);
+    TEST_ASSERT_TRUE(cia402_powered(&axis));
+    TEST_ASSERT_FALSE(cia402_enabled(&axis));
+    cia402_command(&axis, SHUTDOWN, true); /* thinks again */
+    cia402_poll(&axis, true);
+    TEST_ASSERT_EQUAL(RTSO, axis.state);
+    bring_to(OE);
+    cia402_command(&axis, SWITCH_ON, true);
+    cia402_command(&axis, QUICK_STOP, true);
+    TEST_ASSERT_EQUAL(QSA, axis.state);
+}
+
+static void test_statusword_of_each_state_has_the_bits_of_cia_402(void)
+{
+    static const uint16_t bits[STATES] = {/* of mask 6Fh: bit 5 is quick stop */
+                                          [SOD] = 0x40, [RTSO] = 0x21, [SO] = 0x23, [OE] = 0x27,
+                                          [QSA] = 0x07, [FRA] = 0x0F,  [FLT] = 0x08};
+    for (unsigned state = 0; state < STATES; state++) {
+        bring_to((enum cia402_state)state);
+        TEST_ASSERT_EQUAL_HEX16(bits[state] | 1u << 4 | 1u << 9, cia402_statusword(&axis));
+    }
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_power_on_leads_to_switch_on_disabled);
+    RUN_TEST(test_every_command_in_every_state_leads_where_cia_402_says);
+    RUN_TEST(test_bits_without_a_meaning_change_no_command);
+    RUN_TEST(test_fault_is_reset_by_a_rising_edge_only);
+    RUN_TEST(test_fault_can_be_reset_where_nothing_may_be_enabled);
+    RUN_TEST(test_fault_reaction_cannot_be_reset);
+    RUN_TEST(test_nothing_is_enabled_while_it_may_not_be);
+    RUN_TEST(test_fault_with_power_stops_first_where_the_path_can_be_held);
+    RUN_TEST(test_fault_without_power_goes_to_fault_at_once);
+    RUN_TEST(test_worse_fault_during_the_reaction_cuts_the_power);
+    RUN_TEST(test_power_is_on_in_operation_enabled_and_while_stopping);
+    RUN_TEST(test_axis_that_is_to_leave_keeps_its_power_but_counts_as_enabled_no_more);
+    RUN_TEST(test_statusword_of_each_state_has_the_bits_of_cia_402);
+    return UNITY_END();
+}
