@@ -24,10 +24,11 @@ from kontur.link import Link
 CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 
 _SDO_ATTEMPTS = 3
+_ABORT_INCOMPATIBLE = 0x06040043
 _HOST_TIMEOUT_MS = 500
 _STATE_TIMEOUT_S = 2.0
 _SETTLE_S = 0.01  # after power-on or a change of state, until what the drive tells of itself is of now
-_STOP_TIMEOUT_S = 15.0  # limits.path_stop_time is at most 10 s
+_STOP_TIMEOUT_S = 5.0  # limits.path_stop_time is at most 1 s
 _MODE_INTERPOLATED = 7
 
 # Controlwords of CiA 402, and its states by (mask, value) of the statusword.
@@ -119,19 +120,31 @@ class Device:
         return self._variable(name).unit or ""
 
     def write(self, name: str, value: float) -> None:
-        """Set an object, `value` in its unit. Raises ParameterError when it is out of range."""
+        """Set an object, `value` in its unit. Raises ParameterError when it is out of range or does not fit others."""
         variable = self._variable(name)
         data = variable.encode_raw(_counts(name, variable, value))
         self._transfer(name, lambda: self.link.node.sdo.download(*_address(variable), data))
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
-        """Set parameters by name; none is set when one of them is unknown or out of range (ParameterError)."""
+        """Set parameters by name; none is set when one of them is unknown or out of range (ParameterError).
+
+        Those that must fit together may come in any order; ParameterError when they do not fit in the end.
+        """
         for name, value in values.items():
             if name not in self.parameters:
                 raise ParameterError(self._unknown(name))
             _counts(name, self._variables[name], value)
-        for name, value in values.items():
-            self.write(name, value)
+        waiting = dict(values)
+        while waiting:
+            refused: dict[str, ParameterError] = {}
+            for name, value in waiting.items():
+                try:
+                    self.write(name, value)
+                except ParameterError as error:  # may fit once others are set
+                    refused[name] = error
+            if len(refused) == len(waiting):
+                raise next(iter(refused.values()))
+            waiting = {name: waiting[name] for name in refused}
 
     def dump(self) -> dict[str, float]:
         """All parameters, name to value in its unit."""
@@ -290,6 +303,10 @@ class Device:
             try:
                 return transfer()
             except SdoAbortedError as error:
+                if error.code == _ABORT_INCOMPATIBLE:
+                    raise ParameterError(
+                        f"{name}: the value does not fit another parameter; docs/protocol.md, Parameters, says which"
+                    ) from error
                 raise DeviceError(f"{name}: the drive refuses: {error}") from error
             except SdoCommunicationError as error:
                 if attempt == _SDO_ATTEMPTS:

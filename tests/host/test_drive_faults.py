@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The drive behind the wire: parameters that must fit, faults as the host sees them, stops measured by the truth.
+
+All on the simulated drive, through python-can frames.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+
+import can
+import numpy as np
+import pytest
+
+from kontur import machine, planner, shapes
+from kontur.device import BIT_PATH_RUNS, ENABLE, RUN_PATH, Device
+from kontur.errors import EmcyError, ParameterError
+from kontur.link import Link
+from kontur.run import limits
+from kontur.simbus import KonturBus
+from kontur.stream import _Sender, stream
+
+RADIUS_M = 0.004
+FEED_MPS = 0.1
+COUNT_UM = 0.07629
+MACHINE = machine.load().starting_at((RADIUS_M, 0.0))
+CIRCLE = planner.plan(shapes.circle(RADIUS_M, FEED_MPS, duration_s=1.2), limits(MACHINE))
+
+
+@pytest.fixture
+def device() -> Iterator[Device]:
+    with can.Bus(interface="kontur", channel="sim", machine=MACHINE, seed=1) as bus:
+        device = Device(Link(bus, 1))
+        device.set_parameters(MACHINE.parameters())
+        yield device
+
+
+# --- parameters ---
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_parameters_that_must_fit_together_may_be_set_in_any_order(device: Device, order: int) -> None:
+    for values in (
+        {"asmc.k_0": 600.0, "asmc.k_max": 800.0},
+        {"asmc.k_0": 50.0, "asmc.k_max": 60.0},
+        {"asmc.k_bar": 4000.0, "asmc.e_max": 1000.0},
+        {"asmc.k_bar": 40.0, "asmc.e_max": 100000.0},
+        {"uncertainty.mu_0": 9.0, "uncertainty.mu_max": 10.0},
+    ):
+        device.set_parameters(dict(list(values.items())[::order]))
+        assert {name: device.read(name) for name in values} == values
+
+
+def test_parameter_that_fits_no_other_is_refused_with_its_name(device: Device) -> None:
+    with pytest.raises(ParameterError, match=r"asmc\.k_0: the value does not fit another parameter"):
+        device.set_parameters({"asmc.gamma": 2.0, "asmc.k_0": 401.0})
+    assert device.read("asmc.k_0") == 100.0
+    device.enable()
+
+
+# --- stops, measured by where the machine really was ---
+
+
+def contour_um(bus: KonturBus) -> np.ndarray:
+    """Distance of the true position to the circle, one a control period."""
+    return np.abs(np.hypot(*bus.sim.truth().pos_m.T) - RADIUS_M) * 1e6
+
+
+def start(device: Device) -> _Sender:
+    device.enable()
+    sender = _Sender(device, CIRCLE.knots_nm)
+    sender.fill()
+    bus = device.link.bus
+    assert isinstance(bus, KonturBus)
+    bus.sim.start_schedule()
+    bus.sim.record(True)
+    device.controlwords(RUN_PATH, RUN_PATH)
+    return sender
+
+
+def advance(sender: _Sender, duration_s: float) -> None:
+    link = sender.device.link
+    end_s = link.time_s + duration_s
+    while (left_s := end_s - link.time_s) > 1e-9:
+        if sender.accepted < len(CIRCLE.knots_nm):
+            sender.advance()
+        else:
+            link.pump(left_s)
+            sender.device.check()
+
+
+def fall_silent(sender: _Sender) -> None:
+    """No heartbeat any more; knots go on."""
+    sender.device.link._next_heartbeat_s = math.inf
+    with pytest.raises(EmcyError, match="8130h"):
+        advance(sender, 1.0)
+
+
+def bit_4(device: Device, sender: _Sender) -> None:
+    device.controlwords(ENABLE, ENABLE)
+    device.link.wait(lambda: False, 0.2)
+    assert device.states() == ("operation enabled", "operation enabled")
+    assert device.read("stream.state") == 5
+
+
+def silence(device: Device, sender: _Sender) -> None:
+    fall_silent(sender)
+    device.link.wait(lambda: False, 0.2)
+    assert device.states() == ("fault", "fault")
+    assert device.both_axes(BIT_PATH_RUNS, False)
+
+
+@pytest.fixture(scope="module")
+def undisturbed_max_um() -> float:
+    with can.Bus(interface="kontur", channel="sim", machine=MACHINE, seed=1) as bus:
+        device = Device(Link(bus, 1))
+        device.set_parameters(MACHINE.parameters())
+        sender = start(device)
+        advance(sender, CIRCLE.duration_s + 0.2)
+        assert device.read("stream.state") == 4
+        return float(contour_um(bus).max())
+
+
+@pytest.mark.parametrize("way", [bit_4, silence])
+@pytest.mark.parametrize("number", range(20))
+def test_stop_leaves_the_circle_no_further_than_the_run_without_it(
+    device: Device, undisturbed_max_um: float, way: Callable[[Device, _Sender], None], number: int
+) -> None:
+    moment_s = np.random.default_rng(number).uniform(0.1, 0.7 if way is silence else 1.2)
+    sender = start(device)
+    advance(sender, moment_s)
+    way(device, sender)
+    bus = device.link.bus
+    assert isinstance(bus, KonturBus)
+    truth = bus.sim.truth()
+    assert contour_um(bus).max() <= undisturbed_max_um + COUNT_UM
+    stopped = np.flatnonzero(np.hypot(*truth.vel_mps.T) > 1e-3)[-1]
+    turned_m = RADIUS_M * np.abs(np.diff(np.unwrap(np.arctan2(*truth.pos_m.T[::-1])))).sum()
+    assert turned_m < FEED_MPS * (stopped * 1e-4) - 1e-3, "it did not stop on the way"
+
+
+# --- faults, as exceptions of the host ---
+
+
+def test_blocked_axis_is_reported_by_its_following_error() -> None:
+    stuck = dataclasses.replace(MACHINE, x=dataclasses.replace(MACHINE.x, coulomb_N=3000.0))
+    with can.Bus(interface="kontur", channel="sim", machine=stuck, seed=1) as bus:
+        device = Device(Link(bus, 1))
+        device.set_parameters(MACHINE.parameters())
+        device.enable()
+        with pytest.raises(EmcyError, match=r"8611h: an axis was further from its reference"):
+            stream(device, CIRCLE.knots_nm)
+        device.enable()
+        assert device.states() == ("operation enabled", "operation enabled")
+
+
+def test_axis_that_is_too_fast_is_reported(device: Device) -> None:
+    device.write("limits.velocity", 0.05)
+    device.enable()
+    with pytest.raises(EmcyError, match=r"8400h"):
+        stream(device, CIRCLE.knots_nm)
+
+
+def test_knot_outside_the_limits_is_reported_and_the_drive_can_be_enabled_again(device: Device) -> None:
+    device.write("position_limit_x.min", -3_000_000)
+    device.enable()
+    with pytest.raises(EmcyError, match=r"FF11h: a knot lies outside position_limit"):
+        stream(device, CIRCLE.knots_nm)
+    device.enable()
+    assert device.states() == ("operation enabled", "operation enabled")
+
+
+def test_drive_is_enabled_again_after_the_host_was_silent(device: Device) -> None:
+    sender = start(device)
+    advance(sender, 0.3)
+    fall_silent(sender)
+    device.link.wait(lambda: False, 0.2)
+    assert device.info().error_code == (0x8130, 0x8130)
+    device.link._next_heartbeat_s = device.link.time_s
+    device.enable()
+    assert device.info().error_code == (0, 0)
+
+
+def test_reset_node_during_motion_leaves_a_drive_that_works(device: Device) -> None:
+    sender = start(device)
+    advance(sender, 0.3)
+    device.link.send(0x000, bytes([129, 1]))
+    bus = device.link.bus
+    assert isinstance(bus, KonturBus)
+    bus.sim.run(2000)
+    assert np.abs(bus.sim.truth().force_N[-1999:]).max() == 0.0
+    device.enable()
+    assert device.read("stream.state") == 0
+    assert device.states() == ("operation enabled", "operation enabled")
