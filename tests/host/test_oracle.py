@@ -357,7 +357,8 @@ def test_observer_is_the_oracles_to_float32(core: Core) -> None:
 
 @pytest.mark.parametrize("coupled", [False, True])
 def test_cascade_is_the_oracles_to_float32(core: Core, coupled: bool) -> None:
-    drive, rng, knots = core.drive(P), np.random.default_rng(13), PATHS["eight"] * 1e-9
+    p = replace(P, coupling=0.7)
+    drive, rng, knots = core.drive(p), np.random.default_rng(13), PATHS["eight"] * 1e-9
     for off_m in (0.0, 1e-6, 1e-4, 4e-3):
         for _ in range(20):
             t = rng.uniform(0.05, 0.28)
@@ -367,7 +368,7 @@ def test_cascade_is_the_oracles_to_float32(core: Core, coupled: bool) -> None:
             names = ("r_dot", "r_ddot", "e_w", "e_w_dot", "e_n", "e_n_dot")
             given = {name: getattr(c, name) for name in names} | {"t": c.rotation[:, 0]}
             force, after = drive.cascade(given, coupled, integral)
-            expected, ints, coupled_int = oracle.cascade(c, integral[:2], float(integral[2]), coupled, P)
+            expected, ints, coupled_int = oracle.cascade(c, integral[:2], float(integral[2]), coupled, p)
             # each PI law: e' + K_p e (3 roundings), integral (3), K_v (x + K_i integral) (3), sum and mass (4)
             error = size(c.e_w_dot) + size(c.e_n_dot) + P.k_p_1ps * (size(c.e_w) + size(c.e_n))
             d_int = 2 * U * 1e-3 + 6 * U * P.dt_s * error + READ * UM

@@ -172,6 +172,81 @@ static void test_adjusted_reference_moves_as_its_velocity_says(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.06, (after[1] - before[1]) / (2 * h), val(o.rn_dot.y));
 }
 
+/* A parabola r = (V t, K t^2/2), which a cubic spline is exactly: its knots lie K h^2/6 below it. */
+#define V 400.0
+#define K 800.0
+
+static void parabola_ring(void)
+{
+    ring.count = 0;
+    for (int i = 0; i < 60; i++) {
+        const double t = 0.2 * i;
+        add_knot(&ring, V * t, 0.5 * K * t * t - K * 0.04 / 6);
+    }
+}
+
+/* r_n in double where the foot point is at path time tau, the reference at s */
+static void parabola_rn(double tau, double s, double rn[2])
+{
+    const double speed = hypot(V, K * tau), nx = -K * tau / speed, ny = V / speed;
+    const double f = nx * V * (tau - s) + ny * 0.5 * K * (tau * tau - s * s);
+    rn[0] = V * s + f * nx;
+    rn[1] = 0.5 * K * s * s + f * ny;
+}
+
+/* The axes run on the path, 0.1 T0 behind, at nu of its speed: tau'' = 0, and theta'' is not. */
+static void test_rates_on_a_path_of_changing_speed_and_curvature(void)
+{
+    const double tau = 0.45, lag = 0.1, nu = 0.7, h = 1e-3;
+    struct contour_out o;
+    pos_t q[2];
+    parabola_ring();
+    const struct path_state path = path_at(&ring, 5 * (tau + lag));
+    at_um(V * tau, 0.5 * K * tau * tau, q);
+    contour_step(&cfg, &ring, &path, q, mk2(nu * V, nu * K * tau), &o);
+
+    /* one Newton step leaves 1e-4 T0 at such a lag; knots of 1 nm move r'' by 0.05, r''' by 0.5, of 540 um/T0 */
+    const double speed2 = V * V + K * K * tau * tau;
+    TEST_ASSERT_DOUBLE_WITHIN(5e-4, 5 * tau, tau_knots(&o));
+    TEST_ASSERT_DOUBLE_WITHIN(3e-4, nu, val(o.nu));
+    TEST_ASSERT_DOUBLE_WITHIN(3e-4, nu * V * K / speed2, val(o.theta_dot));
+    TEST_ASSERT_DOUBLE_WITHIN(2e-3, nu * nu * -2 * V * K * K * K * tau / speed2 / speed2, val(o.theta_ddot));
+
+    double before[2], now[2], after[2];
+    parabola_rn(tau - nu * h, tau + lag - h, before);
+    parabola_rn(tau, tau + lag, now);
+    parabola_rn(tau + nu * h, tau + lag + h, after);
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, (after[0] - before[0]) / (2 * h), val(o.rn_dot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, (after[1] - before[1]) / (2 * h), val(o.rn_dot.y));
+    /* theta'' times |r_a - r| of 60 um, and what one Newton step leaves */
+    TEST_ASSERT_DOUBLE_WITHIN(0.15, (after[0] - 2 * now[0] + before[0]) / (h * h), val(o.rn_ddot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.15, (after[1] - 2 * now[1] + before[1]) / (h * h), val(o.rn_ddot.y));
+    /* 60 um turned by 1e-4 T0 of theta' */
+    TEST_ASSERT_DOUBLE_WITHIN(8e-3, V * tau - now[0], val(o.e_wn.x));
+    TEST_ASSERT_DOUBLE_WITHIN(8e-3, 0.5 * K * tau * tau - now[1], val(o.e_wn.y));
+}
+
+/* Far behind on a tight circle, 400 um at 1 rad/T0, the adjustment f = R (cos a - 1) is 32 um and counts in (8). */
+static void test_acceleration_of_the_adjusted_reference_far_behind_on_a_tight_circle(void)
+{
+    const double r = 400, a = 0.4, a_dot = 0.2, w = 1 - a_dot;
+    circle_ring(&ring, r, 0.2, 100);
+    /* halfway between knots, reference and foot point: r''' is along the tangent there, theta'' 0 */
+    const struct polar p = {.rho = r, .phi = 40.5 * 0.2 - a, .phi_dot = w};
+    const struct contour_out o = axes_at(p, 40.5);
+    const double c = cos(p.phi), s = sin(p.phi);
+    const double at = -r * sin(a) * (a_dot * a_dot + w * w), ar = -r * w * w - 2 * r * cos(a) * a_dot * w;
+    /* a cubic spline's second derivative is off by step^2/24 of itself there: 1.7e-3 of 400 */
+    TEST_ASSERT_DOUBLE_WITHIN(1.5, ar * c - at * s, val(o.rn_ddot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(1.5, ar * s + at * c, val(o.rn_ddot.y));
+}
+
+static void test_the_frames_rates_are_regularised_at_low_speed(void)
+{
+    cfg.v_min = mk(R * W); /* |r'|^2/(|r'|^2 + v_min^2) = 1/2 of theta' */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, W / 2, val(behind(0, 0).theta_dot));
+}
+
 static void test_a_slower_path_time_scales_the_reference_by_the_chain_rule(void)
 {
     struct contour_out o;
@@ -305,6 +380,13 @@ static void test_at_the_centre_of_the_circle_every_output_is_finite(void)
     TEST_ASSERT_TRUE(fabs(val(o.rn_ddot.x)) < 4096);
 }
 
+/* There the slope of the foot-point condition is 0; a quarter of |r'|^2 stands in for it. */
+static void test_at_the_centre_of_the_circle_the_foot_point_does_not_run_away(void)
+{
+    const struct polar along = {.rho = 0, .phi = 80.3 * STEP + acos(0), .rho_dot = 50};
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 50 / (0.25 * 500), val(axes_at(along, 80.3).nu));
+}
+
 static void test_rate_of_the_foot_point_is_limited(void)
 {
     const struct polar fast = {.rho = R, .phi = 80.3 * STEP, .phi_dot = 5 * W};
@@ -326,6 +408,9 @@ int main(void)
     RUN_TEST(test_the_frame_turns_at_speed_over_radius);
     RUN_TEST(test_rates_are_those_of_the_geometry);
     RUN_TEST(test_adjusted_reference_moves_as_its_velocity_says);
+    RUN_TEST(test_rates_on_a_path_of_changing_speed_and_curvature);
+    RUN_TEST(test_acceleration_of_the_adjusted_reference_far_behind_on_a_tight_circle);
+    RUN_TEST(test_the_frames_rates_are_regularised_at_low_speed);
     RUN_TEST(test_a_slower_path_time_scales_the_reference_by_the_chain_rule);
     RUN_TEST(test_on_a_line_the_contour_error_is_the_distance_to_it_whatever_the_lag);
     RUN_TEST(test_tracking_error_rate_is_actual_less_programmed_velocity);
@@ -336,6 +421,7 @@ int main(void)
     RUN_TEST(test_newtons_step_is_limited_as_well);
     RUN_TEST(test_path_time_of_the_foot_point_is_never_negative);
     RUN_TEST(test_at_the_centre_of_the_circle_every_output_is_finite);
+    RUN_TEST(test_at_the_centre_of_the_circle_the_foot_point_does_not_run_away);
     RUN_TEST(test_rate_of_the_foot_point_is_limited);
     return UNITY_END();
 }

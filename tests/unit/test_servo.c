@@ -235,6 +235,14 @@ static void test_reference_model_as_printed_sees_the_friction_term(void)
     ASSERT_NEAR(val(out.asmc.u_linear.x), val(state.last[0].model.x), 700.0);
 }
 
+static void test_reference_model_sees_the_switching_offset(void)
+{
+    run(CONTROLLER_TRACK, 100);
+    run(CONTROLLER_CCU, 3);
+    TEST_ASSERT_TRUE(fabs(val(state.offset.x)) > 0.1);
+    ASSERT_NEAR(val(out.asmc.u_linear.x) + val(state.offset.x), val(state.last[0].model.x), 600.0);
+}
+
 static void test_reference_model_sees_that_the_force_is_limited(void)
 {
     cfg.plant.force_max = mk2(50, 50);
@@ -264,7 +272,11 @@ static void test_track_works_on_the_tracking_error_in_the_axis_frame(void)
     run(CONTROLLER_TRACK, 1);
     const struct contour_out *c = &out.contour;
     const double a = 1 + 6 * 0.006 / cosh(1e-3 * val(c->e_w.x));
-    ASSERT_NEAR(a * val(c->e_w.x) + val(c->e_w_dot.x), val(out.asmc.s_bar.x), 600.0);
+    const double s = a * val(c->e_w.x) + val(c->e_w_dot.x);
+    ASSERT_NEAR(s, val(out.asmc.s_bar.x), 600.0);
+    /* B e is below 1e-5 at 20 um */
+    const double acceleration = val(c->r_ddot.x) - a * val(c->e_w_dot.x) - 0.5 * s;
+    ASSERT_NEAR(MASS_X * acceleration + VISCOUS_X * val(out.velocity.x), val(out.asmc.u_linear.x), 600.0);
 }
 
 static void test_cc_works_on_the_error_at_the_foot_point(void)
@@ -298,6 +310,18 @@ static void test_energy_is_counted_for_both_axes(void)
     run(CONTROLLER_CC, 400);
     TEST_ASSERT_TRUE(state.energy[0].mJ > 10);
     TEST_ASSERT_TRUE(state.energy[1].mJ > 10);
+    energy_reset(&state.energy[1]);
+    state.observer[1].vel = state.observer[1].disturbance = mk(0);
+    for (int i = 0; i < 50; i++) { /* y rests from now on, and nothing acts on it */
+        const pos_t y = in.measured[1];
+        state.last[1].force.y = state.last[1].friction.y;
+        place(20, 4);
+        in.measured[1] = y;
+        state.observer[1].pos = y;
+        servo_step(&cfg, &state, &in, &out);
+        periods++;
+    }
+    TEST_ASSERT_EQUAL_DOUBLE(0, state.energy[1].mJ + val(state.energy[1].part_mJ));
 }
 
 int main(void)
@@ -316,6 +340,7 @@ int main(void)
     RUN_TEST(test_friction_feedforward_does_not_move_the_observer);
     RUN_TEST(test_reference_model_is_driven_by_the_linear_part_of_the_delayed_force);
     RUN_TEST(test_reference_model_as_printed_sees_the_friction_term);
+    RUN_TEST(test_reference_model_sees_the_switching_offset);
     RUN_TEST(test_reference_model_sees_that_the_force_is_limited);
     RUN_TEST(test_cc_has_no_compensation_and_ccu_has);
     RUN_TEST(test_track_works_on_the_tracking_error_in_the_axis_frame);

@@ -48,9 +48,10 @@ static void test_sliding_variable_is_alpha_z_plus_its_rate(void)
 
 static void test_compensation_is_minus_alpha_rate_minus_mu_sat(void)
 {
+    state.mu.y = mk(1);
     apart(4, -2, 1, 3); /* s = 3, 2 */
     TEST_ASSERT_EQUAL_DOUBLE(-(0.5 * 1 + 3 * 3.0 / 8), val(out.v.x));
-    TEST_ASSERT_EQUAL_DOUBLE(-(0.5 * 3 + 3 * 2.0 / 8), val(out.v.y));
+    TEST_ASSERT_EQUAL_DOUBLE(-(0.5 * 3 + 1 * 2.0 / 8), val(out.v.y));
 }
 
 static void test_compensation_is_full_beyond_the_boundary_layer(void)
