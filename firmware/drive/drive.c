@@ -159,6 +159,7 @@ static void follow_stream(struct drive *d)
     if (!in_step(d)) {
         return;
     }
+    const bool at_end = atomic_load(&d->loop.at_end); /* before `executed`, which then is the whole */
     const bool starved = atomic_load(&d->loop.starved);
     queue_executed(&d->queue, atomic_load(&d->loop.executed));
     s->underruns += starved && !d->starved ? 1u : 0u;
@@ -166,7 +167,7 @@ static void follow_stream(struct drive *d)
     if (s->state == STREAM_IDLE || s->state == STREAM_DONE) {
         return;
     }
-    if (atomic_load(&d->loop.at_end)) {
+    if (at_end) {
         s->state = STREAM_DONE;
     } else if (!standing(d)) {
         s->state = atomic_load(&d->loop.command.run) ? STREAM_RUNNING : STREAM_STOPPING;

@@ -1,0 +1,244 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Drive and servo tick out of step, as on a chip, where the tick comes when it likes: what the background makes of it. */
+#include <string.h>
+
+#include "drive.h"
+#include "unity.h"
+
+static struct drive drive;
+static struct od_data od;
+static struct hal_drive_in wires;
+static struct hal_drive_out out;
+static struct hal hal;
+
+static void drive_read(void *ctx, struct hal_drive_in *in)
+{
+    (void)ctx;
+    *in = wires;
+}
+
+static void drive_write(void *ctx, const struct hal_drive_out *written)
+{
+    (void)ctx;
+    out = *written;
+}
+
+static void tick(unsigned count)
+{
+    for (unsigned i = 0; i < count; i++) {
+        loop_tick(&drive.loop);
+    }
+}
+
+static void ms(unsigned count)
+{
+    for (unsigned i = 0; i < count; i++) {
+        tick(10);
+        drive_poll(&drive);
+    }
+}
+
+static void command(uint16_t x, uint16_t y)
+{
+    od.axis[0].controlword = x;
+    od.axis[1].controlword = y;
+    drive_command(&drive);
+}
+
+static void enable(void)
+{
+    ms(3);
+    command(0x06, 0x06);
+    command(0x0F, 0x0F);
+    TEST_ASSERT_TRUE(cia402_enabled(&drive.axis[0]) && cia402_enabled(&drive.axis[1]));
+}
+
+/* A stream of `total` knots that stands still, `given` of them there */
+static void begin(uint32_t total, uint32_t given)
+{
+    od.stream.total = total;
+    od.stream.start_x = od.stream.start_y = 0;
+    TEST_ASSERT_EQUAL_HEX32(0, drive_stream_command(&drive, 1));
+    for (uint32_t i = 0; i < given; i++) {
+        TEST_ASSERT_EQUAL(QUEUE_TAKEN, drive_push(&drive, (struct knot){{0, 0}}));
+    }
+}
+
+void setUp(void)
+{
+    wires = (struct hal_drive_in){{0, 0}, {false, false}};
+    hal = (struct hal){.drive_read = drive_read, .drive_write = drive_write};
+    od_init(&od, 1);
+    memset(&drive, 0xA5, sizeof drive);
+    drive_init(&drive, &od, &hal);
+}
+
+void tearDown(void)
+{
+}
+
+static void test_power_on_is_idle_without_power_or_fault(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, drive_poll(&drive));
+    TEST_ASSERT_FALSE(drive_powered(&drive));
+    TEST_ASSERT_EQUAL_HEX16(0x0250, od.axis[0].statusword);
+    TEST_ASSERT_EQUAL_UINT8(STREAM_IDLE, od.stream.state);
+    TEST_ASSERT_EQUAL_UINT16(992, od.stream.free);
+}
+
+static void test_axes_are_enabled_no_sooner_than_their_position_is_known(void)
+{
+    wires.count[0] = 1000000;
+    command(0x06, 0x06);
+    command(0x0F, 0x0F);
+    TEST_ASSERT_FALSE(drive_powered(&drive));
+    ms(1);
+    TEST_ASSERT_FALSE(drive_powered(&drive));
+    ms(1); /* the command had to wait; it is not forgotten */
+    TEST_ASSERT_TRUE(drive_powered(&drive));
+    tick(1);
+    TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
+    TEST_ASSERT_INT32_WITHIN(1, 76290000, drive.queue.ring.start.nm[0]); /* held where it stands */
+}
+
+static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void)
+{
+    ms(5);
+    wires.count[0] = 1000000;
+    ms(300);
+    od.axis[0].plant.encoder = 2 * 76290;
+    drive_configure(&drive);
+    command(0x06, 0x06);
+    command(0x0F, 0x0F);
+    TEST_ASSERT_FALSE(drive_powered(&drive));
+    ms(2);
+    TEST_ASSERT_TRUE(drive_powered(&drive));
+    TEST_ASSERT_INT32_WITHIN(1, 2 * 76290000, drive.queue.ring.start.nm[0]);
+}
+
+static void test_end_of_the_last_stream_is_not_taken_for_that_of_the_next(void)
+{
+    enable();
+    begin(100, 100);
+    command(0x1F, 0x1F);
+    ms(110);
+    TEST_ASSERT_EQUAL_UINT8(STREAM_DONE, od.stream.state);
+    TEST_ASSERT_EQUAL_UINT32(100, od.stream.executed);
+    command(0x0F, 0x0F);
+    begin(100, 100);
+    drive_poll(&drive); /* before the tick has seen it */
+    TEST_ASSERT_EQUAL_UINT8(STREAM_FILLING, od.stream.state);
+    TEST_ASSERT_EQUAL_UINT32(0, od.stream.executed);
+    command(0x1F, 0x1F);
+    ms(110);
+    TEST_ASSERT_EQUAL_UINT8(STREAM_DONE, od.stream.state);
+}
+
+static void test_end_is_told_with_all_knots_executed(void)
+{
+    enable();
+    begin(100, 100);
+    command(0x1F, 0x1F);
+    while (od.stream.state != STREAM_DONE) {
+        tick(1);
+        drive_poll(&drive);
+    }
+    TEST_ASSERT_EQUAL_UINT32(100, od.stream.executed);
+    TEST_ASSERT_EQUAL_HEX16(0x0400, od.axis[0].statusword & 0x1400);
+    TEST_ASSERT_EQUAL_HEX16(0x0400, od.axis[1].statusword & 0x1400);
+}
+
+static void test_fault_is_new_once(void)
+{
+    enable();
+    wires.fault[0] = true;
+    tick(1);
+    TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_INPUT), drive_poll(&drive));
+    TEST_ASSERT_EQUAL_HEX32(0, drive_poll(&drive));
+    tick(10);
+    TEST_ASSERT_EQUAL_HEX32(0, drive_poll(&drive));
+    TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[0].error_code);
+    TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[1].error_code);
+}
+
+static void test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled(void)
+{
+    enable();
+    begin(100, 10);
+    wires.fault[1] = true;
+    tick(1);
+    drive_poll(&drive);
+    TEST_ASSERT_FALSE(drive_powered(&drive));
+    TEST_ASSERT_FALSE(atomic_load(&drive.loop.command.powered[0]));
+    TEST_ASSERT_FALSE(drive.queue.open);
+}
+
+static void test_reset_cuts_the_power_and_keeps_position_and_time(void)
+{
+    wires.count[0] = 500000;
+    ms(300);
+    enable();
+    const uint32_t published = atomic_load(&drive.loop.published);
+    drive_reset(&drive);
+    tick(1);
+    TEST_ASSERT_FALSE(out.enable[0] || out.enable[1]);
+    TEST_ASSERT_EQUAL_UINT32(published, atomic_load(&drive.loop.published));
+    ms(3);
+    TEST_ASSERT_INT32_WITHIN(1, 38145000, loop_snapshot(&drive.loop)->position_nm[0]);
+    TEST_ASSERT_EQUAL_UINT8(STREAM_IDLE, od.stream.state);
+    command(0, 0);
+    enable();
+}
+
+static void test_underrun_counts_once_however_long_it_lasts(void)
+{
+    enable();
+    begin(1000, 300);
+    command(0x1F, 0x1F);
+    ms(320);
+    for (uint32_t i = 300; i < 900; i++) {
+        drive_push(&drive, (struct knot){{0, 0}});
+        ms(1);
+    }
+    TEST_ASSERT_EQUAL_UINT32(1, od.stream.underruns);
+    TEST_ASSERT_EQUAL_UINT8(STREAM_RUNNING, od.stream.state);
+    ms(500);
+    TEST_ASSERT_EQUAL_HEX16(0xFF10, od.axis[0].error_code);
+}
+
+static void test_each_fault_has_its_code_and_reaction(void)
+{
+    static const struct {
+        enum fault fault;
+        uint16_t emcy;
+        uint8_t reg;
+        enum fault_reaction reaction;
+    } rows[] = {
+        {FAULT_FOLLOWING, 0x8611, 0x20, REACT_DISABLE},    {FAULT_OVERSPEED, 0x8400, 0x20, REACT_DISABLE},
+        {FAULT_TRAVEL, 0x8612, 0x20, REACT_DISABLE},       {FAULT_INPUT, 0x5400, 0x80, REACT_DISABLE},
+        {FAULT_HEARTBEAT, 0x8130, 0x10, REACT_PATH_STOP},  {FAULT_UNDERRUN, 0xFF10, 0x80, REACT_PATH_STOP},
+        {FAULT_KNOT_RANGE, 0xFF11, 0x80, REACT_PATH_STOP},
+    };
+    TEST_ASSERT_EQUAL_UINT(FAULTS, sizeof rows / sizeof rows[0]);
+    for (unsigned i = 0; i < FAULTS; i++) {
+        TEST_ASSERT_EQUAL_HEX16(rows[i].emcy, fault_table[rows[i].fault].emcy);
+        TEST_ASSERT_EQUAL_HEX8(rows[i].reg, fault_table[rows[i].fault].reg);
+        TEST_ASSERT_EQUAL(rows[i].reaction, fault_table[rows[i].fault].reaction);
+    }
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_power_on_is_idle_without_power_or_fault);
+    RUN_TEST(test_axes_are_enabled_no_sooner_than_their_position_is_known);
+    RUN_TEST(test_new_parameters_are_in_force_before_the_axes_can_be_enabled);
+    RUN_TEST(test_end_of_the_last_stream_is_not_taken_for_that_of_the_next);
+    RUN_TEST(test_end_is_told_with_all_knots_executed);
+    RUN_TEST(test_fault_is_new_once);
+    RUN_TEST(test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled);
+    RUN_TEST(test_reset_cuts_the_power_and_keeps_position_and_time);
+    RUN_TEST(test_underrun_counts_once_however_long_it_lasts);
+    RUN_TEST(test_each_fault_has_its_code_and_reaction);
+    return UNITY_END();
+}
