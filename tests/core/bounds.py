@@ -5,8 +5,8 @@ Every float32 operation errs by at most U times its result, every input by U tim
 roundings on its longest way errs by at most N U times the sum of the magnitudes of its terms, plus, for each factor
 that is itself in error, that error times the magnitude of what it is multiplied with. Where the core makes a rounded
 step in path time, everything evaluated there moves by its own rate times the error of that time. Vectors count with
-their lengths, and a length that is the sum of two is counted as the sum: so a bound is some two to thirty times the error
-that is seen, never less.
+their lengths, and a length that is the sum of two is counted as the sum: so a bound is some two to thirty times the
+error that is seen, never less.
 
 Positions do not count: they are integers of 2^-16 nm, and are subtracted as such.
 """
