@@ -11,7 +11,7 @@ import numpy as np
 
 from kontur.errors import PathError
 from kontur.knots import KNOT_S
-from kontur.path import Arc, Dwell, FloatArray, Line, Move, Program, Segment
+from kontur.path import Arc, Curve, Dwell, FloatArray, Line, Move, Program, Segment
 
 CORNER_RAD = 2e-3  # a change of direction beyond this is a corner, where the motion stops
 
@@ -112,10 +112,11 @@ def _cut(move: Move, limits: Limits, where: str) -> list[Piece]:
     v = min(move.feed_mps, *limits.velocity_mps)
     if isinstance(segment, Arc):
         return [_bent(segment.length_m, v, 1.0 / segment.radius_m, 0.0, limits)]
+    assert isinstance(segment, Curve)
     return _cut_curve(segment, v, limits, where)
 
 
-def _cut_curve(segment: Segment, v: float, limits: Limits, where: str) -> list[Piece]:
+def _cut_curve(segment: Curve, v: float, limits: Limits, where: str) -> list[Piece]:
     """Pieces as long as it takes to stop: short enough to follow a changing bound, long enough to change speed in.
 
     Raises PathError: a bend of less than _RADIUS_MIN_M.
@@ -138,7 +139,7 @@ def _cut_curve(segment: Segment, v: float, limits: Limits, where: str) -> list[P
     return pieces
 
 
-def sampled(segment: Segment, where: str) -> tuple[FloatArray, FloatArray]:
+def sampled(segment: Curve, where: str) -> tuple[FloatArray, FloatArray]:
     """Distances (n,) along a curve, close enough that it turns little from one to the next, and its curvature there."""
 
     def shape(s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -146,6 +147,9 @@ def sampled(segment: Segment, where: str) -> tuple[FloatArray, FloatArray]:
         return segment.curvature(s), np.arctan2(tangent[:, 1], tangent[:, 0])
 
     s = np.linspace(0.0, segment.length_m, int(np.clip(segment.length_m / _CELL_M, 64, _CELLS_MAX)) + 1)
+    s = np.unique(np.append(s, segment.edges_m))
+    s = s[np.append(True, np.diff(s) > _CELL_RAD * _RADIUS_MIN_M)]
+    s[-1] = segment.length_m
     bend, angle = shape(s)
     while True:
         turn = np.abs((np.diff(angle) + np.pi) % (2.0 * np.pi) - np.pi)

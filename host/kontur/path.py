@@ -114,6 +114,11 @@ class Curve:
     def length_m(self) -> float:
         return float(self._s[-1])
 
+    @property
+    def edges_m(self) -> FloatArray:
+        """Distances (n,) from the start, `breaks` among them, between which the curve is smooth; more than 256."""
+        return self._s
+
     def point(self, s_m: FloatArray) -> FloatArray:
         return self.formula(self.parameter(s_m), 0)
 

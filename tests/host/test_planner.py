@@ -93,7 +93,7 @@ def test_a_path_starts_and_ends_at_rest_with_three_equal_knots():
 # --- circles ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("radius", "feed"), [(0.004, 0.004488), (0.020, 0.1), (0.004, 0.1)])
+@pytest.mark.parametrize(("radius", "feed"), [(0.004, 0.004488), (0.020, 0.1), (0.004, 0.1), (0.004, 0.0862)])
 def test_a_circle_reaches_its_feed_exactly_and_holds_it(radius, feed):
     trajectory = plan(shapes.circle(radius, feed, duration_s=2.0), LIMITS)
     speed = np.diff(trajectory.path_s_m) / 1e-3
@@ -198,6 +198,15 @@ def test_curves_keep_all_limits(shape, feed):
     if shape == "ellipse":  # slow enough in the flat parts for the tight ends, not all the way
         speed = np.diff(trajectory.path_s_m) / 1e-3
         assert np.max(speed) > min(feed * 0.999, 0.15)
+
+
+def test_points_with_the_noise_of_measured_ones_keep_all_limits():
+    u = np.linspace(0.0, 6.0, 343)
+    points = 2.7 * np.stack([np.cos(u), np.sin(u)], axis=1) + np.random.default_rng(3).normal(0.0, 1e-4, (343, 2))  # mm
+    text = "x,y\n" + "\n".join(f"{x:.6f},{y:.6f}" for x, y in points)
+    trajectory = plan(csvpath.parse(text, "p.csv", 0.3), LIMITS)
+    assert_within(trajectory, LIMITS)
+    assert np.max(np.diff(trajectory.path_s_m)) > 0.01e-3
 
 
 @st.composite

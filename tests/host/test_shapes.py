@@ -36,6 +36,19 @@ def test_a_shape_is_connected_starts_on_the_positive_x_axis_and_sets_out_upwards
     assert program.moves[0].segment.tangent(np.zeros(1))[0, 1] > 0.5
 
 
+@pytest.mark.parametrize("program", ALL.values(), ids=ALL)
+def test_tangent_and_curvature_of_a_shape_are_those_of_its_points(program):
+    h = 1e-6
+    for move in program.moves:
+        segment = move.segment
+        s = np.linspace(0.0, segment.length_m, 50)[1:-1]
+        before, here, after = (segment.point(s + step) for step in (-h, 0.0, h))
+        tangent, bend = (after - before) / (2 * h), (after - 2 * here + before) / h**2
+        np.testing.assert_allclose(segment.tangent(s), tangent, atol=1e-6)
+        curvature = tangent[:, 0] * bend[:, 1] - tangent[:, 1] * bend[:, 0]
+        np.testing.assert_allclose(segment.curvature(s), curvature, atol=0.02)
+
+
 @pytest.mark.parametrize("name", [name for name in ALL if name != "spiral"])
 def test_a_closed_shape_ends_where_it_starts(name):
     np.testing.assert_allclose(dense(ALL[name])[-1], ALL[name].start_m, atol=1e-15)
