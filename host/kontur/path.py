@@ -100,6 +100,7 @@ class Curve:
 
     _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
     _ROUND_M = 1e-13
+    _TINY = 1e-100  # where a curve stands still for a while its tangent is zero
     _ROWS = 1 << 16  # evaluated at once, to bound memory
 
     def __init__(self, formula: Callable[[FloatArray, int], FloatArray], breaks: FloatArray) -> None:
@@ -124,13 +125,13 @@ class Curve:
 
     def tangent(self, s_m: FloatArray) -> FloatArray:
         first = self.formula(self._moving(self.parameter(s_m)), 1)
-        return first / np.hypot(first[:, 0], first[:, 1])[:, None]
+        return first / np.maximum(np.hypot(first[:, 0], first[:, 1]), self._TINY)[:, None]
 
     def curvature(self, s_m: FloatArray) -> FloatArray:
         u = self._moving(self.parameter(s_m))
         first, second = self.formula(u, 1), self.formula(u, 2)
         cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-        return np.asarray(cross / np.hypot(first[:, 0], first[:, 1]) ** 3)
+        return np.asarray(cross / np.maximum(np.hypot(first[:, 0], first[:, 1]), self._TINY) ** 3)
 
     def arc_length(self, u: FloatArray) -> FloatArray:
         """Distance (n,) in m from the start of the curve to its parameter `u` (n,)."""
@@ -183,8 +184,9 @@ class Curve:
 
     def _moving(self, u: FloatArray) -> FloatArray:
         """`u`, moved a millionth of the curve inwards where the speed along u vanishes."""
-        inwards = 1e-6 * (0.5 * (self._u[0] + self._u[-1]) - u)
-        return np.where(self._speed(u) > self._still, u, u + inwards)
+        first, last = self._u[0], self._u[-1]
+        step = np.where(u < 0.5 * (first + last), 1e-6, -1e-6) * (last - first)
+        return np.where(self._speed(u) > self._still, u, u + step)
 
 
 @dataclass(frozen=True, eq=False)

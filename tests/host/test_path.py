@@ -75,5 +75,13 @@ def test_a_curve_that_starts_and_ends_at_rest_has_a_tangent_there():
     np.testing.assert_allclose(curve.point(np.array([0.0, 2.5, 5.0])), [[0, 0], [1.5, 2], [3, 4]], atol=1e-12)
 
 
+def test_a_curve_that_reverses_has_a_tangent_where_it_turns():
+    u = np.linspace(-1.0, 1.0, 5)
+    curve = Curve(CubicSpline(u, np.stack([1.0 - u**2, 0.0 * u], axis=1)), u)
+    tangent = curve.tangent(np.array([0.5, 1.0, 1.5]))
+    np.testing.assert_allclose(np.abs(tangent), [[1, 0], [1, 0], [1, 0]], atol=1e-12)
+    np.testing.assert_allclose(tangent[[0, 2], 0], [1, -1])
+
+
 def test_a_distance_beyond_the_ends_of_a_curve_gives_its_ends(curve):
     np.testing.assert_allclose(curve.point(np.array([-1.0, 1.0])), [[A, 0.0], [A, 0.0]], atol=1e-15)
