@@ -51,6 +51,13 @@ static struct knot reference(const struct drive *d)
     return d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at;
 }
 
+/* Path time starts anew, on other knots. */
+static void restart(struct drive *d)
+{
+    atomic_store(&d->loop.command.complete, false);
+    atomic_fetch_add(&d->loop.command.begin, 1u);
+}
+
 /* Stand where the powered axes are held, and where the others are. */
 static void hold(struct drive *d)
 {
@@ -62,8 +69,7 @@ static void hold(struct drive *d)
         }
     }
     queue_hold(&d->queue, start);
-    atomic_store(&d->loop.command.complete, false);
-    atomic_fetch_add(&d->loop.command.begin, 1u);
+    restart(d);
 }
 
 /* The tick has seen the last stream begin: what it says of the path is about this one. */
@@ -74,7 +80,7 @@ static bool in_step(const struct drive *d)
 
 static bool standing(const struct drive *d)
 {
-    return !in_step(d) || atomic_load(&d->loop.standing);
+    return atomic_load(&d->loop.standing);
 }
 
 static bool run_wanted(const struct drive *d)
@@ -85,7 +91,7 @@ static bool run_wanted(const struct drive *d)
             return false;
         }
     }
-    return d->queue.stream->state != STREAM_IDLE && !d->queue.outside;
+    return d->queue.stream->state != STREAM_IDLE;
 }
 
 /* Power and path as the axes' states want them. An axis that gets power starts from where it stands. */
@@ -185,7 +191,7 @@ uint32_t drive_poll(struct drive *d)
             drive_fault(d, (enum fault)f);
         }
     }
-    if (d->queue.open && d->queue.outside && standing(d) && (d->faults & FAULT_BIT(FAULT_KNOT_RANGE)) == 0) {
+    if (d->queue.open && d->queue.outside && (d->faults & FAULT_BIT(FAULT_KNOT_RANGE)) == 0) {
         drive_fault(d, FAULT_KNOT_RANGE);
     }
     for (int i = 0; i < 2; i++) {
@@ -225,8 +231,7 @@ uint32_t drive_stream_command(struct drive *d, uint8_t command)
         }
     }
     queue_begin(&d->queue, start, s->total);
-    atomic_store(&d->loop.command.complete, false);
-    atomic_fetch_add(&d->loop.command.begin, 1u);
+    restart(d);
     return SDO_OK;
 }
 

@@ -266,6 +266,7 @@ static void test_begin_and_abort_are_refused_while_the_path_runs(void)
     rig_controlwords(&rig, ENABLE, ENABLE);
     rig_ms(&rig, 10);
     TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, rig_write(&rig, 0x2200, 1, 1, 1));
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, rig_write(&rig, 0x2200, 1, 1, 2));
     TEST_ASSERT_EQUAL_UINT32(STOPPING, stream_state());
 }
 
@@ -393,6 +394,35 @@ static void test_second_stream_follows_the_first(void)
     TEST_ASSERT_EQUAL_UINT32(DONE, stream_state());
     TEST_ASSERT_DOUBLE_WITHIN(200e-9, 24e-3, rig.plant.pos_m[0]);
     TEST_ASSERT_DOUBLE_WITHIN(200e-9, 18e-3, rig.plant.pos_m[1]);
+}
+
+static void test_second_stream_waits_for_its_own_knots(void)
+{
+    rig_enable(&rig);
+    rig_go(&rig, &stream, 1600);
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &stream));
+    rig_ms(&rig, 5);
+    TEST_ASSERT_EQUAL_UINT32(FILLING, stream_state());
+    rig_feed(&rig, &stream, 20);
+    rig_controlwords(&rig, RUN, RUN);
+    rig_ms(&rig, 100);
+    TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2200, 8));
+    rig_feed(&rig, &stream, stream.count);
+    run_on_the_line(100);
+    TEST_ASSERT_EQUAL_UINT32(RUNNING, stream_state());
+}
+
+static void test_stream_that_never_started_is_stopped_when_the_axes_are_disabled(void)
+{
+    rig_enable(&rig);
+    rig_begin(&rig, &stream);
+    rig_feed(&rig, &stream, 10);
+    rig_controlwords(&rig, SWITCH_ON, SWITCH_ON);
+    rig_ms(&rig, 2);
+    TEST_ASSERT_EQUAL_UINT32(STOPPED, stream_state());
+    rig_knot(&rig, 10, 0, 0);
+    TEST_ASSERT_EQUAL_UINT32(10, rig_read(&rig, 0x2200, 7));
 }
 
 static void test_stopped_stream_is_given_up_by_command_2(void)
@@ -620,6 +650,7 @@ static void test_lost_heartbeat_stops_on_the_path_then_faults(void)
 static void test_lost_heartbeat_without_power_does_nothing(void)
 {
     rig_enable(&rig);
+    rig_ms(&rig, 100);
     rig_controlwords(&rig, 0, 0);
     rig.heartbeat_every_ms = 0;
     rig_ms(&rig, 1000);
@@ -712,13 +743,77 @@ static void test_axis_faster_than_its_limit_trips(void)
 
 static void test_axis_outside_its_limits_trips_when_it_is_enabled(void)
 {
-    rig_write(&rig, 0x607D, 1, 4, 2100000); /* it stands at 0; the following window of 2 mm is on top */
+    static const struct {
+        uint16_t index;
+        uint8_t sub;
+        int32_t limit; /* it stands at 0; the following window of 2 mm is on top */
+    } limits[] = {{0x607D, 1, 2100000}, {0x607D, 2, -2100000}, {0x687D, 1, 2100000}, {0x687D, 2, -2100000}};
+    for (unsigned i = 0; i < 4; i++) {
+        setUp();
+        rig_write(&rig, limits[i].index, limits[i].sub, 4, limits[i].limit);
+        rig_nmt(&rig, 1);
+        rig_ms(&rig, 3);
+        rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
+        rig_controlwords(&rig, ENABLE, ENABLE);
+        rig_ms(&rig, 2);
+        expect_fault(0x8612);
+    }
+}
+
+/* ---- telemetry ---- */
+
+static int32_t i24(const uint8_t *data)
+{
+    const uint32_t u = co_get(data, 3);
+    return (int32_t)(u ^ 0x800000u) - 0x800000;
+}
+
+static int16_t i16(const uint8_t *data)
+{
+    return (int16_t)(uint16_t)co_get(data, 2);
+}
+
+static void test_telemetry_carries_the_low_24_bits_of_a_position_and_limits_errors(void)
+{
+    struct ks_machine machine = rig_machine();
+    machine.start_m[0] = 20.0e-3;
+    machine.start_m[1] = -1.5e-3;
+    rig_start(&rig, &machine);
     rig_nmt(&rig, 1);
-    rig_ms(&rig, 3);
-    rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
-    rig_controlwords(&rig, ENABLE, ENABLE);
-    rig_ms(&rig, 2);
-    expect_fault(0x8612);
+    rig_ms(&rig, 100); /* without power the reference is at 0 */
+    const uint8_t *error = rig.telemetry[0].data, *position = rig.telemetry[1].data;
+    const int32_t x = (int32_t)rig_read(&rig, 0x6064, 0), y = (int32_t)rig_read(&rig, 0x6864, 0);
+    TEST_ASSERT_INT32_WITHIN(39, 20000000, x);
+    TEST_ASSERT_INT32_WITHIN(39, -1500000, y);
+    TEST_ASSERT_EQUAL_INT32(x - 0x1000000, i24(&position[2]));
+    TEST_ASSERT_EQUAL_INT32(y, i24(&position[5]));
+    TEST_ASSERT_EQUAL_INT32(8388607, i24(&error[2]));
+    TEST_ASSERT_INT32_WITHIN(1, y, i24(&error[5]));
+    TEST_ASSERT_EQUAL_UINT16(100, co_get(&error[0], 2));
+    TEST_ASSERT_EQUAL_UINT16(100, co_get(&position[0], 2));
+    TEST_ASSERT_EQUAL_UINT32(100, rig_read(&rig, 0x2020, 3));
+}
+
+static void test_telemetry_carries_forces_gains_and_energy_in_their_units(void)
+{
+    rig_enable(&rig);
+    rig_go(&rig, &stream, 695);
+    do { /* TPDO4 comes every 2 ms, TPDO5 every 20 */
+        rig_ms(&rig, 1);
+    } while (rig.telemetry_ms[2] != rig.ms - 1 || rig.telemetry_ms[3] != rig.ms - 1);
+    const uint8_t *force = rig.telemetry[2].data, *energy = rig.telemetry[3].data;
+    TEST_ASSERT_TRUE(rig.out.force_mN[0] != rig.out.force_mN[1]);
+    TEST_ASSERT_INT16_WITHIN(1, rig.out.force_mN[0] / 100, i16(&force[0]));
+    TEST_ASSERT_INT16_WITHIN(1, rig.out.force_mN[1] / 100, i16(&force[2]));
+    const struct loop_snapshot *s = loop_snapshot(&rig.app.drive.loop);
+    TEST_ASSERT_EQUAL_UINT16(s->k_hat[0], co_get(&force[4], 2));
+    TEST_ASSERT_EQUAL_UINT16(s->k_hat[1], co_get(&force[6], 2));
+    TEST_ASSERT_EQUAL_UINT16(s->mu[0], co_get(&energy[0], 2));
+    TEST_ASSERT_EQUAL_UINT16(s->mu[1], co_get(&energy[2], 2));
+    TEST_ASSERT_UINT32_WITHIN(200, rig_read(&rig, 0x2220, 2) + rig_read(&rig, 0x2220, 3), co_get(&energy[4], 4));
+    TEST_ASSERT_TRUE(co_get(&energy[4], 4) > 1000);
+    TEST_ASSERT_INT32_WITHIN(3000, (int32_t)lround(rig.plant.vel_mps[0] * 1e6), (int32_t)rig_read(&rig, 0x606C, 0));
+    TEST_ASSERT_INT32_WITHIN(3000, (int32_t)lround(rig.plant.vel_mps[1] * 1e6), (int32_t)rig_read(&rig, 0x686C, 0));
 }
 
 static void test_fault_input_cuts_the_power_in_the_same_period(void)
@@ -796,6 +891,8 @@ int main(void)
     RUN_TEST(test_halt_holds_the_path_and_clearing_it_goes_on);
     RUN_TEST(test_halt_of_one_axis_stops_both);
     RUN_TEST(test_second_stream_follows_the_first);
+    RUN_TEST(test_second_stream_waits_for_its_own_knots);
+    RUN_TEST(test_stream_that_never_started_is_stopped_when_the_axes_are_disabled);
     RUN_TEST(test_stopped_stream_is_given_up_by_command_2);
     RUN_TEST(test_open_ended_stream_ends_with_an_underrun_on_its_path);
     RUN_TEST(test_energy_is_counted_from_the_reset_on);
@@ -817,6 +914,8 @@ int main(void)
     RUN_TEST(test_blocked_axis_trips_by_its_following_error);
     RUN_TEST(test_axis_faster_than_its_limit_trips);
     RUN_TEST(test_axis_outside_its_limits_trips_when_it_is_enabled);
+    RUN_TEST(test_telemetry_carries_the_low_24_bits_of_a_position_and_limits_errors);
+    RUN_TEST(test_telemetry_carries_forces_gains_and_energy_in_their_units);
     RUN_TEST(test_fault_input_cuts_the_power_in_the_same_period);
     RUN_TEST(test_fault_cannot_be_reset_while_its_cause_is_there);
     RUN_TEST(test_statusword_goes_out_at_once_when_it_changes);

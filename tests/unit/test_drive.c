@@ -116,6 +116,20 @@ static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void
     TEST_ASSERT_INT32_WITHIN(1, 2 * 76290000, drive.queue.ring.start.nm[0]);
 }
 
+static void test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled(void)
+{
+    ms(3);
+    wires.count[0] = 1000000;
+    wires.count[1] = -1000000;
+    ms(300);
+    command(0x06, 0x06);
+    command(0x0F, 0x0F);
+    od.stream.total = 10;
+    od.stream.start_x = 76290000;
+    od.stream.start_y = -76290000;
+    TEST_ASSERT_EQUAL_HEX32(0, drive_stream_command(&drive, 1));
+}
+
 static void test_end_of_the_last_stream_is_not_taken_for_that_of_the_next(void)
 {
     enable();
@@ -233,6 +247,7 @@ int main(void)
     RUN_TEST(test_power_on_is_idle_without_power_or_fault);
     RUN_TEST(test_axes_are_enabled_no_sooner_than_their_position_is_known);
     RUN_TEST(test_new_parameters_are_in_force_before_the_axes_can_be_enabled);
+    RUN_TEST(test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled);
     RUN_TEST(test_end_of_the_last_stream_is_not_taken_for_that_of_the_next);
     RUN_TEST(test_end_is_told_with_all_knots_executed);
     RUN_TEST(test_fault_is_new_once);

@@ -25,8 +25,10 @@ struct rig {
     struct can_frame sdo;
     bool sdo_answered;
     uint16_t statusword[2], free, accepted;
-    unsigned status_count, boot_ups, sync_telemetry;
-    uint16_t tick;                /* of the last TPDO2 */
+    unsigned status_count, boot_ups;
+    struct can_frame telemetry[4]; /* the last TPDO2 .. TPDO5, and when they came */
+    uint32_t telemetry_ms[4];
+    uint16_t tick;                 /* of the last TPDO2 */
     uint16_t emcy[EMCY_MAX];
     unsigned emcy_count;
     uint32_t heartbeat_every_ms;  /* of the master; 0: silent */
@@ -63,7 +65,14 @@ static inline bool rig_can_send(void *ctx, const struct can_frame *f)
         r->status_count++;
     } else if (f->id == 0x281) {
         r->tick = (uint16_t)co_get(&f->data[0], 2);
-        r->sync_telemetry++;
+        r->telemetry[0] = *f;
+        r->telemetry_ms[0] = r->ms;
+    } else if (f->id == 0x381 || f->id == 0x481) {
+        r->telemetry[f->id / 0x100 - 2] = *f;
+        r->telemetry_ms[f->id / 0x100 - 2] = r->ms;
+    } else if (f->id == 0x1C1) {
+        r->telemetry[3] = *f;
+        r->telemetry_ms[3] = r->ms;
     } else if (f->id == 0x081 && r->emcy_count < EMCY_MAX) {
         r->emcy[r->emcy_count++] = (uint16_t)co_get(&f->data[0], 2);
     } else if (f->id == 0x701 && f->data[0] == 0) {
