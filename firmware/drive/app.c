@@ -173,7 +173,6 @@ static void set_texts(struct od_data *od)
 static void on_reset(void *ctx, bool communication_only)
 {
     struct app *app = ctx;
-    set_texts(&app->od);
     if (!communication_only) {
         drive_reset(&app->drive);
     }

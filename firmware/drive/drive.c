@@ -139,13 +139,11 @@ void drive_command(struct drive *d)
 
 void drive_reset(struct drive *d)
 {
-    d->faults = 0;
     for (int i = 0; i < 2; i++) {
         cia402_init(&d->axis[i]);
         d->od->axis[i].error_code = 0;
     }
     apply(d); /* power off first: from here on the tick moves nothing */
-    atomic_store(&d->loop.faults, 0u);
     atomic_store(&d->loop.command.controller, d->od->controller.select);
     queue_init(&d->queue, &d->od->stream);
     drive_configure(d);
@@ -185,14 +183,12 @@ static void follow_stream(struct drive *d)
 uint32_t drive_poll(struct drive *d)
 {
     const uint32_t before = d->faults;
-    const uint32_t raised = atomic_load(&d->loop.faults);
+    const bool outside = d->queue.open && d->queue.outside;
+    const uint32_t raised = atomic_load(&d->loop.faults) | (outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u);
     for (unsigned f = 0; f < FAULTS; f++) {
         if ((raised & FAULT_BIT(f)) != 0 && (d->faults & FAULT_BIT(f)) == 0) {
             drive_fault(d, (enum fault)f);
         }
-    }
-    if (d->queue.open && d->queue.outside && (d->faults & FAULT_BIT(FAULT_KNOT_RANGE)) == 0) {
-        drive_fault(d, FAULT_KNOT_RANGE);
     }
     for (int i = 0; i < 2; i++) {
         cia402_poll(&d->axis[i], standing(d));

@@ -116,6 +116,30 @@ static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void
     TEST_ASSERT_INT32_WITHIN(1, 2 * 76290000, drive.queue.ring.start.nm[0]);
 }
 
+static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
+{
+    od.limits.velocity = 123456;    /* um/s */
+    od.limits.path_stop_time = 234; /* ms */
+    for (int i = 0; i < 2; i++) {
+        od.axis[i].following_window = 1234567u + (uint32_t)i; /* nm */
+        od.axis[i].plant.encoder = 345678u + (uint32_t)i;     /* pm */
+        od.axis[i].position_limit.min = -4567891 - i;
+        od.axis[i].position_limit.max = 5678912 + i;
+    }
+    drive_configure(&drive);
+    const struct loop_cfg *c = &drive.loop.cfg[atomic_load(&drive.loop.command.cfg_index)];
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 123456 * 5e-3, (double)c->speed_max); /* um/T0 */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 234, (double)c->stop_time);
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, 1234.567 + 0.001 * i, (double)c->following_max[i]); /* um */
+        TEST_ASSERT_EQUAL_UINT32(345678 + i, c->encoder_pm[i]);
+        TEST_ASSERT_EQUAL_INT32(-4567891 - i, c->min_nm[i]);
+        TEST_ASSERT_EQUAL_INT32(5678912 + i, c->max_nm[i]);
+        TEST_ASSERT_EQUAL_INT32(-4567891 - i, drive.queue.min_nm[i]);
+        TEST_ASSERT_EQUAL_INT32(5678912 + i, drive.queue.max_nm[i]);
+    }
+}
+
 static void test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled(void)
 {
     ms(3);
@@ -247,6 +271,7 @@ int main(void)
     RUN_TEST(test_power_on_is_idle_without_power_or_fault);
     RUN_TEST(test_axes_are_enabled_no_sooner_than_their_position_is_known);
     RUN_TEST(test_new_parameters_are_in_force_before_the_axes_can_be_enabled);
+    RUN_TEST(test_limits_of_the_dictionary_reach_the_tick_in_its_units);
     RUN_TEST(test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled);
     RUN_TEST(test_end_of_the_last_stream_is_not_taken_for_that_of_the_next);
     RUN_TEST(test_end_is_told_with_all_knots_executed);

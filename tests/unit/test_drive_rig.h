@@ -25,7 +25,7 @@ struct rig {
     struct can_frame sdo;
     bool sdo_answered;
     uint16_t statusword[2], free, accepted;
-    unsigned status_count, boot_ups;
+    unsigned status_count, boot_ups, heartbeats;
     struct can_frame telemetry[4]; /* the last TPDO2 .. TPDO5, and when they came */
     uint32_t telemetry_ms[4];
     uint16_t tick;                 /* of the last TPDO2 */
@@ -75,8 +75,9 @@ static inline bool rig_can_send(void *ctx, const struct can_frame *f)
         r->telemetry_ms[3] = r->ms;
     } else if (f->id == 0x081 && r->emcy_count < EMCY_MAX) {
         r->emcy[r->emcy_count++] = (uint16_t)co_get(&f->data[0], 2);
-    } else if (f->id == 0x701 && f->data[0] == 0) {
-        r->boot_ups++;
+    } else if (f->id == 0x701) {
+        r->boot_ups += f->data[0] == 0 ? 1 : 0;
+        r->heartbeats += f->data[0] != 0 ? 1 : 0;
     }
     return true;
 }
