@@ -592,7 +592,7 @@ static void test_reset_node_during_motion_cuts_the_power_at_once(void)
 {
     rig_write(&rig, 0x2110, 1, 4, 150000);
     rig_enable(&rig);
-    rig_go(&rig, &stream, 700);
+    rig_go(&rig, &stream, 300);
     const uint16_t tick = rig.tick;
     rig_nmt(&rig, 129);
     rig_run(&rig, 1);
