@@ -27,15 +27,15 @@ static struct surface surface(const struct asmc_cfg *cfg, num e, num e_dot)
 }
 
 /* (16) */
-static num adapt(const struct asmc_cfg *cfg, num k_hat, num s_bar, num dt)
+static void adapt(const struct asmc_cfg *cfg, acc_t *k_hat, num s_bar, num dt)
 {
     const num s = n_abs(s_bar);
     num rate = cfg->zeta_rate;
-    if (n_lt(cfg->zeta, k_hat)) {
+    if (n_lt(cfg->zeta, acc_to(*k_hat))) {
         const num grow = n_mul(cfg->xi, s);
         rate = n_lt(cfg->epsilon, s) ? grow : n_neg(grow);
     }
-    return n_clamp(n_mad(k_hat, rate, dt), NUM(0), cfg->k_max);
+    *k_hat = acc_clamp(acc_mad(*k_hat, rate, dt), NUM(0), cfg->k_max);
 }
 
 vec2 asmc_friction(const struct plant_cfg *plant, num friction_speed, vec2 r_dot)
@@ -45,7 +45,7 @@ vec2 asmc_friction(const struct plant_cfg *plant, num friction_speed, vec2 r_dot
 
 void asmc_reset(const struct asmc_cfg *cfg, struct asmc_state *state)
 {
-    state->k_hat = v2(cfg->k_0, cfg->k_0);
+    state->k_hat[0] = state->k_hat[1] = acc_from(cfg->k_0);
 }
 
 void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct asmc_state *state,
@@ -53,12 +53,13 @@ void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct
 {
     const struct surface s1 = surface(cfg, in->e.x, in->e_dot.x);
     const struct surface s2 = surface(cfg, in->e.y, in->e_dot.y);
+    out->k_hat = v2(acc_to(state->k_hat[0]), acc_to(state->k_hat[1]));
     out->s_bar = v2(n_mad(in->e_dot.x, s1.a, in->e.x), n_mad(in->e_dot.y, s2.a, in->e.y)); /* (10) */
 
     /* (15): r'' - R (A e' + B e + K s) - theta'' I_e e_w + theta'^2 e_w - 2 theta' I_e e_w' */
     const vec2 feedback =
-        v2(n_mad(n_mad(n_mul(s1.a, in->e_dot.x), s1.b, in->e.x), state->k_hat.x, out->s_bar.x),
-           n_mad(n_mad(n_mul(s2.a, in->e_dot.y), s2.b, in->e.y), state->k_hat.y, out->s_bar.y));
+        v2(n_mad(n_mad(n_mul(s1.a, in->e_dot.x), s1.b, in->e.x), out->k_hat.x, out->s_bar.x),
+           n_mad(n_mad(n_mul(s2.a, in->e_dot.y), s2.b, in->e.y), out->k_hat.y, out->s_bar.y));
     const num w = in->theta_dot;
     vec2 a = v2_sub(in->r_ddot, v2_from_frame(in->t, feedback));
     a = v2_mad(a, n_neg(in->theta_ddot), v2_ie(in->e_w));
@@ -67,5 +68,6 @@ void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct
     out->u_linear = v2_add(v2_mul(plant->mass, a), v2_mul(plant->viscous, in->q_dot));
     out->u_friction = asmc_friction(plant, cfg->friction_speed, in->r_dot);
 
-    state->k_hat = v2(adapt(cfg, state->k_hat.x, out->s_bar.x, dt), adapt(cfg, state->k_hat.y, out->s_bar.y, dt));
+    adapt(cfg, &state->k_hat[0], out->s_bar.x, dt);
+    adapt(cfg, &state->k_hat[1], out->s_bar.y, dt);
 }

@@ -34,15 +34,15 @@ struct asmc_cfg {
     num e_max;  /* um */
     bool psi_printed;
     num k_0, k_max; /* start and upper clamp of k_hat, 1/T0 */
-    num zeta;       /* floor of k_hat, 1/T0, and in (16) its rate there, 1/T0^2 */
-    num zeta_rate;
-    num xi;         /* adaptation rate, 1/(um T0) */
+    num zeta;       /* floor of k_hat, 1/T0; in (16) also its rate there, 1/T0^2 */
+    num zeta_rate;  /* times ACC_GAIN */
+    num xi;         /* adaptation rate, 1/(um T0), times ACC_GAIN */
     num epsilon;    /* um/T0 */
     num friction_speed; /* boundary layer of the reference velocity's sign, um/T0 */
 };
 
 struct asmc_state {
-    vec2 k_hat;
+    acc_t k_hat[2]; /* 1/T0 */
 };
 
 /* What the law works on: the errors of contour.h, in a frame of tangent t turning with theta_dot. `track` uses
@@ -59,6 +59,7 @@ struct asmc_in {
 
 struct asmc_out {
     vec2 s_bar;
+    vec2 k_hat;      /* in use in this period */
     vec2 u_linear;   /* (15) without L sign(.) */
     vec2 u_friction; /* L sign(.) */
 };

@@ -18,7 +18,7 @@ struct frame {
 static struct frame frame_at(const struct contour_cfg *cfg, const struct spline_point *p)
 {
     const num speed = v2_norm(p->d1);
-    if (!n_lt(NUM(1e-3), speed)) {
+    if (!n_lt(NUM(CONTOUR_STILL), speed)) {
         const struct frame still = {.still = true, .t = {NUM(1), NUM(0)}};
         return still;
     }

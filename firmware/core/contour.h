@@ -29,6 +29,9 @@
 #define KONTUR_CONTOUR_H
 #include "spline.h"
 
+/* Path speed, um/T0, at and below which there is no direction (4 um/s): quotients by it keep three digits in fixed point. */
+#define CONTOUR_STILL 0.02
+
 struct contour_cfg {
     num v_min;    /* regularising speed, um/T0, > 0 */
     num lag_max;  /* limit of |t_d|, T0, > 0 */

@@ -17,7 +17,7 @@ num energy_step(const struct energy_cfg *cfg, struct energy_state *state, num ma
 
     state->part_mJ = n_mad(state->part_mJ, power, cfg->dt_ms); /* (27) */
     const int32_t whole = n_to_scaled(state->part_mJ, 1);
-    state->part_mJ = n_sub(state->part_mJ, n_ratio(whole, 1));
+    state->part_mJ = n_state(n_sub(state->part_mJ, n_ratio(whole, 1)));
     state->mJ = (int32_t)((uint32_t)state->mJ + (uint32_t)whole); /* wraps: 6 h at 100 W */
     return power;
 }

@@ -2,8 +2,8 @@
 /* num.h: the numeric contract of the control core.
  *
  * Every signal of the control law is a `num`; every absolute position is a `pos_t`. The control files use
- * these functions only, never an operator on a `num`, so that a back end can be float32 (this file's
- * `num_f32.h`), fixed point, or a checking one, without a change to the law.
+ * these functions only, never an operator on a `num`, so that the back end can be float32 (num_f32.h), fixed point
+ * (num_fix.h, -DKONTUR_NUM_FIX) or fixed point checked against double (num_chk.h, -DKONTUR_NUM_CHK).
  *
  * Units of the core
  *   length   1 um
@@ -21,6 +21,10 @@
  *   n_to_q32(x)        round(x * 2^32) as int64, for |x| < 4096
  *   pos_sub(a, b)      (a - b) in um;   pos_add(p, x)   p + x um
  *   n_to_scaled(x, k)  round(x * k) as int32, saturated: for telemetry
+ *   n_state(x)         x, kept to the next period: the checking back end starts a new shadow, so that what it checks is a period
+ *   acc_t              an accumulator for slow integrals, 2^-48: what a step adds to it may be far below the resolution of
+ *                      a num. acc_from(num), acc_to(acc), acc_mad(acc, a, b): acc + a b / ACC_GAIN, so that
+ *                      rates below the resolution of a num can be given ACC_GAIN times larger
  */
 #ifndef KONTUR_NUM_H
 #define KONTUR_NUM_H
@@ -28,6 +32,7 @@
 #include <stdint.h>
 
 typedef int64_t pos_t;
+#define ACC_GAIN 1024
 #define POS_PER_NM 65536
 
 static inline pos_t pos_from_nm(int64_t nm)
@@ -42,7 +47,13 @@ static inline int32_t pos_to_nm(pos_t p)
     return nm > INT32_MAX ? INT32_MAX : nm < INT32_MIN ? INT32_MIN : (int32_t)nm;
 }
 
+#if defined(KONTUR_NUM_FIX)
+#include "num_fix.h"
+#elif defined(KONTUR_NUM_CHK)
+#include "num_chk.h"
+#else
 #include "num_f32.h"
+#endif
 
 static inline num n_abs(num a)
 {
@@ -63,6 +74,13 @@ static inline num n_max(num a, num b)
 static inline num n_clamp(num a, num lo, num hi)
 {
     return n_max(lo, n_min(a, hi));
+}
+
+/* a within lo..hi */
+static inline acc_t acc_clamp(acc_t a, num lo, num hi)
+{
+    const num x = acc_to(a);
+    return n_lt(x, lo) ? acc_from(lo) : n_lt(hi, x) ? acc_from(hi) : a;
 }
 
 /* sat(x / width): the sign function with a boundary layer, width > 0 */

@@ -4,6 +4,7 @@
 #define KONTUR_NUM_F32_H
 
 typedef float num;
+typedef int64_t acc_t;
 #define NUM_NAME "f32"
 #define NUM(c) ((num)(c))
 
@@ -48,6 +49,11 @@ static inline num n_hypot(num a, num b)
     return n_sqrt(a * a + b * b);
 }
 
+static inline num n_state(num a)
+{
+    return a;
+}
+
 static inline num n_ratio(int64_t n, int64_t d)
 {
     return (num)n / (num)d;
@@ -82,5 +88,20 @@ static inline int32_t n_to_scaled(num x, int32_t k)
 {
     const int64_t y = n_to_i64(x * (num)k);
     return y > INT32_MAX ? INT32_MAX : y < INT32_MIN ? INT32_MIN : (int32_t)y;
+}
+
+static inline acc_t acc_from(num x)
+{
+    return n_to_i64(x * 281474976710656.0f);
+}
+
+static inline num acc_to(acc_t a)
+{
+    return (num)a * (1.0f / 281474976710656.0f);
+}
+
+static inline acc_t acc_mad(acc_t a, num x, num y)
+{
+    return a + n_to_i64(x * y * 274877906944.0f);
 }
 #endif

@@ -34,6 +34,6 @@ void observer_step(const struct observer_cfg *cfg, struct observer_state *state,
     const num innovation = pos_sub(measured, predicted);
 
     state->pos = pos_add(predicted, n_mul(cfg->gain_pos, innovation));
-    state->vel = n_mad(n_add(state->vel, dv), cfg->gain_vel, innovation);
-    state->disturbance = n_mad(state->disturbance, cfg->gain_acc, innovation);
+    state->vel = n_state(n_mad(n_add(state->vel, dv), cfg->gain_vel, innovation));
+    state->disturbance = n_state(n_mad(state->disturbance, cfg->gain_acc, innovation));
 }

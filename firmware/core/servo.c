@@ -97,11 +97,13 @@ void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const st
     pos_t q[2];
     *out = (struct servo_out){.force = ZERO};
     observe(cfg, state, in, q, &out->velocity);
-    contour_step(&cfg->contour, in->ring, &in->path, q, out->velocity, &out->contour);
-
     struct servo_history now = {ZERO, ZERO, ZERO};
     const bool fresh = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
-    if (in->enabled[0] || in->enabled[1]) {
+    if (!in->enabled[0] && !in->enabled[1]) { /* no reference: where the axes stand */
+        out->contour.ref.pos[0] = q[0];
+        out->contour.ref.pos[1] = q[1];
+    } else {
+        contour_step(&cfg->contour, in->ring, &in->path, q, out->velocity, &out->contour);
         const bool switched = in->controller != state->controller;
         uncertainty_model(&cfg->plant, &state->uncertainty, state->last[1].model, cfg->dt);
         if (fresh || switched) {

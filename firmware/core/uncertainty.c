@@ -8,15 +8,16 @@ void uncertainty_reset(const struct uncertainty_cfg *cfg, struct uncertainty_sta
     state->q_bar[0] = q[0];
     state->q_bar[1] = q[1];
     state->q_bar_dot = q_dot;
-    state->mu = v2(mu, mu);
+    state->mu[0] = state->mu[1] = acc_from(mu);
 }
 
 /* (25) */
-static num adapt(const struct uncertainty_cfg *cfg, num mu, num s, num dt)
+static void adapt(const struct uncertainty_cfg *cfg, acc_t *mu, num s, num dt)
 {
     const num size = n_abs(s);
-    const bool grow = cfg->law_printed || n_lt(cfg->dead_zone, size);
-    return grow ? n_min(n_mad(mu, n_mul(cfg->rho, size), dt), cfg->mu_max) : mu;
+    if (cfg->law_printed || n_lt(cfg->dead_zone, size)) {
+        *mu = acc_clamp(acc_mad(*mu, n_mul(cfg->rho, size), dt), NUM(0), cfg->mu_max);
+    }
 }
 
 /* Follow z with the model where it exceeds the limit. */
@@ -41,18 +42,20 @@ void uncertainty_step(const struct uncertainty_cfg *cfg, const struct plant_cfg 
     out->z_n = v2_to_frame(t, z);
     const vec2 zn_dot = v2_to_frame(t, v2_mad(z_dot, theta_dot, v2_ie(z)));
 
+    out->mu = v2(acc_to(state->mu[0]), acc_to(state->mu[1]));
     out->s = v2_mad(zn_dot, cfg->alpha, out->z_n); /* (21), desired z = 0 */
-    out->v.x = n_neg(n_mad(n_mul(cfg->alpha, zn_dot.x), state->mu.x, n_sat(out->s.x, cfg->phi))); /* (24) */
-    out->v.y = n_neg(n_mad(n_mul(cfg->alpha, zn_dot.y), state->mu.y, n_sat(out->s.y, cfg->phi)));
+    out->v.x = n_neg(n_mad(n_mul(cfg->alpha, zn_dot.x), out->mu.x, n_sat(out->s.x, cfg->phi))); /* (24) */
+    out->v.y = n_neg(n_mad(n_mul(cfg->alpha, zn_dot.y), out->mu.y, n_sat(out->s.y, cfg->phi)));
     out->u = v2_mul(plant->mass, v2_from_frame(t, out->v));
 
-    state->mu = v2(adapt(cfg, state->mu.x, out->s.x, dt), adapt(cfg, state->mu.y, out->s.y, dt));
+    adapt(cfg, &state->mu[0], out->s.x, dt);
+    adapt(cfg, &state->mu[1], out->s.y, dt);
 }
 
 static num model_axis(num mass, num viscous, num u, num dt, num *v)
 {
     const num v0 = *v;
-    *v = n_mad(v0, dt, n_div(n_sub(u, n_mul(viscous, v0)), mass));
+    *v = n_state(n_mad(v0, dt, n_div(n_sub(u, n_mul(viscous, v0)), mass)));
     return n_mul(n_mul(NUM(0.5), n_add(v0, *v)), dt);
 }
 

@@ -30,7 +30,7 @@
 struct uncertainty_cfg {
     num alpha;
     num mu_0, mu_max;
-    num rho;       /* 1/T0^2 */
+    num rho;       /* 1/T0^2, times ACC_GAIN */
     num phi;       /* > 0 */
     num dead_zone; /* um/T0 */
     bool law_printed;
@@ -40,11 +40,12 @@ struct uncertainty_cfg {
 struct uncertainty_state {
     pos_t q_bar[2];
     vec2 q_bar_dot;
-    vec2 mu;
+    acc_t mu[2]; /* um/T0^2 */
 };
 
 struct uncertainty_out {
     vec2 z_n, s, v;
+    vec2 mu; /* in use in this period */
     vec2 u; /* M R v, N */
 };
 

@@ -94,8 +94,8 @@ static void publish(struct loop *loop, const struct servo_out *out, enum control
     const num e_w[2] = {out->contour.e_w.x, out->contour.e_w.y};
     const num e_n[2] = {out->contour.e_n.x, out->contour.e_n.y};
     const num force[2] = {out->force.x, out->force.y};
-    const num k_hat[2] = {loop->servo.asmc.k_hat.x, loop->servo.asmc.k_hat.y};
-    const num mu[2] = {loop->servo.uncertainty.mu.x, loop->servo.uncertainty.mu.y};
+    const num k_hat[2] = {out->asmc.k_hat.x, out->asmc.k_hat.y};
+    const num mu[2] = {out->uncertainty.mu.x, out->uncertainty.mu.y};
     s->ms = n;
     for (int i = 0; i < 2; i++) {
         s->position_nm[i] = pos_to_nm(loop->servo.observer[i].pos);

@@ -84,14 +84,14 @@ struct servo_cfg params_to_cfg(const struct od_data *od)
                  .k_0 = milli_per_s(a->k_0),
                  .k_max = milli_per_s(a->k_max),
                  .zeta = milli_per_s(a->zeta),
-                 .zeta_rate = n_ratio(a->zeta, 40000000),
-                 .xi = n_ratio(a->xi, 200000000000), /* milli/(m s) to 1/(um T0) */
+                 .zeta_rate = n_ratio((int64_t)a->zeta * ACC_GAIN, 40000000),
+                 .xi = n_ratio((int64_t)a->xi * ACC_GAIN, 200000000000), /* milli/(m s) to 1/(um T0) */
                  .epsilon = nano_mps(a->epsilon),
                  .friction_speed = friction_speed},
         .uncertainty = {.alpha = milli_per_s(u->alpha),
                         .mu_0 = micro_mps2(u->mu_0),
                         .mu_max = micro_mps2(u->mu_max),
-                        .rho = n_ratio(u->rho, 40000000),
+                        .rho = n_ratio((int64_t)u->rho * ACC_GAIN, 40000000),
                         .phi = nano_mps(u->phi),
                         .dead_zone = nano_mps(u->dead_zone),
                         .law_printed = u->law_printed != 0,

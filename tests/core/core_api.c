@@ -54,14 +54,14 @@ static struct servo_cfg config(const struct api_params *p)
                  .k_0 = mk(p->k_0 * T0),
                  .k_max = mk(p->k_max * T0),
                  .zeta = mk(p->zeta * T0),
-                 .zeta_rate = mk(p->zeta_rate * T0 * T0),
-                 .xi = mk(p->xi * UM * T0),
+                 .zeta_rate = mk(p->zeta_rate * T0 * T0 * ACC_GAIN),
+                 .xi = mk(p->xi * UM * T0 * ACC_GAIN),
                  .epsilon = mk(p->epsilon / MPS),
                  .friction_speed = mk(p->friction_speed / MPS)},
         .uncertainty = {.alpha = mk(p->alpha * T0),
                         .mu_0 = mk(p->mu_0 / MPS2),
                         .mu_max = mk(p->mu_max / MPS2),
-                        .rho = mk(p->rho * T0 * T0),
+                        .rho = mk(p->rho * T0 * T0 * ACC_GAIN),
                         .phi = mk(p->phi / MPS),
                         .dead_zone = mk(p->dead_zone / MPS),
                         .law_printed = p->mu_printed != 0,
@@ -166,10 +166,10 @@ void api_law(const api_drive *d, const struct api_frame *frame, const struct api
                               .r_ddot = in2(in->r_ddot, MPS2),
                               .q_dot = in2(in->q_dot, MPS),
                               .r_dot = in2(in->r_dot, MPS)};
-    struct asmc_state state = {.k_hat = in2(k_hat, 1 / T0)};
+    struct asmc_state state = {.k_hat = {acc_from(mk(k_hat[0] * T0)), acc_from(mk(k_hat[1] * T0))}};
     struct asmc_out o;
     asmc_step(&d->cfg.asmc, &d->cfg.plant, &state, &x, d->cfg.dt, &o);
-    out2(state.k_hat, 1 / T0, k_hat);
+    out2(v2(acc_to(state.k_hat[0]), acc_to(state.k_hat[1])), 1 / T0, k_hat);
     out2(o.s_bar, MPS, out->s_bar);
     out2(o.u_linear, 1, out->u_linear);
     out2(o.u_friction, 1, out->u_friction);
@@ -179,13 +179,13 @@ void api_compensation(const api_drive *d, const struct api_frame *frame, const i
                       int64_t *q_bar, const double *q_bar_dot, double *mu, struct api_compensation *out)
 {
     struct uncertainty_state state = {
-        .q_bar = {q_bar[0], q_bar[1]}, .q_bar_dot = in2(q_bar_dot, MPS), .mu = in2(mu, MPS2)};
+        .q_bar = {q_bar[0], q_bar[1]}, .q_bar_dot = in2(q_bar_dot, MPS), .mu = {acc_from(mk(mu[0] / MPS2)), acc_from(mk(mu[1] / MPS2))}};
     struct uncertainty_out o;
     uncertainty_step(&d->cfg.uncertainty, &d->cfg.plant, &state, q, in2(q_dot, MPS), in2(frame->t, 1),
                      mk(frame->theta_dot * T0), d->cfg.dt, &o);
     q_bar[0] = state.q_bar[0];
     q_bar[1] = state.q_bar[1];
-    out2(state.mu, MPS2, mu);
+    out2(v2(acc_to(state.mu[0]), acc_to(state.mu[1])), MPS2, mu);
     out2(o.z_n, UM, out->z_n);
     out2(o.s, MPS, out->s);
     out2(o.v, MPS2, out->v);

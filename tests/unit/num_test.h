@@ -20,6 +20,11 @@ static inline double val(num x)
     return (double)n_to_q32(x) / 4294967296.0;
 }
 
+static inline double acc_val(acc_t a)
+{
+    return val(acc_to(a));
+}
+
 /* A result of up to 16 roundings of terms that add up to `terms` in magnitude. A back end with a fixed step errs by
  * half of it at each rounding. */
 #define NUM_ROUNDING 0x1p-24

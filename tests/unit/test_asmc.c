@@ -22,7 +22,7 @@ void setUp(void)
     cfg.e_max = mk(100);
     cfg.zeta_rate = cfg.xi = mk(0); /* no adaptation but where it is tested */
     plant = (struct plant_cfg){.mass = mk2(2, 4), .viscous = mk2(0, 0), .coulomb = mk2(10, 20), .force_max = mk2(600, 600)};
-    state.k_hat = mk2(0, 0);
+    state.k_hat[0] = state.k_hat[1] = acc_from(mk(0));
     in = (struct asmc_in){.t = mk2(1, 0)};
 }
 void tearDown(void) {}
@@ -109,7 +109,8 @@ static void test_b_is_zero_beyond_e_max_where_a_is_constant(void)
 
 static void test_adaptive_gain_pulls_against_the_sliding_variable(void)
 {
-    state.k_hat = mk2(0.25, 0.5);
+    state.k_hat[0] = acc_from(mk(0.25));
+    state.k_hat[1] = acc_from(mk(0.5));
     in.e_dot = mk2(3, -4);
     step();
     /* u = -M (A e' + K s), A = 4 at e = 0, s = e' */
@@ -183,20 +184,20 @@ static void test_friction_rises_linearly_within_its_boundary_layer(void)
 /* K after a step at s_bar = s, from k */
 static double adapted(double k, double s)
 {
-    state.k_hat = mk2(k, k);
+    state.k_hat[0] = state.k_hat[1] = acc_from(mk(k));
     in.e = mk2(0, 0);
     in.e_dot = mk2(s, -s);
     step();
-    TEST_ASSERT_EQUAL_DOUBLE(val(state.k_hat.x), val(state.k_hat.y));
-    return val(state.k_hat.x);
+    TEST_ASSERT_EQUAL_DOUBLE(acc_val(state.k_hat[0]), acc_val(state.k_hat[1]));
+    return acc_val(state.k_hat[0]);
 }
 
 static void test_gain_rises_above_epsilon_and_falls_below(void)
 {
-    cfg.xi = mk(0.01);
+    cfg.xi = mk(0.01 * ACC_GAIN);
     cfg.epsilon = mk(4);
     cfg.zeta = mk(0.5);
-    cfg.zeta_rate = mk(0.125);
+    cfg.zeta_rate = mk(0.125 * ACC_GAIN);
     ASSERT_NEAR(1 + 0.01 * 5 * DT, adapted(1, 5), 1.0);
     ASSERT_NEAR(1 - 0.01 * 3 * DT, adapted(1, 3), 1.0);
 }
@@ -204,14 +205,14 @@ static void test_gain_rises_above_epsilon_and_falls_below(void)
 static void test_gain_at_or_below_its_floor_rises_at_the_floors_rate(void)
 {
     cfg.zeta = mk(0.5);
-    cfg.zeta_rate = mk(0.125);
+    cfg.zeta_rate = mk(0.125 * ACC_GAIN);
     ASSERT_NEAR(0.5 + 0.125 * DT, adapted(0.5, 1), 0.5);
     ASSERT_NEAR(0.25 + 0.125 * DT, adapted(0.25, 100), 0.5);
 }
 
 static void test_gain_is_never_negative_and_never_above_its_limit(void)
 {
-    cfg.xi = mk(4);
+    cfg.xi = mk(3.9 * ACC_GAIN);
     cfg.epsilon = mk(50);
     cfg.zeta = mk(0.01);
     cfg.k_max = mk(2);
@@ -222,8 +223,8 @@ static void test_gain_is_never_negative_and_never_above_its_limit(void)
 static void test_reset_starts_both_gains_from_k_0(void)
 {
     asmc_reset(&cfg, &state);
-    ASSERT_NEAR(0.5, val(state.k_hat.x), 0.5);
-    ASSERT_NEAR(0.5, val(state.k_hat.y), 0.5);
+    ASSERT_NEAR(0.5, acc_val(state.k_hat[0]), 0.5);
+    ASSERT_NEAR(0.5, acc_val(state.k_hat[1]), 0.5);
 }
 
 int main(void)

@@ -331,6 +331,7 @@ static void test_snapshot_that_is_read_is_not_written_for_a_millisecond(void)
 
 static void test_snapshot_is_in_units_of_the_wire(void)
 {
+    atomic_store(&loop.command.controller, CONTROLLER_CCU);
     power();
     tick(9);
     ring.start.nm[0] = 3000; /* reference 3 um ahead */

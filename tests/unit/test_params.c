@@ -82,8 +82,8 @@ static void test_contouring_law(void)
     near(91.234 * T0, a.k_0);
     near(412.345 * T0, a.k_max);
     near(98.765 * T0, a.zeta);
-    near(98.765 * T0 * T0, a.zeta_rate); /* 1/s2 */
-    near(10203.040 * UM * T0, a.xi);     /* 1/(m s) */
+    near(98.765 * T0 * T0 * ACC_GAIN, a.zeta_rate); /* 1/s2 */
+    near(10203.040 * UM * T0 * ACC_GAIN, a.xi);     /* 1/(m s) */
     near(1.234567e-3 / UM * T0, a.epsilon);
     near(87.654e-6 / UM * T0, a.friction_speed);
     od.asmc.psi_printed = 0;
@@ -104,7 +104,7 @@ static void test_uncertainty_compensator(void)
     near(61.234 * T0, u.alpha);
     near(1.234567 / UM * T0 * T0, u.mu_0); /* m/s2 */
     near(4.567890 / UM * T0 * T0, u.mu_max);
-    near(0.543 * T0 * T0, u.rho); /* 1/s2 */
+    near(0.543 * T0 * T0 * ACC_GAIN, u.rho); /* 1/s2 */
     near(1.111111e-3 / UM * T0, u.phi);
     near(2.222222e-3 / UM * T0, u.dead_zone);
     TEST_ASSERT_TRUE(u.law_printed);

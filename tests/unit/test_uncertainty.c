@@ -14,7 +14,7 @@ static pos_t q[2];
 void setUp(void)
 {
     cfg = (struct uncertainty_cfg){
-        .alpha = mk(0.5), .mu_0 = mk(3), .mu_max = mk(5), .rho = mk(0.25), .phi = mk(8), .dead_zone = mk(4)};
+        .alpha = mk(0.5), .mu_0 = mk(3), .mu_max = mk(5), .rho = mk(0.25 * ACC_GAIN), .phi = mk(8), .dead_zone = mk(4)};
     plant = (struct plant_cfg){.mass = mk2(2, 4), .viscous = mk2(0.5, 1), .coulomb = mk2(10, 20)};
     at_um(100, 200, q);
     uncertainty_reset(&cfg, &state, q, mk2(6, 7));
@@ -35,8 +35,8 @@ static void test_the_model_starts_where_the_plant_is(void)
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.s.x));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.s.y));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.u.x));
-    TEST_ASSERT_EQUAL_DOUBLE(3, val(state.mu.x));
-    TEST_ASSERT_EQUAL_DOUBLE(3, val(state.mu.y));
+    TEST_ASSERT_EQUAL_DOUBLE(3, acc_val(state.mu[0]));
+    TEST_ASSERT_EQUAL_DOUBLE(3, acc_val(state.mu[1]));
 }
 
 static void test_sliding_variable_is_alpha_z_plus_its_rate(void)
@@ -48,7 +48,7 @@ static void test_sliding_variable_is_alpha_z_plus_its_rate(void)
 
 static void test_compensation_is_minus_alpha_rate_minus_mu_sat(void)
 {
-    state.mu.y = mk(1);
+    state.mu[1] = acc_from(mk(1));
     apart(4, -2, 1, 3); /* s = 3, 2 */
     TEST_ASSERT_EQUAL_DOUBLE(-(0.5 * 1 + 3 * 3.0 / 8), val(out.v.x));
     TEST_ASSERT_EQUAL_DOUBLE(-(0.5 * 3 + 1 * 2.0 / 8), val(out.v.y));
@@ -88,10 +88,10 @@ static void test_rate_of_z_has_the_frames_rotation_in_it(void)
 static void test_mu_grows_only_outside_the_dead_zone(void)
 {
     apart(0, 0, 4, 4.5);
-    TEST_ASSERT_EQUAL_DOUBLE(3, val(state.mu.x));
-    ASSERT_NEAR(3 + 0.25 * 4.5 * DT, val(state.mu.y), 3.0);
+    TEST_ASSERT_EQUAL_DOUBLE(3, acc_val(state.mu[0]));
+    ASSERT_NEAR(3 + 0.25 * 4.5 * DT, acc_val(state.mu[1]), 3.0);
     apart(0, 0, -6, 1);
-    ASSERT_NEAR(3 + 0.25 * 6 * DT, val(state.mu.x), 3.0);
+    ASSERT_NEAR(3 + 0.25 * 6 * DT, acc_val(state.mu[0]), 3.0);
 }
 
 static void test_mu_stops_at_its_limit(void)
@@ -99,18 +99,18 @@ static void test_mu_stops_at_its_limit(void)
     for (int i = 0; i < 1000; i++) {
         apart(0, 0, 100, 0);
     }
-    TEST_ASSERT_EQUAL_DOUBLE(5, val(state.mu.x));
-    TEST_ASSERT_EQUAL_DOUBLE(3, val(state.mu.y));
+    TEST_ASSERT_EQUAL_DOUBLE(5, acc_val(state.mu[0]));
+    TEST_ASSERT_EQUAL_DOUBLE(3, acc_val(state.mu[1]));
 }
 
 static void test_mu_as_printed_starts_from_zero_and_always_grows(void)
 {
     cfg.law_printed = true;
     uncertainty_reset(&cfg, &state, q, mk2(6, 7));
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.mu.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, acc_val(state.mu[0]));
     apart(0, 0, 1, -2);
-    ASSERT_NEAR(0.25 * 1 * DT, val(state.mu.x), 1.0);
-    ASSERT_NEAR(0.25 * 2 * DT, val(state.mu.y), 1.0);
+    ASSERT_NEAR(0.25 * 1 * DT, acc_val(state.mu[0]), 1.0);
+    ASSERT_NEAR(0.25 * 2 * DT, acc_val(state.mu[1]), 1.0);
 }
 
 static void test_z_is_held_within_phi_over_alpha_and_the_model_follows(void)

@@ -1,0 +1,154 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* num_chk.h: the checking back end of num.h: fixed point with a shadow in double beside each value.
+ *
+ * Every operation works on both. It stops the program (chk_fail) with file and line where
+ * - the result leaves the range of fixed point, which would saturate silently,
+ * - value and shadow differ in sign by more than the bound, or
+ * - they differ by more than CHK_ABS + CHK_REL |shadow|.
+ * Comparisons go by the value, so that both take the same branch. Positions (pos_t) carry no shadow: pos_sub() starts a new
+ * one. For tests on a host; needs C11 with double.
+ */
+#ifndef KONTUR_NUM_CHK_H
+#define KONTUR_NUM_CHK_H
+#include <math.h>
+
+#include "fix.h"
+
+typedef struct {
+    int32_t v;
+    double d;
+} num;
+
+typedef struct {
+    int64_t v;
+    double d;
+} acc_t;
+
+#define NUM_NAME "chk"
+#define CHK_ABS 2e-2
+#define CHK_REL 2e-3
+#define CHK_MAX 4096.0
+
+/* Supplied by whoever links this: prints and ends the program. */
+_Noreturn void chk_fail(const char *what, const char *file, int line, double value, double shadow);
+
+static inline num chk(int32_t v, double d, const char *file, int line)
+{
+    const double value = v / 524288.0;
+    const double error = fabs(value - d);
+    if (!(fabs(d) < CHK_MAX)) {
+        chk_fail("overflow", file, line, value, d);
+    }
+    if (value * d < 0.0 && error > CHK_ABS) {
+        chk_fail("lost sign", file, line, value, d);
+    }
+    if (error > CHK_ABS + CHK_REL * fabs(d)) {
+        chk_fail("error beyond bound", file, line, value, d);
+    }
+    return (num){v, d};
+}
+
+static inline acc_t chk_acc(int64_t v, double d, const char *file, int line)
+{
+    const num x = chk(fix_acc_to(v), d, file, line);
+    return (acc_t){v, x.d};
+}
+
+#define CHK(v, d) chk((v), (d), __FILE__, __LINE__)
+#define NUM(c) ((num){FIX(c), (c)})
+#define n_add(a, b) chk_add((a), (b), __FILE__, __LINE__)
+#define n_sub(a, b) chk_sub((a), (b), __FILE__, __LINE__)
+#define n_mul(a, b) chk_mul((a), (b), __FILE__, __LINE__)
+#define n_div(a, b) chk_div((a), (b), __FILE__, __LINE__)
+#define n_sqrt(a) chk_sqrt((a), __FILE__, __LINE__)
+#define n_hypot(a, b) chk_hypot((a), (b), __FILE__, __LINE__)
+#define n_ratio(n, d) chk_ratio((n), (d), __FILE__, __LINE__)
+#define pos_sub(a, b) chk_pos_sub((a), (b), __FILE__, __LINE__)
+#define acc_mad(a, x, y) chk_acc_mad((a), (x), (y), __FILE__, __LINE__)
+
+static inline num chk_add(num a, num b, const char *file, int line)
+{
+    return chk(fix_add(a.v, b.v), a.d + b.d, file, line);
+}
+
+static inline num chk_sub(num a, num b, const char *file, int line)
+{
+    return chk(fix_sub(a.v, b.v), a.d - b.d, file, line);
+}
+
+static inline num chk_mul(num a, num b, const char *file, int line)
+{
+    return chk(fix_mul(a.v, b.v), a.d * b.d, file, line);
+}
+
+static inline num chk_div(num a, num b, const char *file, int line)
+{
+    return chk(fix_div(a.v, b.v), a.d / b.d, file, line);
+}
+
+static inline num chk_sqrt(num a, const char *file, int line)
+{
+    return chk(fix_sqrt(a.v), sqrt(a.d > 0.0 ? a.d : 0.0), file, line);
+}
+
+static inline num chk_hypot(num a, num b, const char *file, int line)
+{
+    return chk(fix_hypot(a.v, b.v), sqrt(a.d * a.d + b.d * b.d), file, line);
+}
+
+static inline num chk_ratio(int64_t n, int64_t d, const char *file, int line)
+{
+    return chk(fix_ratio(n, d), (double)n / (double)d, file, line);
+}
+
+static inline num chk_pos_sub(pos_t a, pos_t b, const char *file, int line)
+{
+    return chk(fix_pos_sub(a, b), (double)(a - b) / 65536000.0, file, line);
+}
+
+static inline acc_t chk_acc_mad(acc_t a, num x, num y, const char *file, int line)
+{
+    const double step = x.d * y.d / ACC_GAIN;
+    return chk_acc(fix_acc_mad(a.v, x.v, y.v), a.d + step, file, line);
+}
+
+static inline num n_neg(num a)
+{
+    return (num){fix_neg(a.v), -a.d};
+}
+
+static inline num n_state(num a)
+{
+    return (num){a.v, a.v / 524288.0};
+}
+
+static inline bool n_lt(num a, num b)
+{
+    return a.v < b.v;
+}
+
+static inline int64_t n_to_q32(num x)
+{
+    return fix_to_q32(x.v);
+}
+
+static inline int32_t n_to_scaled(num x, int32_t k)
+{
+    return fix_to_scaled(x.v, k);
+}
+
+static inline pos_t pos_add(pos_t p, num x)
+{
+    return fix_pos_add(p, x.v);
+}
+
+static inline acc_t acc_from(num x)
+{
+    return (acc_t){fix_acc_from(x.v), x.d};
+}
+
+static inline num acc_to(acc_t a)
+{
+    return (num){fix_acc_to(a.v), a.d};
+}
+#endif
