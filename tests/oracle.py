@@ -36,7 +36,7 @@ Array = npt.NDArray[np.float64]
 
 KNOT_S = 1e-3
 """Knot spacing of the trajectory, s."""
-STANDSTILL_MPS = 2e-7
+STANDSTILL_MPS = 4e-6
 """At or below this path speed there is no direction: the axis frame is taken, and it does not turn (decision)."""
 NU_MAX = 4.0
 """Limit of the foot point's rate |nu| (decision)."""
