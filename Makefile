@@ -20,12 +20,23 @@ SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-fra
 INCLUDE  := -Ifirmware/core -Ifirmware/drive -Ifirmware/canopen -Ifirmware/hal -Isim -Ibuild/gen
 UNITY    := -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -I$(UNITY_DIR)
 
+# Numeric back ends (firmware/core/num.h). Fixed point is compiled with no floating-point registers to use.
+NUMS     := f32 fix chk
+fix_FLAGS := -DKONTUR_NUM_FIX
+chk_FLAGS := -DKONTUR_NUM_CHK
+NO_FLOAT := -mgeneral-regs-only
+
 GENERATED := build/gen/od_gen.c
-SOURCES  := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c sim/*.c) $(GENERATED)
-TESTS    := $(patsubst tests/unit/%.c,build/unit/%,$(wildcard tests/unit/test_*.c))
+FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c) $(GENERATED)
+SOURCES  := $(FIRMWARE) sim/kontur_sim.c sim/plant.c
+chk_SOURCES := sim/chk_fail.c
+# Every test runs on float32; those of what computes with `num` run on the other back ends, too.
+TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
+NUM_TESTS :=
+TEST_PROGRAMS := $(TESTS:%=build/unit/f32/test_%) $(foreach n,fix chk,$(NUM_TESTS:%=build/unit/$(n)/test_%))
 BUILD_ID := $(shell git describe --always --dirty 2>/dev/null || echo unknown)
 VERSION  := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
-objects   = $(patsubst %.c,build/$(1)/%.o,$(SOURCES))
+objects   = $(patsubst %.c,$(1)/$(2)/%.o,$(SOURCES) $($(2)_SOURCES))  # folder, back end
 
 export MPLBACKEND := Agg
 
@@ -42,11 +53,11 @@ demo: setup lib  ## cut examples/part.ngc under five controllers: table, build/d
 
 test: setup test-c test-host lint  ## all tests: C (Unity, with sanitizers), Python (pytest), lint
 
-test-c: $(TESTS)  ## the C tests alone
-	@failed=0; for t in $(TESTS); do \
-	  if $$t >$$t.log 2>&1; then printf '%-28s %s\n' $${t##*/} "$$(grep -E '^[0-9]+ Tests' $$t.log)"; \
-	  else failed=1; printf '%-28s FAILED\n' $${t##*/}; grep -v ':PASS$$' $$t.log; fi; done; \
-	if [ $$failed = 0 ]; then echo "C tests: $(words $(TESTS)) programs passed"; else echo "C tests: FAILED"; exit 1; fi
+test-c: $(TEST_PROGRAMS)  ## the C tests alone
+	@failed=0; for t in $^; do \
+	  if $$t >$$t.log 2>&1; then printf '%-32s %s\n' $${t#build/unit/} "$$(grep -E '^[0-9]+ Tests' $$t.log)"; \
+	  else failed=1; printf '%-32s FAILED\n' $${t#build/unit/}; grep -v ':PASS$$' $$t.log; fi; done; \
+	if [ $$failed = 0 ]; then echo "C tests: $(words $^) programs passed"; else echo "C tests: FAILED"; exit 1; fi
 
 test-host: setup lib  ## the Python tests alone
 	$(PY) -m pytest
@@ -59,7 +70,7 @@ lint: setup lib  ## ruff (style and format) and mypy --strict
 bench: setup lib  ## speed of the in-process loop, direct and over CAN, against the NumPy oracle
 	$(KONTUR) bench sim
 
-lib: $(LIB)/libkontur_f32.so $(LIB)/kontur_sim.h  ## firmware and simulated machine as one shared library
+lib: $(NUMS:%=$(LIB)/libkontur_%.so) $(LIB)/kontur_sim.h  ## firmware and simulated machine as a shared library, for each numeric back end
 
 setup: $(VENV)/stamp  ## system packages (installed by apt-get where it may) and the Python environment
 
@@ -100,16 +111,34 @@ $(GENERATED): firmware/canopen/objects.toml firmware/canopen/generate.py firmwar
 build/build_id: FORCE
 	@mkdir -p build; echo '$(BUILD_ID)' | cmp -s - $@ || echo '$(BUILD_ID)' >$@
 FORCE:
-build/f32/firmware/drive/app.o build/unit/firmware/drive/app.o: build/build_id
-build/f32/firmware/drive/app.o build/unit/firmware/drive/app.o: CFLAGS += -DKONTUR_BUILD_ID='"$(BUILD_ID)"' -DKONTUR_VERSION='"$(VERSION)"'
+APP      := $(foreach n,$(NUMS),build/lib/$(n)/firmware/drive/app.o build/unit/$(n)/firmware/drive/app.o)
+$(APP): build/build_id
+$(APP): CFLAGS += -DKONTUR_BUILD_ID='"$(BUILD_ID)"' -DKONTUR_VERSION='"$(VERSION)"'
+$(FIRMWARE:%.c=build/lib/fix/%.o): CFLAGS += $(NO_FLOAT)
 
-build/f32/%.o: %.c | build/debian.stamp $(GENERATED)
-	@mkdir -p $(@D); echo "  CC  $<"
-	$(Q)$(CC) $(CFLAGS) -fPIC $(INCLUDE) -MMD -MP -c $< -o $@
+# For the back end $(1): build/lib/$(1) holds the objects of its library, build/unit/$(1) its tests with theirs, sanitized.
+define back_end
+build/lib/$(1)/%.o: %.c | build/debian.stamp $(GENERATED)
+	@mkdir -p $$(@D); echo "  CC  $$< ($(1))"
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) -fPIC $(INCLUDE) -MMD -MP -c $$< -o $$@
 
-$(LIB)/libkontur_f32.so: $(call objects,f32)
-	@mkdir -p $(@D); echo "  LD  $@"
-	$(Q)$(CC) -shared -Wl,-Bsymbolic -o $@ $^ -lm
+$(LIB)/libkontur_$(1).so: $(call objects,build/lib,$(1))
+	@mkdir -p $$(@D); echo "  LD  $$@"
+	$(Q)$(CC) -shared -Wl,-Bsymbolic -o $$@ $$^ -lm
+
+build/unit/$(1)/%.o: %.c | build/debian.stamp $(GENERATED)
+	@mkdir -p $$(@D); echo "  CC  $$< ($(1), sanitized)"
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) -MMD -MP -c $$< -o $$@
+
+build/unit/$(1)/libkontur.a: $(call objects,build/unit,$(1))
+	@rm -f $$@
+	$(Q)ar rcs $$@ $$^
+
+build/unit/$(1)/test_%: tests/unit/test_%.c build/unit/unity.o build/unit/$(1)/libkontur.a
+	@echo "  CC  $$< ($(1))"
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(UNITY) -MMD -MP -MF $$@.d $$< build/unit/unity.o build/unit/$(1)/libkontur.a -lm -o $$@
+endef
+$(foreach n,$(NUMS),$(eval $(call back_end,$(n))))
 
 $(LIB)/kontur_sim.h: sim/kontur_sim.h
 	@mkdir -p $(@D); cp $< $@
@@ -125,16 +154,4 @@ build/unit/unity.o: $(UNITY_DIR)/unity.c
 	@mkdir -p $(@D)
 	$(Q)$(CC) -std=c11 -O1 -g $(SANITIZE) $(UNITY) -c $< -o $@
 
-build/unit/%.o: %.c | build/debian.stamp $(GENERATED)
-	@mkdir -p $(@D); echo "  CC  $< (sanitized)"
-	$(Q)$(CC) $(CFLAGS) $(SANITIZE) $(INCLUDE) -MMD -MP -c $< -o $@
-
-build/unit/libkontur.a: $(call objects,unit)
-	@rm -f $@
-	$(Q)ar rcs $@ $^
-
-build/unit/%: tests/unit/%.c build/unit/unity.o build/unit/libkontur.a
-	@echo "  CC  $<"
-	$(Q)$(CC) $(CFLAGS) $(SANITIZE) $(INCLUDE) $(UNITY) -MMD -MP -MF $@.d $< build/unit/unity.o build/unit/libkontur.a -lm -o $@
-
--include $(patsubst %.o,%.d,$(call objects,f32) $(call objects,unit)) $(addsuffix .d,$(TESTS))
+-include $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)) $(call objects,build/unit,$(n)))) $(TEST_PROGRAMS:%=%.d)
