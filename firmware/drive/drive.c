@@ -8,7 +8,7 @@ static struct loop_cfg loop_cfg(const struct od_data *od)
                          .stop_time = n_ratio(od->limits.path_stop_time, 1)};
     for (int i = 0; i < 2; i++) {
         const struct od_axis *a = &od->axis[i];
-        c.encoder_pm[i] = a->plant.encoder;
+        c.encoder_10fm[i] = a->plant.encoder;
         c.following_max[i] = n_ratio(a->following_window, 1000);
         c.min_nm[i] = a->position_limit.min;
         c.max_nm[i] = a->position_limit.max;

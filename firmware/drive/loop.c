@@ -19,13 +19,20 @@ static bool cut_off(uint32_t faults)
     return false;
 }
 
+/* `count` counts of `length` 10 fm each: times 65536 / 100000 = 2048 / 3125, in two parts so that nothing overflows. */
+static pos_t position(int64_t count, uint32_t length)
+{
+    const int64_t x = count * (int64_t)length;
+    return x / 3125 * 2048 + x % 3125 * 2048 / 3125;
+}
+
 /* Encoder counts since power-on to positions; the counter wraps, the position does not. */
 static void measure(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_in *in, pos_t measured[2])
 {
     for (int i = 0; i < 2; i++) {
         loop->count[i] += (int32_t)((uint32_t)in->count[i] - (uint32_t)loop->last_count[i]);
         loop->last_count[i] = in->count[i];
-        measured[i] = loop->count[i] * (int64_t)cfg->encoder_pm[i] * (POS_PER_NM / 8) / 125; /* pm to 2^-16 nm */
+        measured[i] = position(loop->count[i], cfg->encoder_10fm[i]);
     }
 }
 

@@ -18,7 +18,7 @@
 
 struct loop_cfg {
     struct servo_cfg servo;
-    uint32_t encoder_pm[2];     /* length of one encoder count */
+    uint32_t encoder_10fm[2];   /* length of one encoder count, 10 fm */
     num following_max[2];       /* um */
     num speed_max;              /* um/T0 */
     int32_t min_nm[2], max_nm[2];

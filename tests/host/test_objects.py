@@ -90,7 +90,7 @@ def test_eds_has_factor_unit_limits_and_description_of_a_parameter(od: canopen.O
     assert (entry.default, entry.min, entry.max) == (900, 1, 1000)
     assert entry.description == "cos phi"
     encoder = od["plant_y.encoder"]
-    assert (encoder.index, encoder.default, encoder.factor, encoder.unit) == (0x2900, 76_290, 1e-6, "um")
+    assert (encoder.index, encoder.default, encoder.factor, encoder.unit) == (0x2900, 7_629_000, 1e-8, "um")
 
 
 def test_axes_differ_where_the_source_says_so(od: canopen.ObjectDictionary) -> None:

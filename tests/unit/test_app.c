@@ -198,7 +198,7 @@ static void test_parameter_that_does_not_fit_another_one_is_refused_when_it_is_w
 
 static void test_parameters_are_in_use_after_the_next_enabling(void)
 {
-    rig_write(&rig, 0x2100, 5, 4, 152580); /* x: twice the length of a count */
+    rig_write(&rig, 0x2100, 5, 4, 15258000); /* x: twice the length of a count */
     rig_ms(&rig, 1);
     rig.plant.pos_m[0] = 10e-3;
     rig_ms(&rig, 100);

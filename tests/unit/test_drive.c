@@ -106,7 +106,7 @@ static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void
     ms(5);
     wires.count[0] = 1000000;
     ms(300);
-    od.axis[0].plant.encoder = 2 * 76290;
+    od.axis[0].plant.encoder = 2 * 7629000;
     drive_configure(&drive);
     command(0x06, 0x06);
     command(0x0F, 0x0F);
@@ -122,7 +122,7 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
     od.limits.path_stop_time = 234; /* ms */
     for (int i = 0; i < 2; i++) {
         od.axis[i].following_window = 1234567u + (uint32_t)i; /* nm */
-        od.axis[i].plant.encoder = 345678u + (uint32_t)i;     /* pm */
+        od.axis[i].plant.encoder = 345678u + (uint32_t)i;     /* 10 fm */
         od.axis[i].position_limit.min = -4567891 - i;
         od.axis[i].position_limit.max = 5678912 + i;
     }
@@ -132,7 +132,7 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 234, (double)c->stop_time);
     for (int i = 0; i < 2; i++) {
         TEST_ASSERT_DOUBLE_WITHIN(1e-3, 1234.567 + 0.001 * i, (double)c->following_max[i]); /* um */
-        TEST_ASSERT_EQUAL_UINT32(345678 + i, c->encoder_pm[i]);
+        TEST_ASSERT_EQUAL_UINT32(345678 + i, c->encoder_10fm[i]);
         TEST_ASSERT_EQUAL_INT32(-4567891 - i, c->min_nm[i]);
         TEST_ASSERT_EQUAL_INT32(5678912 + i, c->max_nm[i]);
         TEST_ASSERT_EQUAL_INT32(-4567891 - i, drive.queue.min_nm[i]);

@@ -51,7 +51,7 @@ static void start(int32_t x_count, int32_t y_count)
     loop_init(&loop, &hal, &ring);
     loop.cfg[0] = (struct loop_cfg){
         .servo = params_to_cfg(&od_defaults),
-        .encoder_pm = {100000, 100000}, /* 0.1 um */
+        .encoder_10fm = {10000000, 10000000}, /* 0.1 um */
         .following_max = {NUM(100), NUM(100)},
         .speed_max = NUM(500), /* um/T0: 0.1 m/s */
         .min_nm = {-1000000, -1000000},
@@ -129,7 +129,7 @@ static void test_position_goes_on_when_the_counter_wraps_upwards(void)
 {
     start(INT32_MAX - 2, INT32_MIN + 2);
     loop.cfg[1] = loop.cfg[0];
-    loop.cfg[1].encoder_pm[0] = loop.cfg[1].encoder_pm[1] = 1; /* so that 2^31 counts are 2.1 mm */
+    loop.cfg[1].encoder_10fm[0] = loop.cfg[1].encoder_10fm[1] = 100; /* so that 2^31 counts are 2.1 mm */
     atomic_store(&loop.command.cfg_index, 1);
     for (int i = 0; i < 200; i++) {
         wires.count[0] = (int32_t)((uint32_t)wires.count[0] + 5000u);
@@ -150,16 +150,16 @@ static void test_position_is_count_times_length(void)
     TEST_ASSERT_INT32_WITHIN(1, -5432100, loop_snapshot(&loop)->position_nm[1]);
 }
 
-static void test_length_of_a_count_is_exact_to_a_picometre(void)
+static void test_length_of_a_count_is_exact_to_ten_femtometres(void)
 {
     loop.cfg[1] = loop.cfg[0];
-    loop.cfg[1].encoder_pm[0] = 76294;
-    loop.cfg[1].encoder_pm[1] = 76293;
+    loop.cfg[1].encoder_10fm[0] = 7629395;
+    loop.cfg[1].encoder_10fm[1] = 7629394;
     wires.count[0] = wires.count[1] = 2000000;
     atomic_store(&loop.command.cfg_index, 1);
     tick(20);
-    TEST_ASSERT_EQUAL_INT32(152588000, loop_snapshot(&loop)->position_nm[0]);
-    TEST_ASSERT_EQUAL_INT32(152586000, loop_snapshot(&loop)->position_nm[1]);
+    TEST_ASSERT_EQUAL_INT32(152587900, loop_snapshot(&loop)->position_nm[0]);
+    TEST_ASSERT_EQUAL_INT32(152587880, loop_snapshot(&loop)->position_nm[1]);
 }
 
 static void test_new_configuration_takes_the_axes_where_they_are_and_at_rest(void)
@@ -345,7 +345,7 @@ static void test_snapshot_is_in_units_of_the_wire(void)
     TEST_ASSERT_INT32_WITHIN(1, out.force_mN[0] / 100, s->force_dN[0]);
     TEST_ASSERT_INT32_WITHIN(5, 1000, s->k_hat[0]); /* k_0 = 100 1/s */
     TEST_ASSERT_INT32_WITHIN(5, 1000, s->k_hat[1]);
-    TEST_ASSERT_INT32_WITHIN(5, 1000, s->mu[0]); /* mu_0 = 1 m/s2 */
+    TEST_ASSERT_INT32_WITHIN(5, 6000, s->mu[0]); /* mu_0 = 6 m/s2 */
     TEST_ASSERT_EQUAL_INT32(0, s->rate);
 }
 
@@ -450,7 +450,7 @@ int main(void)
     RUN_TEST(test_axis_without_power_gets_no_force_while_the_other_one_is_held);
     RUN_TEST(test_position_goes_on_when_the_counter_wraps_upwards);
     RUN_TEST(test_position_is_count_times_length);
-    RUN_TEST(test_length_of_a_count_is_exact_to_a_picometre);
+    RUN_TEST(test_length_of_a_count_is_exact_to_ten_femtometres);
     RUN_TEST(test_new_configuration_takes_the_axes_where_they_are_and_at_rest);
     RUN_TEST(test_following_error_cuts_the_power_in_the_period_that_sees_it);
     RUN_TEST(test_following_error_within_its_window_is_no_fault);
