@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "kontur_sim.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "app.h"
+#include "params.h"
 #include "plant.h"
 
 #define QUEUE_FRAMES 4096u
@@ -252,4 +254,33 @@ uint32_t ks_push_knots(ks *s, const int32_t *xy_nm, uint32_t count)
         }
     }
     return count;
+}
+
+int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t count, const double *path_s,
+                const double *position_m, double *e_n_m)
+{
+    if (knots == 0 || knots > SPLINE_RING) {
+        return -1;
+    }
+    struct spline_ring ring = {.start = {{xy_nm[0], xy_nm[1]}}};
+    for (uint32_t i = 0; i < knots; i++) {
+        ring.knot[i] = (struct knot){{xy_nm[2 * i], xy_nm[2 * i + 1]}};
+    }
+    struct od_data od;
+    od_init(&od, 1);
+    struct contour_cfg cfg = params_to_cfg(&od).contour;
+    cfg.newton = newton != 0;
+    for (uint32_t i = 0; i < count; i++) {
+        const struct path_state path = {
+            .s = llround(path_s[i] * 1e3 * (double)PATH_ONE), .rate = NUM(1), .rate_dot = NUM(0), .count = knots};
+        pos_t q[2];
+        for (int k = 0; k < 2; k++) {
+            q[k] = llround(position_m[2 * i + (uint32_t)k] * 1e9 * POS_PER_NM);
+        }
+        struct contour_out out;
+        contour_step(&cfg, &ring, &path, q, v2(NUM(0), NUM(0)), &out);
+        e_n_m[2 * i] = (double)n_to_q32(out.e_n.x) * 1e-6 / 4294967296.0;
+        e_n_m[2 * i + 1] = (double)n_to_q32(out.e_n.y) * 1e-6 / 4294967296.0;
+    }
+    return 0;
 }

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from kontur.errors import LibraryError, MachineError
 from kontur.machine import Machine
 
+Floats = NDArray[np.float64]
 LIBRARIES = Path(__file__).with_name("lib")
 _DOUBLES_PER_ROW = 8
 
@@ -177,6 +178,26 @@ class Sim:
         _fill(c.schedule_scale, [scale for _, scale in machine.friction_schedule])
         c.schedule_repeat_s = machine.friction_repeat_s
         return c
+
+
+def estimate(
+    knots_nm: NDArray[np.int32], path_s: Floats, position_m: Floats, newton: bool = True, num: str = "f32"
+) -> Floats:
+    """The firmware's estimate (n, 2) in m of the error along the path and of the contour error, (3)-(9).
+
+    The path is `knots_nm` (1..1024, 2); row i is for the reference at path time `path_s` (n,) and the axes at
+    `position_m` (n, 2). Default parameters, with or without the Newton step. Raises LibraryError.
+    """
+    ffi, lib = _load(num)
+    knots = np.ascontiguousarray(knots_nm, dtype=np.int32)
+    time_s, position = (np.ascontiguousarray(a, dtype=np.float64) for a in (path_s, position_m))
+    if position.shape != (time_s.size, 2):
+        raise ValueError(f"path times {time_s.shape} and positions {position.shape} do not fit")
+    e_n_m = np.empty_like(position)
+    doubles = [ffi.from_buffer("double *", array) for array in (time_s, position, e_n_m)]
+    if lib.ks_estimate(ffi.from_buffer("int32_t *", knots), len(knots), newton, time_s.size, *doubles):
+        raise ValueError(f"{len(knots)} knots; 1 to 1024 can be taken")
+    return e_n_m
 
 
 def _fill(array: Any, values: Sequence[float]) -> None:
