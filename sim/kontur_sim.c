@@ -256,10 +256,10 @@ uint32_t ks_push_knots(ks *s, const int32_t *xy_nm, uint32_t count)
     return count;
 }
 
-int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t count, const double *path_s,
-                const double *position_m, double *e_n_m)
+int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_max_ms, uint32_t count,
+                const double *path_s, const double *position_m, double *e_n_m)
 {
-    if (knots == 0 || knots > SPLINE_RING) {
+    if (knots == 0 || knots > SPLINE_RING || lag_max_ms == 0 || lag_max_ms > 1000) {
         return -1;
     }
     struct spline_ring ring = {.start = {{xy_nm[0], xy_nm[1]}}};
@@ -270,6 +270,7 @@ int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t count
     od_init(&od, 1);
     struct contour_cfg cfg = params_to_cfg(&od).contour;
     cfg.newton = newton != 0;
+    cfg.lag_max = n_ratio(lag_max_ms, 5);
     for (uint32_t i = 0; i < count; i++) {
         const struct path_state path = {
             .s = llround(path_s[i] * 1e3 * (double)PATH_ONE), .rate = NUM(1), .rate_dot = NUM(0), .count = knots};

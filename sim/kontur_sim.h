@@ -89,11 +89,12 @@ const struct ks_truth *ks_record_data(const ks *s);
  * xy_nm: count absolute pairs. Returns how many were taken. */
 uint32_t ks_push_knots(ks *s, const int32_t *xy_nm, uint32_t count);
 
-/* What the firmware estimates of the contour error, (3)-(9), with default parameters but for `newton`; no drive is
- * needed and no time passes. xy_nm: `knots` (1..1024) absolute pairs, one a ms, the path. For each of `count` rows the
- * reference is at path time path_s[i] and the axes are at position_m[2 i], [2 i + 1]; e_n1 (along the path) and e_n2
- * (its normal: the contour error) go to e_n_m[2 i], [2 i + 1]. 0, or -1: too many knots or none. */
-int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t count, const double *path_s,
-                const double *position_m, double *e_n_m);
+/* What the firmware estimates of the contour error, (3)-(9), with default parameters but for `newton` and `lag_max_ms`
+ * (1..1000); no drive is needed and no time passes. xy_nm: `knots` (1..1024) absolute pairs, one a ms, the path. For each
+ * of `count` rows the reference is at path time path_s[i] and the axes are at position_m[2 i], [2 i + 1]; e_n1 (along
+ * the path) and e_n2 (its normal: the contour error) go to e_n_m[2 i], [2 i + 1]. 0, or -1: knots or lag_max_ms out of
+ * range. */
+int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_max_ms, uint32_t count,
+                const double *path_s, const double *position_m, double *e_n_m);
 /* CDEF-END */
 #endif

@@ -181,12 +181,19 @@ class Sim:
 
 
 def estimate(
-    knots_nm: NDArray[np.int32], path_s: Floats, position_m: Floats, newton: bool = True, num: str = "f32"
+    knots_nm: NDArray[np.int32],
+    path_s: Floats,
+    position_m: Floats,
+    *,
+    newton: bool = True,
+    lag_max_ms: int,
+    num: str = "f32",
 ) -> Floats:
     """The firmware's estimate (n, 2) in m of the error along the path and of the contour error, (3)-(9).
 
     The path is `knots_nm` (1..1024, 2); row i is for the reference at path time `path_s` (n,) and the axes at
-    `position_m` (n, 2). Default parameters, with or without the Newton step. Raises LibraryError.
+    `position_m` (n, 2). Default parameters but for the Newton step and the longest lag, 1..1000 ms. Raises
+    LibraryError; ValueError for arrays that do not fit or a lag out of range.
     """
     ffi, lib = _load(num)
     knots = np.ascontiguousarray(knots_nm, dtype=np.int32)
@@ -195,8 +202,10 @@ def estimate(
         raise ValueError(f"path times {time_s.shape} and positions {position.shape} do not fit")
     e_n_m = np.empty_like(position)
     doubles = [ffi.from_buffer("double *", array) for array in (time_s, position, e_n_m)]
-    if lib.ks_estimate(ffi.from_buffer("int32_t *", knots), len(knots), newton, time_s.size, *doubles):
-        raise ValueError(f"{len(knots)} knots; 1 to 1024 can be taken")
+    if lib.ks_estimate(ffi.from_buffer("int32_t *", knots), len(knots), newton, lag_max_ms, time_s.size, *doubles):
+        raise ValueError(
+            f"{len(knots)} knots, lag up to {lag_max_ms} ms; 1 to 1024 knots and 1 to 1000 ms can be taken"
+        )
     return e_n_m
 
 

@@ -3,14 +3,25 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import click
 
 from kontur import machine as machines
 from kontur.cli.options import progress_bar, simulation_options
 from kontur.cli.output import print_json, print_table
 from kontur.device import CONTROLLERS
+from kontur.estimator import experiment, worst
 from kontur.experiment import CASES, paper
 from kontur.run import Target
+
+_ESTIMATOR_HEADINGS = {
+    "speed_mps": "mm/s",
+    "lag_over_radius": "lag/radius up to",
+    "newton_nm": "Newton nm",
+    "paper_nm": "paper nm",
+    "drive_nm": "drive's lag_max nm",
+}
 
 
 @click.group(name="experiment")
@@ -54,3 +65,23 @@ def paper_command(
         print_json({"cases": rows})
     else:
         print_table(rows, "True contour error")
+
+
+@command.command(name="estimator")
+@click.option(
+    "--stretches", type=click.IntRange(2, 10_000), default=100, show_default=True, help="Places on each curve."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@simulation_options
+def estimator_command(*, stretches: int, as_json: bool, machine: str, seed: int, num: str) -> None:
+    """The drive's estimate of the contour error against the exact one: seven curves, 1 to 200 mm/s, lags up to 1 mm."""
+    with progress_bar("experiment estimator") as progress:
+        head, cells = experiment(machines.load(machine), num, seed=seed, stretches=stretches, progress=progress)
+    rows = [asdict(cell) for cell in cells if cell.rows]
+    if as_json:
+        print_json(head | {"worst_nm": worst(cells), "cells": rows})
+    else:
+        for row in rows:
+            row["speed_mps"] *= 1e3
+        print_table(rows, "Worst |e_n2 - exact|", _ESTIMATOR_HEADINGS)
+        click.echo(f"With the Newton step, lag up to 0.2 radii: at most {worst(cells):.3g} nm ({head['num_backend']})")
