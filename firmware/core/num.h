@@ -24,7 +24,7 @@
  *   n_state(x)         x, kept to the next period: the checking back end starts a new shadow, so that what it checks is a period
  *   acc_t              an accumulator for slow integrals, 2^-48: what a step adds to it may be far below the resolution of
  *                      a num. acc_from(num), acc_to(acc), acc_mad(acc, a, b): acc + a b / ACC_GAIN, so that
- *                      rates below the resolution of a num can be given ACC_GAIN times larger
+ *                      rates below the resolution of a num can be given ACC_GAIN times larger. acc_state(acc) is n_state()
  */
 #ifndef KONTUR_NUM_H
 #define KONTUR_NUM_H

@@ -147,6 +147,11 @@ static inline acc_t acc_from(num x)
     return (acc_t){fix_acc_from(x.v), x.d};
 }
 
+static inline acc_t acc_state(acc_t a)
+{
+    return (acc_t){a.v, (double)a.v * 0x1p-48};
+}
+
 static inline num acc_to(acc_t a)
 {
     return (num){fix_acc_to(a.v), a.d};

@@ -100,6 +100,11 @@ static inline num acc_to(acc_t a)
     return (num)a * (1.0f / 281474976710656.0f);
 }
 
+static inline acc_t acc_state(acc_t a)
+{
+    return a;
+}
+
 static inline acc_t acc_mad(acc_t a, num x, num y)
 {
     return a + n_to_i64(x * y * 274877906944.0f);

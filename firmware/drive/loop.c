@@ -51,7 +51,6 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
         .run = atomic_load(&loop->command.run),
         .stop_time = cfg->stop_time,
         .step = PATH_ONE / TICKS_PER_MS,
-        .dt = cfg->servo.dt,
     };
     const enum path_event event = path_step(&loop->path, &in);
     if (event == PATH_UNDERRUN) {

@@ -18,12 +18,13 @@ struct path_in {
     bool run;           /* false: slow down to a stop */
     num stop_time;      /* knots (ms) from rate 1 to 0, 1..PATH_STOP_TIME_MAX */
     path_t step;        /* path time of one control period at rate 1 */
-    num dt;             /* control period, T0 */
 };
 
 struct path {
     struct path_state at; /* what contour_step() takes */
-    num slope;            /* change of sigma in a stop_time */
+    struct motion {       /* what a control period adds may be far below the resolution of a num */
+        acc_t rate, slope; /* sigma, and its change in a stop_time */
+    } motion;
 };
 
 enum path_event {

@@ -25,10 +25,18 @@ static inline double acc_val(acc_t a)
     return val(acc_to(a));
 }
 
-/* A result of up to 16 roundings of terms that add up to `terms` in magnitude. A back end with a fixed step errs by
- * half of it at each rounding. */
+/* A rounding errs by NUM_ROUNDING of its result and by NUM_STEP. Fixed point errs by half its step whatever the result is,
+ * its inputs as well: what has an input as a factor errs by half a step of the other factor, which is one of `terms`. */
+#if defined(KONTUR_NUM_FIX) || defined(KONTUR_NUM_CHK)
+#define NUM_FIXED 1
+#define NUM_ROUNDING 0x1p-20
+#define NUM_STEP 0x1p-20
+#else
+#define NUM_FIXED 0
 #define NUM_ROUNDING 0x1p-24
 #define NUM_STEP 0x1p-33
+#endif
+/* A result of up to 16 roundings of terms that add up to `terms` in magnitude. */
 #define ASSERT_NEAR(expected, actual, terms) \
     TEST_ASSERT_DOUBLE_WITHIN(16 * (NUM_ROUNDING * (terms) + NUM_STEP), expected, actual)
 #endif

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Path time: its rate, its stops, and that it never outruns the knots. A knot is 1 ms, a control period 0.1 knots. */
 #include "path.h"
+
+#include "num_test.h"
 #include "unity.h"
 
 enum { PERIODS = 10 }; /* control periods a knot */
@@ -11,7 +13,7 @@ static struct path_in in;
 void setUp(void)
 {
     path_reset(&path);
-    in = (struct path_in){.count = 1000000, .run = true, .stop_time = NUM(50), .step = PATH_ONE / PERIODS, .dt = NUM(0.02)};
+    in = (struct path_in){.count = 1000000, .run = true, .stop_time = NUM(50), .step = PATH_ONE / PERIODS};
 }
 
 void tearDown(void)
@@ -36,7 +38,7 @@ static enum path_event step(unsigned periods)
 static void cruise(void)
 {
     step(1001);
-    TEST_ASSERT_EQUAL_FLOAT(1.0f, path.at.rate);
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(path.at.rate));
 }
 
 /* ---- at rate 1 ---- */
@@ -45,8 +47,8 @@ static void test_path_starts_at_once_at_rate_1(void)
 {
     TEST_ASSERT_EQUAL(PATH_NOTHING, step(1));
     TEST_ASSERT_EQUAL_INT64(0, path.at.s);
-    TEST_ASSERT_EQUAL_FLOAT(1.0f, path.at.rate);
-    TEST_ASSERT_EQUAL_FLOAT(0.0f, path.at.rate_dot);
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(path.at.rate));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(path.at.rate_dot));
     step(1);
     TEST_ASSERT_EQUAL_INT64(PATH_ONE / 10, path.at.s);
 }
@@ -92,8 +94,8 @@ static void test_path_ends_exactly_at_the_last_knot_of_a_complete_stream(void)
     TEST_ASSERT_EQUAL_INT64(PATH_ONE * 1989 / 10, path.at.s);
     TEST_ASSERT_EQUAL(PATH_AT_END, step(1));
     TEST_ASSERT_EQUAL_INT64(199 * PATH_ONE, path.at.s);
-    TEST_ASSERT_EQUAL_FLOAT(0.0f, path.at.rate);
-    TEST_ASSERT_EQUAL_FLOAT(0.0f, path.at.rate_dot);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(path.at.rate));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(path.at.rate_dot));
     TEST_ASSERT_EQUAL_UINT32(200, path_executed(&path));
     TEST_ASSERT_EQUAL(PATH_AT_END, step(100));
     TEST_ASSERT_EQUAL_INT64(199 * PATH_ONE, path.at.s);
@@ -137,7 +139,7 @@ static double stop_way(double u)
 static void check_stop_and_resume(double stop_time, double tolerance)
 {
     const unsigned periods = (unsigned)(stop_time * PERIODS + 0.5);
-    in.stop_time = (num)stop_time;
+    in.stop_time = mk(stop_time);
     cruise();
     const double from = s();
     double last_rate = 1;
@@ -145,10 +147,10 @@ static void check_stop_and_resume(double stop_time, double tolerance)
     for (unsigned i = 1; i <= periods; i++) {
         const double u = (double)i / periods;
         step(1);
-        TEST_ASSERT_DOUBLE_WITHIN(tolerance, stop_rate(u), (double)path.at.rate);
+        TEST_ASSERT_DOUBLE_WITHIN(tolerance, stop_rate(u), val(path.at.rate));
         TEST_ASSERT_DOUBLE_WITHIN(tolerance * stop_time, stop_way(u) * stop_time, s() - from);
-        TEST_ASSERT_TRUE_MESSAGE((double)path.at.rate <= last_rate, "sigma rose during a stop");
-        last_rate = (double)path.at.rate;
+        TEST_ASSERT_TRUE_MESSAGE(val(path.at.rate) <= last_rate, "sigma rose during a stop");
+        last_rate = val(path.at.rate);
     }
     TEST_ASSERT_EQUAL(PATH_STANDS, step(3));
     const int64_t stood_at = path.at.s;
@@ -160,12 +162,12 @@ static void check_stop_and_resume(double stop_time, double tolerance)
     for (unsigned i = 1; i <= periods; i++) {
         const double u = (double)i / periods;
         TEST_ASSERT_EQUAL(PATH_NOTHING, step(1));
-        TEST_ASSERT_DOUBLE_WITHIN(tolerance, stop_rate(1 - u), (double)path.at.rate);
+        TEST_ASSERT_DOUBLE_WITHIN(tolerance, stop_rate(1 - u), val(path.at.rate));
         TEST_ASSERT_DOUBLE_WITHIN(tolerance * stop_time, (0.5 - stop_way(1 - u)) * stop_time, s() - again);
     }
     step(3);
-    TEST_ASSERT_EQUAL_FLOAT(1.0f, path.at.rate);
-    TEST_ASSERT_EQUAL_FLOAT(0.0f, path.at.rate_dot);
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(path.at.rate));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(path.at.rate_dot));
 }
 
 static void test_stop_takes_stop_time_and_half_as_many_knots_and_so_does_the_way_back(void)
@@ -193,9 +195,9 @@ static void test_rate_dot_is_the_change_of_the_rate(void)
     cruise();
     in.run = false;
     for (int i = 0; i < 490; i++) {
-        const double before = (double)path.at.rate;
+        const double before = val(path.at.rate);
         step(1);
-        TEST_ASSERT_DOUBLE_WITHIN(1e-5, ((double)path.at.rate - before) / 0.02, (double)path.at.rate_dot);
+        TEST_ASSERT_DOUBLE_WITHIN(3 * NUM_ROUNDING / 0.02, (val(path.at.rate) - before) / 0.02, val(path.at.rate_dot));
     }
 }
 
@@ -211,7 +213,7 @@ static void test_rate_dot_never_steps_whatever_run_does(void)
             in.run = !in.run;
         }
         step(1);
-        const double now = (double)path.at.rate_dot;
+        const double now = val(path.at.rate_dot);
         TEST_ASSERT_DOUBLE_WITHIN(largest * 1.00001, 0, now);
         TEST_ASSERT_DOUBLE_WITHIN(0.04 * largest, last, now); /* 0.008 where jerk limits, 0.031 where it lands */
         last = now;
@@ -227,7 +229,7 @@ static void test_resume_in_the_middle_of_a_stop_never_stands(void)
     for (int i = 0; i < 1000; i++) {
         TEST_ASSERT_EQUAL(PATH_NOTHING, step(1));
     }
-    TEST_ASSERT_EQUAL_FLOAT(1.0f, path.at.rate);
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(path.at.rate));
 }
 
 /* ---- knots that come late ---- */
@@ -244,7 +246,7 @@ static void test_path_stops_short_of_the_knots_that_are_missing_and_reports_an_u
     }
     TEST_ASSERT_EQUAL(PATH_UNDERRUN, event);
     TEST_ASSERT_TRUE(starved > 400);
-    TEST_ASSERT_EQUAL_FLOAT(0.0f, path.at.rate);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(path.at.rate));
     TEST_ASSERT_TRUE(s() <= 197.0);
     TEST_ASSERT_TRUE_MESSAGE(s() > 196.5, "stopped early");
 }
@@ -263,14 +265,14 @@ static void test_path_asked_to_stop_reports_no_underrun(void)
 static void test_hiccup_slows_the_path_and_it_recovers(void)
 {
     in.count = 200;
-    while (path.at.rate > 0.5f || s() < 100) {
+    while (val(path.at.rate) > 0.5 || s() < 100) {
         TEST_ASSERT_NOT_EQUAL(PATH_UNDERRUN, step(1));
     }
     in.count = 400;
     for (int i = 0; i < 1000; i++) {
         TEST_ASSERT_EQUAL(PATH_NOTHING, step(1));
     }
-    TEST_ASSERT_EQUAL_FLOAT(1.0f, path.at.rate);
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(path.at.rate));
 }
 
 static void test_knots_at_half_the_rate_halve_the_speed_without_a_stop(void)
@@ -294,8 +296,8 @@ static void test_path_never_outruns_its_knots_whenever_they_come(void)
     unsigned random = 12345;
     for (unsigned trial = 0; trial < 210; trial++) {
         path_reset(&path);
-        in = (struct path_in){.run = true, .step = PATH_ONE / PERIODS, .dt = NUM(0.02)};
-        in.stop_time = (num)stop_times[trial % 7];
+        in = (struct path_in){.run = true, .step = PATH_ONE / PERIODS};
+        in.stop_time = mk(stop_times[trial % 7]);
         const unsigned total = 1500 + trial;
         unsigned wait = 0;
         int64_t before = 0;
@@ -312,9 +314,9 @@ static void test_path_never_outruns_its_knots_whenever_they_come(void)
             const int64_t end = in.complete ? (int64_t)total - 1 : in.count > 3 ? (int64_t)in.count - 3 : 0;
             TEST_ASSERT_TRUE_MESSAGE(path.at.s <= end * PATH_ONE, "s is beyond the knots");
             TEST_ASSERT_TRUE_MESSAGE(path.at.s >= before, "s went back");
-            TEST_ASSERT_TRUE_MESSAGE(path.at.rate >= 0.0f && path.at.rate <= 1.0f, "sigma outside 0..1");
+            TEST_ASSERT_TRUE_MESSAGE(val(path.at.rate) >= 0 && val(path.at.rate) <= 1, "sigma outside 0..1");
             if (event == PATH_UNDERRUN) {
-                TEST_ASSERT_EQUAL_FLOAT(0.0f, path.at.rate);
+                TEST_ASSERT_EQUAL_DOUBLE(0, val(path.at.rate));
                 TEST_ASSERT_TRUE(in.run && !in.complete && path.at.s > 0);
             }
             if (event == PATH_AT_END) {
