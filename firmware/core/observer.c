@@ -7,11 +7,11 @@ struct observer_cfg observer_design(num bandwidth, num dt)
     const num x = n_mul(NUM(0.5), n_mul(bandwidth, dt));
     const num p = n_div(n_sub(NUM(1), x), n_add(NUM(1), x));
     const num q = n_sub(NUM(1), p);
-    const num q2 = n_mul(q, q);
+    const num r = n_div(q, dt);
     struct observer_cfg cfg;
     cfg.gain_pos = n_sub(NUM(1), n_mul(p, n_mul(p, p)));
-    cfg.gain_vel = n_div(n_mul(NUM(1.5), n_mul(q2, n_add(NUM(1), p))), dt);
-    cfg.gain_acc = n_div(n_div(n_mul(q2, q), dt), dt);
+    cfg.gain_vel = n_mul(NUM(1.5), n_mul(n_mul(q, r), n_add(NUM(1), p)));
+    cfg.gain_acc = n_mul(n_mul(r, r), q);
     cfg.dt = dt;
     return cfg;
 }

@@ -10,7 +10,7 @@
 #define T0 0.005
 #define MPS (1e-6 / T0)       /* a um/T0 in m/s */
 #define MPS2 (1e-6 / T0 / T0) /* a um/T0^2 in m/s^2 */
-#define DT 0.02               /* 100 us in T0 */
+#define DT val(NUM(0.02))     /* 100 us in T0, as the back end has it */
 
 #define MASS_X (88.08 * MPS2)
 #define MASS_Y (97.90 * MPS2)

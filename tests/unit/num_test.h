@@ -36,6 +36,8 @@ static inline double acc_val(acc_t a)
 #define NUM_ROUNDING 0x1p-24
 #define NUM_STEP 0x1p-33
 #endif
+/* What n halves of its step add to a tolerance in fixed point. */
+#define HALF_STEPS(n) (NUM_FIXED * 0x1p-20 * (n))
 /* A result of up to 16 roundings of terms that add up to `terms` in magnitude. */
 #define ASSERT_NEAR(expected, actual, terms) \
     TEST_ASSERT_DOUBLE_WITHIN(16 * (NUM_ROUNDING * (terms) + NUM_STEP), expected, actual)

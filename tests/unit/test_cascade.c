@@ -85,8 +85,8 @@ static void test_coupled_control_is_added_to_the_cascade(void)
 
 static void test_coupled_integral_is_limited_and_forgotten_when_not_coupled(void)
 {
-    c.e_n = mk2(0, -400);
-    for (int i = 0; i < 100; i++) {
+    c.e_n = mk2(0, -100);
+    for (int i = 0; i < 150; i++) {
         force(true);
     }
     TEST_ASSERT_EQUAL_DOUBLE(100, val(state.coupled));

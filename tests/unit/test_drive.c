@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "drive.h"
+#include "num_test.h"
 #include "unity.h"
 
 static struct drive drive;
@@ -128,10 +129,10 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
     }
     drive_configure(&drive);
     const struct loop_cfg *c = &drive.loop.cfg[atomic_load(&drive.loop.command.cfg_index)];
-    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 123456 * 5e-3, (double)c->speed_max); /* um/T0 */
-    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 234, (double)c->stop_time);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 123456 * 5e-3, val(c->speed_max)); /* um/T0 */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 234, val(c->stop_time));
     for (int i = 0; i < 2; i++) {
-        TEST_ASSERT_DOUBLE_WITHIN(1e-3, 1234.567 + 0.001 * i, (double)c->following_max[i]); /* um */
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, 1234.567 + 0.001 * i, val(c->following_max[i])); /* um */
         TEST_ASSERT_EQUAL_UINT32(345678 + i, c->encoder_10fm[i]);
         TEST_ASSERT_EQUAL_INT32(-4567891 - i, c->min_nm[i]);
         TEST_ASSERT_EQUAL_INT32(5678912 + i, c->max_nm[i]);

@@ -30,10 +30,13 @@ static double by_30(double v, double a)
     return sqrt(3.0) * 0.9 * (c1 * a * a + c2 * v * v + c3 * v * sign + c4 + c5 * a * sign + c6 * v * a);
 }
 
+/* 0.1 m/s are 500 um/T0: of what is rounded in the inputs that much is seen. */
+#define TERMS (NUM_FIXED ? 500.0 : 10.0)
+
 static void test_power_is_the_integrand_of_30(void)
 {
-    ASSERT_NEAR(by_30(0.1, 0), step(0.1, 0), 10.0);
-    ASSERT_NEAR(by_30(-0.1, 0), step(-0.1, 0), 10.0);
+    ASSERT_NEAR(by_30(0.1, 0), step(0.1, 0), TERMS);
+    ASSERT_NEAR(by_30(-0.1, 0), step(-0.1, 0), TERMS);
     ASSERT_NEAR(by_30(0.3, 2), step(0.3, 2), 500.0);
     ASSERT_NEAR(by_30(-0.3, 2), step(-0.3, 2), 500.0);
 }
@@ -41,7 +44,7 @@ static void test_power_is_the_integrand_of_30(void)
 static void test_at_constant_speed_power_is_voltage_times_current(void)
 {
     const double current = (45.5 + 467.2 * 0.1) / 72, voltage = current * 2.5 + 41.6 * 0.1;
-    ASSERT_NEAR(sqrt(3.0) * 0.9 * current * voltage, step(0.1, 0), 10.0);
+    ASSERT_NEAR(sqrt(3.0) * 0.9 * current * voltage, step(0.1, 0), TERMS);
 }
 
 static void test_braking_gives_energy_back(void)

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "loop.h"
+#include "num_test.h"
 #include "unity.h"
 
 static struct loop loop;
@@ -231,7 +232,7 @@ static void test_overspeed_cuts_the_power_in_the_period_that_sees_it(void)
                 wires.count[axis] += sign * (i % 8 == 0 ? 1 : 0); /* 0.125 mm/s, ... */
                 wires.count[axis] += sign * (i > 200 ? 2 : 0);    /* then 2 mm/s more */
                 tick(1);
-                const double v = (double)(axis == 0 ? loop.servo.observer[0].vel : loop.servo.observer[1].vel);
+                const double v = val(loop.servo.observer[axis].vel);
                 TEST_ASSERT_EQUAL(fabs(v) > 5, (atomic_load(&loop.faults) & FAULT_BIT(FAULT_OVERSPEED)) != 0);
             }
             expect_cut(FAULT_OVERSPEED);

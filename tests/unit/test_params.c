@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Parameters in wire units to the core's units: each against its SI value, written here next to the integer. */
+#include <math.h>
+
+#include "num_test.h"
 #include "od.h"
 #include "params.h"
 #include "unity.h"
@@ -20,7 +23,7 @@ void tearDown(void)
 
 static void near(double expected, num actual)
 {
-    TEST_ASSERT_DOUBLE_WITHIN((expected < 0 ? -expected : expected) * 1e-6, expected, (double)actual);
+    TEST_ASSERT_DOUBLE_WITHIN(NUM_FIXED ? 0x1.01p-20 : 1e-6 * fabs(expected), expected, val(actual));
 }
 
 static void test_plant_of_each_axis(void)
@@ -148,11 +151,11 @@ static void test_observer_has_its_poles_where_the_bandwidth_says(void)
 {
     od.observer.bandwidth = 1200000;
     const struct observer_cfg o = params_to_cfg(&od).observer;
-    const double x = 1200.0 * 100e-6 / 2, p = (1 - x) / (1 + x), q = 1 - p, dt = 0.02;
-    near(1 - p * p * p, o.gain_pos);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-5 * 3, 1.5 * q * q * (1 + p) / dt, (double)o.gain_vel);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-5 * 5, q * q * q / dt / dt, (double)o.gain_acc);
-    near(dt, o.dt);
+    const double dt = val(o.dt), x = 1200.0 * T0 * dt / 2, p = (1 - x) / (1 + x), q = 1 - p;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(8), 1 - p * p * p, val(o.gain_pos));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5 * 3 + HALF_STEPS(6 * q / dt), 1.5 * q * q * (1 + p) / dt, val(o.gain_vel));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5 * 5 + HALF_STEPS(3 * q * q / dt / dt), q * q * q / dt / dt, val(o.gain_acc));
+    near(0.02, o.dt);
 }
 
 /* ---- what must fit together ---- */

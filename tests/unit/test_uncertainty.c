@@ -14,7 +14,7 @@ static pos_t q[2];
 void setUp(void)
 {
     cfg = (struct uncertainty_cfg){
-        .alpha = mk(0.5), .mu_0 = mk(3), .mu_max = mk(5), .rho = mk(0.25 * ACC_GAIN), .phi = mk(8), .dead_zone = mk(4)};
+        .alpha = mk(0.5), .mu_0 = mk(3), .mu_max = mk(5), .rho = mk(0.03125 * ACC_GAIN), .phi = mk(8), .dead_zone = mk(4)};
     plant = (struct plant_cfg){.mass = mk2(2, 4), .viscous = mk2(0.5, 1), .coulomb = mk2(10, 20)};
     at_um(100, 200, q);
     uncertainty_reset(&cfg, &state, q, mk2(6, 7));
@@ -89,9 +89,9 @@ static void test_mu_grows_only_outside_the_dead_zone(void)
 {
     apart(0, 0, 4, 4.5);
     TEST_ASSERT_EQUAL_DOUBLE(3, acc_val(state.mu[0]));
-    ASSERT_NEAR(3 + 0.25 * 4.5 * DT, acc_val(state.mu[1]), 3.0);
+    ASSERT_NEAR(3 + 0.03125 * 4.5 * DT, acc_val(state.mu[1]), 3.0);
     apart(0, 0, -6, 1);
-    ASSERT_NEAR(3 + 0.25 * 6 * DT, acc_val(state.mu[0]), 3.0);
+    ASSERT_NEAR(3 + 0.03125 * 6 * DT, acc_val(state.mu[0]), 3.0);
 }
 
 static void test_mu_stops_at_its_limit(void)
@@ -109,8 +109,8 @@ static void test_mu_as_printed_starts_from_zero_and_always_grows(void)
     uncertainty_reset(&cfg, &state, q, mk2(6, 7));
     TEST_ASSERT_EQUAL_DOUBLE(0, acc_val(state.mu[0]));
     apart(0, 0, 1, -2);
-    ASSERT_NEAR(0.25 * 1 * DT, acc_val(state.mu[0]), 1.0);
-    ASSERT_NEAR(0.25 * 2 * DT, acc_val(state.mu[1]), 1.0);
+    ASSERT_NEAR(0.03125 * 1 * DT, acc_val(state.mu[0]), 1.0);
+    ASSERT_NEAR(0.03125 * 2 * DT, acc_val(state.mu[1]), 1.0);
 }
 
 static void test_z_is_held_within_phi_over_alpha_and_the_model_follows(void)
