@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 
 import click
 
@@ -85,3 +86,17 @@ def estimator_command(*, stretches: int, as_json: bool, machine: str, seed: int,
             row["speed_mps"] *= 1e3
         print_table(rows, "Worst |e_n2 - exact|", _ESTIMATOR_HEADINGS)
         click.echo(f"With the Newton step, lag up to 0.2 radii: at most {worst(cells):.3g} nm ({head['num_backend']})")
+
+
+@command.command(name="paper-page")
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@simulation_options
+def page_command(*, file: Path, machine: str, seed: int, num: str) -> None:
+    """Run all that docs/paper.md shows, some minutes, and write it as FILE, with pictures in img/paper beside it."""
+    from kontur import paper_page
+    from kontur.paper import measure
+
+    with progress_bar("experiment paper-page") as progress:
+        results = measure(Target(machine=machines.load(machine), seed=seed, num=num), progress=progress)
+    paper_page.write(results, file)
+    click.echo(f"{file}: {len(results.outcomes)} runs, firmware {results.build}")
