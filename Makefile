@@ -46,13 +46,16 @@ export MPLBACKEND := Agg
 .DELETE_ON_ERROR:
 .SECONDARY:
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-c test-host lint bench lib setup clean FORCE
+.PHONY: help demo paper test test-c test-host lint bench lib setup clean FORCE
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
 
 demo: setup lib  ## cut examples/part.ngc under five controllers: table, build/demo/report.html
 	$(KONTUR) demo
+
+paper: setup lib  ## run the paper again: docs/paper.md and its pictures (some minutes)
+	$(KONTUR) experiment paper-page docs/paper.md
 
 test: setup test-c test-host lint  ## all tests: C (Unity, with sanitizers), Python (pytest), lint
 

@@ -79,7 +79,7 @@ def _table_2(results: Results) -> Iterator[str]:
 
 def _table_2_cells(outcome: Outcome) -> Sequence[str]:
     if outcome.fault is not None:
-        return (f"ended: {outcome.fault}", *[""] * 6)
+        return (f"**ended in a fault**: {_first(outcome.fault)}", *[""] * 6)
     values = outcome.figures
     errors = (number(values[name]) for name in _COLUMNS)
     return (*errors, f"{number(values['energy_J'])} J", f"{number(values['mean_um'])}", f"{number(values['max_um'])}")
@@ -134,7 +134,7 @@ def _printed(results: Results) -> Iterator[str]:
 
 def _cell(outcome: Outcome) -> str:
     if outcome.fault is not None:
-        return f"**ended in a fault**: {outcome.fault}"
+        return f"**ended in a fault**: {_first(outcome.fault)}"
     v = outcome.figures
     return f"{number(v['mean_um'])} / {number(v['max_um'])}, {number(v['force_step_N'])}, {number(v['energy_J'])}"
 
@@ -199,7 +199,7 @@ def _chosen(results: Results, name: str) -> str:
 
 def _short(outcome: Outcome) -> str:
     if outcome.fault is not None:
-        return f"*{outcome.fault.split(';')[0]}*"
+        return f"*{_first(outcome.fault)}*"
     v = outcome.figures
     return f"{number(v['mean_um'])} / {number(v['max_um'])}, {number(v['force_step_N'])}"
 
@@ -212,7 +212,7 @@ def _estimator(results: Results) -> Iterator[str]:
     yield _ESTIMATOR.format(greatest=greatest)
     bins = ["≤ 0.05", "≤ 0.1", "≤ 0.2", "> 0.2"]
     drive_ms = results.defaults["contour.lag_max"]
-    head = ("curve", "mm/s", *(f"lag/radius {text}" for text in bins), f"lags over {drive_ms:g} ms, in the drive")
+    head = ("curve", "mm/s", *(f"lag/radius {text}" for text in bins), f"in the drive, lag over {drive_ms:g} ms")
     by_row: dict[tuple[str, float], dict[str, list[Cell]]] = {}
     for name in NUMS:
         for cell in results.cells[name]:
@@ -225,11 +225,15 @@ def _estimator(results: Results) -> Iterator[str]:
             texts.append(" · ".join(f"{v:.2f}" if v < 10.0 else f"{v:.0f}" for v in values) if f32.rows else "–")
         drive = [cell.drive_nm for cell in cells[NUMS[0]] if cell.rows and cell.lag_over_radius <= 0.2]
         over = speed_mps * drive_ms * 1e-3 < 1e-3
-        rows.append((curve, f"{speed_mps * 1e3:g}", *texts, f"{number(max(drive) * 1e-3)} µm" if over else "none"))
+        rows.append((curve, f"{speed_mps * 1e3:g}", *texts, _length(max(drive)) if over else "none"))
     assert len(bins) == len(BINS)
     yield _table(head, rows)
     off = ", ".join(f"{curve} {number(nm)} nm" for curve, nm in results.spline_nm.items())
     yield f"Not part of the above: how far the spline, through one sample a ms, leaves the ideal curve: {off}.\n"
+
+
+def _length(nm: float) -> str:
+    return f"{nm:.2f} nm" if nm < 1000.0 else f"{number(nm * 1e-3)} µm"
 
 
 # --- how it was made --------------------------------------------------------------------------------------------------
@@ -241,6 +245,11 @@ def _made(results: Results) -> Iterator[str]:
     yield f"- Machine: {results.target.machine.name} (`host/kontur/machines`), simulated; seed {results.target.seed}."
     yield f"- Numeric back end: {results.num}; the estimator's table: {', '.join(NUMS)}."
     yield f"- Firmware build: {results.build}\n"
+
+
+def _first(fault: str) -> str:
+    """A message without its advice."""
+    return fault.split(";")[0]
 
 
 def _circle(case: str) -> str:
