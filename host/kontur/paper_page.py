@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from kontur import paper_figures
+from kontur import paper_figures, paper_text
 from kontur.errors import FileError
 from kontur.estimator import BINS, Cell, worst
 from kontur.experiment import CASES
@@ -47,7 +47,7 @@ def write(results: Results, file: Path) -> None:
 
 def page(results: Results, shown: Iterable[tuple[str, str]]) -> str:
     """The whole page; `shown` are names and captions of the pictures."""
-    parts = [_HEAD, *_table_2(results), "## Figures 3 to 9\n"]
+    parts = [paper_text.HEAD, *_table_2(results), "## Figures 3 to 9\n"]
     parts += [f"**{caption}**\n\n![{caption}]({IMAGES.as_posix()}/{name}.png)\n" for name, caption in shown]
     parts += [*_printed(results), *_sensitivity(results), *_estimator(results), *_made(results)]
     return "\n".join(parts)
@@ -106,7 +106,7 @@ def _changes(results: Results, case: str) -> Iterator[str]:
 def _printed(results: Results) -> Iterator[str]:
     if not results.variants:
         return
-    yield _PRINTED
+    yield paper_text.PRINTED
     head = ("", *(f"{case}: mean / max µm, step N, J" for case in results.cases))
     rows: list[Sequence[str]] = []
     bases: list[tuple[str, object]] = []
@@ -129,7 +129,7 @@ def _printed(results: Results) -> Iterator[str]:
             for case in results.cases
         ]
         yield f"- **{v.name}**, {v.controller}: {_seen(pairs)} Why: {v.why}."
-    yield _NOT_SHOWN
+    yield paper_text.NOT_SHOWN
 
 
 def _cell(outcome: Outcome) -> str:
@@ -168,7 +168,7 @@ def _range(ratios: Sequence[float]) -> str:
 def _sensitivity(results: Results) -> Iterator[str]:
     if not results.sensitivities:
         return
-    yield _SENSITIVITY
+    yield paper_text.SENSITIVITY
     head = ("", "chosen", "", *(f"{case}: mean / max µm, step N" for case in results.cases), "mean error")
     base = [results.outcomes[Job(case)] for case in results.cases]
     rows: list[Sequence[str]] = [("**as chosen**", "", "", *(_short(outcome) for outcome in base), "")]
@@ -209,7 +209,7 @@ def _short(outcome: Outcome) -> str:
 
 def _estimator(results: Results) -> Iterator[str]:
     greatest = ", ".join(f"{number(worst(results.cells[name]))} nm ({name})" for name in NUMS)
-    yield _ESTIMATOR.format(greatest=greatest)
+    yield paper_text.ESTIMATOR.format(greatest=greatest)
     bins = ["≤ 0.05", "≤ 0.1", "≤ 0.2", "> 0.2"]
     drive_ms = results.defaults["contour.lag_max"]
     head = ("curve", "mm/s", *(f"lag/radius {text}" for text in bins), f"in the drive, lag over {drive_ms:g} ms")
@@ -261,59 +261,3 @@ def _circle(case: str) -> str:
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
-
-
-_HEAD = """# The paper, run again
-
-<!-- Made by `make paper`; edit host/kontur/paper_page.py instead. -->
-
-“Adaptive Sliding Mode Contouring Control Design Based on Reference Adjustment and Uncertainty Compensation for Feed
-Drive Systems”, its tables and figures, on the simulated drive: the same firmware, over CAN frames. Every figure that
-is not marked as the paper's comes from the run that made this page. What was decided where the paper is silent or
-misprinted is in [control-law.md](control-law.md); all parameters are in [objects.md](objects.md).
-
-What cannot be compared with the paper's own figures:
-
-- the energy: printed in µJ, far below what moves such masses; the motor's constants of (26)–(30) are not given. Only
-  ratios can be compared.
-- the noise: “mean 0, variance, and standard deviation” without the values; ours is white force noise.
-- the start: the paper's errors hold an unknown initial transient; ours start at rest on the path.
-- sampling, encoder and velocity measurement are not mentioned; ours are in
-  [table1.toml](../host/kontur/machines/table1.toml).
-- e_n2 is the estimate. The paper has no true contour error.
-- the fast circle's radius is not given: two are shown.
-"""
-
-_PRINTED = """## The laws as printed
-
-Each decision of [control-law.md](control-law.md#where-we-differ-from-the-print) that can be switched off, put back to
-what the paper prints. Errors are true contour errors; step N: mean |Δu| of the force vector per control period; J:
-energy.
-"""
-
-_NOT_SHOWN = """
-Not shown, for there is nothing to run or no sense in running it: B and θ̂ without their dots (15), u = ū + v with v an
-acceleration (18), the letters lost in (28), (30) and (32).
-"""
-
-_SENSITIVITY = """## Where the paper gives no value
-
-What was chosen (units in [objects.md](objects.md)), halved and doubled; `ccu`, true contour error. Inside its boundary
-layer the compensator knows µ_0/φ only: to halve one is to double the other. “along”: changed by the same factor, or by
-its inverse, where the drive demands it (k̄ e_max ≤ 4, µ_0 ≤ µ_max).
-"""
-
-_ESTIMATOR = """## The estimate of the contour error
-
-`kontur experiment estimator --num f32`, and `--num fix`: |e_n2 − exact| in nm, the greatest of many places on each
-curve, axes up to 50 µm off the path and up to 1 mm ahead or behind. The exact foot point is chosen on the B-spline of
-the knots (double precision), and the axes are put at a known distance along its normal. A cell is
-**f32 · fix · the paper's (6), without the Newton step**. Radius: the smallest radius of curvature between foot point
-and reference.
-
-With the Newton step and a lag of at most a fifth of the radius the estimate is never off by more than {greatest}.
-
-The last column is for the drive as it is, up to lag/radius 0.2: it keeps few knots of the past, and looks for the foot
-point no further than `contour.lag_max`. What lags more in time seems further off the path than it is, by about
-(rest of the lag)²/(2 radius).
-"""
