@@ -91,6 +91,10 @@ class Params:
     dead_zone_mps: float = 1e-3
     mu_printed: bool = False
     whole_input: bool = False
+    # learned feedforward of friction and mass; not in the paper
+    friction_rate_1ps: float = 40.0
+    mass_rate_1ps: float = 20.0
+    learning_acceleration_mps2: float = 0.5
     # cascade and cross-coupled control
     k_p_1ps: float = 67.4
     k_v_1ps: float = 307.0
@@ -370,6 +374,29 @@ def friction(r_dot_mps: Array, p: Params) -> Array:
     return p.coulomb_N * sat(r_dot_mps, p.friction_speed_mps)
 
 
+def learned_force(friction_N: Array, mass_kg: Array, r_dot_mps: Array, r_ddot_mps2: Array, p: Params) -> Array:
+    """Force (2,) for the friction and the mass learned beyond the nominal plant (decision)."""
+    return friction_N * sat(r_dot_mps, p.friction_speed_mps) + mass_kg * r_ddot_mps2
+
+
+def learn(
+    friction_N: Array, mass_kg: Array, r_dot_mps: Array, r_ddot_mps2: Array, u_N: Array, p: Params
+) -> tuple[Array, Array]:
+    """One period of learning friction and mass from what the compensator added, u (decision).
+
+    The force that is missing is l sign(r') + m r''; the compensator supplies it. Gradient descent of u^2/2: dl/dt is proportional
+    to u d, dm/dt to u a, the latter divided by a^2 + a_0^2 so that its speed does not depend on how hard the path accelerates.
+    """
+    direction = sat(r_dot_mps, p.friction_speed_mps)
+    regressor = r_ddot_mps2 / (r_ddot_mps2**2 + p.learning_acceleration_mps2**2)
+    friction_N = friction_N + p.friction_rate_1ps * u_N * direction * p.dt_s
+    mass_kg = mass_kg + p.mass_rate_1ps * u_N * regressor * p.dt_s
+    return (
+        np.clip(friction_N, -p.coulomb_N, 3.0 * p.coulomb_N),
+        np.clip(mass_kg, -0.5 * p.mass_kg, p.mass_kg),
+    )
+
+
 def surface(e: Array, e_dot: Array, p: Params) -> tuple[Array, Array, Array]:
     """(10): s_bar = A e + e', with A = diag(lambda + psi gamma) and B = A' = diag(psi' gamma)."""
     (psi_1, psi_1_dot), (psi_2, psi_2_dot) = (psi(e[j], e_dot[j], p) for j in (0, 1))
@@ -533,7 +560,7 @@ class History:
     """What was asked for in one period, N, (2,) each: force, its part against friction, its part for the model (2)."""
 
     force: Array
-    friction: Array
+    balance: Array
     model: Array
 
 
@@ -551,6 +578,9 @@ class State:
     offset: Array
     last: list[History]
     energy_J: Array
+    learned_friction_N: Array
+    learned_mass_kg: Array
+    saturated: bool = False
     controller: str | None = None
     enabled: bool = False
 
@@ -576,6 +606,8 @@ class Servo:
             offset=zero,
             last=[History(zero, zero, zero)] * 2,
             energy_J=zero,
+            learned_friction_N=zero,
+            learned_mass_kg=zero,
         )
         self._reset_laws(measured_m, zero)
         self.contour: Contour | None = None
@@ -604,33 +636,36 @@ class Servo:
         (decision).
         """
         p, s = self.p, self.state
-        s.observer, acceleration = observe(s.observer, measured_m, s.last[1].force - s.last[1].friction, p, self.gains)
+        s.observer, acceleration = observe(s.observer, measured_m, s.last[1].force - s.last[1].balance, p, self.gains)
         q, q_dot = s.observer[0], s.observer[1]
         s.energy_J = s.energy_J + power(q_dot, acceleration, p) * p.dt_s
         c = contour_error(self.knots_m, self.start_m, t_s, rate, rate_dot_1ps, q, q_dot, p)
         self.contour = c
 
         now = History(np.zeros(2), np.zeros(2), np.zeros(2))
+        saturated = False
         if enabled:
             fresh, switched = not s.enabled, controller != s.controller
             s.q_bar, s.q_bar_dot = reference_model(s.q_bar, s.q_bar_dot, s.last[1].model, p)
             if fresh or switched:
                 self._reset_laws(q, q_dot)
-            u, linear = self._law(controller, c, q, q_dot)
+            u, balance, linear = self._law(controller, c, q, q_dot)
             s.offset = s.last[0].force - u if switched and not fresh else p.blend * s.offset
             wanted = u + s.offset
             force = np.clip(wanted, -p.force_max_N, p.force_max_N)
-            now = History(force, friction(c.r_dot, p), linear + s.offset - (wanted - force))
-        s.enabled, s.controller = enabled, controller
+            saturated = bool(np.any(wanted != force))
+            now = History(force, balance, linear + s.offset - (wanted - force))
+        s.enabled, s.controller, s.saturated = enabled, controller, saturated
         s.last = [now, s.last[0]]
         return now.force
 
-    def _law(self, controller: str, c: Contour, q: Array, q_dot: Array) -> tuple[Array, Array]:
-        """Force of the law and the part of it that drives the reference model (2), N."""
+    def _law(self, controller: str, c: Contour, q: Array, q_dot: Array) -> tuple[Array, Array, Array]:
+        """Force of the law, its part that balances friction and learned mass, its part that drives (2), N."""
         p, s = self.p, self.state
+        balance = friction(c.r_dot, p)
         if controller in ("cascade", "ccc"):
             linear, s.integral, s.coupled_integral = cascade(c, s.integral, s.coupled_integral, controller == "ccc", p)
-            return linear + friction(c.r_dot, p), linear
+            return linear + balance, balance, linear
         if controller == "track":  # R = I, r_n = r
             linear, s_bar = contouring_law(
                 IDENTITY, 0.0, 0.0, c.e_w, c.e_w_dot, c.e_w, c.e_w_dot, c.r_ddot, q_dot, s.k_hat, p
@@ -650,9 +685,9 @@ class Servo:
                 p,
             )
         s.k_hat = adapt_k(s.k_hat, s_bar, p)
-        u = linear + friction(c.r_dot, p)
+        u = linear + balance
         if controller != "ccu":
-            return u, linear
+            return u, balance, linear
         if p.whole_input:  # (2) as printed
             linear = u
         z_max = p.phi_mps / p.alpha_1ps
@@ -660,7 +695,12 @@ class Servo:
         s.q_bar = q - z
         _, surface_s, _, compensator = compensation(z, q_dot - s.q_bar_dot, c.rotation, c.theta_dot, s.mu, p)
         s.mu = adapt_mu(s.mu, surface_s, p)
-        return u + compensator, linear
+        learned = learned_force(s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, p)
+        if not s.saturated:  # a force that was not given teaches nothing
+            s.learned_friction_N, s.learned_mass_kg = learn(
+                s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, compensator, p
+            )
+        return u + compensator + learned, balance + learned, linear
 
 
 # --- The machine ------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ static void observe(const struct servo_cfg *cfg, struct servo_state *state, cons
 {
     const struct plant_cfg *p = &cfg->plant;
     struct observer_state *ob = state->observer;
-    const vec2 moving = v2_sub(state->last[1].force, state->last[1].friction);
+    const vec2 moving = v2_sub(state->last[1].force, state->last[1].balance);
     observer_step(&cfg->observer, &ob[0], in->measured[0], moving.x, p->mass.x, p->viscous.x);
     observer_step(&cfg->observer, &ob[1], in->measured[1], moving.y, p->mass.y, p->viscous.y);
     for (int i = 0; i < 2; i++) {
@@ -34,9 +34,9 @@ static struct servo_history law(const struct servo_cfg *cfg, struct servo_state 
     const struct contour_out *c = &out->contour;
     struct servo_history h;
     if (controller == CONTROLLER_CASCADE || controller == CONTROLLER_CCC) {
-        h.friction = asmc_friction(&cfg->plant, cfg->asmc.friction_speed, c->r_dot);
+        h.balance = asmc_friction(&cfg->plant, cfg->asmc.friction_speed, c->r_dot);
         h.model = cascade_step(&cfg->cascade, &cfg->plant, &state->cascade, c, controller == CONTROLLER_CCC, cfg->dt);
-        h.force = v2_add(h.model, h.friction);
+        h.force = v2_add(h.model, h.balance);
         return h;
     }
 
@@ -58,13 +58,20 @@ static struct servo_history law(const struct servo_cfg *cfg, struct servo_state 
         in.r_ddot = c->r_ddot;
     }
     asmc_step(&cfg->asmc, &cfg->plant, &state->asmc, &in, cfg->dt, &out->asmc);
-    h.friction = out->asmc.u_friction;
-    h.force = v2_add(out->asmc.u_linear, h.friction);
+    h.balance = out->asmc.u_friction;
+    h.force = v2_add(out->asmc.u_linear, h.balance);
     h.model = cfg->uncertainty.whole_input ? h.force : out->asmc.u_linear;
     if (controller == CONTROLLER_CCU) {
         uncertainty_step(&cfg->uncertainty, &cfg->plant, &state->uncertainty, q, out->velocity, c->t, c->theta_dot,
                          cfg->dt, &out->uncertainty);
-        h.force = v2_add(h.force, out->uncertainty.u);
+        const num friction_speed = cfg->asmc.friction_speed;
+        const vec2 learned = learning_force(&state->learning, friction_speed, c->r_dot, c->r_ddot);
+        h.balance = v2_add(h.balance, learned);
+        h.force = v2_add(h.force, v2_add(out->uncertainty.u, learned));
+        if (!state->saturated) { /* a force that was not given teaches nothing */
+            learning_step(&cfg->learning, &cfg->plant, &state->learning, friction_speed, c->r_dot, c->r_ddot,
+                          out->uncertainty.u, cfg->dt);
+        }
     }
     return h;
 }
@@ -88,6 +95,7 @@ void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const p
         observer_reset(&state->observer[i], measured[i]);
         energy_reset(&state->energy[i]);
     }
+    learning_reset(&state->learning);
     reset_laws(cfg, state, measured, ZERO);
 }
 
@@ -118,12 +126,13 @@ void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const st
         const vec2 excess = v2_sub(wanted, out->force);
         out->saturated = (in->enabled[0] && n_lt(NUM(0), n_abs(excess.x))) ||
                          (in->enabled[1] && n_lt(NUM(0), n_abs(excess.y)));
-        now.friction = where_enabled(in->enabled, now.friction);
+        now.balance = where_enabled(in->enabled, now.balance);
         now.model = where_enabled(in->enabled, v2_add(now.model, v2_sub(state->offset, excess)));
     }
     state->enabled[0] = in->enabled[0];
     state->enabled[1] = in->enabled[1];
     state->controller = in->controller;
+    state->saturated = out->saturated;
     state->last[1] = state->last[0];
     state->last[0] = now;
 }

@@ -5,8 +5,8 @@
  * after is loop_tick()'s (drive/loop.h).
  *
  * The force returned acts from the next encoder reading to the one after (one control period of delay); observer and
- * reference model are fed accordingly. The observer gets the force less its friction feedforward: what balances friction
- * accelerates nothing, and an observer that thinks it does is wrong by mm/s for some ms at each reversal.
+ * reference model are fed accordingly. The observer gets the force less what balances friction: that accelerates
+ * nothing, and an observer that thinks it does is wrong by mm/s for some ms at each reversal.
  *
  * Switching the controller at run time: the difference between the last force and the new law's first one is kept as
  * an offset that decays with cfg.blend, so that the force does not jump. The reference model sees the offset too.
@@ -15,6 +15,7 @@
 #define KONTUR_SERVO_H
 #include "cascade.h"
 #include "energy.h"
+#include "learning.h"
 #include "observer.h"
 #include "uncertainty.h"
 
@@ -35,6 +36,7 @@ struct servo_cfg {
     struct contour_cfg contour;
     struct asmc_cfg asmc;
     struct uncertainty_cfg uncertainty;
+    struct learning_cfg learning;
     struct cascade_cfg cascade;
     struct energy_cfg energy[2];
 };
@@ -50,7 +52,7 @@ struct servo_in {
 /* What a period asked for, N. */
 struct servo_history {
     vec2 force;
-    vec2 friction; /* its part that balances nominal Coulomb friction */
+    vec2 balance;  /* its part that balances friction, and mass beyond the nominal: it accelerates nothing that is known */
     vec2 model;    /* its part that the reference model sees */
 };
 
@@ -58,11 +60,13 @@ struct servo_state {
     struct observer_state observer[2];
     struct asmc_state asmc;
     struct uncertainty_state uncertainty;
+    struct learning_state learning; /* kept when the controller changes or the power goes */
     struct cascade_state cascade;
     struct energy_state energy[2];
     bool enabled[2];
     enum controller controller;
     vec2 offset;
+    bool saturated; /* in the last period */
     struct servo_history last[2]; /* of the last period, and of the one before: that one's force has just acted */
 };
 

@@ -39,6 +39,8 @@ static void report(struct app *app, const struct loop_snapshot *s)
         od->axis[i].position_actual = s->position_nm[i];
         od->axis[i].velocity_actual = s->velocity_umps[i];
         od->axis[i].following_error = s->following_nm[i];
+        od->axis[i].learned.friction = s->learned_mN[i];
+        od->axis[i].learned.mass = s->learned_g[i];
         od->axis[i].mode_display = od->axis[i].mode;
     }
     t->tick = (uint16_t)s->ms;

@@ -102,6 +102,8 @@ static void publish(struct loop *loop, const struct servo_out *out, enum control
     const num force[2] = {out->force.x, out->force.y};
     const num k_hat[2] = {out->asmc.k_hat.x, out->asmc.k_hat.y};
     const num mu[2] = {out->uncertainty.mu.x, out->uncertainty.mu.y};
+    const num friction[2] = {loop->servo.learning.friction.x, loop->servo.learning.friction.y};
+    const num mass[2] = {loop->servo.learning.mass.x, loop->servo.learning.mass.y};
     s->ms = n;
     for (int i = 0; i < 2; i++) {
         s->position_nm[i] = pos_to_nm(loop->servo.observer[i].pos);
@@ -113,6 +115,8 @@ static void publish(struct loop *loop, const struct servo_out *out, enum control
         s->k_hat[i] = n_to_scaled(k_hat[i], 2000);
         s->mu[i] = n_to_scaled(mu[i], 40);
         s->energy_mJ[i] = loop->servo.energy[i].mJ;
+        s->learned_mN[i] = n_to_scaled(friction[i], 1000);
+        s->learned_g[i] = n_to_scaled(mass[i], 25000);
     }
     s->rate = n_to_scaled(loop->path.at.rate, 1000);
     s->controller = (uint8_t)controller;

@@ -47,6 +47,8 @@ struct loop_snapshot {
     int32_t k_hat[2];         /* 0.1 1/s */
     int32_t mu[2];            /* mm/s^2 */
     int32_t energy_mJ[2];
+    int32_t learned_mN[2];    /* friction beyond the nominal */
+    int32_t learned_g[2];     /* mass beyond the nominal */
     int32_t rate;             /* sigma, 1/1000 */
     uint8_t controller;
 };

@@ -26,6 +26,19 @@ static num milli(uint32_t u)
     return n_ratio(u, 1000);
 }
 
+/* Steps of the velocity estimate grow with the length of a count and with the bandwidth to the power of two and more: for
+ * counts longer than ENCODER_FINE the bandwidth goes with the fourth root of their length. The coarser axis counts. */
+#define ENCODER_FINE 7629000 /* 76.29 nm in 10 fm */
+
+static num observer_bandwidth(const struct od_data *od)
+{
+    const uint32_t x = od->axis[0].plant.encoder;
+    const uint32_t y = od->axis[1].plant.encoder;
+    const uint32_t count = x > y ? x : y;
+    const num bandwidth = milli_per_s(od->observer.bandwidth);
+    return count <= ENCODER_FINE ? bandwidth : n_mul(bandwidth, n_sqrt(n_sqrt(n_ratio(ENCODER_FINE, count))));
+}
+
 static struct plant_cfg plant(const struct od_plant *x, const struct od_plant *y)
 {
     const struct plant_cfg p = {
@@ -71,7 +84,7 @@ struct servo_cfg params_to_cfg(const struct od_data *od)
         .dt = dt,
         .blend = n_ratio(od->contour.blend_time, (int64_t)od->contour.blend_time + dt_us),
         .plant = plant(&od->axis[0].plant, &od->axis[1].plant),
-        .observer = observer_design(milli_per_s(od->observer.bandwidth), dt),
+        .observer = observer_design(observer_bandwidth(od), dt),
         .contour = {.v_min = nano_mps(od->contour.v_min),
                     .lag_max = n_ratio(od->contour.lag_max, 5000),
                     .newton = od->contour.newton != 0},
@@ -96,6 +109,9 @@ struct servo_cfg params_to_cfg(const struct od_data *od)
                         .dead_zone = nano_mps(u->dead_zone),
                         .law_printed = u->law_printed != 0,
                         .whole_input = u->whole_input != 0},
+        .learning = {.friction_rate = milli_per_s(od->learning.friction_rate),
+                     .mass_rate = milli_per_s(od->learning.mass_rate),
+                     .acceleration = micro_mps2(od->learning.acceleration)},
         .cascade = {.k_p = milli_per_s(c->position_gain),
                     .k_v = milli_per_s(c->velocity_gain),
                     .k_i = milli_per_s(c->integral_gain),

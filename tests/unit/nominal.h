@@ -52,6 +52,7 @@ static inline struct servo_cfg nominal(void)
                         .rho = mk(0.5 * T0 * T0 * ACC_GAIN),
                         .phi = mk(1e-3 / MPS),
                         .dead_zone = mk(1e-3 / MPS)},
+        .learning = {.acceleration = mk(0.5 / MPS2)}, /* rates 0: nothing is learned */
         .cascade = {.k_p = mk(67.4 * T0),
                     .k_v = mk(307 * T0),
                     .k_i = mk(77 * T0),

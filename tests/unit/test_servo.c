@@ -314,7 +314,7 @@ static void test_energy_is_counted_for_both_axes(void)
     state.observer[1].vel = state.observer[1].disturbance = mk(0);
     for (int i = 0; i < 50; i++) { /* y rests from now on, and nothing acts on it */
         const pos_t y = in.measured[1];
-        state.last[1].force.y = state.last[1].friction.y;
+        state.last[1].force.y = state.last[1].balance.y;
         place(20, 4);
         in.measured[1] = y;
         state.observer[1].pos = y;
