@@ -9,11 +9,12 @@ from pathlib import Path
 import click
 
 from kontur import machine as machines
-from kontur.cli.options import progress_bar, simulation_options
+from kontur.cli.options import KEY_VALUE, parameter_values, progress_bar, simulation_options
 from kontur.cli.output import print_json, print_table
 from kontur.device import CONTROLLERS
 from kontur.estimator import experiment, worst
 from kontur.experiment import CASES, paper
+from kontur.robust import robust, summarise
 from kontur.run import Target
 
 _ESTIMATOR_HEADINGS = {
@@ -22,6 +23,15 @@ _ESTIMATOR_HEADINGS = {
     "newton_nm": "Newton nm",
     "paper_nm": "paper nm",
     "drive_nm": "drive's lag_max nm",
+}
+
+_ROBUST_HEADINGS = {
+    "unstable": "unstable runs",
+    "median_um": "median µm",
+    "worst_um": "worst µm",
+    "worst_seed": "at seed",
+    "over_ccu_median": "over ccu: median",
+    "over_ccu_worst": "over ccu: least",
 }
 
 
@@ -86,6 +96,38 @@ def estimator_command(*, stretches: int, as_json: bool, machine: str, seed: int,
             row["speed_mps"] *= 1e3
         print_table(rows, "Worst |e_n2 - exact|", _ESTIMATOR_HEADINGS)
         click.echo(f"With the Newton step, lag up to 0.2 radii: at most {worst(cells):.3g} nm ({head['num_backend']})")
+
+
+@command.command(name="robust")
+@click.option(
+    "--seeds", type=click.IntRange(1, 10_000), default=20, show_default=True, help="How many draws, from --seed on."
+)
+@click.option(
+    "--set", "parameters", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Set a parameter before."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@simulation_options
+def robust_command(
+    *, seeds: int, parameters: tuple[tuple[str, str], ...], as_json: bool, machine: str, seed: int, num: str
+) -> None:
+    """ccu, cascade and ccc with default gains on machines the drive is not told of, along curves drawn at random."""
+    with progress_bar("experiment robust") as progress:
+        rows = robust(
+            machines.load(machine),
+            range(seed, seed + seeds),
+            num,
+            parameters=parameter_values(parameters),
+            progress=progress,
+        )
+    found = summarise(rows)
+    if as_json:
+        print_json(found | {"draws": rows})
+        return
+    print_table(
+        [{"controller": name} | found["controllers"][name] for name in found["controllers"]],
+        f"{seeds} draws from seed {seed} on: mean contour error, draw by draw",
+        _ROBUST_HEADINGS,
+    )
 
 
 @command.command(name="paper-page")
