@@ -9,7 +9,7 @@ measured is the estimator: knots are rounded to 1 nm as on the wire, but both si
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -20,12 +20,16 @@ from scipy.interpolate import BSpline
 
 from kontur import knots, shapes
 from kontur.machine import Machine
-from kontur.path import Arc, Curve, FloatArray, Segment
-from kontur.run import Target, connect
+from kontur.path import Arc, Curve, FloatArray, Move, Program, Segment
+from kontur.planner import plan
+from kontur.run import Target, connect, limits
 from kontur.simlib import estimate
 
 SPEEDS_MPS = (0.001, 0.005, 0.02, 0.05, 0.1, 0.2)
 LAG_M = 1e-3
+PLANNED = ("circle 4 mm", "eight 20 mm", "NURBS")
+PLANNED_SUFFIX = ", planned"
+PLANNED_MPS = 0.1
 OFFSETS_M = (-50e-6, -10e-6, 0.0, 10e-6, 50e-6)
 BINS = (0.05, 0.1, 0.2, np.inf)
 """Upper ends of the bins of lag over the smallest radius of curvature between foot point and reference."""
@@ -39,8 +43,8 @@ _ROWS = 40  # a stretch: positions of the axes
 class Cell:
     """Worst |e_n2 - exact| in nm of `rows` positions (NaN: of none).
 
-    `newton_nm` with the Newton step, `paper_nm` by the paper's (6) alone, `drive_nm` with the Newton step in the drive as
-    it is, which looks no further than `contour.lag_max`.
+    `newton_nm` with the Newton step, `paper_nm` by the paper's (6) alone, `drive_nm` with the Newton step in the drive
+    as it is, which looks no further than `contour.lag_max`.
     """
 
     curve: str
@@ -91,24 +95,34 @@ def experiment(
     stretches: int = 100,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[dict[str, Any], list[Cell]]:
-    """Compare on every curve at every speed, at `stretches` random places of each with lags up to 1 mm; returns what
-    was measured (build, back end, the drive's longest lag, greatest difference of the spline to each ideal curve in
-    nm) and the table.
+    """Compare on every curve at every speed, at `stretches` random places of each with lags up to 1 mm; and on some
+    curves as the planner drives them, from rest to rest within the machine's limits, with lags up to the drive's
+    longest. Returns what was measured (build, back end, the drive's longest lag in ms, greatest difference of the
+    spline to each ideal curve in nm) and the table.
 
-    Half of the places are random, half where the curve bends most. Raises LibraryError.
+    Half of the places are random, half where the curve bends most or the speed changes. Raises LibraryError.
     """
     with connect(Target(machine=machine, num=num)) as device:
         head = {name: device.read(name) for name in ("build_id", "num_backend", "contour.lag_max")}
-    named, speeds = curves(), list(speeds_mps)
+    drive_ms = round(head["contour.lag_max"])
+    named = curves()
+    grid = [(name, speed_mps, False) for name in named for speed_mps in speeds_mps]
+    grid += [(name, PLANNED_MPS, True) for name in PLANNED if name in named]
     cells: list[Cell] = []
     spline_nm: dict[str, float] = {}
-    for i, (name, curve) in enumerate(named.items()):
-        for j, speed_mps in enumerate(speeds):
-            rng = np.random.default_rng((seed, i, j))
-            found = _compare(curve, speed_mps, round(head["contour.lag_max"]), stretches, num, rng)
-            spline_nm[name] = max(spline_nm.get(name, 0.0), found.spline_nm)
-            cells += found.cells(name, speed_mps)
-            progress((i * len(speeds) + j + 1) / (len(named) * len(speeds)))
+    for i, (name, speed_mps, planned) in enumerate(grid):
+        rng = np.random.default_rng((seed, i))
+        if planned:
+            pieces = _planned(named[name], speed_mps, machine, drive_ms, stretches, rng)
+            found = _compare(pieces, drive_ms, (drive_ms, drive_ms), num, rng)
+            name += PLANNED_SUFFIX
+        else:
+            lag_ms = LAG_M / speed_mps * 1e3
+            pieces = _steady(named[name], speed_mps, lag_ms, stretches, rng)
+            found = _compare(pieces, lag_ms, (_NO_LIMIT_MS, drive_ms), num, rng)
+        spline_nm[name] = max(spline_nm.get(name, 0.0), found.spline_nm)
+        cells += found.cells(name, speed_mps)
+        progress((i + 1) / len(grid))
     return head | {"spline_nm": spline_nm}, cells
 
 
@@ -134,40 +148,81 @@ class _Found:
         return out
 
 
-def _compare(
-    curve: Segment, speed_mps: float, lag_max_ms: int, stretches: int, num: str, rng: np.random.Generator
-) -> _Found:
-    lag_ms = LAG_M / speed_mps * 1e3
+@dataclass(frozen=True)
+class _Stretch:
+    """A piece of a path: where it is on the curve (n,) at 0, 1, 2 ... ms, and its knots (n, 2)."""
+
+    curve: Segment
+    path_m: FloatArray
+    knots_nm: NDArray[np.int32]
+
+    def path_at(self, time_ms: FloatArray) -> FloatArray:
+        """Distance along the curve at times of any shape."""
+        return np.asarray(np.interp(time_ms.ravel(), np.arange(len(self.path_m)), self.path_m)).reshape(time_ms.shape)
+
+
+def _steady(
+    curve: Segment, speed_mps: float, lag_ms: float, stretches: int, rng: np.random.Generator
+) -> Iterator[_Stretch]:
+    """At constant speed, long enough for the lag."""
     time_s = np.arange(math.ceil(lag_ms) + 2 * _MARGIN) * knots.KNOT_S
-    middle_m = _places(curve, stretches, rng) - 0.5 * speed_mps * time_s[-1]
-    samples_m = curve.point(((middle_m[:, None] + speed_mps * time_s) % curve.length_m).ravel())
-    ratio, error_nm, spline_nm = [], [], 0.0
-    for start_m, position_m in zip(middle_m, samples_m.reshape(stretches, -1, 2), strict=True):
-        knots_nm = knots.to_nm(knots.control_points(position_m))
-        spline = _spline(knots_nm)
-        behind_ms = np.append(rng.uniform(-lag_ms, lag_ms, _ROWS - 2), [-lag_ms, lag_ms])
-        foot_ms = 0.5 * (len(time_s) - 1.0 - behind_ms) + rng.uniform(-0.5, 0.5, _ROWS)
-        exact_nm = rng.choice(OFFSETS_M, _ROWS) * 1e9
-        axes_m = (spline(foot_ms) + exact_nm[:, None] * _normal(spline, foot_ms)) * 1e-9
-        estimated = [
-            estimate(knots_nm, (foot_ms + behind_ms) * 1e-3, axes_m, newton=newton, lag_max_ms=limit_ms, num=num)[:, 1]
-            for newton, limit_ms in ((True, _NO_LIMIT_MS), (False, _NO_LIMIT_MS), (True, lag_max_ms))
-        ]
-        error_nm.append(np.abs(np.column_stack(estimated) * 1e9 - exact_nm[:, None]))
-        between_ms = foot_ms[:, None] + behind_ms[:, None] * np.linspace(0.0, 1.0, 17)
-        between_m = (start_m + speed_mps * between_ms * 1e-3) % curve.length_m
-        bend = np.abs(curve.curvature(between_m.ravel())).reshape(between_m.shape)
-        ratio.append(np.abs(behind_ms) * 1e-3 * speed_mps * bend.max(axis=1))
-        off_nm = spline(foot_ms) - curve.point(between_m[:, 0]) * 1e9
-        spline_nm = max(spline_nm, float(np.max(np.abs(np.sum(off_nm * _normal(spline, foot_ms), axis=1)))))
-    return _Found(np.concatenate(ratio), np.concatenate(error_nm), spline_nm)
-
-
-def _places(curve: Segment, count: int, rng: np.random.Generator) -> FloatArray:
     grid_m = np.linspace(0.0, curve.length_m, 4000, endpoint=False)
     weight = curve.curvature(grid_m) ** 2
-    bent = rng.choice(grid_m, count // 2, p=weight / weight.sum())
-    return np.append(rng.uniform(0.0, curve.length_m, count - count // 2), bent)
+    bent_m = rng.choice(grid_m, stretches // 2, p=weight / weight.sum())
+    middle_m = np.append(rng.uniform(0.0, curve.length_m, stretches - stretches // 2), bent_m)
+    path_m = middle_m[:, None] + speed_mps * (time_s - 0.5 * time_s[-1])
+    position_m = curve.point(path_m.ravel() % curve.length_m).reshape(*path_m.shape, 2)
+    for along, position in zip(path_m, position_m, strict=True):
+        yield _Stretch(curve, along, knots.to_nm(knots.control_points(position)))
+
+
+def _planned(
+    curve: Segment, feed_mps: float, machine: Machine, lag_ms: int, stretches: int, rng: np.random.Generator
+) -> Iterator[_Stretch]:
+    """Out of a whole planned path; every other stretch where it speeds up or slows down."""
+    x, y = curve.point(np.zeros(1))[0]
+    trajectory = plan(Program("curve", (Move(curve, feed_mps),), (float(x), float(y))), limits(machine))
+    count = lag_ms + 2 * _MARGIN
+    speed = np.diff(trajectory.path_s_m)
+    changes = np.flatnonzero(np.abs(np.diff(speed)) > 1e-4 * speed.max())
+    last = len(trajectory.path_s_m) - count
+    for i in range(stretches):
+        first = int(rng.choice(changes) - count // 2 if i % 2 else rng.integers(0, last))
+        rows = slice(min(max(first, 0), last), min(max(first, 0), last) + count)
+        yield _Stretch(curve, trajectory.path_s_m[rows], trajectory.knots_nm[rows])
+
+
+def _compare(
+    stretches: Iterable[_Stretch], lag_ms: float, limits_ms: tuple[int, int], num: str, rng: np.random.Generator
+) -> _Found:
+    """With lags up to `lag_ms`; `limits_ms`: lag_max of the estimator by itself, and of the drive."""
+    alone_ms, drive_ms = limits_ms
+    ratio, error_nm, spline_nm = [], [], 0.0
+    for piece in stretches:
+        spline, length_m = _spline(piece.knots_nm), piece.curve.length_m
+        behind_ms = np.append(rng.uniform(-lag_ms, lag_ms, _ROWS - 2), [-lag_ms, lag_ms])
+        foot_ms = 0.5 * (len(piece.path_m) - 1.0 - behind_ms) + rng.uniform(-0.5, 0.5, _ROWS)
+        between_ms = foot_ms[:, None] + behind_ms[:, None] * np.linspace(0.0, 1.0, 17)
+        slow_nm = np.min(np.linalg.norm(spline(between_ms, nu=1), axis=2), axis=1)  # per ms
+        moving = slow_nm > 0.9 * min(SPEEDS_MPS) * 1e6
+        if not moving.any():
+            continue
+        behind_ms, foot_ms, between_ms = behind_ms[moving], foot_ms[moving], between_ms[moving]
+        exact_nm = rng.choice(OFFSETS_M, len(foot_ms)) * 1e9
+        normal = _normal(spline, foot_ms)
+        axes_m = (spline(foot_ms) + exact_nm[:, None] * normal) * 1e-9
+        at_s = (foot_ms + behind_ms) * 1e-3
+        estimated = [
+            estimate(piece.knots_nm, at_s, axes_m, newton=newton, lag_max_ms=limit_ms, num=num)[:, 1]
+            for newton, limit_ms in ((True, alone_ms), (False, alone_ms), (True, drive_ms))
+        ]
+        error_nm.append(np.abs(np.column_stack(estimated) * 1e9 - exact_nm[:, None]))
+        between_m = piece.path_at(between_ms)
+        bend = np.abs(piece.curve.curvature(between_m.ravel() % length_m)).reshape(between_m.shape)
+        ratio.append(np.abs(between_m[:, -1] - between_m[:, 0]) * bend.max(axis=1))
+        off_nm = spline(foot_ms) - piece.curve.point(between_m[:, 0] % length_m) * 1e9
+        spline_nm = max(spline_nm, float(np.max(np.abs(np.sum(off_nm * normal, axis=1)))))
+    return _Found(np.concatenate(ratio), np.concatenate(error_nm), spline_nm)
 
 
 def _spline(knots_nm: NDArray[np.int32]) -> BSpline:

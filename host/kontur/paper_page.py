@@ -8,7 +8,7 @@ from pathlib import Path
 
 from kontur import paper_figures, paper_text
 from kontur.errors import FileError
-from kontur.estimator import BINS, Cell, worst
+from kontur.estimator import BINS, LAG_M, PLANNED_SUFFIX, Cell, worst
 from kontur.experiment import CASES
 from kontur.figures import number
 from kontur.paper import (
@@ -224,7 +224,7 @@ def _estimator(results: Results) -> Iterator[str]:
             values = (f32.newton_nm, fix.newton_nm, f32.paper_nm)
             texts.append(" · ".join(f"{v:.2f}" if v < 10.0 else f"{v:.0f}" for v in values) if f32.rows else "–")
         drive = [cell.drive_nm for cell in cells[NUMS[0]] if cell.rows and cell.lag_over_radius <= 0.2]
-        over = speed_mps * drive_ms * 1e-3 < 1e-3
+        over = speed_mps * drive_ms * 1e-3 < LAG_M and not curve.endswith(PLANNED_SUFFIX)
         rows.append((curve, f"{speed_mps * 1e3:g}", *texts, _length(max(drive)) if over else "none"))
     assert len(bins) == len(BINS)
     yield _table(head, rows)

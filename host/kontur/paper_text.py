@@ -49,6 +49,10 @@ the knots (double precision), and the axes are put at a known distance along its
 **f32 · fix · the paper's (6), without the Newton step**. Radius: the smallest radius of curvature between foot point
 and reference.
 
+The rows “planned” are runs from rest to rest by the planner within the machine's limits, half of the places where the
+speed changes, lags up to `contour.lag_max`, above 1 mm/s. Where the speed changes by half or more within the lag, which
+takes accelerations far beyond those limits, one Newton step leaves more.
+
 With the Newton step and a lag of at most a fifth of the radius the estimate is never off by more than {greatest}.
 
 The last column is for the drive as it is, up to lag/radius 0.2: it keeps few knots of the past, and looks for the foot
