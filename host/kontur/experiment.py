@@ -7,7 +7,7 @@ repeats after 5.6 s, which a lap of r = 4 mm takes at 4.488 mm/s.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -44,11 +44,12 @@ def paper(
     cases: Iterable[str],
     controllers: Iterable[str],
     seeds: Iterable[int],
+    parameters: Mapping[str, float] | None = None,
     progress: Callable[[], None] = lambda: None,
 ) -> Iterator[dict[str, Any]]:
     """One row a case, seed and controller: what `kontur experiment paper --json` prints.
 
-    `progress` is called after each run. Raises what plan() and run() raise.
+    `parameters` are set before. `progress` is called after each run. Raises what plan() and run() raise.
     """
     seeds, controllers = list(seeds), list(controllers)
     for name in cases:
@@ -56,7 +57,13 @@ def paper(
         trajectory = plan(case.program(), limits(target.machine))
         for seed in seeds:
             for controller in controllers:
-                log = run(trajectory, controller, replace(target, seed=seed), score_from_s=case.score_from_s).log
+                log = run(
+                    trajectory,
+                    controller,
+                    replace(target, seed=seed),
+                    parameters=parameters,
+                    score_from_s=case.score_from_s,
+                ).log
                 score = log.meta["score"]
                 progress()
                 yield {

@@ -25,6 +25,9 @@ _ESTIMATOR_HEADINGS = {
     "drive_nm": "drive's lag_max nm",
 }
 
+_set_option = click.option(
+    "--set", "parameters", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Set a parameter before."
+)
 _ROBUST_HEADINGS = {
     "unstable": "unstable runs",
     "median_um": "median µm",
@@ -48,6 +51,7 @@ def command() -> None:
 @click.option(
     "--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds, from --seed on."
 )
+@_set_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulation_options
 def paper_command(
@@ -55,6 +59,7 @@ def paper_command(
     cases: tuple[str, ...],
     controllers: tuple[str, ...],
     seeds: int,
+    parameters: tuple[tuple[str, str], ...],
     as_json: bool,
     machine: str,
     seed: int,
@@ -71,7 +76,9 @@ def paper_command(
             done += 1
             progress(done / (len(cases) * len(controllers) * seeds))
 
-        rows = list(paper(target, cases, controllers, range(seed, seed + seeds), one_more))
+        rows = list(
+            paper(target, cases, controllers, range(seed, seed + seeds), parameter_values(parameters), one_more)
+        )
     if as_json:
         print_json({"cases": rows})
     else:
@@ -102,9 +109,7 @@ def estimator_command(*, stretches: int, as_json: bool, machine: str, seed: int,
 @click.option(
     "--seeds", type=click.IntRange(1, 10_000), default=20, show_default=True, help="How many draws, from --seed on."
 )
-@click.option(
-    "--set", "parameters", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Set a parameter before."
-)
+@_set_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulation_options
 def robust_command(
