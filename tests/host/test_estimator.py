@@ -19,9 +19,12 @@ def measure(num: str, **reduced) -> list[Cell]:
     return estimator.experiment(MACHINE, num, **reduced)[1]
 
 
-@pytest.mark.parametrize("num", ["f32", "fix"])
-def test_with_the_newton_step_the_estimate_is_right_to_2_nm_up_to_a_fifth_of_the_radius(num: str) -> None:
-    cells = measure(num, speeds_mps=(0.001, 0.02, 0.2), stretches=12)
+# chk: a lag of a second, as at 1 mm/s, is a quotient beyond the error that it allows; no drive looks back as far.
+@pytest.mark.parametrize(("num", "slowest_mps"), [("f32", 0.001), ("fix", 0.001), ("chk", 0.005)])
+def test_with_the_newton_step_the_estimate_is_right_to_2_nm_up_to_a_fifth_of_the_radius(
+    num: str, slowest_mps: float
+) -> None:
+    cells = measure(num, speeds_mps=(slowest_mps, 0.02, 0.2), stretches=12)
     tested = [cell for cell in cells if cell.rows and cell.lag_over_radius <= 0.2]
     assert {cell.curve for cell in tested} == {*estimator.curves(), *(f"{name}, planned" for name in estimator.PLANNED)}
     assert max(cell.newton_nm for cell in tested) < 2.0
