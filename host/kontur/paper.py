@@ -105,6 +105,8 @@ VARIANTS = (
     Variant("all as printed", "all of the above but k̄", (*_PSI, *_MU, *_SIGN, *_WHOLE, *_PLAIN)),
 )
 
+_NO_LEARNING: Parameters = (("learning.friction_rate", 0.0), ("learning.mass_rate", 0.0))
+
 NOISE = "force noise σ"
 SENSITIVITIES = (
     "asmc.epsilon",
@@ -128,12 +130,14 @@ FACTORS = (0.5, 2.0)
 
 @dataclass(frozen=True)
 class Job:
-    """One run: a circle of CASES, a controller, parameters that differ from the defaults, times the force noise."""
+    """One run: a circle of CASES, a controller, parameters that differ from the defaults, times the force noise, and
+    whether ccu learns a feedforward, which is not in the paper."""
 
     case: str
     controller: str = "ccu"
     parameters: Parameters = ()
     noise: float = 1.0
+    learning: bool = False
 
 
 @dataclass(frozen=True)
@@ -218,6 +222,7 @@ def _jobs(
 ) -> Iterator[Job]:
     for case in cases:
         yield from (Job(case, name) for name in CONTROLLERS)
+        yield Job(case, learning=True)
         for variant in variants:
             yield Job(case, variant.controller, variant.base)
             yield Job(case, variant.controller, variant.parameters)
@@ -233,7 +238,7 @@ def _outcome(job: Job, target: Target, keep_log: bool) -> Outcome:
             _trajectory(job.case, machine),
             job.controller,
             dataclasses.replace(target, machine=machine),
-            parameters=dict(job.parameters),
+            parameters=dict(job.parameters if job.learning else (*_NO_LEARNING, *job.parameters)),
             score_from_s=from_s,
         )
     except (DeviceError, ParameterError) as error:

@@ -28,6 +28,7 @@ from kontur.paper import (
 IMAGES = Path("img/paper")
 _SAME = 0.02  # relative change that is called none
 _LONG = {"track": "Track", "cc": "CC", "ccu": "CCU", "cascade": "P-PI cascade", "ccc": "the same, cross-coupled"}
+_LEARNING = "CCU with learned feedforward"
 _COLUMNS = ("e_n1_max_mm", "e_n2_max_mm", "e_n1_mean_mm", "e_n2_mean_mm")
 
 
@@ -73,6 +74,8 @@ def _table_2(results: Results) -> Iterator[str]:
                     (f"*paper: {_LONG[name]}*", *(f"*{v:.4f}*" for v in errors), f"*{energy:.4f} µJ*", "–", "–")
                 )
             rows.append((_LONG[name], *_table_2_cells(results.outcomes[Job(case, name)])))
+            if name == "ccu":
+                rows.append((_LEARNING, *_table_2_cells(results.outcomes[Job(case, learning=True)])))
         yield _table(head, rows)
         yield from _changes(results, case)
 
@@ -108,7 +111,8 @@ def _printed(results: Results) -> Iterator[str]:
         return
     yield paper_text.PRINTED
     head = ("", *(f"{case}: mean / max µm, step N, J" for case in results.cases))
-    rows: list[Sequence[str]] = []
+    shipped = (_cell(results.outcomes[Job(case, learning=True)]) for case in results.cases)
+    rows: list[Sequence[str]] = [(_LEARNING, *shipped)]
     bases: list[tuple[str, object]] = []
     for v in results.variants:
         if (v.controller, v.base) not in bases:

@@ -10,6 +10,9 @@ Drive Systems”, its tables and figures, on the simulated drive: the same firmw
 is not marked as the paper's comes from the run that made this page. What was decided where the paper is silent or
 misprinted is in [control-law.md](control-law.md); all parameters are in [objects.md](objects.md).
 
+CCU is the paper's here: without the learned feedforward that `ccu` has besides, which is not in the paper. Rows “with
+learned feedforward” show the drive as it is.
+
 What cannot be compared with the paper's own figures:
 
 - the energy: printed in µJ, far below what moves such masses; the motor's constants of (26)–(30) are not given. Only

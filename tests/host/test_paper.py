@@ -59,6 +59,12 @@ def test_the_compensator_does_what_the_paper_says_and_the_printed_model_undoes_i
     assert results.outcomes[Job("low", "ccu", WHOLE.parameters)].figures["mean_um"] > mean_um["cc"]
 
 
+def test_ccu_is_the_papers_unless_it_is_said_to_learn(results: Results, page: str) -> None:
+    papers, shipped = (results.outcomes[Job("low", learning=learns)].figures for learns in (False, True))
+    assert shipped["mean_um"] < papers["mean_um"]
+    assert row(page, "CCU with learned feedforward") != row(page, "CCU")
+
+
 def test_every_figure_comes_from_the_runs(results: Results) -> None:
     job = Job("low", "ccu")
     altered = {**results.outcomes[job].figures, "mean_um": 7.77, "e_n2_max_mm": 0.0888}
