@@ -22,8 +22,8 @@ struct learning_cfg {
 };
 
 struct learning_state {
-    vec2 friction; /* N, within -L .. 3 L */
-    vec2 mass;     /* N T0^2/um, within -M/2 .. M */
+    acc_t friction[2]; /* N, within -L .. 3 L */
+    acc_t mass[2];     /* N T0^2/um, within -M/2 .. M */
 };
 
 void learning_reset(struct learning_state *state);

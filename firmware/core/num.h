@@ -31,9 +31,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-typedef int64_t pos_t;
 #define ACC_GAIN 1024
 #define POS_PER_NM 65536
+
+#ifdef KONTUR_NUM_HEADER /* a back end from elsewhere, which has a pos_t of its own */
+#include KONTUR_NUM_HEADER
+#else
+typedef int64_t pos_t;
 
 static inline pos_t pos_from_nm(int64_t nm)
 {
@@ -53,6 +57,7 @@ static inline int32_t pos_to_nm(pos_t p)
 #include "num_chk.h"
 #else
 #include "num_f32.h"
+#endif
 #endif
 
 static inline num n_abs(num a)

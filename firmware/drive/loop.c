@@ -102,8 +102,8 @@ static void publish(struct loop *loop, const struct servo_out *out, enum control
     const num force[2] = {out->force.x, out->force.y};
     const num k_hat[2] = {out->asmc.k_hat.x, out->asmc.k_hat.y};
     const num mu[2] = {out->uncertainty.mu.x, out->uncertainty.mu.y};
-    const num friction[2] = {loop->servo.learning.friction.x, loop->servo.learning.friction.y};
-    const num mass[2] = {loop->servo.learning.mass.x, loop->servo.learning.mass.y};
+    const num friction[2] = {acc_to(loop->servo.learning.friction[0]), acc_to(loop->servo.learning.friction[1])};
+    const num mass[2] = {acc_to(loop->servo.learning.mass[0]), acc_to(loop->servo.learning.mass[1])};
     s->ms = n;
     for (int i = 0; i < 2; i++) {
         s->position_nm[i] = pos_to_nm(loop->servo.observer[i].pos);

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import os
 import subprocess
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import cffi
 import numpy as np
 import oracle
+from core.bounds import T0, UM
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADER = ROOT / "tests/core/core_api.h"
@@ -21,23 +22,54 @@ POS_PER_M = 65536e9
 KNOT_S = oracle.KNOT_S
 
 
-def build(folder: Path) -> Path:
-    """Compile the core and its wrapper into `folder`; the shared library's path."""
-    library = folder / "libcore.so"
+NUMS = {"f32": ([], []), "fix": (["-DKONTUR_NUM_FIX"], ["-DBOUND_FIXED"])}
+"""Flags of each numeric back end, and of the one that bounds its errors."""
+
+
+def build(library: Path, flags: list[str]) -> Path:
+    """Compile the core and its wrapper into `library`."""
     sources = [ROOT / "tests/core/core_api.c", *sorted((ROOT / "firmware/core").glob("*.c"))]
     include = [f"-I{ROOT / d}" for d in ("firmware/core", "tests/unit", "tests/core")]
-    subprocess.run([os.environ.get("CC", "gcc"), *FLAGS, *include, *map(str, sources), "-o", str(library)], check=True)
+    subprocess.run(
+        [os.environ.get("CC", "gcc"), *FLAGS, *flags, *include, *map(str, sources), "-o", str(library), "-lm"],
+        check=True,
+    )
     return library
 
 
 class Core:
-    """The library. Vectors go in as sequences of two and come out as arrays (2,); SI units."""
+    """The library of a back end. Vectors go in as sequences of two and come out as arrays (2,); SI units.
 
-    def __init__(self, library: Path):
+    `bound` is the same on the back end of num_bound.h: what it gives for the same input is not the result but how far
+    rounding may have moved it.
+    """
+
+    def __init__(self, num: str, folder: Path):
+        flags, bound_flags = NUMS[num]
+        self.num = num
+        self._load(build(folder / f"libcore_{num}.so", flags))
+        self.bound = object.__new__(Core)
+        self.bound.num = "bound"
+        as_bound = ['-DKONTUR_NUM_HEADER="num_bound.h"', *bound_flags]
+        self.bound._load(build(folder / f"libbound_{num}.so", as_bound))
+
+    def _load(self, library: Path) -> None:
         self.ffi = cffi.FFI()
         self.ffi.cdef(HEADER.read_text().split("/* CDEF-BEGIN */")[1].split("/* CDEF-END */")[0])
         self.lib = self.ffi.dlopen(str(library))
         self.path_one = self.lib.api_path_one()
+
+    def params(self, **changes: Any) -> oracle.Params:
+        """The oracle's parameters, with control period and reference model as this back end has them."""
+        p = oracle.Params()
+        if self.num == "fix":
+
+            def fixed(x: Any, unit: float) -> Any:
+                return np.rint(x / unit * 2**19) * 2.0**-19 * unit
+
+            mass, viscous = fixed(p.mass_kg, T0**2 / UM), fixed(p.viscous_Nspm, T0 / UM)
+            p = replace(p, dt_s=float(fixed(p.dt_s, T0)), mass_kg=mass, viscous_Nspm=viscous)
+        return replace(p, **changes)
 
     def path_time(self, t_s: float) -> int:
         """Path time t_s in the core's integers."""

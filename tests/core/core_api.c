@@ -24,10 +24,58 @@ static vec2 in2(const double x[2], double unit)
     return mk2(x[0] / unit, x[1] / unit);
 }
 
+/* What is told of a number, and of a position in 2^-16 nm: its value, or in the back end of num_bound.h its error. */
+#ifdef KONTUR_NUM_BOUND_H
+double bound_path_time;
+
+static double told(num x)
+{
+    return x.e + 0x1p-33; /* told() of the others has 2^-32 */
+}
+
+static int64_t told_pos(pos_t p)
+{
+    return (int64_t)ceil(p.e / UM_PER_POS);
+}
+
+static double told_path_time(path_t s)
+{
+    (void)s;
+    return bound_path_time * T0;
+}
+
+static pos_t pos_of(int64_t x)
+{
+    return (pos_t){x, 0.0};
+}
+#else
+static double bound_path_time;
+
+static double told(num x)
+{
+    return val(x);
+}
+
+static int64_t told_pos(pos_t p)
+{
+    return p;
+}
+
+static double told_path_time(path_t s)
+{
+    return (double)s / (double)PATH_ONE * 1e-3;
+}
+
+static pos_t pos_of(int64_t x)
+{
+    return x;
+}
+#endif
+
 static void out2(vec2 v, double unit, double x[2])
 {
-    x[0] = val(v.x) * unit;
-    x[1] = val(v.y) * unit;
+    x[0] = told(v.x) * unit;
+    x[1] = told(v.y) * unit;
 }
 
 int64_t api_path_one(void)
@@ -66,6 +114,9 @@ static struct servo_cfg config(const struct api_params *p)
                         .dead_zone = mk(p->dead_zone / MPS),
                         .law_printed = p->mu_printed != 0,
                         .whole_input = p->whole_input != 0},
+        .learning = {.friction_rate = mk(p->friction_rate * T0),
+                     .mass_rate = mk(p->mass_rate * T0),
+                     .acceleration = mk(p->learning_acceleration / MPS2)},
         .cascade = {.k_p = mk(p->k_p * T0),
                     .k_v = mk(p->k_v * T0),
                     .k_i = mk(p->k_i * T0),
@@ -106,16 +157,17 @@ void api_free(api_drive *d)
 void api_trig_cosh(double x, double out[2])
 {
     const struct trig_cosh r = trig_cosh(mk(x));
-    out[0] = val(r.cosh_x);
-    out[1] = val(r.sinh_x);
+    out[0] = told(r.cosh_x);
+    out[1] = told(r.sinh_x);
 }
 
 void api_spline(const api_drive *d, int64_t s, struct api_point *out)
 {
     struct spline_point p;
+    bound_path_time = 0;
     spline_at(&d->ring, d->ring.count, s, &p);
     for (int i = 0; i < 2; i++) {
-        out->r[i] = (double)p.pos[i] / (POS_PER_NM * 1e9);
+        out->r[i] = (double)told_pos(p.pos[i]) / (POS_PER_NM * 1e9);
     }
     out2(p.d1, MPS, out->d1);
     out2(p.d2, MPS2, out->d2);
@@ -132,19 +184,21 @@ void api_contour(const api_drive *d, const struct api_path *path, const int64_t 
                  struct api_contour *out)
 {
     const struct path_state ps = path_in(d, path);
+    const pos_t at[2] = {pos_of(q[0]), pos_of(q[1])};
     struct contour_out c;
-    contour_step(&d->cfg.contour, &d->ring, &ps, q, in2(q_dot, MPS), &c);
+    bound_path_time = 0;
+    contour_step(&d->cfg.contour, &d->ring, &ps, at, in2(q_dot, MPS), &c);
     out2(c.r_dot, MPS, out->r_dot);
     out2(c.r_ddot, MPS2, out->r_ddot);
     out2(c.e_w, UM, out->e_w);
     out2(c.e_w_dot, MPS, out->e_w_dot);
     out2(c.e_l, UM, out->e_l);
-    out->t_d = val(c.t_d) * T0;
-    out->tau = (double)c.tau / (double)PATH_ONE * 1e-3;
-    out->nu = val(c.nu);
+    out->t_d = told(c.t_d) * T0;
+    out->tau = told_path_time(c.tau);
+    out->nu = told(c.nu);
     out2(c.t, 1, out->t);
-    out->theta_dot = val(c.theta_dot) / T0;
-    out->theta_ddot = val(c.theta_ddot) / T0 / T0;
+    out->theta_dot = told(c.theta_dot) / T0;
+    out->theta_ddot = told(c.theta_ddot) / T0 / T0;
     out2(c.rn_dot, MPS, out->rn_dot);
     out2(c.rn_ddot, MPS2, out->rn_ddot);
     out2(c.e_wn, UM, out->e_wn);
@@ -179,12 +233,14 @@ void api_compensation(const api_drive *d, const struct api_frame *frame, const i
                       int64_t *q_bar, const double *q_bar_dot, double *mu, struct api_compensation *out)
 {
     struct uncertainty_state state = {
-        .q_bar = {q_bar[0], q_bar[1]}, .q_bar_dot = in2(q_bar_dot, MPS), .mu = {acc_from(mk(mu[0] / MPS2)), acc_from(mk(mu[1] / MPS2))}};
+        .q_bar = {pos_of(q_bar[0]), pos_of(q_bar[1])}, .q_bar_dot = in2(q_bar_dot, MPS), .mu = {acc_from(mk(mu[0] / MPS2)), acc_from(mk(mu[1] / MPS2))}};
+    const pos_t at[2] = {pos_of(q[0]), pos_of(q[1])};
     struct uncertainty_out o;
-    uncertainty_step(&d->cfg.uncertainty, &d->cfg.plant, &state, q, in2(q_dot, MPS), in2(frame->t, 1),
+    bound_path_time = 0;
+    uncertainty_step(&d->cfg.uncertainty, &d->cfg.plant, &state, at, in2(q_dot, MPS), in2(frame->t, 1),
                      mk(frame->theta_dot * T0), d->cfg.dt, &o);
-    q_bar[0] = state.q_bar[0];
-    q_bar[1] = state.q_bar[1];
+    q_bar[0] = told_pos(state.q_bar[0]);
+    q_bar[1] = told_pos(state.q_bar[1]);
     out2(v2(acc_to(state.mu[0]), acc_to(state.mu[1])), MPS2, mu);
     out2(o.z_n, UM, out->z_n);
     out2(o.s, MPS, out->s);
@@ -194,23 +250,23 @@ void api_compensation(const api_drive *d, const struct api_frame *frame, const i
 
 void api_model(const api_drive *d, const double *u_bar, int64_t *q_bar, double *q_bar_dot)
 {
-    struct uncertainty_state state = {.q_bar = {q_bar[0], q_bar[1]}, .q_bar_dot = in2(q_bar_dot, MPS)};
+    struct uncertainty_state state = {.q_bar = {pos_of(q_bar[0]), pos_of(q_bar[1])}, .q_bar_dot = in2(q_bar_dot, MPS)};
     uncertainty_model(&d->cfg.plant, &state, in2(u_bar, 1), d->cfg.dt);
-    q_bar[0] = state.q_bar[0];
-    q_bar[1] = state.q_bar[1];
+    q_bar[0] = told_pos(state.q_bar[0]);
+    q_bar[1] = told_pos(state.q_bar[1]);
     out2(state.q_bar_dot, MPS, q_bar_dot);
 }
 
 void api_observe(const api_drive *d, int i, int64_t measured, double force, int64_t *pos, double *state)
 {
     const struct plant_cfg *p = &d->cfg.plant;
-    struct observer_state s = {.pos = *pos, .vel = mk(state[0] / MPS), .disturbance = mk(state[1] / MPS2)};
-    observer_step(&d->cfg.observer, &s, measured, mk(force), i == 0 ? p->mass.x : p->mass.y,
+    struct observer_state s = {.pos = pos_of(*pos), .vel = mk(state[0] / MPS), .disturbance = mk(state[1] / MPS2)};
+    observer_step(&d->cfg.observer, &s, pos_of(measured), mk(force), i == 0 ? p->mass.x : p->mass.y,
                   i == 0 ? p->viscous.x : p->viscous.y);
-    *pos = s.pos;
-    state[0] = val(s.vel) * MPS;
-    state[1] = val(s.disturbance) * MPS2;
-    state[2] = val(s.acc) * MPS2;
+    *pos = told_pos(s.pos);
+    state[0] = told(s.vel) * MPS;
+    state[1] = told(s.disturbance) * MPS2;
+    state[2] = told(s.acc) * MPS2;
 }
 
 void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force)
@@ -225,7 +281,7 @@ void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, d
     struct cascade_state state = {.integral = in2(integral, UM), .coupled = mk(integral[2] / UM)};
     out2(cascade_step(&d->cfg.cascade, &d->cfg.plant, &state, &x, coupled != 0, d->cfg.dt), 1, force);
     out2(state.integral, UM, integral);
-    integral[2] = val(state.coupled) * UM;
+    integral[2] = told(state.coupled) * UM;
 }
 
 double api_power(const api_drive *d, int i, double velocity, double acceleration)
@@ -233,20 +289,21 @@ double api_power(const api_drive *d, int i, double velocity, double acceleration
     const struct plant_cfg *p = &d->cfg.plant;
     struct energy_state state;
     energy_reset(&state);
-    return val(energy_step(&d->cfg.energy[i], &state, i == 0 ? p->mass.x : p->mass.y,
+    return told(energy_step(&d->cfg.energy[i], &state, i == 0 ? p->mass.x : p->mass.y,
                            i == 0 ? p->viscous.x : p->viscous.y, i == 0 ? p->coulomb.x : p->coulomb.y,
                            mk(velocity / MPS), mk(acceleration / MPS2)));
 }
 
 void api_servo_reset(api_drive *d, const int64_t *measured)
 {
-    servo_reset(&d->cfg, &d->state, measured);
+    const pos_t at[2] = {pos_of(measured[0]), pos_of(measured[1])};
+    servo_reset(&d->cfg, &d->state, at);
 }
 
 void api_servo_step(api_drive *d, const struct api_path *path, const int64_t *measured, int controller, int enabled,
                     double *force, double *velocity, double *e_n, double *energy_J)
 {
-    const struct servo_in in = {.measured = {measured[0], measured[1]},
+    const struct servo_in in = {.measured = {pos_of(measured[0]), pos_of(measured[1])},
                                 .enabled = {enabled != 0, enabled != 0},
                                 .controller = (enum controller)controller,
                                 .path = path_in(d, path),
@@ -258,6 +315,6 @@ void api_servo_step(api_drive *d, const struct api_path *path, const int64_t *me
     out2(out.contour.e_n, UM, e_n);
     *energy_J = 0;
     for (int i = 0; i < 2; i++) {
-        *energy_J += (d->state.energy[i].mJ + val(d->state.energy[i].part_mJ)) * 1e-3;
+        *energy_J += (d->state.energy[i].mJ + told(d->state.energy[i].part_mJ)) * 1e-3;
     }
 }

@@ -37,39 +37,41 @@ static void test_nothing_is_fed_forward_before_anything_is_learned(void)
 static void test_friction_is_learned_along_the_direction_of_motion(void)
 {
     learn(1, mk2(100, -100), mk2(0, 0), 8, -16);
-    ASSERT_NEAR(0.5 * DT * 8, val(state.friction.x), 8);
-    ASSERT_NEAR(0.5 * DT * 16, val(state.friction.y), 16); /* pushed along a negative motion: friction */
+    ASSERT_NEAR(0.5 * DT * 8, acc_val(state.friction[0]), 8);
+    ASSERT_NEAR(0.5 * DT * 16, acc_val(state.friction[1]), 16); /* pushed along a negative motion: friction */
     learn(1, mk2(-100, 100), mk2(0, 0), 8, -16);
-    ASSERT_NEAR(0, val(state.friction.x), 16);
-    ASSERT_NEAR(0, val(state.friction.y), 32);
+    ASSERT_NEAR(0, acc_val(state.friction[0]), 16);
+    ASSERT_NEAR(0, acc_val(state.friction[1]), 32);
 }
 
 static void test_within_the_boundary_layer_less_is_learned_and_at_rest_nothing(void)
 {
     learn(1, mk2(SPEED / 4, 0), mk2(0, 0), 8, 8);
-    ASSERT_NEAR(0.5 * DT * 8 / 4, val(state.friction.x), 8);
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.friction.y));
+    ASSERT_NEAR(0.5 * DT * 8 / 4, acc_val(state.friction[0]), 8);
+    TEST_ASSERT_EQUAL_DOUBLE(0, acc_val(state.friction[1]));
 }
 
 static void test_mass_is_learned_along_the_acceleration_and_normalised_by_it(void)
 {
     learn(1, mk2(0, 0), mk2(5, -16), 8, 8); /* 5 12 13 and 16 12 20 */
-    ASSERT_NEAR(0.25 * DT * 8 * 5 / (13.0 * 13.0), val(state.mass.x), 8);
-    ASSERT_NEAR(-0.25 * DT * 8 * 16 / (20.0 * 20.0), val(state.mass.y), 8);
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.friction.x));
+    ASSERT_NEAR(0.25 * DT * 8 * 5 / (13.0 * 13.0), acc_val(state.mass[0]), 8);
+    ASSERT_NEAR(-0.25 * DT * 8 * 16 / (20.0 * 20.0), acc_val(state.mass[1]), 8);
+    TEST_ASSERT_EQUAL_DOUBLE(0, acc_val(state.friction[0]));
 }
 
 static void test_a_great_acceleration_does_not_leave_the_range(void)
 {
     learn(1, mk2(0, 0), mk2(3000, -3000), 600, 600);
-    ASSERT_NEAR(0.25 * DT * 600 / 3000, val(state.mass.x), 600);
-    ASSERT_NEAR(-0.25 * DT * 600 / 3000, val(state.mass.y), 600);
+    ASSERT_NEAR(0.25 * DT * 600 / 3000, acc_val(state.mass[0]), 600);
+    ASSERT_NEAR(-0.25 * DT * 600 / 3000, acc_val(state.mass[1]), 600);
 }
 
 static void test_force_is_friction_that_turns_with_the_motion_and_mass_times_acceleration(void)
 {
-    state.friction = mk2(3, 5);
-    state.mass = mk2(0.5, -0.25);
+    state.friction[0] = acc_from(mk(3));
+    state.friction[1] = acc_from(mk(5));
+    state.mass[0] = acc_from(mk(0.5));
+    state.mass[1] = acc_from(mk(-0.25));
     const vec2 f = learning_force(&state, mk(SPEED), mk2(100, -100), mk2(8, 16));
     TEST_ASSERT_EQUAL_DOUBLE(3 + 0.5 * 8, val(f.x));
     TEST_ASSERT_EQUAL_DOUBLE(-5 - 0.25 * 16, val(f.y));
@@ -78,18 +80,18 @@ static void test_force_is_friction_that_turns_with_the_motion_and_mass_times_acc
 static void test_what_is_learned_stays_within_bounds_of_the_nominal_plant(void)
 {
     learn(20000, mk2(100, 100), mk2(12, 12), 600, -600);
-    TEST_ASSERT_EQUAL_DOUBLE(3 * 10, val(state.friction.x));
-    TEST_ASSERT_EQUAL_DOUBLE(-20, val(state.friction.y)); /* the sum with the nominal is not negative */
-    TEST_ASSERT_EQUAL_DOUBLE(4, val(state.mass.x));
-    TEST_ASSERT_EQUAL_DOUBLE(-1, val(state.mass.y));
+    TEST_ASSERT_EQUAL_DOUBLE(3 * 10, acc_val(state.friction[0]));
+    TEST_ASSERT_EQUAL_DOUBLE(-20, acc_val(state.friction[1])); /* the sum with the nominal is not negative */
+    TEST_ASSERT_EQUAL_DOUBLE(4, acc_val(state.mass[0]));
+    TEST_ASSERT_EQUAL_DOUBLE(-1, acc_val(state.mass[1]));
 }
 
 static void test_rates_of_zero_learn_nothing(void)
 {
     cfg.friction_rate = cfg.mass_rate = mk(0);
     learn(100, mk2(100, 100), mk2(12, 12), 600, -600);
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.friction.x));
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.mass.y));
+    TEST_ASSERT_EQUAL_DOUBLE(0, acc_val(state.friction[0]));
+    TEST_ASSERT_EQUAL_DOUBLE(0, acc_val(state.mass[1]));
 }
 
 /* A compensator that supplies at once what the feedforward lacks of friction 6 N and mass 1.5, on a sine */
@@ -104,8 +106,8 @@ static void test_it_converges_to_the_friction_and_mass_that_are_missing(void)
         const double fed = val(learning_force(&state, mk(SPEED), r_dot, r_ddot).x);
         learn(1, r_dot, r_ddot, 6 * (val(r_dot.x) > 0 ? 1 : -1) + 1.5 * val(r_ddot.x) - fed, 0);
     }
-    TEST_ASSERT_DOUBLE_WITHIN(0.1, 6, val(state.friction.x));
-    TEST_ASSERT_DOUBLE_WITHIN(0.02, 1.5, val(state.mass.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 6, acc_val(state.friction[0]));
+    TEST_ASSERT_DOUBLE_WITHIN(0.02, 1.5, acc_val(state.mass[0]));
 }
 
 int main(void)
