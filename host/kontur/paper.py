@@ -85,7 +85,7 @@ VARIANTS = (
     ),
     Variant(
         "sign(s), µ_0 = 1 m/s² (24)",
-        "the same with a µ just above the friction",
+        "the same with a µ just above the friction: what the sign costs is in force step and energy",
         (("uncertainty.mu_0", 1.0), *_SIGN),
     ),
     Variant(

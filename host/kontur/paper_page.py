@@ -27,6 +27,7 @@ from kontur.paper import (
 
 IMAGES = Path("img/paper")
 _SAME = 0.02  # relative change that is called none
+_LITTLE = 0.2
 _LONG = {"track": "Track", "cc": "CC", "ccu": "CCU", "cascade": "P-PI cascade", "ccc": "the same, cross-coupled"}
 _LEARNING = "CCU with learned feedforward"
 _COLUMNS = ("e_n1_max_mm", "e_n2_max_mm", "e_n1_mean_mm", "e_n2_mean_mm")
@@ -148,7 +149,7 @@ def _seen(pairs: Sequence[tuple[str, Outcome, Outcome]]) -> str:
     faults = [case for case, base, other in pairs if base.fault is not None or other.fault is not None]
     if faults:
         return f"**does not run**: {', '.join(faults)} ends in a fault."
-    parts = []
+    parts, most = [], 0.0
     for key, text in (
         ("mean_um", "mean error"),
         ("max_um", "max error"),
@@ -156,9 +157,13 @@ def _seen(pairs: Sequence[tuple[str, Outcome, Outcome]]) -> str:
         ("energy_J", "energy"),
     ):
         ratios = [other.figures[key] / base.figures[key] for _, base, other in pairs]
-        if max(abs(r - 1.0) for r in ratios) > _SAME:
+        change = max(abs(r - 1.0) for r in ratios)
+        most = max(most, change)
+        if change > _SAME:
             parts.append(f"{text} {_range(ratios)}")
-    return f"**it matters**: {', '.join(parts)}." if parts else f"no matter here: all within {_SAME * 100:.0f} %."
+    if not parts:
+        return f"no matter here: all within {_SAME * 100:.0f} %."
+    return f"{'**it matters**' if most > _LITTLE else 'it matters little'}: {', '.join(parts)}."
 
 
 def _range(ratios: Sequence[float]) -> str:
@@ -232,7 +237,9 @@ def _estimator(results: Results) -> Iterator[str]:
         rows.append((curve, f"{speed_mps * 1e3:g}", *texts, _length(max(drive)) if over else "none"))
     assert len(bins) == len(BINS)
     yield _table(head, rows)
-    off = ", ".join(f"{curve} {number(nm)} nm" for curve, nm in results.spline_nm.items())
+    off = ", ".join(
+        f"{curve} {number(nm)} nm" for curve, nm in results.spline_nm.items() if not curve.endswith(PLANNED_SUFFIX)
+    )
     yield f"Not part of the above: how far the spline, through one sample a ms, leaves the ideal curve: {off}.\n"
 
 
