@@ -32,7 +32,7 @@ SOURCES  := $(FIRMWARE) sim/kontur_sim.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
-NUM_TESTS := asmc cascade contour drive energy learning loop num observer params path servo spline trig uncertainty
+NUM_TESTS := asmc cascade chk closed_loop contour drive energy learning loop num observer params path servo spline trig uncertainty
 # In these an encoder jumps out of the range of `num`: where fixed point saturates, the checking back end stops.
 JUMP_TESTS := drive loop
 TEST_PROGRAMS := $(TESTS:%=build/unit/f32/test_%) $(NUM_TESTS:%=build/unit/fix/test_%) \

@@ -1,0 +1,149 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The servo on a simulated machine, in every numeric back end: the axes stay on the circle, and in the checking one, what
+ * comes out is as exact as in double. */
+#include "nominal.h"
+#include "params.h"
+#include "plant.h"
+#include "unity.h"
+
+enum { KNOTS = 700 };
+
+static struct spline_ring ring;
+static struct servo_cfg cfg;
+static struct servo_state state;
+static struct servo_in in;
+static struct servo_out out;
+static struct plant plant;
+static double worst_error_um, worst_force_N; /* of fixed point against its shadow */
+
+/* A circle from rest: 50 ms until the feed is reached; then it is held. Starts at angle 0. */
+static void circle(double radius_um, double feed_mps)
+{
+    const double ramp = 50, step = feed_mps * 1e6 * 1e-3 / radius_um;
+    ring.count = 0;
+    for (int i = 0; i < KNOTS; i++) {
+        const double x = i < ramp ? i / ramp : 1;
+        const double a = step * (ramp * (x * x * x - 0.5 * x * x * x * x) + (i > ramp ? i - ramp : 0));
+        add_knot(&ring, radius_um * cos(a), radius_um * sin(a));
+    }
+    ring.start = ring.knot[0];
+}
+
+static void power_on(void)
+{
+    const struct ks_machine machine = {.mass_kg = {88.08, 97.90},
+                                       .viscous_Nspm = {467.2, 631.0},
+                                       .coulomb_N = {45.5, 54.8},
+                                       .breakaway = {1, 1},
+                                       .stribeck_mps = {1e-3, 1e-3},
+                                       .force_limit_N = {600, 600},
+                                       .force_noise_N = {2, 2},
+                                       .encoder_m = {76.29e-9, 76.29e-9},
+                                       .travel_min_m = {-0.15, -0.15},
+                                       .travel_max_m = {0.15, 0.15},
+                                       .start_m = {ring.start.nm[0] * 1e-9, ring.start.nm[1] * 1e-9},
+                                       .delay_periods = 1,
+                                       .substeps = 10};
+    TEST_ASSERT_NULL(plant_check(&machine));
+    plant_init(&plant, &machine, 1, 1e-4);
+    cfg = params_to_cfg(&od_defaults);
+    worst_error_um = worst_force_N = 0;
+}
+
+static void measure(void)
+{
+    int32_t count[2];
+    plant_encoders(&plant, count);
+    at_um(count[0] * 76.29e-3, count[1] * 76.29e-3, in.measured);
+}
+
+static double apart(num x)
+{
+#ifdef KONTUR_NUM_CHK
+    return fabs(val(x) - x.d);
+#else
+    (void)x;
+    return 0;
+#endif
+}
+
+static void period(double knots, double rate)
+{
+    measure();
+    in.path.s = path_at(&ring, knots).s;
+    in.path.rate = mk(rate);
+    servo_step(&cfg, &state, &in, &out);
+    const double force[2] = {val(out.force.x), val(out.force.y)};
+    plant_step(&plant, force);
+    worst_error_um = fmax(worst_error_um, fmax(apart(out.contour.e_n.x), apart(out.contour.e_n.y)));
+    worst_force_N = fmax(worst_force_N, fmax(apart(out.force.x), apart(out.force.y)));
+}
+
+void setUp(void) {}
+void tearDown(void) {}
+
+static void start(enum controller controller)
+{
+    power_on();
+    in = (struct servo_in){.enabled = {true, true}, .controller = controller, .path = path_at(&ring, 0), .ring = &ring};
+    measure();
+    servo_reset(&cfg, &state, in.measured);
+}
+
+static double off_um(double radius_um)
+{
+    return fabs(hypot(plant.pos_m[0], plant.pos_m[1]) * 1e6 - radius_um);
+}
+
+static void expect_as_exact_as_double(void)
+{
+    TEST_ASSERT_DOUBLE_WITHIN_MESSAGE(2e-3, 0, worst_error_um, "contour error, um");
+    TEST_ASSERT_DOUBLE_WITHIN_MESSAGE(0.1, 0, worst_force_N, "force, N");
+}
+
+static void test_every_controller_stays_on_every_circle_and_is_as_exact_as_double(void)
+{
+    static const double circles[3][2] = {{4000, 4.488e-3}, {20000, 0.1}, {4000, 0.1}};
+    for (int k = 0; k < 3; k++) {
+        circle(circles[k][0], circles[k][1]);
+        for (int c = 0; c < CONTROLLERS; c++) {
+            double worst_um = 0;
+            start((enum controller)c);
+            for (int i = 0; i < (KNOTS - 5) * 10; i++) {
+                period(i * 0.1, 1);
+                worst_um = fmax(worst_um, off_um(circles[k][0]));
+            }
+            TEST_ASSERT_TRUE(worst_um < 30);
+            expect_as_exact_as_double();
+        }
+    }
+}
+
+/* The path slows down to rest within 50 ms, waits, and goes on. */
+static void test_a_stop_on_the_path_and_switching_on_it_are_as_exact_as_double(void)
+{
+    circle(4000, 0.1);
+    start(CONTROLLER_CCU);
+    double s = 0, rate = 1, worst_um = 0;
+    for (int i = 0; i < 6000; i++) {
+        in.controller = (enum controller)(i / 300 % CONTROLLERS);
+        const double before = rate;
+        rate += i > 2000 && i < 3500 ? -0.002 : 0.002;
+        rate = fmin(fmax(rate, 0), 1);
+        in.path.rate_dot = mk((rate - before) * 50);
+        period(s, rate);
+        s += 0.1 * rate;
+        worst_um = fmax(worst_um, off_um(4000));
+    }
+    TEST_ASSERT_TRUE(s > 300);
+    TEST_ASSERT_TRUE(worst_um < 60);
+    expect_as_exact_as_double();
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_every_controller_stays_on_every_circle_and_is_as_exact_as_double);
+    RUN_TEST(test_a_stop_on_the_path_and_switching_on_it_are_as_exact_as_double);
+    return UNITY_END();
+}
