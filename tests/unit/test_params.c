@@ -147,6 +147,29 @@ static void test_control_period(void)
     near(100e-6 / T0, params_to_cfg(&od).dt);
 }
 
+static void test_learned_feedforward(void)
+{
+    od.learning = (struct od_learning){.friction_rate = 43210, .mass_rate = 21098, .acceleration = 765432};
+    const struct learning_cfg l = params_to_cfg(&od).learning;
+    near(43.210 * T0, l.friction_rate); /* 1/s */
+    near(21.098 * T0, l.mass_rate);
+    near(0.765432 / UM * T0 * T0, l.acceleration); /* m/s2 */
+}
+
+static void test_observer_is_slower_for_coarse_encoders_by_the_fourth_root(void)
+{
+    const struct observer_cfg nominal = params_to_cfg(&od).observer;
+    od.axis[0].plant.encoder = 1000000; /* 10 nm: no faster */
+    TEST_ASSERT_EQUAL_DOUBLE(val(nominal.gain_pos), val(params_to_cfg(&od).observer.gain_pos));
+    od.axis[1].plant.encoder = 16 * 7629000; /* the coarser axis counts */
+    const struct observer_cfg coarse = params_to_cfg(&od).observer;
+    od.axis[1].plant.encoder = 7629000;
+    od.observer.bandwidth /= 2;
+    const struct observer_cfg half = params_to_cfg(&od).observer;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, val(half.gain_pos), val(coarse.gain_pos));
+    TEST_ASSERT_TRUE(val(coarse.gain_pos) < 0.6 * val(nominal.gain_pos));
+}
+
 static void test_observer_has_its_poles_where_the_bandwidth_says(void)
 {
     od.observer.bandwidth = 1200000;
@@ -209,6 +232,8 @@ int main(void)
     RUN_TEST(test_contour_estimator);
     RUN_TEST(test_control_period);
     RUN_TEST(test_observer_has_its_poles_where_the_bandwidth_says);
+    RUN_TEST(test_learned_feedforward);
+    RUN_TEST(test_observer_is_slower_for_coarse_encoders_by_the_fourth_root);
     RUN_TEST(test_defaults_fit);
     RUN_TEST(test_k_bar_times_e_max_is_at_most_4);
     RUN_TEST(test_k_0_is_at_most_k_max);

@@ -267,6 +267,77 @@ static void test_cc_has_no_compensation_and_ccu_has(void)
     TEST_ASSERT_TRUE(fabs(val(out.uncertainty.u.x)) > 0.1);
 }
 
+/* Friction learned too fast to overlook: 1 % of the compensation a period */
+static void learn_quickly(void)
+{
+    cfg.learning.friction_rate = mk(0.5);
+    cfg.learning.mass_rate = mk(0.5);
+}
+
+static bool learned_nothing(void)
+{
+    const double friction = acc_val(state.learning.friction[0]), mass = acc_val(state.learning.mass[0]);
+    return !(friction < 0 || 0 < friction || mass < 0 || 0 < mass);
+}
+
+static void test_only_ccu_learns_and_only_ccu_uses_what_is_learned(void)
+{
+    learn_quickly();
+    for (int c = 0; c < CONTROLLERS; c++) {
+        setUp();
+        learn_quickly();
+        run((enum controller)c, 20);
+        TEST_ASSERT_EQUAL(c != CONTROLLER_CCU, learned_nothing());
+        const double x = val(out.force.x);
+        setUp();
+        state.learning.friction[0] = acc_from(mk(10));
+        run((enum controller)c, 20);
+        const double shift = val(out.force.x) - x;
+        TEST_ASSERT_EQUAL(c == CONTROLLER_CCU, shift > 1 || shift < -1);
+    }
+}
+
+static void test_what_is_learned_balances_and_is_no_part_of_the_models_input(void)
+{
+    state.learning.friction[0] = acc_from(mk(10));
+    state.learning.friction[1] = acc_from(mk(-10));
+    state.learning.mass[0] = acc_from(mk(0.5));
+    state.learning.mass[1] = acc_from(mk(0.25));
+    step(20, 4);
+    const vec2 learned =
+        learning_force(&state.learning, cfg.asmc.friction_speed, out.contour.r_dot, out.contour.r_ddot);
+    ASSERT_NEAR(val(out.asmc.u_friction.x) + val(learned.x), val(state.last[0].balance.x), 100);
+    ASSERT_NEAR(val(out.asmc.u_friction.y) + val(learned.y), val(state.last[0].balance.y), 100);
+    ASSERT_NEAR(val(out.asmc.u_linear.x), val(state.last[0].model.x), 1000);
+    ASSERT_NEAR(val(out.asmc.u_linear.y), val(state.last[0].model.y), 1000);
+}
+
+static void test_a_limited_force_teaches_nothing(void)
+{
+    learn_quickly();
+    cfg.plant.force_max = mk2(1, 1);
+    step(20, 4); /* what the period before had is not known to be limited */
+    const struct learning_state before = state.learning;
+    run(CONTROLLER_CCU, 20);
+    TEST_ASSERT_TRUE(out.saturated);
+    TEST_ASSERT_EQUAL_DOUBLE(acc_val(before.friction[0]), acc_val(state.learning.friction[0]));
+    TEST_ASSERT_EQUAL_DOUBLE(acc_val(before.mass[1]), acc_val(state.learning.mass[1]));
+}
+
+static void test_what_is_learned_outlasts_a_change_of_controller_and_a_loss_of_power(void)
+{
+    learn_quickly();
+    run(CONTROLLER_CCU, 20);
+    const double learned = acc_val(state.learning.friction[0]);
+    run(CONTROLLER_CASCADE, 5);
+    in.enabled[0] = in.enabled[1] = false;
+    run(CONTROLLER_CCU, 5);
+    TEST_ASSERT_FALSE(learned_nothing());
+    TEST_ASSERT_EQUAL_DOUBLE(learned, acc_val(state.learning.friction[0]));
+    servo_reset(&cfg, &state, in.measured);
+    TEST_ASSERT_TRUE(learned_nothing());
+}
+
 static void test_track_works_on_the_tracking_error_in_the_axis_frame(void)
 {
     run(CONTROLLER_TRACK, 1);
@@ -343,6 +414,10 @@ int main(void)
     RUN_TEST(test_reference_model_sees_the_switching_offset);
     RUN_TEST(test_reference_model_sees_that_the_force_is_limited);
     RUN_TEST(test_cc_has_no_compensation_and_ccu_has);
+    RUN_TEST(test_only_ccu_learns_and_only_ccu_uses_what_is_learned);
+    RUN_TEST(test_what_is_learned_balances_and_is_no_part_of_the_models_input);
+    RUN_TEST(test_a_limited_force_teaches_nothing);
+    RUN_TEST(test_what_is_learned_outlasts_a_change_of_controller_and_a_loss_of_power);
     RUN_TEST(test_track_works_on_the_tracking_error_in_the_axis_frame);
     RUN_TEST(test_cc_works_on_the_error_at_the_foot_point);
     RUN_TEST(test_cascade_is_coupled_in_ccc_alone);
