@@ -297,7 +297,7 @@ static void test_only_ccu_learns_and_only_ccu_uses_what_is_learned(void)
     }
 }
 
-static void test_what_is_learned_balances_and_is_no_part_of_the_models_input(void)
+static void test_what_is_learned_is_added_to_the_force_and_is_no_part_of_the_models_input(void)
 {
     state.learning.friction[0] = acc_from(mk(10));
     state.learning.friction[1] = acc_from(mk(-10));
@@ -308,6 +308,8 @@ static void test_what_is_learned_balances_and_is_no_part_of_the_models_input(voi
         learning_force(&state.learning, cfg.asmc.friction_speed, out.contour.r_dot, out.contour.r_ddot);
     ASSERT_NEAR(val(out.asmc.u_friction.x) + val(learned.x), val(state.last[0].balance.x), 100);
     ASSERT_NEAR(val(out.asmc.u_friction.y) + val(learned.y), val(state.last[0].balance.y), 100);
+    ASSERT_NEAR(val(out.asmc.u_linear.x) + val(out.asmc.u_friction.x) + val(out.uncertainty.u.x) + val(learned.x),
+                val(out.force.x), 1000);
     ASSERT_NEAR(val(out.asmc.u_linear.x), val(state.last[0].model.x), 1000);
     ASSERT_NEAR(val(out.asmc.u_linear.y), val(state.last[0].model.y), 1000);
 }
@@ -415,7 +417,7 @@ int main(void)
     RUN_TEST(test_reference_model_sees_that_the_force_is_limited);
     RUN_TEST(test_cc_has_no_compensation_and_ccu_has);
     RUN_TEST(test_only_ccu_learns_and_only_ccu_uses_what_is_learned);
-    RUN_TEST(test_what_is_learned_balances_and_is_no_part_of_the_models_input);
+    RUN_TEST(test_what_is_learned_is_added_to_the_force_and_is_no_part_of_the_models_input);
     RUN_TEST(test_a_limited_force_teaches_nothing);
     RUN_TEST(test_what_is_learned_outlasts_a_change_of_controller_and_a_loss_of_power);
     RUN_TEST(test_track_works_on_the_tracking_error_in_the_axis_frame);
