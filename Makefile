@@ -18,6 +18,7 @@ WARN     := -Wall -Wextra -Werror -Wconversion -Wdouble-promotion -Wshadow -Wmis
 CFLAGS   := -std=c11 -O2 -g -ffp-contract=off -fno-math-errno $(WARN)
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 INCLUDE  := -Ifirmware/core -Ifirmware/drive -Ifirmware/canopen -Ifirmware/hal -Isim -Ibuild/gen
+TEST_INCLUDE := -Itests/unit -Itests/golden
 UNITY    := -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -I$(UNITY_DIR)
 
 # Numeric back ends (firmware/core/num.h). Fixed point is compiled with no floating-point registers to use.
@@ -32,11 +33,12 @@ SOURCES  := $(FIRMWARE) sim/kontur_sim.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
-NUM_TESTS := asmc cascade chk closed_loop contour drive energy learning loop num observer params path servo spline trig uncertainty
-# In these an encoder jumps out of the range of `num`: where fixed point saturates, the checking back end stops.
-JUMP_TESTS := drive loop
+NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden learning loop num observer params path servo spline trig uncertainty
+# Not for the checking back end: in these an encoder jumps out of the range of `num`, where fixed point saturates and chk
+# stops; and it has no words of its own.
+NOT_CHK  := drive golden loop
 TEST_PROGRAMS := $(TESTS:%=build/unit/f32/test_%) $(NUM_TESTS:%=build/unit/fix/test_%) \
-	$(patsubst %,build/unit/chk/test_%,$(filter-out $(JUMP_TESTS),$(NUM_TESTS)))
+	$(patsubst %,build/unit/chk/test_%,$(filter-out $(NOT_CHK),$(NUM_TESTS)))
 BUILD_ID := $(shell git describe --always --dirty 2>/dev/null || echo unknown)
 VERSION  := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
 objects   = $(patsubst %.c,$(1)/$(2)/%.o,$(SOURCES) $($(2)_SOURCES))  # folder, back end
@@ -46,7 +48,7 @@ export MPLBACKEND := Agg
 .DELETE_ON_ERROR:
 .SECONDARY:
 .DEFAULT_GOAL := help
-.PHONY: help demo paper test test-c test-host lint bench lib setup clean FORCE
+.PHONY: help golden demo paper test test-c test-host lint bench lib setup clean FORCE
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -72,6 +74,10 @@ lint: setup lib  ## ruff (style and format) and mypy --strict
 	$(VENV)/bin/ruff check host tests firmware
 	$(VENV)/bin/ruff format --check host tests firmware
 	$(VENV)/bin/mypy host/kontur
+
+golden: build/unit/f32/write_golden build/unit/fix/write_golden  ## write the golden vectors anew (tests/golden/README.md)
+	build/unit/f32/write_golden >tests/golden/golden_f32.h
+	build/unit/fix/write_golden >tests/golden/golden_fix.h
 
 bench: setup lib  ## speed of the in-process loop, direct and over CAN, against the NumPy oracle
 	$(KONTUR) bench sim
@@ -134,15 +140,18 @@ $(LIB)/libkontur_$(1).so: $(call objects,build/lib,$(1))
 
 build/unit/$(1)/%.o: %.c | build/debian.stamp $(GENERATED)
 	@mkdir -p $$(@D); echo "  CC  $$< ($(1), sanitized)"
-	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) -MMD -MP -c $$< -o $$@
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(TEST_INCLUDE) -MMD -MP -c $$< -o $$@
 
-build/unit/$(1)/libkontur.a: $(call objects,build/unit,$(1))
+build/unit/$(1)/libkontur.a: $(call objects,build/unit,$(1)) $(if $(filter-out chk,$(1)),build/unit/$(1)/tests/golden/golden.o)
 	@rm -f $$@
 	$(Q)ar rcs $$@ $$^
 
 build/unit/$(1)/test_%: tests/unit/test_%.c build/unit/unity.o build/unit/$(1)/libkontur.a
 	@echo "  CC  $$< ($(1))"
-	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(UNITY) -MMD -MP -MF $$@.d $$< build/unit/unity.o build/unit/$(1)/libkontur.a -lm -o $$@
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(TEST_INCLUDE) $(UNITY) -MMD -MP -MF $$@.d $$< build/unit/unity.o build/unit/$(1)/libkontur.a -lm -o $$@
+
+build/unit/$(1)/write_golden: tests/golden/write.c build/unit/$(1)/libkontur.a
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(TEST_INCLUDE) $$^ -lm -o $$@
 endef
 $(foreach n,$(NUMS),$(eval $(call back_end,$(n))))
 
@@ -160,4 +169,5 @@ build/unit/unity.o: $(UNITY_DIR)/unity.c
 	@mkdir -p $(@D)
 	$(Q)$(CC) -std=c11 -O1 -g $(SANITIZE) $(UNITY) -c $< -o $@
 
--include $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)) $(call objects,build/unit,$(n)))) $(TEST_PROGRAMS:%=%.d)
+-include $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)) $(call objects,build/unit,$(n)))) $(TEST_PROGRAMS:%=%.d) \
+	build/unit/f32/tests/golden/golden.d build/unit/fix/tests/golden/golden.d
