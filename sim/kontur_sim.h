@@ -75,7 +75,7 @@ uint64_t ks_tick(const ks *s);              /* control periods since power-on */
 uint32_t ks_control_hz(const ks *s);
 uint32_t ks_overflows(const ks *s);         /* frames lost because nobody took them */
 const char *ks_build(const ks *s);          /* firmware build id */
-const char *ks_num(const ks *s);            /* numeric back end: "f32", later "fix", "chk" */
+const char *ks_num(const ks *s);            /* numeric back end: "f32", "fix" or "chk" */
 
 /* Start the friction schedule now. */
 void ks_start_schedule(ks *s);
