@@ -384,8 +384,9 @@ def learn(
 ) -> tuple[Array, Array]:
     """One period of learning friction and mass from what the compensator added, u (decision).
 
-    The force that is missing is l sign(r') + m r''; the compensator supplies it. Gradient descent of u^2/2: dl/dt is proportional
-    to u d, dm/dt to u a, the latter divided by a^2 + a_0^2 so that its speed does not depend on how hard the path accelerates.
+    The force that is missing is l sign(r') + m r''; the compensator supplies it. Gradient descent of u^2/2: dl/dt is
+    proportional to u d, dm/dt to u a, the latter divided by a^2 + a_0^2 so that its speed does not depend on how hard
+    the path accelerates.
     """
     direction = sat(r_dot_mps, p.friction_speed_mps)
     regressor = r_ddot_mps2 / (r_ddot_mps2**2 + p.learning_acceleration_mps2**2)
