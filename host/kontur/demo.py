@@ -10,6 +10,7 @@ from pathlib import Path
 from kontur import log, programs
 from kontur.device import CONTROLLERS
 from kontur.errors import FileError
+from kontur.files import write_whole
 from kontur.log import RunLog
 from kontur.planner import plan
 from kontur.report import write_report
@@ -45,5 +46,5 @@ def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float],
     progress("report", 0.0)
     write_report(out / "report.html", runs, command="make demo")
     figures = {str(one.meta["controller"]): summary(one) for one in runs}
-    (out / "summary.json").write_text(json.dumps(figures, indent=2) + "\n", "utf-8")
+    write_whole(out / "summary.json", (json.dumps(figures, indent=2) + "\n").encode())
     return runs

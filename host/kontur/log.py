@@ -12,7 +12,6 @@ import gc
 import io
 import json
 import math
-import os
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
@@ -26,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.errors import FileError, LogError
+from kontur.files import write_whole
 
 if TYPE_CHECKING:
     from asammdf import MDF
@@ -127,15 +127,10 @@ class RunLog:
 
 
 def write(run: RunLog, path: str | Path) -> None:
-    """Write CSV or MF4, by the suffix of `path`. Raises LogError: another suffix, or the file cannot be written."""
+    """Write CSV or MF4, by the suffix of `path`. Raises LogError: another suffix; FileError."""
     path = Path(path)
     content = _mf4_bytes(run) if _suffix(path) == ".mf4" else csv_text(run).encode()
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(content)
-        os.replace(part, path)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written ({error.strerror}); give another place") from error
+    write_whole(path, content)
 
 
 def read(path: str | Path) -> RunLog:

@@ -30,14 +30,6 @@ def text(values: Mapping[str, float], parameters: Mapping[str, Parameter]) -> st
     return "\n".join(lines) + "\n"
 
 
-def write(file: Path, content: str) -> None:
-    """Raises FileError when the file cannot be written."""
-    try:
-        file.write_text(content, "utf-8")
-    except OSError as error:
-        raise FileError(file, f"cannot be written ({error.strerror}); give another place") from error
-
-
 def read(file: Path) -> dict[str, float]:
     """Values by name. Raises FileError: cannot be read, not TOML, or a value that is no number."""
     try:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import io
 import json
-import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -22,6 +21,7 @@ from matplotlib.figure import Figure
 from kontur import figures
 from kontur.errors import LogError
 from kontur.figures import Entry, Summary, number
+from kontur.files import write_whole
 from kontur.log import RunLog
 
 __all__ = ["Summary", "commands_of", "picture", "summarise", "write_report"]
@@ -85,11 +85,11 @@ def write_report(
     """Write one self-contained HTML file about `runs` of one path, the best first. `command` makes it again; by
     default the commands of the runs are given.
 
-    Raises LogError: no run, runs of different trajectories, or the file cannot be written.
+    Raises LogError: no run, runs of different trajectories; FileError.
     """
     entries = _entries(runs)
     title = title or f"Contour report: {entries[0].log.meta['program']}"
-    _write(Path(path), _page(entries, title, command).encode())
+    write_whole(Path(path), _page(entries, title, command).encode())
 
 
 def commands_of(runs: Sequence[RunLog]) -> list[str]:
@@ -100,13 +100,13 @@ def commands_of(runs: Sequence[RunLog]) -> list[str]:
 def picture(path: str | Path, runs: Sequence[RunLog]) -> None:
     """Write one PNG that shows the answer of a report: how large the errors are, and the error drawn on the path.
 
-    Raises LogError: no run, runs of different trajectories, or the file cannot be written.
+    Raises LogError: no run, runs of different trajectories; FileError.
     """
     entries = _entries(runs)
     with figures.style():
         out = io.BytesIO()
         figures.overview(entries).savefig(out, format="png", dpi=160, metadata={"Software": None})
-    _write(Path(path), out.getvalue())
+    write_whole(Path(path), out.getvalue())
 
 
 def _entries(runs: Sequence[RunLog]) -> list[Entry]:
@@ -401,15 +401,6 @@ def _has(values: Any) -> bool:
 
 def _at(values: Any, row: int) -> float | None:
     return float(values[row]) if values is not None and np.isfinite(values[row]) else None
-
-
-def _write(path: Path, content: bytes) -> None:
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(content)
-        os.replace(part, path)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written ({error.strerror}); give another place") from error
 
 
 _CSS = """

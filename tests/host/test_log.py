@@ -156,7 +156,7 @@ def test_a_missing_file_a_foreign_suffix_and_a_missing_folder_are_named(tmp_path
         log.read(tmp_path / "none.csv")
     with pytest.raises(LogError, match=r"\.csv or \.mf4"):
         log.write(made_run(rows=5), tmp_path / "a.txt")
-    with pytest.raises(LogError, match="cannot be written"):
+    with pytest.raises(FileError, match="cannot be written"):
         log.write(made_run(rows=5), tmp_path / "none" / "a.csv")
 
 

@@ -10,6 +10,7 @@ import click
 from kontur import paramfile
 from kontur.cli.options import KEY_VALUE, parameter_values, target_options
 from kontur.cli.output import print_json, print_table
+from kontur.files import write_whole
 from kontur.run import Target, connect
 
 
@@ -75,7 +76,7 @@ def dump_command(*, target: Target, file: Path | None) -> None:
     if file is None:
         click.echo(text, nl=False)
     else:
-        paramfile.write(file, text)
+        write_whole(file, text.encode())
 
 
 @command.command(name="restore")

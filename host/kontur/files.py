@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files are written whole or not at all: what stood there before stays until the new content is complete."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from kontur.errors import FileError
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write `content` beside `path`, then put it in its place. Raises FileError."""
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_bytes(content)
+        os.replace(part, path)
+    except OSError as error:
+        raise FileError(path, f"cannot be written ({error.strerror}); give another place") from error
