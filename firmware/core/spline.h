@@ -15,8 +15,7 @@
 
 #define SPLINE_RING 1024u  /* knots; a power of two */
 #define SPLINE_PAST 32u    /* knots kept behind path time */
-#define SPLINE_H NUM(0.2)  /* knot spacing, 1 ms, in T0 */
-#define SPLINE_PER_T0 5    /* knots in T0: 1 / SPLINE_H */
+#define SPLINE_PER_T0 5    /* knots in T0: one a ms */
 
 struct knot {
     int32_t nm[2];

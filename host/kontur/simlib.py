@@ -100,12 +100,6 @@ class Sim:
         tick: int = self._lib.ks_tick(self._ks)
         return tick
 
-    @property
-    def overflows(self) -> int:
-        """Frames lost inside the simulator because nobody took them."""
-        count: int = self._lib.ks_overflows(self._ks)
-        return count
-
     def send(self, can_id: int, data: bytes | bytearray, rtr: bool = False) -> bool:
         """Give the device a frame; False when it is not a classic frame with an 11-bit id."""
         accepted: bool = self._lib.ks_send(self._ks, can_id, rtr, len(data), bytes(data)) == 0

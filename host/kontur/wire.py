@@ -32,7 +32,6 @@ HEARTBEAT = 0x700
 HOST_NODE_ID = 127
 
 DIFFERENCE_MAX_NM = 2**23 - 1
-POSITION_MAX_NM = 2**31 - 1
 
 
 def _crc_table() -> NDArray[np.uint8]:

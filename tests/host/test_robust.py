@@ -79,5 +79,5 @@ def test_a_drive_that_trips_is_counted_and_does_not_end_the_experiment() -> None
 
 
 @pytest.mark.parametrize("num", ["f32", "fix"])
-def test_rows_are_those_of_either_back_end(num: str) -> None:
+def test_default_gains_are_stable_on_either_back_end(num: str) -> None:
     assert summarise(robust(NOMINAL, [2], num))["unstable"] == 0

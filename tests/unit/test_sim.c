@@ -5,30 +5,20 @@
 
 #include <stdbool.h>
 #include "kontur_sim.h"
+#include "test_drive_rig.h"
 #include "unity.h"
 
 static struct ks_machine machine;
 
 void setUp(void)
 {
-    machine = (struct ks_machine){
-        .mass_kg = {88.08, 97.90},
-        .viscous_Nspm = {467.2, 631.0},
-        .coulomb_N = {45.5, 54.8},
-        .breakaway = {1, 1},
-        .stribeck_mps = {0.001, 0.001},
-        .force_limit_N = {600, 600},
-        .force_noise_N = {2, 2},
-        .encoder_m = {76.29e-9, 76.29e-9},
-        .travel_min_m = {-0.2, -0.2},
-        .travel_max_m = {0.2, 0.2},
-        .delay_periods = 1,
-        .substeps = 10,
-        .schedule_count = 2,
-        .schedule_time_s = {0, 0.05},
-        .schedule_scale = {1, 1.5},
-        .schedule_repeat_s = 0.1,
-    };
+    machine = rig_machine();
+    machine.force_noise_N[0] = machine.force_noise_N[1] = 2;
+    machine.schedule_count = 2;
+    machine.schedule_time_s[1] = 0.05;
+    machine.schedule_scale[0] = 1;
+    machine.schedule_scale[1] = 1.5;
+    machine.schedule_repeat_s = 0.1;
 }
 
 void tearDown(void)
