@@ -55,8 +55,8 @@ static int take(struct fifo *f, struct ks_frame *frame)
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
     const ks *s = ctx;
+    *in = (struct hal_drive_in){0};
     plant_encoders(&s->plant, in->count);
-    in->fault[0] = in->fault[1] = false;
 }
 
 static void drive_write(void *ctx, const struct hal_drive_out *out)

@@ -71,7 +71,7 @@ static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struc
     const num e_w[2] = {out->contour.e_w.x, out->contour.e_w.y};
     const num speed[2] = {out->velocity.x, out->velocity.y};
     for (int i = 0; i < 2; i++) {
-        if (in->fault[i]) {
+        if ((in->inputs[i] & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) != 0) {
             raise(loop, FAULT_INPUT);
         }
         if (!powered[i]) {

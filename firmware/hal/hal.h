@@ -19,15 +19,38 @@ struct can_frame {
     uint8_t data[8];
 };
 
+/* Inputs of an axis; the first ones are the bits of 60FDh. A level of 1 means active, whatever the wiring. */
+enum hal_input {
+    HAL_LIMIT_MIN = 1,      /* limit switch at the lower end */
+    HAL_LIMIT_MAX = 2,      /* limit switch at the upper end */
+    HAL_AMPLIFIER_FAULT = 16,
+    HAL_ENCODER_FAULT = 32, /* an illegal transition of A and B since the last read */
+    HAL_STOP = 64,          /* emergency stop; on both axes */
+};
+
 struct hal_drive_in {
-    int32_t count[AXES];   /* encoder position in counts since power-on; wraps as int32 does */
-    bool fault[AXES];      /* the amplifier reports a fault, or the encoder an illegal transition */
+    int32_t count[AXES];       /* encoder position in counts since power-on; wraps as int32 does */
+    uint8_t inputs[AXES];      /* enum hal_input */
+    uint8_t index_pulses[AXES]; /* index pulses since power-on, modulo 256 */
+    int32_t index_count[AXES]; /* `count` at the latest of them */
 };
 
 struct hal_drive_out {
     int32_t force_mN[AXES]; /* to be applied in the next control period; within the axis's force limit */
     bool enable[AXES];      /* power stage on */
 };
+
+enum hal_can_state { HAL_CAN_ACTIVE, HAL_CAN_WARNING, HAL_CAN_PASSIVE, HAL_CAN_OFF };
+
+struct hal_can_status {
+    enum hal_can_state state;
+    uint8_t tx_errors, rx_errors; /* error counters of the controller */
+    uint32_t rx_lost;             /* frames received for which there was no room, since power-on */
+    uint32_t bus_offs;            /* since power-on */
+};
+
+/* The parameter store: sectors that are erased as a whole (to FFh) and written in words, each word once. */
+enum { HAL_FLASH_SECTORS = 2, HAL_FLASH_BYTES = 16384 };
 
 struct hal {
     void *ctx;
@@ -39,5 +62,14 @@ struct hal {
     bool (*can_send)(void *ctx, const struct can_frame *frame);
     /* Take the oldest frame received. false: there is none. */
     bool (*can_receive)(void *ctx, struct can_frame *frame);
+    void (*can_status)(void *ctx, struct hal_can_status *status);
+    /* Whether the port can do this bit rate; `change`: do it now, dropping what waits to be sent. */
+    bool (*can_bitrate)(void *ctx, uint16_t kbitps, bool change);
+    /* `bytes` at `offset` of a sector. Offsets and lengths are multiples of 4. */
+    void (*flash_read)(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes);
+    /* Erasing and writing may stop the processor, servo tick included, for as long as the flash takes: called without
+     * power on an axis only. false: the flash reports an error. */
+    bool (*flash_erase)(void *ctx, unsigned sector);
+    bool (*flash_write)(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes);
 };
 #endif

@@ -138,9 +138,9 @@ static void test_one_axis_alone_can_be_enabled_but_begins_no_stream(void)
 static void test_an_axis_cannot_be_enabled_while_the_other_one_is_faulty(void)
 {
     rig_enable(&rig);
-    rig.input_fault[0] = true;
+    rig.inputs[0] = HAL_AMPLIFIER_FAULT;
     rig_ms(&rig, 2);
-    rig.input_fault[0] = false;
+    rig.inputs[0] = 0;
     expect_fault(0x5400);
     rig_controlwords(&rig, FAULT_RESET, 0);
     rig_expect_states(&rig, RIG_DISABLED, RIG_FAULT);
@@ -616,9 +616,9 @@ static void test_reset_node_during_motion_cuts_the_power_at_once(void)
 static void test_reset_node_clears_faults(void)
 {
     rig_enable(&rig);
-    rig.input_fault[1] = true;
+    rig.inputs[1] = HAL_AMPLIFIER_FAULT;
     rig_ms(&rig, 2);
-    rig.input_fault[1] = false;
+    rig.inputs[1] = 0;
     expect_fault(0x5400);
     rig_nmt(&rig, 129);
     rig_ms(&rig, 3);
@@ -824,7 +824,7 @@ static void test_fault_input_cuts_the_power_in_the_same_period(void)
 {
     rig_enable(&rig);
     rig_go(&rig, &stream, 700);
-    rig.input_fault[1] = true;
+    rig.inputs[1] = HAL_AMPLIFIER_FAULT;
     rig_run(&rig, 1);
     expect_power(false, false);
     TEST_ASSERT_EQUAL_INT32(0, rig.out.force_mN[0]);
@@ -835,14 +835,14 @@ static void test_fault_input_cuts_the_power_in_the_same_period(void)
 static void test_fault_cannot_be_reset_while_its_cause_is_there(void)
 {
     rig_enable(&rig);
-    rig.input_fault[0] = true;
+    rig.inputs[0] = HAL_AMPLIFIER_FAULT;
     rig_ms(&rig, 2);
     expect_fault(0x5400);
     rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
     rig_ms(&rig, 5);
     rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
     rig_controlwords(&rig, 0, 0);
-    rig.input_fault[0] = false;
+    rig.inputs[0] = 0;
     reset_faults_and_enable_again();
 }
 

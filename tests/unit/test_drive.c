@@ -67,7 +67,7 @@ static void begin(uint32_t total, uint32_t given)
 
 void setUp(void)
 {
-    wires = (struct hal_drive_in){{0, 0}, {false, false}};
+    wires = (struct hal_drive_in){0};
     hal = (struct hal){.drive_read = drive_read, .drive_write = drive_write};
     od_init(&od, 1);
     memset(&drive, 0xA5, sizeof drive);
@@ -190,7 +190,7 @@ static void test_end_is_told_with_all_knots_executed(void)
 static void test_fault_is_new_once(void)
 {
     enable();
-    wires.fault[0] = true;
+    wires.inputs[0] = HAL_AMPLIFIER_FAULT;
     tick(1);
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_INPUT), drive_poll(&drive));
     TEST_ASSERT_EQUAL_HEX32(0, drive_poll(&drive));
@@ -204,7 +204,7 @@ static void test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled(voi
 {
     enable();
     begin(100, 10);
-    wires.fault[1] = true;
+    wires.inputs[1] = HAL_AMPLIFIER_FAULT;
     tick(1);
     drive_poll(&drive);
     TEST_ASSERT_FALSE(drive_powered(&drive));

@@ -17,7 +17,7 @@ struct rig {
     struct hal hal;
     struct plant plant;
     struct hal_drive_out out;     /* last written */
-    bool input_fault[2];          /* what the amplifiers report */
+    uint8_t inputs[2];            /* enum hal_input */
     unsigned reads, writes;       /* calls of the HAL */
     struct can_frame inbox[INBOX];
     unsigned inbox_count;
@@ -39,9 +39,8 @@ static inline void rig_drive_read(void *ctx, struct hal_drive_in *in)
 {
     struct rig *r = ctx;
     r->reads++;
+    *in = (struct hal_drive_in){.inputs = {r->inputs[0], r->inputs[1]}};
     plant_encoders(&r->plant, in->count);
-    in->fault[0] = r->input_fault[0];
-    in->fault[1] = r->input_fault[1];
 }
 
 static inline void rig_drive_write(void *ctx, const struct hal_drive_out *out)

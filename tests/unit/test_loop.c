@@ -275,10 +275,10 @@ static void test_fault_of_the_amplifier_or_encoder_cuts_both_axes_in_the_same_pe
         start(0, 0);
         ring.start.nm[0] = ring.start.nm[1] = 0;
         power();
-        wires.fault[axis] = true;
+        wires.inputs[axis] = HAL_AMPLIFIER_FAULT;
         tick(1);
         expect_cut(FAULT_INPUT);
-        wires.fault[axis] = false;
+        wires.inputs[axis] = 0;
         wires.count[0] = wires.count[1] = 0;
         tick(1000);
         TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_INPUT), atomic_load(&loop.faults)); /* until the background clears it */
