@@ -17,7 +17,7 @@ LIB      := host/kontur/lib
 WARN     := -Wall -Wextra -Werror -Wconversion -Wdouble-promotion -Wshadow -Wmissing-prototypes -Wstrict-prototypes
 CFLAGS   := -std=c11 -O2 -g -ffp-contract=off -fno-math-errno $(WARN)
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
-INCLUDE  := -Ifirmware/core -Ifirmware/drive -Ifirmware/canopen -Ifirmware/hal -Isim -Ibuild/gen
+INCLUDE  := -Ifirmware/core -Ifirmware/drive -Ifirmware/canopen -Ifirmware/hal -Ifirmware/port -Isim -Ibuild/gen
 TEST_INCLUDE := -Itests/unit -Itests/golden
 UNITY    := -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -I$(UNITY_DIR)
 
@@ -31,6 +31,7 @@ GENERATED := build/gen/od_gen.c
 FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c) $(GENERATED)
 SOURCES  := $(FIRMWARE) sim/kontur_sim.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
+PORT_SOURCES := firmware/port/slcan.c  # not in the library, but tested with it
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
 NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden learning loop num observer params path servo spline trig uncertainty
@@ -142,7 +143,7 @@ build/unit/$(1)/%.o: %.c | build/debian.stamp $(GENERATED)
 	@mkdir -p $$(@D); echo "  CC  $$< ($(1), sanitized)"
 	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(TEST_INCLUDE) -MMD -MP -c $$< -o $$@
 
-build/unit/$(1)/libkontur.a: $(call objects,build/unit,$(1)) $(if $(filter-out chk,$(1)),build/unit/$(1)/tests/golden/golden.o)
+build/unit/$(1)/libkontur.a: $(call objects,build/unit,$(1)) $(PORT_SOURCES:%.c=build/unit/$(1)/%.o) $(if $(filter-out chk,$(1)),build/unit/$(1)/tests/golden/golden.o)
 	@rm -f $$@
 	$(Q)ar rcs $$@ $$^
 
@@ -170,4 +171,5 @@ build/unit/unity.o: $(UNITY_DIR)/unity.c
 	$(Q)$(CC) -std=c11 -O1 -g $(SANITIZE) $(UNITY) -c $< -o $@
 
 -include $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)) $(call objects,build/unit,$(n)))) $(TEST_PROGRAMS:%=%.d) \
+	$(foreach n,$(NUMS),$(PORT_SOURCES:%.c=build/unit/$(n)/%.d)) \
 	build/unit/f32/tests/golden/golden.d build/unit/fix/tests/golden/golden.d
