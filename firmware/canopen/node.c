@@ -174,4 +174,5 @@ void co_tick_ms(struct co_node *node)
     if (node->state == CO_OPERATIONAL) {
         co_pdo_tick_ms(node);
     }
+    co_sdo_tick_ms(node); /* last: PDOs go first */
 }

@@ -6,37 +6,27 @@
 
 #include "node.h"
 
-/* Command specifiers, bits 5..7 of byte 0: of the client, of the server. */
-enum { CCS_DOWNLOAD_SEGMENT, CCS_DOWNLOAD, CCS_UPLOAD, CCS_UPLOAD_SEGMENT, CCS_ABORT };
-enum {
-    SCS_UPLOAD_SEGMENT = 0x00,
-    SCS_DOWNLOAD_SEGMENT = 0x20,
-    SCS_UPLOAD = 0x40,
-    SCS_DOWNLOAD = 0x60,
-    SCS_ABORT = 0x80,
-};
-enum { BIT_SIZE = 0x01, BIT_EXPEDITED = 0x02, BIT_LAST = 0x01, BIT_TOGGLE = 0x10 };
-enum { SEGMENT = 7 };
+enum { BIT_SIZE = 0x01, BIT_EXPEDITED = 0x02, BIT_LAST = 0x01, BIT_TOGGLE = 0x10, BIT_BLOCK_STEP = 0x03, BIT_BLOCK_END = 0x01 };
 
-static struct can_frame response(const struct co_node *node, unsigned command)
+struct can_frame co_sdo_response(const struct co_node *node, unsigned command)
 {
     struct can_frame frame = {.id = (uint16_t)node->config.od->sdo_server.cob_id_response, .len = 8};
     frame.data[0] = (uint8_t)command;
     return frame;
 }
 
-/* A response that names its object. */
-static struct can_frame object_response(const struct co_node *node, unsigned command, uint16_t index, uint8_t sub)
+struct can_frame co_sdo_object_response(const struct co_node *node, unsigned command, const struct od_entry *entry)
 {
-    struct can_frame frame = response(node, command);
-    co_put(&frame.data[1], index, 2);
-    frame.data[3] = sub;
+    struct can_frame frame = co_sdo_response(node, command);
+    co_put(&frame.data[1], entry->index, 2);
+    frame.data[3] = entry->sub;
     return frame;
 }
 
-static void send_abort(struct co_node *node, uint16_t index, uint8_t sub, uint32_t code)
+void co_sdo_abort(struct co_node *node, const struct od_entry *entry, uint32_t code)
 {
-    struct can_frame frame = object_response(node, SCS_ABORT, index, sub);
+    static const struct od_entry none = {0};
+    struct can_frame frame = co_sdo_object_response(node, SCS_ABORT, entry != NULL ? entry : &none);
     co_put(&frame.data[4], code, 4);
     node->sdo.transfer = CO_SDO_IDLE;
     (void)co_send(node, &frame);
@@ -44,13 +34,12 @@ static void send_abort(struct co_node *node, uint16_t index, uint8_t sub, uint32
 
 static void abort_transfer(struct co_node *node, uint32_t code)
 {
-    const struct od_entry *entry = node->sdo.transfer == CO_SDO_IDLE ? NULL : node->sdo.entry;
-    send_abort(node, entry ? entry->index : 0, entry ? entry->sub : 0, code);
+    co_sdo_abort(node, node->sdo.transfer == CO_SDO_IDLE ? NULL : node->sdo.entry, code);
 }
 
 /* ---- download: the client writes ---- */
 
-static uint32_t check_length(const struct od_entry *entry, uint32_t size)
+uint32_t co_sdo_check_length(const struct od_entry *entry, uint32_t size)
 {
     if (size > od_size(entry)) {
         return SDO_ABORT_TOO_LONG;
@@ -58,8 +47,7 @@ static uint32_t check_length(const struct od_entry *entry, uint32_t size)
     return size < od_size(entry) ? SDO_ABORT_TOO_SHORT : SDO_OK;
 }
 
-/* Store the number in `data`, if everybody agrees. */
-static uint32_t store(struct co_node *node, const struct od_entry *entry, const uint8_t *data)
+uint32_t co_sdo_store(struct co_node *node, const struct od_entry *entry, const uint8_t *data)
 {
     const struct co_hooks *hooks = &node->config.hooks;
     const int64_t value = od_decode(entry, data);
@@ -91,26 +79,26 @@ static void download(struct co_node *node, const struct od_entry *entry, const u
     }
     uint32_t code = (entry->flags & OD_WRITE) ? SDO_OK : SDO_ABORT_READ_ONLY;
     if (code == SDO_OK && (expedited || sized)) {
-        code = check_length(entry, size);
+        code = co_sdo_check_length(entry, size);
     }
     if (code == SDO_OK && expedited) {
-        code = store(node, entry, &request[4]);
+        code = co_sdo_store(node, entry, &request[4]);
     }
     if (code != SDO_OK) {
-        send_abort(node, entry->index, entry->sub, code);
+        co_sdo_abort(node, entry, code);
         return;
     }
     if (!expedited) {
         *sdo = (struct co_sdo){.transfer = CO_SDO_DOWNLOAD, .entry = entry};
     }
-    const struct can_frame frame = object_response(node, SCS_DOWNLOAD, entry->index, entry->sub);
+    const struct can_frame frame = co_sdo_object_response(node, SCS_DOWNLOAD, entry);
     (void)co_send(node, &frame);
 }
 
 static void download_segment(struct co_node *node, const uint8_t *request)
 {
     struct co_sdo *sdo = &node->sdo;
-    const uint32_t count = SEGMENT - ((request[0] >> 1) & 7u);
+    const uint32_t count = CO_SDO_SEGMENT - ((request[0] >> 1) & 7u);
     if (sdo->at + count > od_size(sdo->entry)) {
         abort_transfer(node, SDO_ABORT_TOO_LONG);
         return;
@@ -118,9 +106,9 @@ static void download_segment(struct co_node *node, const uint8_t *request)
     memcpy(&sdo->buffer[sdo->at], &request[1], count);
     sdo->at += count;
     if (request[0] & BIT_LAST) {
-        uint32_t code = check_length(sdo->entry, sdo->at);
+        uint32_t code = co_sdo_check_length(sdo->entry, sdo->at);
         if (code == SDO_OK) {
-            code = store(node, sdo->entry, sdo->buffer);
+            code = co_sdo_store(node, sdo->entry, sdo->buffer);
         }
         if (code != SDO_OK) {
             abort_transfer(node, code);
@@ -128,7 +116,7 @@ static void download_segment(struct co_node *node, const uint8_t *request)
         }
         sdo->transfer = CO_SDO_IDLE;
     }
-    const struct can_frame frame = response(node, SCS_DOWNLOAD_SEGMENT | (request[0] & BIT_TOGGLE));
+    const struct can_frame frame = co_sdo_response(node, SCS_DOWNLOAD_SEGMENT | (request[0] & BIT_TOGGLE));
     sdo->toggle = !sdo->toggle;
     (void)co_send(node, &frame);
 }
@@ -147,44 +135,68 @@ static uint32_t check_read(const struct co_node *node, const struct od_entry *en
     return SDO_OK;
 }
 
-static void upload(struct co_node *node, const struct od_entry *entry)
+uint32_t co_sdo_prepare(struct co_node *node, const struct od_entry *entry)
 {
     const struct od_data *od = node->config.od;
     const struct co_hooks *hooks = &node->config.hooks;
+    struct co_sdo *sdo = &node->sdo;
     const uint32_t code = check_read(node, entry);
     if (code != SDO_OK) {
-        send_abort(node, entry->index, entry->sub, code);
-        return;
+        return code;
     }
     if (hooks->before_read != NULL) {
         hooks->before_read(hooks->ctx, entry);
     }
+    *sdo = (struct co_sdo){.entry = entry, .data = sdo->buffer, .size = od_size(entry)};
     if (entry->type == OD_STRING) {
         const char *text = od_text(od, entry);
-        const uint32_t size = (uint32_t)strlen(text);
-        struct can_frame frame = object_response(node, SCS_UPLOAD | BIT_SIZE, entry->index, entry->sub);
-        co_put(&frame.data[4], size, 4);
-        node->sdo = (struct co_sdo){
-            .transfer = CO_SDO_UPLOAD, .entry = entry, .size = size, .data = (const uint8_t *)text};
-        (void)co_send(node, &frame);
-        return;
+        sdo->data = (const uint8_t *)text;
+        sdo->size = (uint32_t)strlen(text);
+    } else {
+        co_put(sdo->buffer, (uint32_t)od_read(od, entry), (uint8_t)sdo->size);
     }
-    const uint8_t size = od_size(entry);
-    struct can_frame frame = object_response(
-        node, SCS_UPLOAD | BIT_EXPEDITED | BIT_SIZE | (unsigned)(4 - size) << 2, entry->index, entry->sub);
-    co_put(&frame.data[4], (uint32_t)od_read(od, entry), size);
+    return SDO_OK;
+}
+
+void co_sdo_bytes(const struct co_sdo *sdo, uint32_t at, uint8_t *to, uint32_t count)
+{
+    memcpy(to, &sdo->data[at], count);
+}
+
+void co_sdo_upload(struct co_node *node)
+{
+    struct co_sdo *sdo = &node->sdo;
+    const bool expedited = sdo->entry->type != OD_STRING;
+    const unsigned how = expedited ? BIT_EXPEDITED | (unsigned)(4 - sdo->size) << 2 : 0u;
+    struct can_frame frame = co_sdo_object_response(node, SCS_UPLOAD | BIT_SIZE | how, sdo->entry);
+    if (expedited) {
+        co_sdo_bytes(sdo, 0, &frame.data[4], sdo->size);
+    } else {
+        co_put(&frame.data[4], sdo->size, 4);
+        sdo->transfer = CO_SDO_UPLOAD;
+    }
     (void)co_send(node, &frame);
+}
+
+static void upload(struct co_node *node, const struct od_entry *entry)
+{
+    const uint32_t code = co_sdo_prepare(node, entry);
+    if (code != SDO_OK) {
+        co_sdo_abort(node, entry, code);
+    } else {
+        co_sdo_upload(node);
+    }
 }
 
 static void upload_segment(struct co_node *node, const uint8_t *request)
 {
     struct co_sdo *sdo = &node->sdo;
     const uint32_t left = sdo->size - sdo->at;
-    const uint32_t count = left < SEGMENT ? left : SEGMENT;
+    const uint32_t count = left < CO_SDO_SEGMENT ? left : CO_SDO_SEGMENT;
     const bool last = count == left;
-    struct can_frame frame = response(
-        node, SCS_UPLOAD_SEGMENT | (request[0] & BIT_TOGGLE) | (SEGMENT - count) << 1 | (last ? BIT_LAST : 0u));
-    memcpy(&frame.data[1], &sdo->data[sdo->at], count);
+    struct can_frame frame = co_sdo_response(
+        node, SCS_UPLOAD_SEGMENT | (request[0] & BIT_TOGGLE) | (CO_SDO_SEGMENT - count) << 1 | (last ? BIT_LAST : 0u));
+    co_sdo_bytes(sdo, sdo->at, &frame.data[1], count);
     sdo->at += count;
     sdo->toggle = !sdo->toggle;
     if (last) {
@@ -211,32 +223,68 @@ static void segment(struct co_node *node, enum co_sdo_transfer wanted, const uin
 
 static void initiate(struct co_node *node, unsigned command, const uint8_t *request)
 {
-    const uint16_t index = (uint16_t)co_get(&request[1], 2);
-    const uint8_t sub = request[3];
+    const struct od_entry asked = {.index = (uint16_t)co_get(&request[1], 2), .sub = request[3]};
     uint32_t code = SDO_OK;
-    const struct od_entry *entry = od_find(index, sub, &code);
+    const struct od_entry *entry = od_find(asked.index, asked.sub, &code);
     node->sdo.transfer = CO_SDO_IDLE;
     if (entry == NULL) {
-        send_abort(node, index, sub, code);
-    } else if (command == CCS_DOWNLOAD) {
-        download(node, entry, request);
-    } else {
-        upload(node, entry);
+        co_sdo_abort(node, &asked, code);
+        return;
+    }
+    switch (command) {
+    case CCS_DOWNLOAD: download(node, entry, request); break;
+    case CCS_UPLOAD: upload(node, entry); break;
+    case CCS_BLOCK_DOWNLOAD: co_sdo_block_download(node, entry, request); break;
+    default: co_sdo_block_upload(node, entry, request); break;
     }
 }
 
 void co_sdo_receive(struct co_node *node, const struct can_frame *frame)
 {
+    const uint8_t *request = frame->data;
+    const unsigned command = request[0] >> 5;
     if (frame->len != 8) {
         return;
     }
-    const unsigned command = frame->data[0] >> 5;
+    node->sdo.silent_ms = 0;
+    if (co_sdo_block_segment(node, request)) {
+        return;
+    }
     switch (command) {
-    case CCS_DOWNLOAD_SEGMENT: segment(node, CO_SDO_DOWNLOAD, frame->data); break;
-    case CCS_UPLOAD_SEGMENT: segment(node, CO_SDO_UPLOAD, frame->data); break;
+    case CCS_DOWNLOAD_SEGMENT: segment(node, CO_SDO_DOWNLOAD, request); break;
+    case CCS_UPLOAD_SEGMENT: segment(node, CO_SDO_UPLOAD, request); break;
     case CCS_DOWNLOAD:
-    case CCS_UPLOAD: initiate(node, command, frame->data); break;
+    case CCS_UPLOAD: initiate(node, command, request); break;
+    case CCS_BLOCK_DOWNLOAD:
+        if (request[0] & BIT_BLOCK_END) {
+            co_sdo_block_download_end(node, request);
+        } else {
+            initiate(node, command, request);
+        }
+        break;
+    case CCS_BLOCK_UPLOAD:
+        if (request[0] & BIT_BLOCK_STEP) {
+            co_sdo_block_upload_step(node, request);
+        } else {
+            initiate(node, command, request);
+        }
+        break;
     case CCS_ABORT: node->sdo.transfer = CO_SDO_IDLE; break;
-    default: abort_transfer(node, SDO_ABORT_COMMAND); break; /* block transfer */
+    default: abort_transfer(node, SDO_ABORT_COMMAND); break;
+    }
+}
+
+void co_sdo_tick_ms(struct co_node *node)
+{
+    struct co_sdo *sdo = &node->sdo;
+    if (sdo->transfer == CO_SDO_IDLE) {
+        return;
+    }
+    if (node->state == CO_STOPPED) { /* there are no SDOs */
+        sdo->transfer = CO_SDO_IDLE;
+    } else if (++sdo->silent_ms > CO_SDO_TIMEOUT_MS) {
+        abort_transfer(node, SDO_ABORT_TIMEOUT);
+    } else if (sdo->transfer == CO_SDO_BLOCK_UPLOAD) {
+        co_sdo_block_tick_ms(node);
     }
 }

@@ -242,12 +242,10 @@ static void test_request_that_is_not_eight_bytes_long_is_ignored(void)
     TEST_ASSERT_EQUAL_UINT(0, bus.count);
 }
 
-static void test_segment_without_transfer_block_and_unknown_commands_are_refused(void)
+static void test_segment_without_transfer_and_unknown_commands_are_refused(void)
 {
     bus_sdo(&bus, "60 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05");
     bus_sdo(&bus, "00 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05");
-    bus_sdo(&bus, "C0 00 10 00 00 00 00 00", "80 00 00 00 01 00 04 05"); /* block download */
-    bus_sdo(&bus, "A0 00 10 00 7F 00 00 00", "80 00 00 00 01 00 04 05"); /* block upload */
     bus_sdo(&bus, "E0 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05");
 }
 
@@ -273,6 +271,18 @@ static void test_abort_of_the_client_ends_a_transfer_without_an_answer(void)
     bus_give(&bus, 0x605, "80 08 10 00 00 00 04 05");
     TEST_ASSERT_EQUAL_UINT(0, bus.count);
     bus_sdo(&bus, "60 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05");
+}
+
+static void test_silent_client_ends_a_transfer_after_two_seconds(void)
+{
+    bus_sdo(&bus, "40 08 10 00 00 00 00 00", "41 08 10 00 06 00 00 00");
+    bus.node.config.od->heartbeat_producer = 0;
+    bus_clear(&bus);
+    bus_run_ms(&bus, CO_SDO_TIMEOUT_MS);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    bus_run_ms(&bus, CO_SDO_TIMEOUT_MS);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    bus_expect(&bus, 0, 0x585, "80 08 10 00 00 00 04 05");
 }
 
 static void test_pdo_identifier_changes_only_while_the_pdo_is_not_in_use(void)
@@ -366,10 +376,11 @@ int main(void)
     RUN_TEST(test_both_ends_of_a_range_are_allowed);
     RUN_TEST(test_expedited_download_of_a_wrong_length_is_refused);
     RUN_TEST(test_request_that_is_not_eight_bytes_long_is_ignored);
-    RUN_TEST(test_segment_without_transfer_block_and_unknown_commands_are_refused);
+    RUN_TEST(test_segment_without_transfer_and_unknown_commands_are_refused);
     RUN_TEST(test_segment_of_the_other_direction_ends_a_transfer);
     RUN_TEST(test_new_request_takes_the_place_of_a_transfer);
     RUN_TEST(test_abort_of_the_client_ends_a_transfer_without_an_answer);
+    RUN_TEST(test_silent_client_ends_a_transfer_after_two_seconds);
     RUN_TEST(test_pdo_identifier_changes_only_while_the_pdo_is_not_in_use);
     RUN_TEST(test_pdo_identifier_must_be_free_and_of_11_bits);
     RUN_TEST(test_every_entry_is_found_and_the_table_is_sorted);

@@ -1,0 +1,395 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* SDO block transfer, byte by byte as in CiA 301, 7.2.4.3.9 to .16, and with a client that loses segments. */
+#include <stdio.h>
+
+#include "test_canopen_bus.h"
+
+static struct bus bus;
+static char text[2001]; /* 285 segments and 5 bytes: more than two blocks of 127 */
+
+void setUp(void)
+{
+    bus_start(&bus);
+    bus.od.heartbeat_producer = 0;
+    for (unsigned i = 0; i < sizeof text - 1; i++) {
+        text[i] = (char)('!' + i * 7 % 90);
+    }
+    bus.od.build_id = text;
+}
+
+void tearDown(void)
+{
+}
+
+static uint16_t crc16(const char *data, size_t count)
+{
+    uint16_t crc = 0;
+    for (size_t i = 0; i < 8 * count; i++) { /* bit by bit, as a shift register */
+        const unsigned in = (unsigned)(uint8_t)data[i / 8] >> (7 - i % 8) & 1u;
+        const unsigned out = (crc >> 15 & 1u) ^ in;
+        crc = (uint16_t)(crc << 1);
+        crc = out != 0 ? crc ^ 0x1021 : crc;
+    }
+    return crc;
+}
+
+/* A request that has no answer at once. */
+static void give(const char *request)
+{
+    bus_clear(&bus);
+    bus_give(&bus, 0x600 + NODE, request);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+}
+
+/* ---- upload ---- */
+
+static void test_upload_of_a_short_text_in_one_block(void)
+{
+    bus.od.build_id = "123456789";
+    bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 09 00 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 5);
+    TEST_ASSERT_EQUAL_UINT(2, bus.count);
+    bus_expect(&bus, 0, 0x585, "01 31 32 33 34 35 36 37");
+    bus_expect(&bus, 1, 0x585, "82 38 39 00 00 00 00 00");
+    bus_sdo(&bus, "A2 02 7F 00 00 00 00 00", "D5 C3 31 00 00 00 00 00"); /* 5 bytes unused; 31C3h: the check value of the CRC */
+    give("A1 00 00 00 00 00 00 00");
+    TEST_ASSERT_EQUAL(CO_SDO_IDLE, bus.node.sdo.transfer);
+}
+
+static void test_upload_without_crc_has_none(void)
+{
+    bus.od.build_id = "123456789";
+    bus_sdo(&bus, "A0 10 20 00 7F 00 00 00", "C2 10 20 00 09 00 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 5);
+    bus_sdo(&bus, "A2 02 7F 00 00 00 00 00", "D5 00 00 00 00 00 00 00");
+}
+
+static void test_number_and_empty_text_go_by_block_too(void)
+{
+    bus_sdo(&bus, "A4 00 10 00 7F 00 00 00", "C6 00 10 00 04 00 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 1);
+    bus_expect(&bus, 0, 0x585, "81 92 01 FF FF 00 00 00");
+    bus_sdo(&bus, "A2 01 7F 00 00 00 00 00", "CD C8 01 00 00 00 00 00");
+    bus.od.build_id = "";
+    bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 00 00 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    bus_expect(&bus, 0, 0x585, "81 00 00 00 00 00 00 00");
+    bus_sdo(&bus, "A2 01 7F 00 00 00 00 00", "DD 00 00 00 00 00 00 00");
+}
+
+static void test_segments_are_paced_and_wait_for_room(void)
+{
+    bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 D0 07 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(CO_SDO_SEGMENTS_PER_MS, bus.count);
+    bus.room = 1;
+    bus_run_ms(&bus, 10);
+    TEST_ASSERT_EQUAL_UINT(CO_SDO_SEGMENTS_PER_MS + 1, bus.count);
+    bus.room = SENT_MAX;
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_HEX8(CO_SDO_SEGMENTS_PER_MS + 4, bus.sent[CO_SDO_SEGMENTS_PER_MS + 3].data[0]);
+    bus_run_ms(&bus, 127);
+    TEST_ASSERT_EQUAL_UINT(127, bus.count); /* a block, then it waits */
+}
+
+/* The client of test_lost_segments...: it takes segments in order, acknowledges at the end of a block, and reads all. */
+struct client {
+    char data[sizeof text + 7];
+    unsigned size;
+    unsigned expected;   /* sequence number */
+    bool done;
+};
+
+static void acknowledge(struct client *c, uint8_t block)
+{
+    struct can_frame ack = {.id = 0x605, .len = 8, .data = {0xA2, (uint8_t)(c->expected - 1), block}};
+    c->expected = 1;
+    bus_clear(&bus);
+    co_receive(&bus.node, &ack);
+}
+
+/* Run until the server has nothing more to send; every `lose`-th segment is lost. */
+static void take(struct client *c, unsigned block, unsigned lose, unsigned *count)
+{
+    bus.room = SENT_MAX;
+    bus_run_ms(&bus, block);
+    for (unsigned i = 0; i < bus.count; i++) {
+        const struct can_frame *f = &bus.sent[i];
+        if (lose != 0 && ++*count % lose == 0) {
+            continue;
+        }
+        if ((f->data[0] & 0x7Fu) == c->expected) {
+            memcpy(&c->data[c->size], &f->data[1], 7);
+            c->size += 7;
+            c->expected++;
+            c->done = (f->data[0] & 0x80) != 0;
+        }
+    }
+}
+
+static void upload(struct client *c, unsigned block, unsigned lose)
+{
+    char request[32];
+    unsigned count = 0;
+    *c = (struct client){.expected = 1};
+    bus_clear(&bus);
+    snprintf(request, sizeof request, "A4 10 20 00 %02X 00 00 00", block);
+    bus_sdo(&bus, request, "C6 10 20 00 D0 07 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    for (int rounds = 0; !c->done; rounds++) {
+        TEST_ASSERT_TRUE_MESSAGE(rounds < 4000, "the upload does not end");
+        take(c, block, lose, &count);
+        acknowledge(c, (uint8_t)block);
+    }
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    const struct can_frame *end = &bus.sent[0];
+    c->size -= end->data[0] >> 2 & 7u;
+    TEST_ASSERT_EQUAL_HEX8(0xC1, end->data[0] & 0xE3);
+    TEST_ASSERT_EQUAL_UINT(sizeof text - 1, c->size);
+    TEST_ASSERT_EQUAL_MEMORY(text, c->data, c->size);
+    TEST_ASSERT_EQUAL_HEX16(crc16(text, sizeof text - 1), co_get(&end->data[1], 2));
+    give("A1 00 00 00 00 00 00 00");
+}
+
+static void test_long_text_arrives_whole_with_every_block_size(void)
+{
+    for (unsigned block = 1; block <= 127; block++) {
+        struct client c;
+        upload(&c, block, 0);
+    }
+}
+
+static void test_lost_segments_are_sent_again_with_every_block_size(void)
+{
+    for (unsigned block = 1; block <= 127; block++) {
+        for (unsigned lose = 2; lose < 12; lose++) {
+            struct client c;
+            upload(&c, block, lose);
+        }
+    }
+}
+
+static void test_acknowledgement_within_a_block_goes_back_to_the_missing_segment(void)
+{
+    bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 D0 07 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 3);
+    TEST_ASSERT_EQUAL_UINT(9, bus.count);
+    const struct can_frame fifth = bus.sent[4];
+    give("A2 04 02 00 00 00 00 00"); /* only four have come; blocks of two from here on */
+    bus_run_ms(&bus, 3);
+    TEST_ASSERT_EQUAL_UINT(2, bus.count);
+    TEST_ASSERT_EQUAL_HEX8(1, bus.sent[0].data[0]);
+    TEST_ASSERT_EQUAL_MEMORY(&fifth.data[1], &bus.sent[0].data[1], 7);
+}
+
+static void test_block_size_and_sequence_number_out_of_range_end_an_upload(void)
+{
+    bus_sdo(&bus, "A4 10 20 00 00 00 00 00", "80 10 20 00 02 00 04 05");
+    bus_sdo(&bus, "A4 10 20 00 80 00 00 00", "80 10 20 00 02 00 04 05");
+    bus_sdo(&bus, "A4 10 20 00 05 00 00 00", "C6 10 20 00 D0 07 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 3);
+    bus_sdo(&bus, "A2 06 05 00 00 00 00 00", "80 10 20 00 03 00 04 05");
+    bus_sdo(&bus, "A4 10 20 00 05 00 00 00", "C6 10 20 00 D0 07 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 3);
+    bus_sdo(&bus, "A2 05 00 00 00 00 00 00", "80 10 20 00 02 00 04 05");
+    bus_clear(&bus);
+    bus_run_ms(&bus, 10);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+}
+
+static void test_value_up_to_the_protocol_switch_threshold_goes_the_simple_way(void)
+{
+    bus.od.build_id = "123456789";
+    bus_sdo(&bus, "A4 10 20 00 7F 08 00 00", "C6 10 20 00 09 00 00 00");
+    bus_sdo(&bus, "A4 10 20 00 7F 09 00 00", "41 10 20 00 09 00 00 00");
+    bus_sdo(&bus, "60 00 00 00 00 00 00 00", "00 31 32 33 34 35 36 37");
+    bus_sdo(&bus, "70 00 00 00 00 00 00 00", "1B 38 39 00 00 00 00 00");
+    bus_sdo(&bus, "A4 17 10 00 7F 04 00 00", "4B 17 10 00 00 00 00 00");
+}
+
+static void test_client_may_end_an_upload_at_any_time(void)
+{
+    const char *const steps[] = {"", "A3 00 00 00 00 00 00 00"};
+    for (unsigned i = 0; i < 2; i++) {
+        bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 D0 07 00 00");
+        if (i > 0) {
+            give(steps[i]);
+            bus_run_ms(&bus, 2);
+        }
+        give("80 10 20 00 00 00 00 08");
+        bus_run_ms(&bus, 10);
+        TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    }
+}
+
+static void test_new_request_ends_an_upload(void)
+{
+    bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 D0 07 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 2);
+    bus_sdo(&bus, "40 00 10 00 00 00 00 00", "43 00 10 00 92 01 FF FF");
+    bus_clear(&bus);
+    bus_run_ms(&bus, 10);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+}
+
+static void test_silent_client_ends_an_upload(void)
+{
+    bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 D0 07 00 00");
+    bus_clear(&bus);
+    bus_run_ms(&bus, CO_SDO_TIMEOUT_MS + 1);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    bus_expect(&bus, 0, 0x585, "80 10 20 00 00 00 04 05");
+}
+
+static void test_steps_that_the_bus_repeats_do_no_harm(void)
+{
+    bus.od.build_id = "123456789";
+    bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 09 00 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 2);
+    give("A2 01 7F 00 00 00 00 00");
+    give("A2 01 7F 00 00 00 00 00");
+    bus_run_ms(&bus, 2);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    bus_expect(&bus, 0, 0x585, "81 38 39 00 00 00 00 00");
+    bus_sdo(&bus, "A2 01 7F 00 00 00 00 00", "D5 C3 31 00 00 00 00 00");
+    give("A2 01 7F 00 00 00 00 00");
+    give("A1 00 00 00 00 00 00 00");
+    give("A1 00 00 00 00 00 00 00");
+}
+
+static void test_what_cannot_be_read_cannot_be_read_by_block(void)
+{
+    bus_sdo(&bus, "A4 00 22 01 7F 00 00 00", "80 00 22 01 01 00 01 06");
+    bus_sdo(&bus, "A4 FF 5F 00 7F 00 00 00", "80 FF 5F 00 00 00 02 06");
+    bus_sdo(&bus, "A3 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05");
+    bus_sdo(&bus, "A2 01 7F 00 00 00 00 00", "80 00 00 00 01 00 04 05");
+}
+
+/* ---- download ---- */
+
+static void test_download_with_crc(void)
+{
+    bus_sdo(&bus, "C6 10 21 01 04 00 00 00", "A4 10 21 01 01 00 00 00");
+    bus_sdo(&bus, "81 A0 86 01 00 00 00 00", "A2 01 01 00 00 00 00 00");
+    TEST_ASSERT_EQUAL_UINT(0, bus.writes);
+    char end[32];
+    const uint16_t crc = crc16("\xA0\x86\x01", 4);
+    snprintf(end, sizeof end, "CD %02X %02X 00 00 00 00 00", crc & 0xFFu, crc >> 8 & 0xFFu);
+    bus_sdo(&bus, end, "A1 00 00 00 00 00 00 00");
+    TEST_ASSERT_EQUAL_UINT(100000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(1, bus.writes);
+}
+
+static void test_download_with_a_wrong_crc_changes_nothing(void)
+{
+    bus_sdo(&bus, "C6 10 21 01 04 00 00 00", "A4 10 21 01 01 00 00 00");
+    bus_sdo(&bus, "81 A0 86 01 00 00 00 00", "A2 01 01 00 00 00 00 00");
+    bus_sdo(&bus, "CD 00 00 00 00 00 00 00", "80 10 21 01 04 00 04 05");
+    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+}
+
+static void test_download_without_crc_and_without_size(void)
+{
+    bus_sdo(&bus, "C0 17 10 00 00 00 00 00", "A0 17 10 00 01 00 00 00");
+    bus_sdo(&bus, "81 0A 00 00 00 00 00 00", "A2 01 01 00 00 00 00 00");
+    bus_sdo(&bus, "D5 00 00 00 00 00 00 00", "A1 00 00 00 00 00 00 00");
+    TEST_ASSERT_EQUAL_UINT(10, bus.od.heartbeat_producer);
+}
+
+static void test_download_of_a_wrong_length_is_refused(void)
+{
+    bus_sdo(&bus, "C2 10 21 01 05 00 00 00", "80 10 21 01 12 00 07 06");
+    bus_sdo(&bus, "C2 10 21 01 03 00 00 00", "80 10 21 01 13 00 07 06");
+    bus_sdo(&bus, "C0 10 21 01 00 00 00 00", "A0 10 21 01 01 00 00 00");
+    bus_sdo(&bus, "01 A0 86 01 00 00 00 00", "80 10 21 01 12 00 07 06"); /* more are to follow */
+    bus_sdo(&bus, "C0 10 21 01 00 00 00 00", "A0 10 21 01 01 00 00 00");
+    bus_sdo(&bus, "81 A0 86 01 00 00 00 00", "A2 01 01 00 00 00 00 00");
+    bus_sdo(&bus, "D1 00 00 00 00 00 00 00", "80 10 21 01 13 00 07 06"); /* 3 bytes */
+    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+}
+
+static void test_what_cannot_be_written_cannot_be_written_by_block(void)
+{
+    bus_sdo(&bus, "C2 00 10 00 04 00 00 00", "80 00 10 00 02 00 01 06");
+    bus_sdo(&bus, "C2 FF 5F 00 04 00 00 00", "80 FF 5F 00 00 00 02 06");
+    bus_sdo(&bus, "C1 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05"); /* an end of nothing */
+    bus_sdo(&bus, "C2 00 20 01 01 00 00 00", "A0 00 20 01 01 00 00 00");
+    bus_sdo(&bus, "81 05 00 00 00 00 00 00", "A2 01 01 00 00 00 00 00");
+    bus_sdo(&bus, "D9 00 00 00 00 00 00 00", "80 00 20 01 31 00 09 06");
+    bus.refuse = SDO_ABORT_STATE;
+    bus_sdo(&bus, "C2 00 20 01 01 00 00 00", "A0 00 20 01 01 00 00 00");
+    bus_sdo(&bus, "81 01 00 00 00 00 00 00", "A2 01 01 00 00 00 00 00");
+    bus_sdo(&bus, "D9 00 00 00 00 00 00 00", "80 00 20 01 22 00 00 08");
+}
+
+static void test_new_request_and_abort_end_a_download(void)
+{
+    bus_sdo(&bus, "C6 10 21 01 04 00 00 00", "A4 10 21 01 01 00 00 00");
+    bus_sdo(&bus, "40 00 10 00 00 00 00 00", "43 00 10 00 92 01 FF FF");
+    bus_sdo(&bus, "C6 10 21 01 04 00 00 00", "A4 10 21 01 01 00 00 00");
+    give("80 10 21 01 00 00 00 08");
+    give("81 A0 86 01 00 00 00 00");
+    TEST_ASSERT_EQUAL_UINT(0, bus.writes);
+}
+
+static void test_segment_that_comes_twice_is_taken_once(void)
+{
+    bus_sdo(&bus, "C0 17 10 00 00 00 00 00", "A0 17 10 00 01 00 00 00");
+    bus_sdo(&bus, "81 0A 00 00 00 00 00 00", "A2 01 01 00 00 00 00 00");
+    give("81 0A 00 00 00 00 00 00");
+    bus_sdo(&bus, "D5 00 00 00 00 00 00 00", "A1 00 00 00 00 00 00 00");
+    TEST_ASSERT_EQUAL_UINT(1, bus.writes);
+}
+
+static void test_reset_and_stop_end_a_transfer(void)
+{
+    bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 D0 07 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_give(&bus, 0, "02 05");
+    bus_clear(&bus);
+    bus_run_ms(&bus, 10);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    bus_give(&bus, 0, "80 05");
+    bus_run_ms(&bus, 10);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_upload_of_a_short_text_in_one_block);
+    RUN_TEST(test_upload_without_crc_has_none);
+    RUN_TEST(test_number_and_empty_text_go_by_block_too);
+    RUN_TEST(test_segments_are_paced_and_wait_for_room);
+    RUN_TEST(test_long_text_arrives_whole_with_every_block_size);
+    RUN_TEST(test_lost_segments_are_sent_again_with_every_block_size);
+    RUN_TEST(test_acknowledgement_within_a_block_goes_back_to_the_missing_segment);
+    RUN_TEST(test_block_size_and_sequence_number_out_of_range_end_an_upload);
+    RUN_TEST(test_value_up_to_the_protocol_switch_threshold_goes_the_simple_way);
+    RUN_TEST(test_client_may_end_an_upload_at_any_time);
+    RUN_TEST(test_new_request_ends_an_upload);
+    RUN_TEST(test_silent_client_ends_an_upload);
+    RUN_TEST(test_steps_that_the_bus_repeats_do_no_harm);
+    RUN_TEST(test_what_cannot_be_read_cannot_be_read_by_block);
+    RUN_TEST(test_download_with_crc);
+    RUN_TEST(test_download_with_a_wrong_crc_changes_nothing);
+    RUN_TEST(test_download_without_crc_and_without_size);
+    RUN_TEST(test_download_of_a_wrong_length_is_refused);
+    RUN_TEST(test_what_cannot_be_written_cannot_be_written_by_block);
+    RUN_TEST(test_new_request_and_abort_end_a_download);
+    RUN_TEST(test_segment_that_comes_twice_is_taken_once);
+    RUN_TEST(test_reset_and_stop_end_a_transfer);
+    return UNITY_END();
+}
