@@ -17,7 +17,7 @@ LIB      := host/kontur/lib
 WARN     := -Wall -Wextra -Werror -Wconversion -Wdouble-promotion -Wshadow -Wmissing-prototypes -Wstrict-prototypes
 CFLAGS   := -std=c11 -O2 -g -ffp-contract=off -fno-math-errno $(WARN)
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
-INCLUDE  := -Ifirmware/core -Ifirmware/drive -Ifirmware/canopen -Ifirmware/hal -Ifirmware/port -Isim -Ibuild/gen
+INCLUDE  := -Ifirmware/core -Ifirmware/drive -Ifirmware/canopen -Ifirmware/hal -Ifirmware/port -Ifirmware/port/linux -Isim -Ibuild/gen
 TEST_INCLUDE := -Itests/unit -Itests/golden
 UNITY    := -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -I$(UNITY_DIR)
 
@@ -31,7 +31,7 @@ GENERATED := build/gen/od_gen.c
 FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c) $(GENERATED)
 SOURCES  := $(FIRMWARE) sim/kontur_sim.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
-PORT_SOURCES := firmware/port/slcan.c  # not in the library, but tested with it
+PORT_SOURCES := firmware/port/slcan.c firmware/port/linux/pace.c  # not in the library, but tested with it
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
 NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden learning loop num observer params path servo spline trig uncertainty
@@ -83,7 +83,7 @@ golden: build/unit/f32/write_golden build/unit/fix/write_golden  ## write the go
 bench: setup lib  ## speed of the in-process loop, direct and over CAN, against the NumPy oracle
 	$(KONTUR) bench sim
 
-lib: $(NUMS:%=$(LIB)/libkontur_%.so) $(LIB)/kontur_sim.h  ## firmware and simulated machine as a shared library, for each numeric back end
+lib: $(NUMS:%=$(LIB)/libkontur_%.so) $(LIB)/kontur_sim.h $(LIB)/kontur-sim  ## firmware and simulated machine as a shared library, for each numeric back end, and as a process
 
 setup: $(VENV)/stamp  ## system packages (installed by apt-get where it may) and the Python environment
 
@@ -159,6 +159,16 @@ $(foreach n,$(NUMS),$(eval $(call back_end,$(n))))
 $(LIB)/kontur_sim.h: sim/kontur_sim.h
 	@mkdir -p $(@D); cp $< $@
 
+# The Linux port: a process that loads one of the libraries beside it.
+LINUX    := $(patsubst %.c,build/linux/%.o,firmware/port/slcan.c $(wildcard firmware/port/linux/*.c))
+build/linux/%.o: %.c | build/debian.stamp
+	@mkdir -p $(@D); echo "  CC  $<"
+	$(Q)$(CC) $(CFLAGS) -D_GNU_SOURCE $(INCLUDE) -MMD -MP -c $< -o $@
+
+$(LIB)/kontur-sim: $(LINUX)
+	@mkdir -p $(@D); echo "  LD  $@"
+	$(Q)$(CC) -o $@ $^ -ldl
+
 # --- C tests ----------------------------------------------------------------------------------------------------------
 build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
 	@mkdir -p build/unity; echo "Fetching Unity (see $<)"
@@ -170,6 +180,6 @@ build/unit/unity.o: $(UNITY_DIR)/unity.c
 	@mkdir -p $(@D)
 	$(Q)$(CC) -std=c11 -O1 -g $(SANITIZE) $(UNITY) -c $< -o $@
 
--include $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)) $(call objects,build/unit,$(n)))) $(TEST_PROGRAMS:%=%.d) \
+-include $(LINUX:%.o=%.d) $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)) $(call objects,build/unit,$(n)))) $(TEST_PROGRAMS:%=%.d) \
 	$(foreach n,$(NUMS),$(PORT_SOURCES:%.c=build/unit/$(n)/%.d)) \
 	build/unit/f32/tests/golden/golden.d build/unit/fix/tests/golden/golden.d

@@ -28,6 +28,7 @@ _ABORT_INCOMPATIBLE = 0x06040043
 _HOST_TIMEOUT_MS = 500
 _STATE_TIMEOUT_S = 2.0
 _SETTLE_S = 0.01  # after power-on or a change of state, until what the drive tells of itself is of now
+_READY_AT_ONCE = ("socket://", "/dev/pts/")
 _STOP_TIMEOUT_S = 5.0  # limits.path_stop_time is at most 1 s
 _MODE_INTERPOLATED = 7
 
@@ -83,6 +84,8 @@ class Info:
 
 def open_bus(options: Mapping[str, Any]) -> can.BusABC:
     """Open a bus by python-can's options. Raises BusError; of the simulated drive, what kept it from starting."""
+    if options.get("interface") == "slcan" and str(options.get("channel")).startswith(_READY_AT_ONCE):
+        options = {"sleep_after_open": 0, **options}  # python-can waits for adapters that start when they are opened
     try:
         return can.Bus(**options)
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:

@@ -45,6 +45,10 @@ class LibraryError(KonturError):
     """The simulator library is missing or does not fit this version of the package."""
 
 
+class SimulatorError(KonturError):
+    """The process of the simulated drive does not start, or has failed."""
+
+
 class BusError(KonturError):
     """The CAN bus cannot be opened, or failed."""
 

@@ -73,6 +73,31 @@ class Machine:
             y=dataclasses.replace(self.y, start_m=start_m[1]),
         )
 
+    def simulated(self) -> dict[str, list[float]]:
+        """What is simulated: the fields of struct ks_machine (sim/kontur_sim.h) and their values, SI."""
+        per_axis = (
+            "mass_kg",
+            "viscous_Nspm",
+            "coulomb_N",
+            "breakaway",
+            "stribeck_mps",
+            "force_limit_N",
+            "force_noise_N",
+            "current_lag_s",
+            "encoder_m",
+            "start_m",
+        )
+        return {field: [getattr(axis, field) for axis in self.axes] for field in per_axis} | {
+            "travel_min_m": [axis.travel_m[0] for axis in self.axes],
+            "travel_max_m": [axis.travel_m[1] for axis in self.axes],
+            "delay_periods": [self.delay_periods],
+            "substeps": [self.substeps],
+            "schedule_count": [len(self.friction_schedule)],
+            "schedule_time_s": [time_s for time_s, _ in self.friction_schedule],
+            "schedule_scale": [scale for _, scale in self.friction_schedule],
+            "schedule_repeat_s": [self.friction_repeat_s],
+        }
+
     def parameters(self) -> dict[str, float]:
         """The drive's parameters that describe this machine, by their names and in their units (docs/objects.md)."""
         values: dict[str, float] = {}

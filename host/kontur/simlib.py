@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +32,12 @@ class Truth:
     vel_mps: NDArray[np.float64]
     force_N: NDArray[np.float64]
     friction_N: NDArray[np.float64]
+
+
+def truth_of(rows: Any) -> Truth:
+    """A copy of rows of struct ks_truth in memory (anything with the buffer protocol). Raises ValueError."""
+    table = np.frombuffer(rows, dtype=np.float64).reshape(-1, _DOUBLES_PER_ROW).copy()
+    return Truth(*(table[:, 2 * i : 2 * i + 2] for i in range(4)))
 
 
 @dataclass(frozen=True)
@@ -132,12 +137,8 @@ class Sim:
     def truth(self) -> Truth:
         """A copy of what was recorded."""
         count = self._lib.ks_record_count(self._ks)
-        if not count:
-            rows = np.empty((0, _DOUBLES_PER_ROW))
-        else:
-            memory = self._ffi.buffer(self._lib.ks_record_data(self._ks), count * _DOUBLES_PER_ROW * 8)
-            rows = np.frombuffer(memory, dtype=np.float64).reshape(-1, _DOUBLES_PER_ROW).copy()
-        return Truth(*(rows[:, 2 * i : 2 * i + 2] for i in range(4)))
+        data = self._lib.ks_record_data(self._ks)
+        return truth_of(self._ffi.buffer(data, count * _DOUBLES_PER_ROW * 8) if count else b"")
 
     def push_knots(self, knots_nm: NDArray[np.int32]) -> int:
         """Hand knots (n, 2) to the queue without the wire; returns how many were taken."""
@@ -150,27 +151,12 @@ class Sim:
 
     def _c_machine(self, machine: Machine) -> Any:
         c = self._ffi.new("struct ks_machine *")
-        for field in (
-            "mass_kg",
-            "viscous_Nspm",
-            "coulomb_N",
-            "breakaway",
-            "stribeck_mps",
-            "force_limit_N",
-            "force_noise_N",
-            "current_lag_s",
-            "encoder_m",
-            "start_m",
-        ):
-            _fill(getattr(c, field), [getattr(axis, field) for axis in machine.axes])
-        _fill(c.travel_min_m, [axis.travel_m[0] for axis in machine.axes])
-        _fill(c.travel_max_m, [axis.travel_m[1] for axis in machine.axes])
-        c.delay_periods = machine.delay_periods
-        c.substeps = machine.substeps
-        c.schedule_count = len(machine.friction_schedule)
-        _fill(c.schedule_time_s, [time_s for time_s, _ in machine.friction_schedule])
-        _fill(c.schedule_scale, [scale for _, scale in machine.friction_schedule])
-        c.schedule_repeat_s = machine.friction_repeat_s
+        for field, values in machine.simulated().items():
+            if isinstance(getattr(c, field), (int, float)):
+                setattr(c, field, values[0])
+            else:
+                for i, value in enumerate(values):
+                    getattr(c, field)[i] = value
         return c
 
 
@@ -201,8 +187,3 @@ def estimate(
             f"{len(knots)} knots, lag up to {lag_max_ms} ms; 1 to 1024 knots and 1 to 1000 ms can be taken"
         )
     return e_n_m
-
-
-def _fill(array: Any, values: Sequence[float]) -> None:
-    for i, value in enumerate(values):
-        array[i] = value

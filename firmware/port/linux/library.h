@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* library.h: libkontur of one numeric back end, loaded from beside the program. */
+#ifndef KONTUR_LIBRARY_H
+#define KONTUR_LIBRARY_H
+#include "kontur_sim.h"
+
+/* The functions of kontur_sim.h that are used here. */
+#define LIBRARY_FUNCTIONS(F)                                                                                          \
+    F(ks_new) F(ks_free) F(ks_check) F(ks_send) F(ks_recv) F(ks_step) F(ks_tick) F(ks_control_hz) F(ks_build)          \
+    F(ks_record) F(ks_record_count) F(ks_record_data)
+
+#define LIBRARY_POINTER(name) __typeof__(name) *name;
+struct library {
+    void *handle;
+    LIBRARY_FUNCTIONS(LIBRARY_POINTER)
+};
+#undef LIBRARY_POINTER
+
+/* num: "f32", "fix" or "chk". Ends the program with a message when it cannot be loaded. */
+void library_load(struct library *library, const char *num);
+#endif

@@ -1,0 +1,251 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* kontur-sim: the firmware and a simulated machine as a process on a CAN bus. One loop, no threads: whatever waits does so in
+ * poll(). The bus comes first, then the time that has become due, in slices, so that frames meet the device near their time.
+ */
+#include <errno.h>
+#include <getopt.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/signalfd.h>
+#include <sys/timerfd.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "bus.h"
+#include "library.h"
+#include "machine_file.h"
+#include "pace.h"
+#include "say.h"
+
+enum { SLICE_HZ = 1000, FRAMES_A_TURN = 256 };
+
+static const char usage[] =
+    "usage: kontur-sim --machine FILE (--slcan-tcp [HOST:]PORT | --slcan-pty)\n"
+    "                  [--seed N] [--node ID] [--num f32|fix|chk] [--record FILE] [--with-parent]\n"
+    "The Kontur firmware and a simulated machine on a CAN bus. `kontur sim` starts it with a machine from a TOML file.\n"
+    "  --machine FILE    plain machine file (firmware/port/linux/machine_file.h)\n"
+    "  --slcan-tcp PORT  slcan over TCP, one client at a time; on 127.0.0.1 unless a HOST is given; 0: any free port\n"
+    "  --slcan-pty       slcan over a pseudo-terminal\n"
+    "  --seed N          seed of the simulated noise (default 1)\n"
+    "  --node ID         CANopen node id, 1..31 (default 1)\n"
+    "  --num NUM         numeric back end of the firmware (default f32)\n"
+    "  --record FILE     write the truth, a struct ks_truth a control period since power-on, when it ends\n"
+    "  --with-parent     end when the process that started it ends\n"
+    "SIGINT and SIGTERM end it.\n";
+
+struct options {
+    const char *machine, *slcan_tcp, *num, *record;
+    bool slcan_pty, with_parent;
+    uint64_t seed;
+    uint8_t node;
+};
+
+struct sim {
+    struct library lib;
+    struct bus bus;
+    struct pace pace;
+    ks *ks;
+    bool told_slow;
+};
+
+static uint64_t now_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
+static uint64_t whole_number(const char *name, const char *text, uint64_t least, uint64_t greatest)
+{
+    char *end = NULL;
+    errno = 0;
+    const unsigned long long value = strtoull(text, &end, 10);
+    if (*text < '0' || *text > '9' || *end != '\0' || errno != 0 || value < least || value > greatest) {
+        die("--%s %s: must be a whole number %llu..%llu", name, text, (unsigned long long)least, (unsigned long long)greatest);
+    }
+    return value;
+}
+
+static struct options parse(int argc, char **argv)
+{
+    enum { MACHINE, TCP, PTY, SEED, NODE, NUM, RECORD, PARENT, HELP };
+    static const struct option known[] = {
+        {"machine", required_argument, NULL, MACHINE}, {"slcan-tcp", required_argument, NULL, TCP},
+        {"slcan-pty", no_argument, NULL, PTY},         {"seed", required_argument, NULL, SEED},
+        {"node", required_argument, NULL, NODE},       {"num", required_argument, NULL, NUM},
+        {"record", required_argument, NULL, RECORD},   {"with-parent", no_argument, NULL, PARENT},
+        {"help", no_argument, NULL, HELP},             {NULL, 0, NULL, 0},
+    };
+    struct options o = {.num = "f32", .seed = 1, .node = 1};
+    int option;
+    while ((option = getopt_long(argc, argv, "", known, NULL)) != -1) {
+        switch (option) {
+        case MACHINE: o.machine = optarg; break;
+        case TCP: o.slcan_tcp = optarg; break;
+        case PTY: o.slcan_pty = true; break;
+        case SEED: o.seed = whole_number("seed", optarg, 0, UINT64_MAX); break;
+        case NODE: o.node = (uint8_t)whole_number("node", optarg, 1, 31); break;
+        case NUM: o.num = optarg; break;
+        case RECORD: o.record = optarg; break;
+        case PARENT: o.with_parent = true; break;
+        case HELP: fputs(usage, stdout); exit(0);
+        default: fputs(usage, stderr); exit(2);
+        }
+    }
+    if (optind != argc || o.machine == NULL || (o.slcan_tcp != NULL) + o.slcan_pty != 1) {
+        fputs(usage, stderr);
+        exit(2);
+    }
+    return o;
+}
+
+static void send_what_waits(struct sim *s)
+{
+    struct ks_frame frame;
+    while (s->lib.ks_recv(s->ks, &frame)) {
+        s->bus.send(s->bus.ctx, &frame, (uint32_t)(frame.tick * 1000u / s->pace.hz));
+    }
+}
+
+static void pass(struct sim *s, uint32_t periods)
+{
+    while (periods > 0) {
+        periods -= s->lib.ks_step(s->ks, periods);
+        send_what_waits(s);
+    }
+}
+
+/* Frames at most for one turn, so that a flood does not stop time; true: there may be more. */
+static bool take_frames(struct sim *s)
+{
+    struct ks_frame frame;
+    for (unsigned i = 0; i < FRAMES_A_TURN; i++) {
+        if (!s->bus.receive(s->bus.ctx, &frame)) {
+            return false;
+        }
+        (void)s->lib.ks_send(s->ks, frame.id, frame.rtr, frame.len, frame.data);
+        send_what_waits(s);
+    }
+    return true;
+}
+
+/* A slice of the device time that is due; true: there is more. */
+static bool keep_pace(struct sim *s)
+{
+    const uint32_t due = pace_due(&s->pace, now_ns(), s->lib.ks_tick(s->ks));
+    const uint32_t slice = s->pace.hz / SLICE_HZ;
+    if (s->pace.lost_ms > 0 && !s->told_slow) {
+        say("this machine does not keep up with the wall clock: %llu ms of device time are lost (told once); close other "
+            "programs, or use --pace sync, where it does not matter",
+            (unsigned long long)s->pace.lost_ms);
+        s->told_slow = true;
+    }
+    pass(s, due < slice ? due : slice);
+    return due > slice;
+}
+
+static int timer_each_ms(void)
+{
+    const int fd = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
+    const struct itimerspec each = {.it_interval = {.tv_nsec = 1000000}, .it_value = {.tv_nsec = 1000000}};
+    if (fd < 0 || timerfd_settime(fd, 0, &each, NULL) != 0) {
+        die("no timer can be had: %s", strerror(errno));
+    }
+    return fd;
+}
+
+/* Signals that end the program become readable instead; a client that has gone is no signal. */
+static int end_signals(void)
+{
+    sigset_t set;
+    sigemptyset(&set);
+    sigaddset(&set, SIGINT);
+    sigaddset(&set, SIGTERM);
+    sigaddset(&set, SIGHUP);
+    sigprocmask(SIG_BLOCK, &set, NULL);
+    signal(SIGPIPE, SIG_IGN);
+    const int fd = signalfd(-1, &set, SFD_NONBLOCK | SFD_CLOEXEC);
+    if (fd < 0) {
+        die("signals cannot be received: %s", strerror(errno));
+    }
+    return fd;
+}
+
+static void run(struct sim *s, int signals)
+{
+    const int timer = timer_each_ms();
+    bool more = false;
+    for (;;) {
+        struct pollfd fds[2 + BUS_FDS] = {{.fd = signals, .events = POLLIN}, {.fd = timer, .events = POLLIN}};
+        const unsigned count = s->bus.watch(s->bus.ctx, &fds[2]);
+        if (poll(fds, 2 + count, more ? 0 : -1) < 0 && errno != EINTR) {
+            die("poll: %s", strerror(errno));
+        }
+        if (fds[0].revents != 0) {
+            break;
+        }
+        if (fds[1].revents != 0) {
+            uint64_t expirations;
+            (void)!read(timer, &expirations, sizeof expirations);
+        }
+        s->bus.ready(s->bus.ctx, &fds[2], count);
+        more = take_frames(s);
+        more = keep_pace(s) || more;
+    }
+    close(timer);
+}
+
+/* Whole or not at all */
+static void write_record(const struct sim *s, const char *path)
+{
+    char part[4096];
+    snprintf(part, sizeof part, "%s.part", path);
+    const size_t rows = s->lib.ks_record_count(s->ks);
+    FILE *file = fopen(part, "wb");
+    if (file == NULL || fwrite(s->lib.ks_record_data(s->ks), sizeof(struct ks_truth), rows, file) != rows ||
+        fclose(file) != 0 || rename(part, path) != 0) {
+        die("--record %s cannot be written: %s", path, strerror(errno));
+    }
+}
+
+int main(int argc, char **argv)
+{
+    static struct sim s;
+    struct ks_machine machine;
+    const struct options options = parse(argc, argv);
+    const int signals = end_signals();
+    if (options.with_parent) {
+        prctl(PR_SET_PDEATHSIG, SIGTERM);
+    }
+    library_load(&s.lib, options.num);
+    machine_file_read(options.machine, &machine);
+    const char *field = s.lib.ks_check(&machine);
+    if (field != NULL) {
+        die("machine %s: %s is out of range (sim/kontur_sim.h)", options.machine, field);
+    }
+    s.ks = s.lib.ks_new(&machine, options.seed, options.node);
+    if (s.ks == NULL) {
+        die("not enough memory");
+    }
+    if (options.slcan_pty) {
+        bus_open_slcan_pty(&s.bus);
+    } else {
+        bus_open_slcan_tcp(&s.bus, options.slcan_tcp);
+    }
+    if (options.record != NULL) {
+        s.lib.ks_record(s.ks, 1);
+    }
+    pace_init(&s.pace, s.lib.ks_control_hz(s.ks), now_ns());
+    printf("kontur-sim: ready on %s\n", s.bus.name);
+    fflush(stdout);
+    run(&s, signals);
+    s.bus.close(s.bus.ctx);
+    if (options.record != NULL) {
+        write_record(&s, options.record);
+    }
+    s.lib.ks_free(s.ks);
+    return 0;
+}

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated drive as a process (kontur-sim): buses, signals, clients that go, messages that say what to do."""
+
+import signal
+import socket
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from kontur import machine as machines
+from kontur import shapes, simprocess
+from kontur.device import Device, connected, open_bus
+from kontur.errors import LibraryError, SimulatorError
+from kontur.machine import Machine
+from kontur.planner import plan
+from kontur.run import Target, limits, run
+from kontur.simlib import Sim
+from kontur.simprocess import PROGRAM, SimProcess, plain_machine, start
+
+TIMEOUT_S = 30.0
+
+
+@pytest.fixture
+def machine() -> Machine:
+    return machines.load()
+
+
+@pytest.fixture
+def sim() -> Iterator[SimProcess]:
+    with start(slcan_tcp="0") as process:
+        yield process
+
+
+def kontur_sim(*arguments: str, machine: str | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the program itself, to its end."""
+    text = plain_machine(machines.load()) if machine is None else machine
+    return subprocess.run(
+        [PROGRAM, *arguments], input=text, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
+    )
+
+
+def refused(*arguments: str, machine: str | None = None) -> str:
+    result = kontur_sim("--machine", "/dev/stdin", "--slcan-tcp", "0", *arguments, machine=machine)
+    assert result.returncode == 1
+    assert result.stdout == ""
+    return result.stderr
+
+
+def port_of(sim: SimProcess) -> int:
+    return int(sim.channel.rpartition(":")[2])
+
+
+def talk(sim: SimProcess) -> Device:
+    with connected(open_bus(sim.options()), 1) as device:
+        assert device.info().state == ("switch on disabled", "switch on disabled")
+    return device
+
+
+def test_drive_answers_over_tcp_and_again_after_a_disconnect(sim: SimProcess) -> None:
+    for _ in range(3):
+        talk(sim)
+
+
+def test_drive_answers_on_a_pseudo_terminal_and_again_after_it_was_closed() -> None:
+    with start(slcan_pty=True) as sim:
+        assert Path(sim.channel).is_char_device()
+        for _ in range(2):
+            talk(sim)
+
+
+def test_node_seed_back_end_and_machine_arrive(machine: Machine) -> None:
+    with (
+        start(slcan_tcp="0", node_id=7, num="fix", machine=machine.starting_at((0.01, -0.02))) as sim,
+        connected(open_bus(sim.options()), 7) as device,
+    ):
+        assert device.info().num == "fix"
+        assert device.position_m() == pytest.approx((0.01, -0.02), abs=1e-7)
+
+
+def test_plain_machine_is_read_back_to_the_last_bit(machine: Machine, tmp_path: Path) -> None:
+    """Process and library, given the same machine and seed, do the same thing."""
+    with start(slcan_tcp="0", machine=machine, seed=5, record=tmp_path / "truth") as process:
+        talk(process)
+    truth = simprocess.read_record(tmp_path / "truth")
+    in_process = Sim(machine, 5)
+    in_process.record(True)
+    in_process.run(len(truth.pos_m))
+    assert len(truth.pos_m) > 100
+    np.testing.assert_array_equal(truth.pos_m, in_process.truth().pos_m)
+    in_process.close()
+
+
+def test_circle_over_tcp_is_as_good_as_in_process(sim: SimProcess, machine: Machine) -> None:
+    trajectory = plan(shapes.circle(0.005, 0.05), limits(machine))
+    target = Target(machine, bus=sim.options())
+    result = run(trajectory, "ccu", target, approach=limits(machine))
+    assert result.completed
+    assert result.log.meta["frames_lost"] == 0
+    assert np.abs(result.log.columns["e_n2_um"]).max() < 5.0
+
+
+def test_second_client_is_told_that_there_is_one(sim: SimProcess) -> None:
+    with connected(open_bus(sim.options()), 1) as device:
+        with socket.create_connection(("127.0.0.1", port_of(sim)), TIMEOUT_S) as second:
+            assert b"another client is connected" in second.makefile("rb").read()
+        device.info()
+
+
+def test_client_that_does_not_read_does_not_stop_the_drive(sim: SimProcess) -> None:
+    with socket.create_connection(("127.0.0.1", port_of(sim)), TIMEOUT_S) as deaf:
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        deaf.sendall(b"O\rt00020101\r")
+        for _ in range(40000):
+            deaf.sendall(b"t60184008100000000000\r")  # each is answered: an upload of 1008h
+    talk(sim)
+    assert "frames were dropped, since the client did not read them" in sim.messages()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_end_it_cleanly(sim: SimProcess, number: signal.Signals) -> None:
+    sim.process.send_signal(number)
+    assert sim.process.wait(TIMEOUT_S) == 0
+    assert sim.messages() == ""
+
+
+def test_port_in_use_is_said_with_the_remedy(sim: SimProcess) -> None:
+    with pytest.raises(SimulatorError, match=r"in use.*or 0 for any"), start(slcan_tcp=str(port_of(sim))):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--num", "f64"], "there are f32, fix and chk"),
+        (["--node", "32"], "--node 32: must be a whole number 1..31"),
+        (["--seed", "-1"], "--seed -1: must be a whole number"),
+        (["--slcan-tcp", "70000"], "--slcan-tcp 70000: must be"),
+        (["--slcan-tcp", "nowhere.invalid:1"], "nowhere.invalid"),
+        (["--slcan-tcp", "192.0.2.1:0"], "no address of this machine"),
+    ],
+)
+def test_bad_options_get_one_line(arguments: list[str], message: str) -> None:
+    text = refused(*arguments)
+    assert text.count("\n") == 1
+    assert message in text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("mass_kg 88.08 97.9", "mass_kg 88.08", "mass_kg: has 1 of 2 values"),
+        ("mass_kg 88.08 97.9", "mass_kg 88.08 heavy", "mass_kg: heavy: not a number"),
+        ("mass_kg 88.08 97.9", "mass_kg 88.08 97.9 1", "mass_kg: 1: not a number that belongs here"),
+        ("mass_kg 88.08 97.9", "mass_kg 88.08 -1", "mass_kg is out of range"),
+        ("mass_kg", "mess_kg", "mess_kg: no such field"),
+        ("substeps 10", "# none", "substeps is missing"),
+        ("substeps 10", "substeps 10.5", "substeps: 10.5: not a number"),
+    ],
+)
+def test_bad_machine_is_refused_with_the_field(old: str, new: str, message: str) -> None:
+    text = plain_machine(machines.load())
+    assert old in text
+    answer = refused(machine=text.replace(old, new))
+    assert message in answer
+    assert answer.count("\n") == 1
+
+
+def test_usage_without_a_bus() -> None:
+    result = kontur_sim("--machine", "/dev/stdin")
+    assert result.returncode == 2
+    assert result.stderr.startswith("usage: kontur-sim")
+    assert kontur_sim("--help").stdout.startswith("usage: kontur-sim")
+
+
+def test_program_that_is_not_built_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(simprocess, "PROGRAM", tmp_path / "kontur-sim")
+    with pytest.raises(LibraryError, match="make lib"), start(slcan_tcp="0"):
+        pass
+
+
+def test_open_bus_does_not_wait_for_the_process(sim: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[dict[str, object]] = []
+    monkeypatch.setattr(can, "Bus", lambda **options: opened.append(options))
+    open_bus({"interface": "slcan", "channel": sim.channel})
+    open_bus({"interface": "slcan", "channel": "/dev/ttyACM0"})
+    assert [options.get("sleep_after_open") for options in opened] == [0, None]

@@ -1,0 +1,83 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Pacing of the Linux process: no drift, bounded catching up, exact SYNC periods. */
+#include "pace.h"
+#include "unity.h"
+
+#define MS 1000000ull
+#define HOUR_NS (3600ull * 1000u * MS)
+
+enum { HZ = 10000 };
+static const uint64_t start_ns = 987654321;
+static struct pace pace;
+
+void setUp(void)
+{
+    pace_init(&pace, HZ, start_ns);
+}
+
+void tearDown(void)
+{
+}
+
+static void test_nothing_is_due_at_power_on(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(0, pace_due(&pace, start_ns, 0));
+    TEST_ASSERT_EQUAL_UINT32(0, pace_due(&pace, start_ns + 99999, 0));
+    TEST_ASSERT_EQUAL_UINT32(1, pace_due(&pace, start_ns + 100000, 0));
+}
+
+static void test_time_does_not_drift_however_unevenly_it_is_asked_for(void)
+{
+    uint64_t tick = 0, now = start_ns;
+    for (unsigned i = 0; i < 100000; i++) {
+        now += 1 + (uint64_t)i * 7919u % (3 * MS);
+        tick += pace_due(&pace, now, tick);
+    }
+    TEST_ASSERT_EQUAL_UINT64((now - start_ns) / 100000u, tick);
+    TEST_ASSERT_EQUAL_UINT64(0, pace.lost_ms);
+}
+
+static void test_years_do_not_overflow(void)
+{
+    const uint64_t year_ns = 8766 * HOUR_NS, year_ticks = 8766ull * 3600u * HZ;
+    TEST_ASSERT_EQUAL_UINT32(10, pace_due(&pace, start_ns + 100 * year_ns, 100 * year_ticks - 10));
+}
+
+static void test_a_short_stall_is_made_up_for(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(2000, pace_due(&pace, start_ns + 200 * MS, 0));
+    TEST_ASSERT_EQUAL_UINT64(0, pace.lost_ms);
+}
+
+static void test_what_goes_beyond_is_lost_once_and_counted(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(1991, pace_due(&pace, start_ns + 5000 * MS + 100000, 0)); /* a whole ms is given up */
+    TEST_ASSERT_EQUAL_UINT64(4801, pace.lost_ms);
+    TEST_ASSERT_EQUAL_UINT32(0, pace_due(&pace, start_ns + 5000 * MS + 100000, 1991));
+    TEST_ASSERT_EQUAL_UINT32(10, pace_due(&pace, start_ns + 5001 * MS + 100000, 1991));
+    TEST_ASSERT_EQUAL_UINT64(4801, pace.lost_ms);
+}
+
+static void test_sync_periods_add_up_exactly(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(10, pace_sync(&pace, 1000));
+    uint64_t periods = 0;
+    for (unsigned i = 0; i < 1000; i++) {
+        periods += pace_sync(&pace, 1234);
+    }
+    TEST_ASSERT_EQUAL_UINT64(12340, periods);
+    TEST_ASSERT_EQUAL_UINT32(0, pace_sync(&pace, 50));
+    TEST_ASSERT_EQUAL_UINT32(1, pace_sync(&pace, 50));
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_nothing_is_due_at_power_on);
+    RUN_TEST(test_time_does_not_drift_however_unevenly_it_is_asked_for);
+    RUN_TEST(test_years_do_not_overflow);
+    RUN_TEST(test_a_short_stall_is_made_up_for);
+    RUN_TEST(test_what_goes_beyond_is_lost_once_and_counted);
+    RUN_TEST(test_sync_periods_add_up_exactly);
+    return UNITY_END();
+}
