@@ -114,14 +114,15 @@ static void acknowledge(struct client *c, uint8_t block)
     co_receive(&bus.node, &ack);
 }
 
-/* Run until the server has nothing more to send; every `lose`-th segment is lost. */
-static void take(struct client *c, unsigned block, unsigned lose, unsigned *count)
+/* Run until the server has nothing more to send; one segment of `lose` is lost, at random. */
+static void take(struct client *c, unsigned block, unsigned lose, uint32_t *random)
 {
     bus.room = SENT_MAX;
     bus_run_ms(&bus, block);
     for (unsigned i = 0; i < bus.count; i++) {
         const struct can_frame *f = &bus.sent[i];
-        if (lose != 0 && ++*count % lose == 0) {
+        *random = *random * 1664525u + 1013904223u;
+        if (lose != 0 && (*random >> 16) % lose == 0) {
             continue;
         }
         if ((f->data[0] & 0x7Fu) == c->expected) {
@@ -136,7 +137,7 @@ static void take(struct client *c, unsigned block, unsigned lose, unsigned *coun
 static void upload(struct client *c, unsigned block, unsigned lose)
 {
     char request[32];
-    unsigned count = 0;
+    uint32_t random = 1;
     *c = (struct client){.expected = 1};
     bus_clear(&bus);
     snprintf(request, sizeof request, "A4 10 20 00 %02X 00 00 00", block);
@@ -144,7 +145,7 @@ static void upload(struct client *c, unsigned block, unsigned lose)
     give("A3 00 00 00 00 00 00 00");
     for (int rounds = 0; !c->done; rounds++) {
         TEST_ASSERT_TRUE_MESSAGE(rounds < 4000, "the upload does not end");
-        take(c, block, lose, &count);
+        take(c, block, lose, &random);
         acknowledge(c, (uint8_t)block);
     }
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
