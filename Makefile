@@ -29,7 +29,7 @@ NO_FLOAT := -mgeneral-regs-only
 
 GENERATED := build/gen/od_gen.c
 FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c) $(GENERATED)
-SOURCES  := $(FIRMWARE) sim/kontur_sim.c sim/plant.c
+SOURCES  := $(FIRMWARE) sim/flash.c sim/kontur_sim.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
 PORT_SOURCES := firmware/port/slcan.c firmware/port/linux/pace.c  # not in the library, but tested with it
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "app.h"
+#include "flash.h"
 #include "params.h"
 #include "plant.h"
 
@@ -20,6 +21,7 @@ struct ks {
     struct app app;
     struct hal hal;
     struct plant plant;
+    struct sim_flash flash;
     double force_N[2];
     struct fifo to_device, to_host;
     uint64_t tick;
@@ -90,6 +92,44 @@ static bool can_receive(void *ctx, struct can_frame *frame)
     return true;
 }
 
+static void can_status(void *ctx, struct hal_can_status *status)
+{
+    (void)ctx;
+    *status = (struct hal_can_status){.state = HAL_CAN_ACTIVE};
+}
+
+/* Frames have no bits here: any rate of CiA 301, table 1, will do. */
+static bool can_bitrate(void *ctx, uint16_t kbitps, bool change)
+{
+    static const uint16_t rates[] = {10, 20, 50, 125, 250, 500, 800, 1000};
+    (void)ctx;
+    (void)change;
+    for (unsigned i = 0; i < sizeof rates / sizeof rates[0]; i++) {
+        if (kbitps == rates[i]) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static void flash_read(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes)
+{
+    const ks *s = ctx;
+    sim_flash_read(&s->flash, sector, offset, data, bytes);
+}
+
+static bool flash_erase(void *ctx, unsigned sector)
+{
+    ks *s = ctx;
+    return sim_flash_erase(&s->flash, sector);
+}
+
+static bool flash_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
+{
+    ks *s = ctx;
+    return sim_flash_write(&s->flash, sector, offset, data, bytes);
+}
+
 /* ---- the interface ---- */
 
 const char *ks_check(const struct ks_machine *machine)
@@ -110,7 +150,13 @@ ks *ks_new(const struct ks_machine *machine, uint64_t seed, uint8_t node_id)
                           .drive_read = drive_read,
                           .drive_write = drive_write,
                           .can_send = can_send,
-                          .can_receive = can_receive};
+                          .can_receive = can_receive,
+                          .can_status = can_status,
+                          .can_bitrate = can_bitrate,
+                          .flash_read = flash_read,
+                          .flash_erase = flash_erase,
+                          .flash_write = flash_write};
+    sim_flash_init(&s->flash, seed);
     plant_init(&s->plant, machine, seed, 1.0 / CONTROL_HZ);
     app_init(&s->app, &s->hal, node_id);
     return s;

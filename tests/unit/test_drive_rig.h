@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "app.h"
+#include "flash.h"
 #include "plant.h"
 #include "unity.h"
 
@@ -16,6 +17,8 @@ struct rig {
     struct app app;
     struct hal hal;
     struct plant plant;
+    struct sim_flash flash;
+    uint16_t bitrate;             /* last changed to */
     struct hal_drive_out out;     /* last written */
     uint8_t inputs[2];            /* enum hal_input */
     unsigned reads, writes;       /* calls of the HAL */
@@ -93,6 +96,40 @@ static inline bool rig_can_receive(void *ctx, struct can_frame *f)
     return true;
 }
 
+static inline void rig_can_status(void *ctx, struct hal_can_status *status)
+{
+    (void)ctx;
+    *status = (struct hal_can_status){.state = HAL_CAN_ACTIVE};
+}
+
+static inline bool rig_can_bitrate(void *ctx, uint16_t kbitps, bool change)
+{
+    struct rig *r = ctx;
+    if (kbitps != 1000 && kbitps != 500 && kbitps != 125) {
+        return false;
+    }
+    r->bitrate = change ? kbitps : r->bitrate;
+    return true;
+}
+
+static inline void rig_flash_read(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes)
+{
+    const struct rig *r = ctx;
+    sim_flash_read(&r->flash, sector, offset, data, bytes);
+}
+
+static inline bool rig_flash_erase(void *ctx, unsigned sector)
+{
+    struct rig *r = ctx;
+    return sim_flash_erase(&r->flash, sector);
+}
+
+static inline bool rig_flash_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
+{
+    struct rig *r = ctx;
+    return sim_flash_write(&r->flash, sector, offset, data, bytes);
+}
+
 static inline void rig_send(struct rig *r, uint16_t id, uint8_t len, const uint8_t *data)
 {
     struct can_frame f = {.id = id, .len = len};
@@ -151,7 +188,13 @@ static inline void rig_start(struct rig *r, const struct ks_machine *machine)
                           .drive_read = rig_drive_read,
                           .drive_write = rig_drive_write,
                           .can_send = rig_can_send,
-                          .can_receive = rig_can_receive};
+                          .can_receive = rig_can_receive,
+                          .can_status = rig_can_status,
+                          .can_bitrate = rig_can_bitrate,
+                          .flash_read = rig_flash_read,
+                          .flash_erase = rig_flash_erase,
+                          .flash_write = rig_flash_write};
+    sim_flash_init(&r->flash, 1);
     TEST_ASSERT_NULL(plant_check(machine));
     plant_init(&r->plant, machine, 1, 1e-4);
     app_init(&r->app, &r->hal, 1);
