@@ -20,7 +20,7 @@ enum {
 };
 
 /* Codes that the node raises itself; each ends with the next frame of the right length. */
-enum { CO_EMCY_PDO_SHORT = 0x8210, CO_EMCY_PDO_LONG = 0x8220 };
+enum { CO_EMCY_PDO_SHORT = 0x8210, CO_EMCY_PDO_LONG = 0x8220, CO_EMCY_SYNC_LENGTH = 0x8240 };
 
 #define CO_ERRORS 16
 

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 
-from objects import AXES, Device, Entry, Object, ObjectsError, load
+from objects import AXES, PDO_ENTRIES, Device, Entry, Object, ObjectsError, load
 
 HERE = Path(__file__).resolve().parent
 C_HEAD = "/* SPDX-License-Identifier: Apache-2.0 */\n/* Generated from objects.toml by generate.py: do not edit. */\n"
@@ -32,6 +33,12 @@ def unit_text(e: Entry) -> str:
     """Factor and unit of one count, as '1e-9 m'; empty for a bare number."""
     parts = [] if e.factor == 1 else [format(float(e.factor), "g").replace("e-0", "e-")]
     return " ".join(parts + ([e.unit] if e.unit else []))
+
+
+def pdo_counts(objects: list[Object]) -> tuple[int, int]:
+    """How many RPDOs and TPDOs there are. They are numbered from 1 without a gap."""
+    rpdos, tpdos = (sum(low <= o.index < low + 0x200 for o in objects) for low in (0x1400, 0x1800))
+    return rpdos, tpdos
 
 
 # ---- C ----
@@ -56,7 +63,9 @@ def c_declare(o: Object) -> list[str]:
 
 def c_header(objects: list[Object]) -> str:
     once = [o for o in objects if o.axis in (None, 0)]
+    rpdos, tpdos = pdo_counts(objects)
     lines = [C_HEAD, "#ifndef OD_GEN_H", "#define OD_GEN_H", "#include <stdint.h>", ""]
+    lines += [f"enum {{ OD_RPDOS = {rpdos}, OD_TPDOS = {tpdos}, OD_PDO_ENTRIES = {PDO_ENTRIES} }};", ""]
     for o in once:
         if o.kind == "record" and any(e.field for e in o.entries):
             lines += [f"/* {o.index:04X}h {o.name} */", f"struct od_{o.c_name} {{"]
@@ -123,7 +132,7 @@ def eds_entry(e: Entry, object_description: str = "") -> list[str]:
 def eds(device: Device, objects: list[Object]) -> str:
     """The electronic data sheet. Factor, Unit and Description are python-canopen's additions to CiA 306."""
     rates = {f"BaudRate_{rate}": int(rate == 1000) for rate in (10, 20, 50, 125, 250, 500, 800, 1000)}
-    pdos = [sum(low <= o.index < low + 0x200 for o in objects) for low in (0x1400, 0x1800)]
+    rpdos, tpdos = pdo_counts(objects)
     sections: list[tuple[str, list[str]]] = [
         (
             "FileInfo",
@@ -148,16 +157,16 @@ def eds(device: Device, objects: list[Object]) -> str:
                 *(f"{key}={value}" for key, value in rates.items()),
                 "SimpleBootUpMaster=0",
                 "SimpleBootUpSlave=1",
-                "Granularity=0",
+                "Granularity=8",
                 "DynamicChannelsSupported=0",
                 "CompactPDO=0",
                 "GroupMessaging=0",
-                f"NrOfRXPDO={pdos[0]}",
-                f"NrOfTXPDO={pdos[1]}",
+                f"NrOfRXPDO={rpdos}",
+                f"NrOfTXPDO={tpdos}",
                 "LSS_Supported=0",
             ],
         ),
-        ("DummyUsage", [f"Dummy{i:04d}=0" for i in range(1, 8)]),
+        ("DummyUsage", [f"Dummy{i:04d}={int(i > 1)}" for i in range(1, 8)]),
         ("Comments", ["Lines=1", "Line1=StorageLocation=PARAMETER: a parameter; Factor, Unit: of one count"]),
     ]
     mandatory = [o for o in objects if o.index in (0x1000, 0x1001, 0x1018)]
@@ -223,7 +232,12 @@ def docs(objects: list[Object]) -> str:
             lines.append(md_row(f"{o.index:04X}h", f"**{o.name}**", o.entries[0], o.entries[0].description))
             continue
         lines.append(f"| {o.index:04X}h | **{o.name}** | {o.kind} | | | | | | | {o.description} |")
-        if o.kind == "array":
+        if o.index & 0xFE00 in (0x1600, 0x1A00):
+            lines.append(md_row(f"{o.index:04X}h:0", f"{o.name}.{o.entries[0].name}", o.entries[0], "entries in use"))
+            text = "index << 16, sub << 8, bits; changes only while the PDO is not in use and sub 0 is 0"
+            first = replace(o.entries[1], default="")
+            lines.append(md_row(f"{o.index:04X}h:1…{PDO_ENTRIES}", f"{o.name}.map_1…", first, text))
+        elif o.kind == "array":
             lines.append(md_row(f"{o.index:04X}h:1…{len(o.entries) - 1}", f"{o.name}.entry_1…", o.entries[1], ""))
         else:
             lines += [md_row(f"{o.index:04X}h:{e.sub}", f"{o.name}.{e.name}", e, e.description) for e in o.entries[1:]]

@@ -77,7 +77,7 @@ static void boot(struct co_node *node)
     node->state = (enum co_state)0;
     node->sdo.transfer = CO_SDO_IDLE;
     node->consumer_left_ms = 0;
-    co_pdo_init(node);
+    co_pdo_refresh(node);
     send_heartbeat(node, 0);
     enter(node, CO_PRE_OPERATIONAL);
 }
@@ -154,22 +154,43 @@ void co_receive(struct co_node *node, const struct can_frame *frame)
             co_sdo_receive(node, frame);
         }
     } else if ((frame->id & ID_SERVICE) == ID_HEARTBEAT) {
-        heartbeat_seen(node, frame->id & ID_NODE);
+        if (frame->len == 1 && frame->data[0] != 0) { /* 0 is a boot-up message: the node has just been away */
+            heartbeat_seen(node, frame->id & ID_NODE);
+        }
     } else if (node->state == CO_OPERATIONAL) {
-        co_pdo_receive(node, frame);
+        if (frame->id == (node->config.od->sync_cob_id & COB_ID_MASK)) {
+            co_pdo_sync(node, frame);
+        } else {
+            co_pdo_receive(node, frame);
+        }
+    }
+}
+
+/* 1029h:1 says which NMT state follows. The application learns of the loss first: its stop may be gentler than the one
+ * it makes of the state. */
+static void heartbeat_lost(struct co_node *node)
+{
+    const struct co_hooks *hooks = &node->config.hooks;
+    const uint8_t behaviour = node->config.od->error_behaviour.communication;
+    if (hooks->on_heartbeat_lost != NULL) {
+        hooks->on_heartbeat_lost(hooks->ctx);
+    }
+    if (behaviour == 2) {
+        enter(node, CO_STOPPED);
+    } else if (behaviour == 0 && node->state == CO_OPERATIONAL) {
+        enter(node, CO_PRE_OPERATIONAL);
     }
 }
 
 void co_tick_ms(struct co_node *node)
 {
-    const struct co_hooks *hooks = &node->config.hooks;
     const uint16_t period_ms = node->config.od->heartbeat_producer;
     flush(node);
     if (period_ms != 0 && ++node->producer_ms >= period_ms) {
         send_heartbeat(node, (uint8_t)node->state);
     }
-    if (node->consumer_left_ms != 0 && --node->consumer_left_ms == 0 && hooks->on_heartbeat_lost != NULL) {
-        hooks->on_heartbeat_lost(hooks->ctx);
+    if (node->consumer_left_ms != 0 && --node->consumer_left_ms == 0) {
+        heartbeat_lost(node);
     }
     if (node->state == CO_OPERATIONAL) {
         co_pdo_tick_ms(node);

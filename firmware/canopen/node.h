@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* node.h: a CANopen device (CiA 301) on top of the generated object dictionary.
  *
- * NMT slave, heartbeat producer and consumer, SDO server (sdo.h), PDOs (pdo.h), EMCY (emcy.h).
- * No SYNC, no RTR, no node guarding. PDO mapping is fixed.
+ * NMT slave, heartbeat producer and consumer, SDO server (sdo.h), PDOs and SYNC (pdo.h), EMCY (emcy.h).
+ * No RTR, no node guarding.
  *
  * Use: od_init(), set the texts of the dictionary (build id, ...), fill a co_config, co_init();
  * then, in the background loop only, co_receive() for every frame and co_tick_ms() once a
@@ -32,12 +32,13 @@ struct co_hooks {
     void (*on_write)(void *ctx, const struct od_entry *entry);
     /* An SDO is about to read: bring the field up to date. */
     void (*before_read)(void *ctx, const struct od_entry *entry);
-    /* RPDO `number` (1...) has arrived and its fields are stored, without a range check. Called for
-     * every frame before the next one is looked at. */
+    /* RPDO `number` (1...) takes effect: its fields are stored, without a range check. Called for every
+     * frame before the next one is looked at. co_rpdo_carries() tells what is mapped into it. */
     void (*on_rpdo)(void *ctx, unsigned number);
     /* The NMT state has changed. */
     void (*on_nmt)(void *ctx, enum co_state state);
-    /* The node of 1016h has been silent for its time. Called once; the next heartbeat rearms it. */
+    /* The node of 1016h has been silent for its time; the NMT state of 1029h follows. Called once; the next heartbeat
+     * rearms it. */
     void (*on_heartbeat_lost)(void *ctx);
     /* Reset node, or reset communication only. What can be written is at its default again (of
      * 1000h..1FFFh, or of all objects); stop the machine, take over the values. The boot-up message
@@ -64,7 +65,7 @@ struct co_node {
     uint8_t tx_count;
     struct co_emcy emcy;
     struct co_sdo sdo;
-    struct co_pdo rpdo[CO_RPDOS], tpdo[CO_TPDOS];
+    struct co_pdo rpdo[OD_RPDOS], tpdo[OD_TPDOS];
 };
 
 /* Power-on: sends the boot-up message and enters pre-operational. The dictionary must be set up. */

@@ -21,6 +21,9 @@ else:
 AXES = ("x", "y")
 AXIS_STEP = 0x800
 HIGHEST_SUB = "highest_sub"
+PDO_ENTRIES = 8
+TRANSMISSION_TYPES = "0: at the SYNC after an event; 1..240: every so many SYNCs; 254, 255: at events and by the timer"
+RECEPTION_TYPES = "0..240: takes effect at the next SYNC; 254, 255: at once"
 
 
 class ObjectsError(Exception):
@@ -112,7 +115,7 @@ class Device:
     revision: int
 
 
-OBJECT_KEYS = {"index", "axes", "config", "sub", "count", "counted", "description"}
+OBJECT_KEYS = {"index", "axes", "config", "sub", "used", "count", "counted", "description"}
 ENTRY_KEYS = {"type", "access", "factor", "unit", "default", "min", "max", "pdo", "description", "config"}
 
 
@@ -178,6 +181,9 @@ def _object(name: str, c_name: str, index: int, axis: int | None, source: dict[s
             _check_name(sub_name, name)
         config = source.get("config", False)
         entries = [_number(index, 0, HIGHEST_SUB, "u8", len(subs))]
+        if "used" in source:
+            keys_0 = {"type": "u8", "access": "rw", "default": source["used"], "max": len(subs)}
+            entries = [_entry(index, 0, HIGHEST_SUB, f"{place}.{HIGHEST_SUB}", axis, keys_0, name)]
         for i, sub in enumerate(subs, 1):
             keys = {"config": config, **{k: v for k, v in sub.items() if k != "name"}}
             entries.append(_entry(index, i, sub["name"], f"{place}.{sub['name']}", axis, keys, name))
@@ -187,7 +193,7 @@ def _object(name: str, c_name: str, index: int, axis: int | None, source: dict[s
         count = source["count"]
         first = _number(index, 0, HIGHEST_SUB, "u8", count)
         if counted:
-            keys_0 = {"type": "u8", "access": "rw", "max": 0}
+            keys_0 = {"type": "u8", "access": "rw"}
             first = _entry(index, 0, HIGHEST_SUB, f"{place}_count", axis, keys_0, name)
         entries = [first]
         for i in range(count):
@@ -285,21 +291,41 @@ def _pdo(name: str, source: dict[str, Any], objects: list[Object]) -> list[Objec
             "default": f"$NODEID+0x{source['cob_id'] | (0x40000000 if transmit else 0):X}",
             "description": "bit 31: not in use; bit 30: no RTR; the identifier changes only while not in use",
         },
-        {"name": "type", "type": "u8", "access": "rw", "default": 254, "min": 254, "max": 255},
+        {
+            "name": "type",
+            "type": "u8",
+            "access": "rw",
+            "default": 254,
+            "description": TRANSMISSION_TYPES if transmit else RECEPTION_TYPES,
+        },
     ]
     if transmit:
-        for sub_name in ("inhibit", "reserved"):
-            subs.append({"name": sub_name, "type": "u16" if sub_name == "inhibit" else "u8", "access": "const"})
-        subs.append(
+        subs += [
+            {
+                "name": "inhibit",
+                "type": "u16",
+                "access": "rw",
+                "factor": 100,
+                "unit": "us",
+                "description": "type 254, 255: least time between two frames, rounded up to ms; changes while not in use",
+            },
+            {"name": "reserved", "type": "u8", "access": "const"},
             {
                 "name": "event_ms",
                 "type": "u16",
                 "access": "rw",
                 "unit": "ms",
                 "default": source["event_ms"],
-                "description": "time between two frames; 0: only when something happened",
-            }
-        )
+                "description": "type 254, 255: time between two frames; 0: only when something happened",
+            },
+            {
+                "name": "sync_start",
+                "type": "u8",
+                "access": "rw",
+                "max": 240,
+                "description": "type 1..240: counter of the SYNC to count from; 0: any; changes while not in use",
+            },
+        ]
     mappable = {o.name if o.kind == "var" else f"{o.name}.{e.name}": e for o in objects for e in o.entries if e.pdo}
     mapping, bits = [], 0
     for i, mapped in enumerate(source["map"], 1):
@@ -310,11 +336,16 @@ def _pdo(name: str, source: dict[str, Any], objects: list[Object]) -> list[Objec
             raise ObjectsError(f"pdo.{name}: {mapped} is {e.access}")
         bits += e.type.bits
         value = e.index << 16 | e.sub << 8 | e.type.bits
-        mapping.append({"name": f"map_{i}", "type": "u32", "access": "const", "default": value, "description": mapped})
+        mapping.append({"name": f"map_{i}", "type": "u32", "access": "rw", "default": value})
     if bits > 64 or not mapping:
         raise ObjectsError(f"pdo.{name}: {bits} bits are mapped; a frame has 1..64")
+    used = len(mapping)
+    mapping += [{"name": f"map_{i}", "type": "u32", "access": "rw"} for i in range(used + 1, PDO_ENTRIES + 1)]
     what = "transmit" if transmit else "receive"
     return [
         *_objects(name, {"index": index, "description": f"{what} PDO {match[2]}", "sub": subs}),
-        *_objects(f"{name}_map", {"index": index + 0x200, "description": "mapping (fixed)", "sub": mapping}),
+        *_objects(
+            f"{name}_map",
+            {"index": index + 0x200, "description": ", ".join(source["map"]), "sub": mapping, "used": used},
+        ),
     ]

@@ -86,6 +86,13 @@ int64_t od_read(const struct od_data *od, const struct od_entry *entry)
     }
 }
 
+int64_t od_number(const struct od_data *od, unsigned index, unsigned sub)
+{
+    uint32_t abort = 0;
+    const struct od_entry *e = od_find((uint16_t)index, (uint8_t)sub, &abort);
+    return e ? od_read(od, e) : 0;
+}
+
 const char *od_text(const struct od_data *od, const struct od_entry *entry)
 {
     const char *text;

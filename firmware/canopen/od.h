@@ -24,6 +24,8 @@
 #define SDO_ABORT_WRITE_ONLY 0x06010001u
 #define SDO_ABORT_READ_ONLY 0x06010002u
 #define SDO_ABORT_NO_OBJECT 0x06020000u
+#define SDO_ABORT_NO_MAPPING 0x06040041u
+#define SDO_ABORT_PDO_LENGTH 0x06040042u
 #define SDO_ABORT_INCOMPATIBLE 0x06040043u
 #define SDO_ABORT_HARDWARE 0x06060000u
 #define SDO_ABORT_LENGTH 0x06070010u
@@ -72,6 +74,8 @@ const struct od_entry *od_find(uint16_t index, uint8_t sub, uint32_t *abort);
 uint8_t od_size(const struct od_entry *entry);
 /* A number. */
 int64_t od_read(const struct od_data *od, const struct od_entry *entry);
+/* The number at (index, sub); 0 where there is none. */
+int64_t od_number(const struct od_data *od, unsigned index, unsigned sub);
 /* A string; never NULL. */
 const char *od_text(const struct od_data *od, const struct od_entry *entry);
 /* SDO_OK, or the abort code for a value that is out of range. Does not look at access. */

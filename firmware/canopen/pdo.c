@@ -2,138 +2,155 @@
 #include "pdo.h"
 
 #include <stddef.h>
+#include <string.h>
 
 #include "node.h"
 
-#define COB_UNUSED 0x80000000u
-#define COB_NO_RTR 0x40000000u
-#define COB_ID_MASK 0x7FFu
+/* Data types 0002h..0007h may fill gaps of an RPDO (CiA 301, dummy mapping): what is there is not stored. */
+static const struct od_entry dummies[] = {
+    {.index = 2, .type = OD_I8, .flags = OD_WRITE | OD_PDO},  {.index = 3, .type = OD_I16, .flags = OD_WRITE | OD_PDO},
+    {.index = 4, .type = OD_I32, .flags = OD_WRITE | OD_PDO}, {.index = 5, .type = OD_U8, .flags = OD_WRITE | OD_PDO},
+    {.index = 6, .type = OD_U16, .flags = OD_WRITE | OD_PDO}, {.index = 7, .type = OD_U32, .flags = OD_WRITE | OD_PDO},
+};
+enum { DUMMY_FIRST = 2, DUMMY_LAST = 7 };
 
-static int64_t read_object(const struct od_data *od, unsigned index, unsigned sub)
+const struct od_entry *co_pdo_mappable(uint32_t map, bool transmit, uint32_t *code)
 {
-    uint32_t abort = 0;
-    const struct od_entry *e = od_find((uint16_t)index, (uint8_t)sub, &abort);
-    return e ? od_read(od, e) : 0;
+    const uint16_t index = (uint16_t)(map >> 16);
+    const uint8_t sub = (uint8_t)(map >> 8);
+    const bool dummy = index >= DUMMY_FIRST && index <= DUMMY_LAST && sub == 0;
+    const struct od_entry *e = dummy ? &dummies[index - DUMMY_FIRST] : od_find(index, sub, code);
+    if (e == NULL) {
+        *code = SDO_ABORT_NO_OBJECT;
+    } else if (!(e->flags & OD_PDO) || !(e->flags & (transmit ? OD_READ : OD_WRITE))) {
+        *code = SDO_ABORT_NO_MAPPING;
+    } else if ((map & 0xFFu) != 8u * od_size(e)) {
+        *code = SDO_ABORT_PDO_LENGTH;
+    } else {
+        return e;
+    }
+    return NULL;
 }
 
-static void refresh(const struct od_data *od, struct co_pdo *pdo, unsigned index)
+static void resolve(const struct od_data *od, struct co_pdo *pdo, unsigned communication)
 {
-    const uint32_t cob = (uint32_t)read_object(od, index, 1);
-    pdo->id = (cob & COB_UNUSED) ? 0 : (uint16_t)(cob & COB_ID_MASK);
-    pdo->event_ms = (uint16_t)read_object(od, index, 5);
-}
-
-/* Mapping value: index << 16 | sub << 8 | bits. */
-static void resolve(const struct od_data *od, struct co_pdo *pdo, unsigned index)
-{
-    *pdo = (struct co_pdo){0};
-    const unsigned count = (unsigned)read_object(od, index, 0);
-    for (unsigned i = 1; i <= count && i <= CO_PDO_ENTRIES; i++) {
-        const uint32_t map = (uint32_t)read_object(od, index, i);
-        uint32_t abort = 0;
-        const struct od_entry *e = od_find((uint16_t)(map >> 16), (uint8_t)(map >> 8), &abort);
+    const unsigned mapping = communication + 0x200;
+    const bool transmit = communication >= 0x1800;
+    const uint32_t cob = (uint32_t)od_number(od, communication, 1);
+    *pdo = (struct co_pdo){.type = (uint8_t)od_number(od, communication, 2)};
+    const unsigned count = (unsigned)od_number(od, mapping, 0);
+    for (unsigned i = 1; i <= count; i++) {
+        uint32_t code = SDO_OK;
+        const struct od_entry *e = co_pdo_mappable((uint32_t)od_number(od, mapping, i), transmit, &code);
         if (e != NULL) {
             pdo->entry[pdo->count++] = e;
             pdo->bytes = (uint8_t)(pdo->bytes + od_size(e));
         }
     }
-}
-
-void co_pdo_init(struct co_node *node)
-{
-    const struct od_data *od = node->config.od;
-    for (unsigned i = 0; i < CO_RPDOS; i++) {
-        resolve(od, &node->rpdo[i], 0x1600 + i);
+    pdo->id = (cob & COB_UNUSED) || pdo->count == 0 ? 0 : (uint16_t)(cob & COB_ID_MASK);
+    if (transmit) {
+        pdo->inhibit_ms = (uint16_t)((od_number(od, communication, 3) + 9) / 10); /* of 100 us */
+        pdo->event_ms = (uint16_t)od_number(od, communication, 5);
+        pdo->sync_start = (uint8_t)od_number(od, communication, 6);
     }
-    for (unsigned i = 0; i < CO_TPDOS; i++) {
-        resolve(od, &node->tpdo[i], 0x1A00 + i);
-    }
-    co_pdo_refresh(node);
 }
 
 void co_pdo_refresh(struct co_node *node)
 {
     const struct od_data *od = node->config.od;
-    for (unsigned i = 0; i < CO_RPDOS; i++) {
-        refresh(od, &node->rpdo[i], 0x1400 + i);
+    for (unsigned i = 0; i < OD_RPDOS; i++) {
+        resolve(od, &node->rpdo[i], 0x1400 + i);
     }
-    for (unsigned i = 0; i < CO_TPDOS; i++) {
-        refresh(od, &node->tpdo[i], 0x1800 + i);
+    for (unsigned i = 0; i < OD_TPDOS; i++) {
+        resolve(od, &node->tpdo[i], 0x1800 + i);
     }
 }
 
 void co_pdo_start(struct co_node *node)
 {
-    for (unsigned i = 0; i < CO_TPDOS; i++) {
-        node->tpdo[i].elapsed_ms = node->tpdo[i].event_ms;
+    for (unsigned i = 0; i < OD_RPDOS; i++) {
+        node->rpdo[i].pending = false;
+    }
+    for (unsigned i = 0; i < OD_TPDOS; i++) {
+        struct co_pdo *pdo = &node->tpdo[i];
+        pdo->pending = false;
+        pdo->counting = pdo->sync_start == 0 || node->config.od->sync_overflow == 0;
+        pdo->syncs = 0;
+        pdo->elapsed_ms = pdo->event_ms;
+        pdo->inhibit_left_ms = 0;
     }
 }
 
-/* CiA 301, table 37: identifiers that other services use. */
-static bool is_restricted(uint32_t id)
+/* ---- received ---- */
+
+static void store(struct co_node *node, unsigned i, const uint8_t *data)
 {
-    return id < 0x80 || (id > 0x100 && id <= 0x180) || (id > 0x580 && id < 0x600) || (id > 0x600 && id < 0x680) ||
-           (id >= 0x6E0);
+    const struct co_pdo *pdo = &node->rpdo[i];
+    for (unsigned k = 0; k < pdo->count; k++) {
+        const struct od_entry *e = pdo->entry[k];
+        if (e->index > DUMMY_LAST) {
+            od_write(node->config.od, e, od_decode(e, data));
+        }
+        data += od_size(e);
+    }
+    if (node->config.hooks.on_rpdo != NULL) {
+        node->config.hooks.on_rpdo(node->config.hooks.ctx, i + 1);
+    }
 }
 
-uint32_t co_pdo_check(const struct co_node *node, const struct od_entry *entry, int64_t value)
+static void receive(struct co_node *node, unsigned i, const struct can_frame *frame)
 {
-    const bool communication = (entry->index & 0xFE00u) == 0x1400 || (entry->index & 0xFE00u) == 0x1800;
-    if (!communication || entry->sub != 1) {
-        return SDO_OK;
+    struct co_pdo *pdo = &node->rpdo[i];
+    if (frame->len < pdo->bytes) {
+        co_emcy_set(node, CO_EMCY_PDO_SHORT, CO_REG_COMMUNICATION, i + 1);
+        return;
     }
-    const uint32_t cob = (uint32_t)value;
-    const uint32_t now = (uint32_t)od_read(node->config.od, entry);
-    if ((cob & ~(COB_UNUSED | COB_NO_RTR | COB_ID_MASK)) != 0) {
-        return SDO_ABORT_VALUE;
+    co_emcy_reset(node, CO_EMCY_PDO_SHORT);
+    if (frame->len > pdo->bytes) { /* the rest is ignored */
+        co_emcy_set(node, CO_EMCY_PDO_LONG, CO_REG_COMMUNICATION, i + 1);
+    } else {
+        co_emcy_reset(node, CO_EMCY_PDO_LONG);
     }
-    if (!(cob & COB_UNUSED) && is_restricted(cob & COB_ID_MASK)) {
-        return SDO_ABORT_VALUE;
+    if (pdo->type <= PDO_SYNC_MAX) {
+        memcpy(pdo->data, frame->data, sizeof pdo->data);
+        pdo->pending = true;
+    } else {
+        store(node, i, frame->data);
     }
-    if (!((cob | now) & COB_UNUSED) && ((cob ^ now) & COB_ID_MASK)) {
-        return SDO_ABORT_VALUE;
-    }
-    return SDO_OK;
 }
 
 void co_pdo_receive(struct co_node *node, const struct can_frame *frame)
 {
-    for (unsigned i = 0; i < CO_RPDOS; i++) {
-        const struct co_pdo *pdo = &node->rpdo[i];
-        if (pdo->id == 0 || pdo->id != frame->id) {
-            continue;
-        }
-        if (frame->len < pdo->bytes) {
-            co_emcy_set(node, CO_EMCY_PDO_SHORT, CO_REG_COMMUNICATION, i + 1);
+    for (unsigned i = 0; i < OD_RPDOS; i++) {
+        if (node->rpdo[i].id != 0 && node->rpdo[i].id == frame->id) {
+            receive(node, i, frame);
             return;
         }
-        co_emcy_reset(node, CO_EMCY_PDO_SHORT);
-        if (frame->len > pdo->bytes) { /* the rest is ignored */
-            co_emcy_set(node, CO_EMCY_PDO_LONG, CO_REG_COMMUNICATION, i + 1);
-        } else {
-            co_emcy_reset(node, CO_EMCY_PDO_LONG);
-        }
-        const uint8_t *at = frame->data;
-        for (unsigned k = 0; k < pdo->count; k++) {
-            od_write(node->config.od, pdo->entry[k], od_decode(pdo->entry[k], at));
-            at += od_size(pdo->entry[k]);
-        }
-        if (node->config.hooks.on_rpdo != NULL) {
-            node->config.hooks.on_rpdo(node->config.hooks.ctx, i + 1);
-        }
-        return;
     }
 }
 
-bool co_tpdo_send(struct co_node *node, unsigned number)
+bool co_rpdo_carries(const struct co_node *node, unsigned number, uint16_t index)
 {
-    struct co_pdo *pdo = &node->tpdo[number - 1];
-    /* Frames that wait go first, and a late PDO is worth nothing: it is not kept. */
-    if (node->state != CO_OPERATIONAL || pdo->id == 0 || node->tx_count > 0) {
-        return false;
+    const struct co_pdo *pdo = &node->rpdo[number - 1];
+    for (unsigned k = 0; k < pdo->count; k++) {
+        if (pdo->entry[k]->index == index) {
+            return true;
+        }
     }
+    return false;
+}
+
+/* ---- transmitted ---- */
+
+/* An inhibit time of `inhibit_ms` ticks begins. */
+static bool transmit(struct co_node *node, struct co_pdo *pdo, unsigned inhibit_ms)
+{
     struct can_frame frame = {.id = pdo->id, .len = pdo->bytes};
     uint8_t *at = frame.data;
+    /* Frames that wait go first. Of this one only what is true when it leaves is worth something: it is not kept. */
+    if (node->tx_count > 0) {
+        return false;
+    }
     for (unsigned k = 0; k < pdo->count; k++) {
         const uint8_t size = od_size(pdo->entry[k]);
         co_put(at, (uint32_t)od_read(node->config.od, pdo->entry[k]), size);
@@ -142,22 +159,81 @@ bool co_tpdo_send(struct co_node *node, unsigned number)
     if (!node->config.hal->can_send(node->config.hal->ctx, &frame)) {
         return false;
     }
+    pdo->pending = false;
+    pdo->syncs = 0;
     pdo->elapsed_ms = 0;
+    pdo->inhibit_left_ms = (uint16_t)inhibit_ms;
     return true;
+}
+
+bool co_tpdo_send(struct co_node *node, unsigned number)
+{
+    struct co_pdo *pdo = &node->tpdo[number - 1];
+    if (node->state != CO_OPERATIONAL || pdo->id == 0) {
+        return false;
+    }
+    pdo->pending = true;
+    /* the next tick may follow at once: one more */
+    return pdo->type >= PDO_EVENT && pdo->inhibit_left_ms == 0 &&
+           transmit(node, pdo, pdo->inhibit_ms != 0 ? pdo->inhibit_ms + 1u : 0u);
 }
 
 void co_pdo_tick_ms(struct co_node *node)
 {
-    for (unsigned i = 0; i < CO_TPDOS; i++) {
+    for (unsigned i = 0; i < OD_TPDOS; i++) {
         struct co_pdo *pdo = &node->tpdo[i];
-        if (pdo->event_ms == 0) {
+        if (pdo->id == 0 || pdo->type < PDO_EVENT) {
             continue;
+        }
+        if (pdo->inhibit_left_ms > 0) {
+            pdo->inhibit_left_ms--;
         }
         if (pdo->elapsed_ms < pdo->event_ms) {
             pdo->elapsed_ms++;
         }
-        if (pdo->elapsed_ms >= pdo->event_ms) {
-            (void)co_tpdo_send(node, i + 1);
+        const bool due = pdo->event_ms != 0 && pdo->elapsed_ms >= pdo->event_ms;
+        if ((due || pdo->pending) && pdo->inhibit_left_ms == 0) {
+            (void)transmit(node, pdo, pdo->inhibit_ms);
+        }
+    }
+}
+
+/* ---- SYNC ---- */
+
+static void tpdo_sync(struct co_node *node, struct co_pdo *pdo, const struct can_frame *frame)
+{
+    if (pdo->type == 0) {
+        if (pdo->pending) {
+            (void)transmit(node, pdo, 0);
+        }
+        return;
+    }
+    pdo->counting = pdo->counting || frame->data[0] == pdo->sync_start;
+    if (pdo->counting && pdo->syncs < pdo->type) {
+        pdo->syncs++;
+    }
+    if (pdo->syncs >= pdo->type) {
+        (void)transmit(node, pdo, 0);
+    }
+}
+
+void co_pdo_sync(struct co_node *node, const struct can_frame *frame)
+{
+    const unsigned len = node->config.od->sync_overflow != 0 ? 1 : 0;
+    if (frame->len != len) {
+        co_emcy_set(node, CO_EMCY_SYNC_LENGTH, CO_REG_COMMUNICATION, frame->len);
+        return;
+    }
+    co_emcy_reset(node, CO_EMCY_SYNC_LENGTH);
+    for (unsigned i = 0; i < OD_TPDOS; i++) {
+        if (node->tpdo[i].id != 0 && node->tpdo[i].type <= PDO_SYNC_MAX) {
+            tpdo_sync(node, &node->tpdo[i], frame);
+        }
+    }
+    for (unsigned i = 0; i < OD_RPDOS; i++) {
+        if (node->rpdo[i].pending) {
+            node->rpdo[i].pending = false;
+            store(node, i, node->rpdo[i].data);
         }
     }
 }

@@ -4,6 +4,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "check.h"
 #include "node.h"
 
 enum { BIT_SIZE = 0x01, BIT_EXPEDITED = 0x02, BIT_LAST = 0x01, BIT_TOGGLE = 0x10, BIT_BLOCK_STEP = 0x03, BIT_BLOCK_END = 0x01 };
@@ -53,7 +54,7 @@ uint32_t co_sdo_store(struct co_node *node, const struct od_entry *entry, const 
     const int64_t value = od_decode(entry, data);
     uint32_t code = od_check(entry, value);
     if (code == SDO_OK) {
-        code = co_pdo_check(node, entry, value);
+        code = co_check_write(node, entry, value);
     }
     if (code == SDO_OK && hooks->check_write != NULL) {
         code = hooks->check_write(hooks->ctx, entry, value);

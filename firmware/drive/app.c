@@ -86,10 +86,11 @@ static void follow(struct app *app)
 static void on_rpdo(void *ctx, unsigned number)
 {
     struct app *app = ctx;
-    if (number == 1) {
+    if (co_rpdo_carries(&app->node, number, 0x6040) || co_rpdo_carries(&app->node, number, 0x6840)) {
         drive_command(&app->drive);
         follow(app);
-    } else if (number == 2) {
+    }
+    if (co_rpdo_carries(&app->node, number, 0x2201)) {
         const enum queue_result result = drive_knot(&app->drive, &app->od.knot);
         if (result != QUEUE_TAKEN && result != QUEUE_NOT_OPEN) {
             co_tpdo_send(&app->node, 1); /* tell at once what is expected next */

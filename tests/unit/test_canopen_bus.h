@@ -2,6 +2,7 @@
 /* A CANopen node (id 5) on a bus that keeps every frame it sends, for the test_canopen*.c files. */
 #ifndef TEST_CANOPEN_BUS_H
 #define TEST_CANOPEN_BUS_H
+#include <stdio.h>
 #include <string.h>
 
 #include "node.h"
@@ -17,7 +18,7 @@ struct bus {
     unsigned count;
     unsigned room;                   /* frames that can_send still takes */
     /* what the hooks saw */
-    unsigned writes, reads, rpdos[3], lost, resets, nmt_changes;
+    unsigned writes, reads, rpdos[OD_RPDOS + 1], lost, resets, nmt_changes;
     struct { uint16_t index; uint8_t sub, flags; int64_t value; } checked, written;
     bool reset_communication_only;
     enum co_state state;

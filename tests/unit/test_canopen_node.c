@@ -312,7 +312,7 @@ static void test_history_holds_the_newest_error_first_and_at_most_eight(void)
 static void test_history_is_cleared_by_writing_0_and_nothing_else(void)
 {
     co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
-    bus_sdo(&bus, "2F 03 10 00 01 00 00 00", "80 03 10 00 31 00 09 06");
+    bus_sdo(&bus, "2F 03 10 00 01 00 00 00", "80 03 10 00 30 00 09 06");
     bus_sdo(&bus, "2F 03 10 00 00 00 00 00", "60 03 10 00 00 00 00 00");
     bus_sdo(&bus, "40 03 10 00 00 00 00 00", "4F 03 10 00 00 00 00 00");
     bus_sdo(&bus, "40 03 10 01 00 00 00 00", "80 03 10 01 24 00 00 08"); /* no data available */

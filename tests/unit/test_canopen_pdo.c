@@ -93,7 +93,9 @@ static void test_long_rpdo_is_taken_and_reported(void)
 
 static void test_rpdo_that_is_switched_off_is_ignored(void)
 {
+    bus_give(&bus, 0, "80 05");
     bus_sdo(&bus, "23 00 14 01 05 02 00 80", "60 00 14 01 00 00 00 00");
+    bus_give(&bus, 0, "01 05");
     bus_give(&bus, 0x205, "0F 00 0F 00");
     TEST_ASSERT_EQUAL_UINT(0, bus.rpdos[1]);
 }
@@ -168,10 +170,14 @@ static void test_tpdo_sent_by_an_event_starts_its_timer_anew(void)
 
 static void test_event_time_may_be_changed_and_0_leaves_events_only(void)
 {
+    bus_give(&bus, 0, "80 05");
     bus_sdo(&bus, "2B 01 18 05 05 00 00 00", "60 01 18 05 00 00 00 00");
+    bus_give(&bus, 0, "01 05");
     bus_run_ms(&bus, 50);
     TEST_ASSERT_EQUAL_UINT(10, sent(0x285));
+    bus_give(&bus, 0, "80 05");
     bus_sdo(&bus, "2B 01 18 05 00 00 00 00", "60 01 18 05 00 00 00 00");
+    bus_give(&bus, 0, "01 05");
     bus_clear(&bus);
     bus_run_ms(&bus, 50);
     TEST_ASSERT_EQUAL_UINT(0, sent(0x285));
@@ -181,7 +187,9 @@ static void test_event_time_may_be_changed_and_0_leaves_events_only(void)
 
 static void test_tpdo_that_is_switched_off_is_not_sent(void)
 {
+    bus_give(&bus, 0, "80 05");
     bus_sdo(&bus, "23 01 18 01 85 02 00 C0", "60 01 18 01 00 00 00 00");
+    bus_give(&bus, 0, "01 05");
     bus_run_ms(&bus, 10);
     TEST_ASSERT_EQUAL_UINT(0, sent(0x285));
     TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 2));
@@ -189,8 +197,10 @@ static void test_tpdo_that_is_switched_off_is_not_sent(void)
 
 static void test_tpdo_on_a_new_identifier(void)
 {
+    bus_give(&bus, 0, "80 05");
     bus_sdo(&bus, "23 01 18 01 85 02 00 C0", "60 01 18 01 00 00 00 00");
     bus_sdo(&bus, "23 01 18 01 90 02 00 40", "60 01 18 01 00 00 00 00");
+    bus_give(&bus, 0, "01 05");
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(1, sent(0x290));
 }

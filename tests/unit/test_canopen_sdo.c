@@ -200,7 +200,7 @@ static void test_read_only_and_constant_objects_cannot_be_written(void)
     bus_sdo(&bus, "2B 41 60 00 00 00 00 00", "80 41 60 00 02 00 01 06");
     bus_sdo(&bus, "23 00 10 00 00 00 00 00", "80 00 10 00 02 00 01 06");
     bus_sdo(&bus, "21 08 10 00 06 00 00 00", "80 08 10 00 02 00 01 06");
-    bus_sdo(&bus, "23 00 16 01 10 00 40 60", "80 00 16 01 02 00 01 06");
+    bus_sdo(&bus, "23 20 20 01 00 00 00 00", "80 20 20 01 02 00 01 06");
 }
 
 static void test_write_only_objects_cannot_be_read(void)
