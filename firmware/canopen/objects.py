@@ -307,7 +307,7 @@ def _pdo(name: str, source: dict[str, Any], objects: list[Object]) -> list[Objec
                 "access": "rw",
                 "factor": 100,
                 "unit": "us",
-                "description": "type 254, 255: least time between two frames, rounded up to ms; changes while not in use",
+                "description": "type 254, 255: least time between frames, rounded up to ms; written while not in use",
             },
             {"name": "reserved", "type": "u8", "access": "const"},
             {
@@ -323,7 +323,7 @@ def _pdo(name: str, source: dict[str, Any], objects: list[Object]) -> list[Objec
                 "type": "u8",
                 "access": "rw",
                 "max": 240,
-                "description": "type 1..240: counter of the SYNC to count from; 0: any; changes while not in use",
+                "description": "type 1..240: counter of the SYNC to count from; 0: any; written while not in use",
             },
         ]
     mappable = {o.name if o.kind == "var" else f"{o.name}.{e.name}": e for o in objects for e in o.entries if e.pdo}
