@@ -22,6 +22,7 @@ struct ks {
     struct hal hal;
     struct plant plant;
     struct sim_flash flash;
+    struct hal_can_status can;
     double force_N[2];
     struct fifo to_device, to_host;
     uint64_t tick;
@@ -94,8 +95,8 @@ static bool can_receive(void *ctx, struct can_frame *frame)
 
 static void can_status(void *ctx, struct hal_can_status *status)
 {
-    (void)ctx;
-    *status = (struct hal_can_status){.state = HAL_CAN_ACTIVE};
+    const ks *s = ctx;
+    *status = s->can;
 }
 
 /* Frames have no bits here: any rate of CiA 301, table 1, will do. */
@@ -266,6 +267,15 @@ const char *ks_build(const ks *s)
 const char *ks_num(const ks *s)
 {
     return s->app.od.num_backend;
+}
+
+void ks_set_can_status(ks *s, const struct ks_can_status *status)
+{
+    s->can = (struct hal_can_status){.state = (enum hal_can_state)status->state,
+                                     .tx_errors = (uint8_t)status->tx_errors,
+                                     .rx_errors = (uint8_t)status->rx_errors,
+                                     .rx_lost = status->rx_lost,
+                                     .bus_offs = status->bus_offs};
 }
 
 void ks_start_schedule(ks *s)

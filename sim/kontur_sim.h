@@ -53,6 +53,15 @@ struct ks_truth {
     double friction_N[2];   /* friction force that acted */
 };
 
+/* What the CAN controller tells the firmware of itself. */
+enum { KS_CAN_ACTIVE, KS_CAN_WARNING, KS_CAN_PASSIVE, KS_CAN_OFF };
+struct ks_can_status {
+    uint32_t state;                 /* KS_CAN_... */
+    uint32_t tx_errors, rx_errors;  /* its error counters, 0..255 */
+    uint32_t rx_lost;               /* frames received for which there was no room, since power-on */
+    uint32_t bus_offs;              /* since power-on */
+};
+
 typedef struct ks ks;
 
 /* Power on a drive with node_id (1..31). NULL: no memory, or a machine out of range (ks_check). */
@@ -76,6 +85,9 @@ uint32_t ks_control_hz(const ks *s);
 uint32_t ks_overflows(const ks *s);         /* frames lost because nobody took them */
 const char *ks_build(const ks *s);          /* firmware build id */
 const char *ks_num(const ks *s);            /* numeric back end: "f32", "fix" or "chk" */
+
+/* What the CAN controller tells from now on; at power-on it is error active, and nothing was lost. */
+void ks_set_can_status(ks *s, const struct ks_can_status *status);
 
 /* Start the friction schedule now. */
 void ks_start_schedule(ks *s);

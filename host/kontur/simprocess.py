@@ -9,11 +9,12 @@ The process ends with the block, and with this program, however that ends.
 
 from __future__ import annotations
 
+import os
 import selectors
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -62,6 +63,7 @@ class SimProcess:
 @contextmanager
 def start(
     *,
+    can: str | None = None,
     slcan_tcp: str | None = None,
     slcan_pty: bool = False,
     machine: Machine | str | Path = machines.DEFAULT,
@@ -70,27 +72,29 @@ def start(
     num: str = "f32",
     record: Path | None = None,
 ) -> Iterator[SimProcess]:
-    """Power on a drive on one bus: `slcan_tcp` "[HOST:]PORT" (port 0: any that is free), or `slcan_pty`.
+    """Power on a drive on one bus: `can` interface, `slcan_tcp` "[HOST:]PORT" (0: any free port), or `slcan_pty`.
 
     `machine`: a Machine or the name of a file; `record`: gets the truth at power-off, see read_record(). Raises
     LibraryError when the program is not built, MachineError, SimulatorError with the message of a process that failed.
     """
     arguments = [str(PROGRAM), "--seed", str(seed), "--node", str(node_id), "--num", num, "--with-parent"]
+    arguments += ["--can", can] if can is not None else []
     arguments += ["--slcan-tcp", slcan_tcp] if slcan_tcp is not None else []
     arguments += ["--slcan-pty"] if slcan_pty else []
     arguments += ["--record", str(record)] if record is not None else []
     plant = machine if isinstance(machine, Machine) else machines.load(machine)
-    with tempfile.TemporaryFile() as stdin, tempfile.TemporaryFile() as stderr:
-        stdin.write(plain_machine(plant).encode())
-        stdin.seek(0)
+    with tempfile.TemporaryFile() as stderr:
         try:
             process = subprocess.Popen(
-                [*arguments, "--machine", "/dev/stdin"], stdin=stdin, stdout=subprocess.PIPE, stderr=stderr
+                [*arguments, "--machine", "-"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr
             )
         except OSError as error:
             raise LibraryError(f"{PROGRAM} cannot be run ({error.strerror}); run `make lib`") from error
         with process:
             try:
+                assert process.stdin is not None
+                with suppress(BrokenPipeError), process.stdin as stdin:  # it has ended: its message says why
+                    stdin.write(plain_machine(plant).encode())
                 interface, channel = _ready(process, stderr)
                 sim = SimProcess(process, interface, channel, stderr)
                 yield sim
@@ -129,4 +133,4 @@ def _ready(process: subprocess.Popen[bytes], stderr: IO[bytes]) -> tuple[str, st
 
 def _text(file: IO[bytes]) -> str:
     # The process writes through the same file description: its place is not to be moved.
-    return Path(f"/proc/self/fd/{file.fileno()}").read_bytes().decode(errors="replace")
+    return os.pread(file.fileno(), os.fstat(file.fileno()).st_size, 0).decode(errors="replace")

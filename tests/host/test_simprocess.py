@@ -44,7 +44,7 @@ def kontur_sim(*arguments: str, machine: str | None = None) -> subprocess.Comple
 
 
 def refused(*arguments: str, machine: str | None = None) -> str:
-    result = kontur_sim("--machine", "/dev/stdin", "--slcan-tcp", "0", *arguments, machine=machine)
+    result = kontur_sim("--machine", "-", "--slcan-tcp", "0", *arguments, machine=machine)
     assert result.returncode == 1
     assert result.stdout == ""
     return result.stderr
@@ -149,6 +149,30 @@ def test_bad_options_get_one_line(arguments: list[str], message: str) -> None:
     assert message in text
 
 
+def kernel_has_can() -> bool:
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(kernel_has_can(), reason="needs a kernel without CAN; with one, tests/hil has more")
+def test_kernel_without_can_is_said_with_what_to_use_instead() -> None:
+    with pytest.raises(SimulatorError, match=r"kernel has no CAN.*--slcan-tcp"), start(can="vcan0"):
+        pass
+
+
+@pytest.mark.skipif(not kernel_has_can(), reason="needs a kernel with CAN: modprobe can-raw, or `make test-hil`")
+@pytest.mark.parametrize(
+    ("interface", "message"),
+    [("kontur-none", "ip link add dev kontur-none type vcan"), ("x" * 30, "no interface"), ("lo", "no CAN interface")],
+)
+def test_missing_can_interface_is_said_with_the_remedy(interface: str, message: str) -> None:
+    with pytest.raises(SimulatorError, match=message), start(can=interface):
+        pass
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -170,7 +194,7 @@ def test_bad_machine_is_refused_with_the_field(old: str, new: str, message: str)
 
 
 def test_usage_without_a_bus() -> None:
-    result = kontur_sim("--machine", "/dev/stdin")
+    result = kontur_sim("--machine", "-")
     assert result.returncode == 2
     assert result.stderr.startswith("usage: kontur-sim")
     assert kontur_sim("--help").stdout.startswith("usage: kontur-sim")

@@ -21,10 +21,13 @@ struct bus {
     bool (*receive)(void *ctx, struct ks_frame *frame);
     /* Send a frame, or drop and count it: a bus that nobody reads does not stop the drive. ms: device time. */
     void (*send)(void *ctx, const struct ks_frame *frame, uint32_t ms);
+    /* State of the CAN controller; false: as at the last call. NULL: there is no controller. */
+    bool (*status)(void *ctx, struct ks_can_status *status);
     void (*close)(void *ctx);
 };
 
 /* Each ends the program with a message that tells how to mend it when it cannot be opened. */
+void bus_open_socketcan(struct bus *bus, const char *interface);
 /* [HOST:]PORT; without a host 127.0.0.1, port 0: any that is free. One client at a time. */
 void bus_open_slcan_tcp(struct bus *bus, const char *address);
 void bus_open_slcan_pty(struct bus *bus);

@@ -82,7 +82,7 @@ void machine_file_read(const char *path, struct ks_machine *machine)
     static const char gaps[] = " \t\r\n";
     char line[LINE_BYTES];
     bool seen[FIELDS] = {false};
-    FILE *file = fopen(path, "r");
+    FILE *file = strcmp(path, "-") == 0 ? stdin : fopen(path, "r");
     if (file == NULL) {
         die("machine %s cannot be read: %s", path, strerror(errno));
     }

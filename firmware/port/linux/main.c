@@ -23,10 +23,11 @@
 enum { SLICE_HZ = 1000, FRAMES_A_TURN = 256 };
 
 static const char usage[] =
-    "usage: kontur-sim --machine FILE (--slcan-tcp [HOST:]PORT | --slcan-pty)\n"
+    "usage: kontur-sim --machine FILE (--can INTERFACE | --slcan-tcp [HOST:]PORT | --slcan-pty)\n"
     "                  [--seed N] [--node ID] [--num f32|fix|chk] [--record FILE] [--with-parent]\n"
     "The Kontur firmware and a simulated machine on a CAN bus. `kontur sim` starts it with a machine from a TOML file.\n"
-    "  --machine FILE    plain machine file (firmware/port/linux/machine_file.h)\n"
+    "  --machine FILE    plain machine file (firmware/port/linux/machine_file.h); -: from standard input\n"
+    "  --can INTERFACE   SocketCAN, classic frames: vcan0, can0 ...\n"
     "  --slcan-tcp PORT  slcan over TCP, one client at a time; on 127.0.0.1 unless a HOST is given; 0: any free port\n"
     "  --slcan-pty       slcan over a pseudo-terminal\n"
     "  --seed N          seed of the simulated noise (default 1)\n"
@@ -37,7 +38,7 @@ static const char usage[] =
     "SIGINT and SIGTERM end it.\n";
 
 struct options {
-    const char *machine, *slcan_tcp, *num, *record;
+    const char *machine, *can, *slcan_tcp, *num, *record;
     bool slcan_pty, with_parent;
     uint64_t seed;
     uint8_t node;
@@ -71,19 +72,21 @@ static uint64_t whole_number(const char *name, const char *text, uint64_t least,
 
 static struct options parse(int argc, char **argv)
 {
-    enum { MACHINE, TCP, PTY, SEED, NODE, NUM, RECORD, PARENT, HELP };
+    enum { MACHINE, CAN, TCP, PTY, SEED, NODE, NUM, RECORD, PARENT, HELP };
     static const struct option known[] = {
-        {"machine", required_argument, NULL, MACHINE}, {"slcan-tcp", required_argument, NULL, TCP},
-        {"slcan-pty", no_argument, NULL, PTY},         {"seed", required_argument, NULL, SEED},
-        {"node", required_argument, NULL, NODE},       {"num", required_argument, NULL, NUM},
-        {"record", required_argument, NULL, RECORD},   {"with-parent", no_argument, NULL, PARENT},
-        {"help", no_argument, NULL, HELP},             {NULL, 0, NULL, 0},
+        {"machine", required_argument, NULL, MACHINE}, {"can", required_argument, NULL, CAN},
+        {"slcan-tcp", required_argument, NULL, TCP},   {"slcan-pty", no_argument, NULL, PTY},
+        {"seed", required_argument, NULL, SEED},       {"node", required_argument, NULL, NODE},
+        {"num", required_argument, NULL, NUM},         {"record", required_argument, NULL, RECORD},
+        {"with-parent", no_argument, NULL, PARENT},    {"help", no_argument, NULL, HELP},
+        {NULL, 0, NULL, 0},
     };
     struct options o = {.num = "f32", .seed = 1, .node = 1};
     int option;
     while ((option = getopt_long(argc, argv, "", known, NULL)) != -1) {
         switch (option) {
         case MACHINE: o.machine = optarg; break;
+        case CAN: o.can = optarg; break;
         case TCP: o.slcan_tcp = optarg; break;
         case PTY: o.slcan_pty = true; break;
         case SEED: o.seed = whole_number("seed", optarg, 0, UINT64_MAX); break;
@@ -95,7 +98,7 @@ static struct options parse(int argc, char **argv)
         default: fputs(usage, stderr); exit(2);
         }
     }
-    if (optind != argc || o.machine == NULL || (o.slcan_tcp != NULL) + o.slcan_pty != 1) {
+    if (optind != argc || o.machine == NULL || (o.can != NULL) + (o.slcan_tcp != NULL) + o.slcan_pty != 1) {
         fputs(usage, stderr);
         exit(2);
     }
@@ -122,6 +125,10 @@ static void pass(struct sim *s, uint32_t periods)
 static bool take_frames(struct sim *s)
 {
     struct ks_frame frame;
+    struct ks_can_status status;
+    if (s->bus.status != NULL && s->bus.status(s->bus.ctx, &status)) {
+        s->lib.ks_set_can_status(s->ks, &status);
+    }
     for (unsigned i = 0; i < FRAMES_A_TURN; i++) {
         if (!s->bus.receive(s->bus.ctx, &frame)) {
             return false;
@@ -230,7 +237,9 @@ int main(int argc, char **argv)
     if (s.ks == NULL) {
         die("not enough memory");
     }
-    if (options.slcan_pty) {
+    if (options.can != NULL) {
+        bus_open_socketcan(&s.bus, options.can);
+    } else if (options.slcan_pty) {
         bus_open_slcan_pty(&s.bus);
     } else {
         bus_open_slcan_tcp(&s.bus, options.slcan_tcp);

@@ -89,7 +89,7 @@ static unsigned watch(void *ctx, struct pollfd *fds)
     }
     if (s->client >= 0) {
         const short out = s->out_count > 0 ? POLLOUT : 0;
-        fds[count++] = (struct pollfd){.fd = s->client, .events = (short)(POLLIN | out)};
+        fds[count++] = (struct pollfd){.fd = s->client, .events = (short)(POLLIN | POLLRDHUP | out)};
     }
     return count;
 }
@@ -99,6 +99,9 @@ static void ready(void *ctx, const struct pollfd *fds, unsigned count)
     struct slcan_bus *s = ctx;
     if (s->listener < 0 || count == 0 || fds[0].revents == 0) {
         return;
+    }
+    if (count > 1 && (fds[1].revents & (POLLRDHUP | POLLHUP | POLLERR)) != 0) {
+        return; /* the one before has gone, but what it sent is not read to its end yet: the next one waits */
     }
     const int client = accept4(s->listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (client < 0) {
