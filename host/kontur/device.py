@@ -23,8 +23,11 @@ from kontur.link import Link
 
 CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 
-_SDO_ATTEMPTS = 3
+_SDO_ATTEMPTS = 6
 _ABORT_INCOMPATIBLE = 0x06040043
+_ABORTS_OF_TRANSFER = (0x05030000, 0x05040001, 0x05040004)  # toggle bit, command, CRC: a frame was lost or corrupted
+RESEND_S = 0.05
+"""Time after which a command that shows no effect is sent again."""
 _HOST_TIMEOUT_MS = 500
 _STATE_TIMEOUT_S = 2.0
 _SETTLE_S = 0.01  # after power-on or a change of state, until what the drive tells of itself is of now
@@ -53,6 +56,10 @@ _TOWARDS_ENABLED = {
     "operation enabled": ENABLE,
 }
 BIT_TARGET_REACHED, BIT_PATH_RUNS = 1 << 10, 1 << 12
+_BIT_FAULT = 1 << 3
+
+# Objects that are read back when they are written, besides the parameters.
+_READ_BACK = ("stream.total", "stream.start_x", "stream.start_y", "controller.select", "mode_x", "mode_y")
 
 
 @dataclass(frozen=True)
@@ -108,6 +115,7 @@ class Device:
         self.parameters = {
             name: _parameter(name, v) for name, v in self._variables.items() if v.storage_location == "PARAMETER"
         }
+        self._written: dict[str, float] = {}  # parameters, as they are to be
         self.read("device_name")
 
     # --- objects ---
@@ -118,15 +126,29 @@ class Device:
         raw = self._transfer(name, lambda: variable.decode_raw(self.link.node.sdo.upload(*_address(variable))))
         return raw if isinstance(raw, str) else _physical(variable, raw)
 
+    def confirmed(self, name: str) -> Any:
+        """The same, when it came twice running: nothing that hangs on it is done for one corrupted frame."""
+        value = self.read(name)
+        for _ in range(_SDO_ATTEMPTS):
+            before, value = value, self.read(name)
+            if value == before:
+                return value
+        raise DeviceError(f"{name}: reads differently each time; does the bus corrupt frames?")
+
     def unit(self, name: str) -> str:
         """Unit of an object, empty for a bare number."""
         return self._variable(name).unit or ""
 
     def write(self, name: str, value: float) -> None:
-        """Set an object, `value` in its unit. Raises ParameterError when it is out of range or does not fit others."""
+        """Set an object, `value` in its unit; parameters and what describes a stream are read back.
+
+        Raises ParameterError when it is out of range or does not fit others.
+        """
         variable = self._variable(name)
-        data = variable.encode_raw(_counts(name, variable, value))
-        self._transfer(name, lambda: self.link.node.sdo.download(*_address(variable), data))
+        raw = _counts(name, variable, value)
+        self._download(name, variable, raw, read_back=name in self.parameters or name in _READ_BACK)
+        if name in self.parameters:
+            self._written[name] = value
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
         """Set parameters by name; none is set when one of them is unknown or out of range (ParameterError).
@@ -191,9 +213,11 @@ class Device:
 
         From here on the drive watches the host's heartbeat. Raises DeviceError with the state that it got stuck in.
         """
-        self.link.node.nmt.state = "OPERATIONAL"
-        self.wait(self._fresh_status(), _STATE_TIMEOUT_S, "sends no status in NMT state operational")
+        self._start_node()
         self._take_emergencies()
+        for name, value in self._written.items():  # it may have been reset since
+            if self.read(name) != value:
+                self.write(name, value)
         self._write_entry("heartbeat_consumer", 1, wire.HOST_NODE_ID << 16 | _HOST_TIMEOUT_MS)
         self.link.beat()  # the drive watches from the first one on
         self.write("mode_x", _MODE_INTERPOLATED)
@@ -203,7 +227,7 @@ class Device:
             if self.link.time_s > end_s:
                 raise DeviceError(self._stuck("enabled", states))
             self.controlwords(*(_TOWARDS_ENABLED.get(state, DISABLE_VOLTAGE) for state in states))
-            self.link.wait(self._fresh_status(), 0.05)
+            self.link.wait(lambda before=states: self.states() != before, RESEND_S)  # type: ignore[misc]
         self.link.wait(lambda: False, _SETTLE_S)
 
     @contextmanager
@@ -224,8 +248,7 @@ class Device:
         Raises DeviceError when they stay enabled.
         """
         for controlword, left in ((SWITCH_ON, "operation enabled"), (DISABLE_VOLTAGE, "switched on")):
-            self.controlwords(controlword, controlword)
-            if not self.link.wait(lambda left=left: left not in self.states(), _STOP_TIMEOUT_S):  # type: ignore[misc]
+            if not self.insist(controlword, lambda left=left: left not in self.states(), _STOP_TIMEOUT_S):  # type: ignore[misc]
                 raise DeviceError(self._stuck("disabled", self.states()))
         self._write_entry("heartbeat_consumer", 1, 0)
 
@@ -233,9 +256,27 @@ class Device:
         """Send both controlwords in one frame."""
         self.link.send(wire.RPDO1 + self.link.node_id, wire.pack_controlwords(x, y))
 
+    def insist(self, controlword: int, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Send a controlword to both axes until `condition` holds; False when it does not within `timeout_s`."""
+        end_s = self.link.time_s + timeout_s
+        while self.link.time_s < end_s:
+            self.controlwords(controlword, controlword)
+            if self.link.wait(condition, RESEND_S):
+                return True
+        return False
+
+    def release_path(self) -> None:
+        """Take back the command to run the path, and make sure that the drive knows."""
+
+        def known() -> bool:
+            return all(self.read(f"controlword_{axis}") == ENABLE for axis in "xy")
+
+        if not self.insist(ENABLE, known, _STATE_TIMEOUT_S):
+            raise DeviceError("the drive does not take the controlword; does the bus lose all frames to it?")
+
     def statuswords(self) -> tuple[int, int]:
-        """Latest statuswords received."""
-        return self.link.status.statusword if self.link.status else (0, 0)
+        """Latest statuswords received, each twice running."""
+        return self.link.statuswords
 
     def states(self) -> tuple[str, str]:
         """Latest states of both axes received."""
@@ -257,11 +298,17 @@ class Device:
             raise NoAnswerError(f"the drive (node {self.link.node_id}) {otherwise}, {timeout_s:g} s waited")
 
     def check(self) -> None:
-        """Raise EmcyError when the drive has reported a fault since the last look."""
-        if self.link.emergencies:
-            for code, register, data in self._take_emergencies():
-                if code & 0xFF00:
-                    raise EmcyError(code, register, data, f"the drive reports {describe_emcy(code)}")
+        """Raise EmcyError when the drive is in fault: by its statusword, which comes again, and its own word for it.
+
+        EMCY objects, which may be lost or corrupted, only add the details.
+        """
+        if not any(word & _BIT_FAULT for word in self.statuswords()):
+            return
+        for axis in "xy":
+            if code := self.confirmed(f"error_code_{axis}"):
+                reported = {emcy[0]: emcy for emcy in self._take_emergencies()}
+                _, register, data = reported.get(code, (code, self.read("error_register"), b""))
+                raise EmcyError(code, register, data, f"the drive reports {describe_emcy(code)}")
 
     # --- inside ---
 
@@ -269,9 +316,18 @@ class Device:
         taken, self.link.emergencies = self.link.emergencies, []
         return taken
 
-    def _fresh_status(self) -> Callable[[], bool]:
+    def _start_node(self) -> None:
+        """NMT state operational, which is seen by statuswords that come."""
         seen = self.link.status_count
-        return lambda: self.link.status_count > seen
+        end_s = self.link.time_s + _STATE_TIMEOUT_S
+        while self.link.time_s < end_s:
+            self.link.send(wire.NMT, bytes([wire.NMT_START, self.link.node_id]))
+            if self.link.wait(lambda: self.link.status_count >= seen + 3, RESEND_S):
+                return
+        raise NoAnswerError(
+            f"the drive (node {self.link.node_id}) sends no status in NMT state operational, "
+            f"{_STATE_TIMEOUT_S:g} s waited"
+        )
 
     def _statusword(self, axis: str) -> int:
         return int(self.read(f"statusword_{axis}"))
@@ -297,15 +353,44 @@ class Device:
         )
 
     def _write_entry(self, name: str, subindex: int, value: int) -> None:
-        variable = self._dictionary[name][subindex]
-        self._transfer(name, lambda: self.link.node.sdo.download(*_address(variable), variable.encode_raw(value)))
+        self._download(name, self._dictionary[name][subindex], value, read_back=True)
+
+    def _download(self, name: str, variable: ODVariable, raw: int, read_back: bool) -> None:
+        """Write, and read back; again where a corrupted frame wrote something else."""
+        sdo, address = self.link.node.sdo, _address(variable)
+        for _ in range(_SDO_ATTEMPTS):
+            self._transfer(name, lambda: sdo.download(*address, variable.encode_raw(raw)))
+            right = not read_back or variable.decode_raw(self._transfer(name, lambda: sdo.upload(*address))) == raw
+            self._mend_astray()
+            if right:
+                return
+        raise DeviceError(f"{name}: does not read as it was written; does the bus corrupt frames?")
+
+    def _mend_astray(self) -> None:
+        """Objects that a corrupted request has set instead of its own get the value back that this host set."""
+        while self.link.astray:
+            address = self.link.astray.pop()
+            name = next((n for n, v in self._variables.items() if _address(v) == address), f"{address[0]:04X}h")
+            if name not in self.parameters:
+                continue  # of a stream or an axis: checked before each motion
+            if name not in self._written:
+                raise DeviceError(
+                    f"{name}: changed by a corrupted frame; set it (kontur param set {name}=...), then start again"
+                )
+            self.write(name, self._written[name])
 
     def _transfer(self, name: str, transfer: Callable[[], Any]) -> Any:
         """Run an SDO transfer, again where the bus lost a frame of it."""
+        refusal = 0
         for attempt in range(1, _SDO_ATTEMPTS + 1):
             try:
                 return transfer()
             except SdoAbortedError as error:
+                if error.code in _ABORTS_OF_TRANSFER and attempt < _SDO_ATTEMPTS:
+                    continue
+                if error.code != refusal and attempt < _SDO_ATTEMPTS:  # once may be a corrupted request
+                    refusal = error.code
+                    continue
                 if error.code == _ABORT_INCOMPATIBLE:
                     raise ParameterError(
                         f"{name}: the value does not fit another parameter; docs/protocol.md, Parameters, says which"

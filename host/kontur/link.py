@@ -8,7 +8,9 @@ one are served by the same code. All times are of the target's clock: device tim
 from __future__ import annotations
 
 import logging
+import queue
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,15 +18,18 @@ from typing import Any
 import can
 import canopen
 import numpy as np
-from canopen.sdo import SdoClient, SdoCommunicationError
+from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
+from canopen.sdo.constants import ABORT_TIMED_OUT, RESPONSE_ABORTED, RESPONSE_DOWNLOAD
 
 from kontur import wire
 from kontur.errors import BusError, DeviceError
-from kontur.simbus import KonturBus
 from kontur.wire import Status, Telemetry
 
 EDS = Path(__file__).with_name("kontur.eds")
 HEARTBEAT_S = 0.1
+_EMCY, _SDO_RESPONSE = 0x80, 0x580
+_DOWNLOAD, _UPLOAD = 1, 2
+_REQUESTS_BY_NAME = (_DOWNLOAD, _UPLOAD)  # command specifiers whose answers name their object
 _HEARTBEAT_OPERATIONAL = b"\x05"
 
 # Their warnings are about what is raised as an exception here anyway.
@@ -35,8 +40,10 @@ logging.getLogger("can").addHandler(logging.NullHandler())
 class Link:
     """One drive with `node_id` on `bus`, which stays the caller's to shut down.
 
-    `status` is the latest TPDO1, None before the first, `status_count` how many came; `emergencies` are the EMCY
-    objects received and not yet taken by the caller, as (code, register, data).
+    `status` is the latest TPDO1, None before the first, `status_count` how many came; `statuswords` are those that came
+    the same twice running, so that one corrupted frame tells nothing; `emergencies` are the EMCY objects received and
+    not yet taken by the caller, as (code, register, data). `astray` are objects, (index, subindex), that the drive says
+    it has set when it was told to set others: the request was corrupted.
     """
 
     def __init__(self, bus: can.BusABC, node_id: int, eds: str | Path = EDS) -> None:
@@ -46,11 +53,17 @@ class Link:
         self.node_id = node_id
         self.status: Status | None = None
         self.status_count = 0
+        self.statuswords = (0, 0)
+        self.astray: list[tuple[int, int]] = []
+        self._round_trips_s: deque[float] = deque(maxlen=16)
         self.emergencies: list[tuple[int, int, bytes]] = []
-        self._clock: Callable[[], float] = (lambda: bus.time_s) if isinstance(bus, KonturBus) else time.monotonic
+        # A bus whose time passes by its own rules, in the simulator, says so by having a `time_s`.
+        self._clock: Callable[[], float] = (lambda: bus.time_s) if hasattr(bus, "time_s") else time.monotonic
         self._next_heartbeat_s = self._clock()
         self._recording = False
         self._frames: list[tuple[int, bytearray]] = []
+        # Services of fixed length; frames of another one are corrupted.
+        self._lengths = {_SDO_RESPONSE + node_id: 8, _EMCY + node_id: 8, wire.HEARTBEAT + node_id: 1}
         self._telemetry_ids = frozenset(cob + node_id for cob in wire.TELEMETRY)
         self._network = canopen.Network(bus)
         self.node = _PumpedNode(self, node_id, str(eds))
@@ -62,6 +75,15 @@ class Link:
     def time_s(self) -> float:
         """Now, by the clock of the target."""
         return self._clock()
+
+    @property
+    def round_trip_s(self) -> float:
+        """The longest time that one of the last SDO requests took until it was answered."""
+        return max(self._round_trips_s, default=0.0)
+
+    def answered(self, round_trip_s: float) -> None:
+        """An SDO request was answered after `round_trip_s`."""
+        self._round_trips_s.append(round_trip_s)
 
     def send(self, cob_id: int, data: bytes) -> None:
         """Send one frame. Raises BusError."""
@@ -89,7 +111,11 @@ class Link:
         if message.arbitration_id in self._telemetry_ids:
             if self._recording and len(message.data) == 8:
                 self._frames.append((message.arbitration_id - self.node_id, message.data))
-        elif not message.is_error_frame and not message.is_remote_frame:
+        elif (
+            not message.is_error_frame
+            and not message.is_remote_frame
+            and self._lengths.get(message.arbitration_id, message.dlc) == message.dlc
+        ):
             self._network.notify(message.arbitration_id, message.data, message.timestamp)
         return True
 
@@ -117,8 +143,10 @@ class Link:
 
     def _on_status(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
         if len(data) == 8:
-            self.status = wire.unpack_status(bytes(data))
+            before, self.status = self.status, wire.unpack_status(bytes(data))
             self.status_count += 1
+            if before is not None and before.statusword == self.status.statusword:
+                self.statuswords = self.status.statusword
 
 
 class _PumpedNode(canopen.RemoteNode):  # type: ignore[misc]  # the library is not typed
@@ -143,3 +171,24 @@ class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
         if not self._link.wait(lambda: not self.responses.empty(), self.RESPONSE_TIMEOUT):
             raise SdoCommunicationError("No SDO response received")
         return super().read_response()
+
+    def request_response(self, sdo_request: Any) -> Any:
+        """An answer about another object is late, repeated or corrupted: the right one is waited for."""
+        if sdo_request[0] >> 5 not in _REQUESTS_BY_NAME:
+            return super().request_response(sdo_request)
+        self.responses: queue.Queue[bytes] = queue.Queue()
+        self.send_request(sdo_request)
+        begin_s = self._link.time_s
+        end_s = begin_s + self.RESPONSE_TIMEOUT
+        while self._link.wait(lambda: not self.responses.empty(), end_s - self._link.time_s):
+            response = self.responses.get_nowait()
+            if response[1:4] != sdo_request[1:4]:
+                if response[0] == RESPONSE_DOWNLOAD and sdo_request[0] >> 5 == _DOWNLOAD:
+                    self._link.astray.append((int.from_bytes(response[1:3], "little"), response[3]))
+            elif response[0] == RESPONSE_ABORTED:
+                raise SdoAbortedError(int.from_bytes(response[4:8], "little"))
+            else:
+                self._link.answered(self._link.time_s - begin_s)
+                return response
+        self.abort(ABORT_TIMED_OUT)
+        raise SdoCommunicationError("No SDO response received")

@@ -20,15 +20,17 @@ from numpy.typing import NDArray
 from kontur import scoring, wire
 from kontur.device import Device, connected, open_bus
 from kontur.errors import DeviceError
+from kontur.faults import Faults
 from kontur.log import RunLog
 from kontur.machine import Machine
 from kontur.path import Line, Move, Program
 from kontur.planner import Limits, Trajectory, plan
-from kontur.simbus import KonturBus
+from kontur.simbus import simulated
 from kontur.simlib import Truth
 from kontur.stream import StreamResult, stream
 
 SIMULATED = "kontur"
+FAULTY = "kontur-faults"
 APPROACH_FEED_MPS = 0.02
 SUMMARY = (
     "mean_um",
@@ -48,6 +50,8 @@ Floats = NDArray[np.float64]
 class Target:
     """Which drive: `bus` are python-can's options, None for a simulated one, which takes machine, seed and num.
 
+    `faults`: what happens to frames on their way.
+
     `place_at_start`: a simulated machine stands where the path starts, instead of where its file says.
     """
 
@@ -57,12 +61,15 @@ class Target:
     seed: int = 1
     num: str = "f32"
     place_at_start: bool = True
+    faults: Faults | None = None
 
     def options(self) -> dict[str, Any]:
         """python-can's options to open the bus with."""
         options = dict(self.bus) if self.bus is not None else {"interface": SIMULATED, "channel": "sim"}
         if options.get("interface") == SIMULATED:
             options |= {"machine": self.machine, "seed": self.seed, "node_id": self.node_id, "num": self.num}
+        if self.faults is not None:
+            options |= {"interface": FAULTY, "inner": options["interface"], "faults": self.faults}
         return options
 
 
@@ -73,7 +80,7 @@ def connect(target: Target) -> Iterator[Device]:
     Raises BusError, NoAnswerError, ParameterError.
     """
     with connected(open_bus(target.options()), target.node_id) as device:
-        if isinstance(device.link.bus, KonturBus):
+        if simulated(device.link.bus):
             device.set_parameters(target.machine.parameters())
         yield device
 
@@ -126,7 +133,8 @@ def run(
         target = dataclasses.replace(target, machine=target.machine.starting_at(start_m))
     with connect(target) as device:
         bus = device.link.bus
-        sim = bus.sim if isinstance(bus, KonturBus) else None
+        drive = simulated(bus)
+        sim = drive.sim if drive else None
         device.set_parameters(parameters or {})
         device.select_controller(controller)
         with device.enabled():
@@ -134,9 +142,13 @@ def run(
             device.write("energy.reset", 1)
             start_nm = device.position_nm()
 
+            recorded_from = 0
+
             def before_start() -> None:
+                nonlocal recorded_from
                 device.link.record()
                 if sim is not None:
+                    recorded_from = sim.tick
                     sim.start_schedule()
                     sim.record(True)
 
@@ -168,7 +180,7 @@ def run(
     time_s = clock.of_ticks(telemetry.tick, simulated=sim is not None)
     columns = _columns(telemetry, time_s, trajectory, clock)
     if truth is not None:
-        truth = _cut(truth, clock.periods)
+        truth = _cut(truth, clock.start_period - recorded_from, clock.periods)
         meta |= _score(columns, truth, trajectory, clock, score_from_s)
     return RunResult(RunLog(meta, columns), truth, streamed.completed)
 
@@ -203,7 +215,7 @@ class _PathClock:
 
     def __init__(self, trajectory: Trajectory, streamed: StreamResult, control_hz: int, stop_time_s: float) -> None:
         self.control_hz = control_hz
-        self._start_period = round(streamed.start_s * control_hz)
+        self.start_period = round(streamed.start_s * control_hz)
         self._duration_s = trajectory.duration_s
         self._stop_s = math.inf if streamed.stop_s is None else streamed.stop_s - streamed.start_s
         self._stop_time_s = stop_time_s
@@ -226,9 +238,9 @@ class _PathClock:
         if not simulated or not len(tick):
             return np.asarray((tick - tick[:1]) * wire.TICK_PERIOD_S)
         periods = round(wire.TICK_PERIOD_S * self.control_hz)
-        first = self._start_period // periods + 1
+        first = self.start_period // periods + 1
         since = (tick[0] - first + 0x8000) % 0x10000 - 0x8000 + (tick - tick[0])
-        return np.asarray(((first + since) * periods - 1 - self._start_period) / self.control_hz)
+        return np.asarray(((first + since) * periods - 1 - self.start_period) / self.control_hz)
 
 
 def _columns(telemetry: wire.Telemetry, time_s: Floats, trajectory: Trajectory, clock: _PathClock) -> dict[str, Floats]:
@@ -255,9 +267,9 @@ def _columns(telemetry: wire.Telemetry, time_s: Floats, trajectory: Trajectory, 
     return columns
 
 
-def _cut(truth: Truth, periods: int) -> Truth:
-    """The rows of the path alone, both ends included."""
-    return Truth(*(getattr(truth, field.name)[: periods + 1] for field in dataclasses.fields(truth)))
+def _cut(truth: Truth, start: int, periods: int) -> Truth:
+    """The rows of the path alone, from row `start`, both ends included."""
+    return Truth(*(getattr(truth, f.name)[start : start + periods + 1] for f in dataclasses.fields(truth)))
 
 
 def _score(

@@ -102,3 +102,9 @@ class KonturBus(can.BusABC):
         if self._clock_start_s is not None:
             end_tick = min(end_tick, int((time.monotonic() - self._clock_start_s) * self.sim.control_hz))
         return max(0, end_tick - self.sim.tick)
+
+
+def simulated(bus: can.BusABC) -> KonturBus | None:
+    """The simulated drive at the end of `bus`, which may be around it (kontur.faults); None for another one."""
+    bus = getattr(bus, "inner", bus)
+    return bus if isinstance(bus, KonturBus) else None

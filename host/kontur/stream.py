@@ -2,7 +2,10 @@
 """Streaming a trajectory to an enabled drive: go-back-N with credit, so that a bus that loses frames loses no knot.
 
 docs/protocol.md has the rules. The drive reports in TPDO1 how many knots it took and how many more it has room for; a
-knot that was sent and is not taken within FLIGHT_S was lost, and everything from it on is sent again.
+knot that was sent and is not taken within the time of flight was lost, and everything from it on is sent again.
+
+TPDO1 has no checksum beyond that of CAN, so nothing hangs on a single one: its count may be wrong in both directions
+and the next one puts it right, and what it says of the state is asked for by SDO before anything is done about it.
 """
 
 from __future__ import annotations
@@ -15,20 +18,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur import wire
-from kontur.device import BIT_PATH_RUNS, BIT_TARGET_REACHED, ENABLE, RUN_PATH, Device
+from kontur.device import BIT_PATH_RUNS, BIT_TARGET_REACHED, ENABLE, RESEND_S, RUN_PATH, Device
 from kontur.errors import StreamError
 
-FLIGHT_S = 0.02
-"""Time in which a knot frame is taken and its TPDO1 is back, if neither was lost."""
+FLIGHT_MAX_S, FLIGHT_MIN_S = 0.02, 0.002
+"""Time in which a knot frame is taken and its TPDO1 is back, if neither was lost: within these, by SDO round trips."""
 
-WINDOW = 255
-"""Knots on their way at most: their numbers count to 256, and no two may look alike."""
+WINDOW = 63
+"""Knots on their way at most. Numbers count to 256, and no two on their way may look alike: a corrupted count in TPDO1
+can seem to free as many as are on their way, so that it would take four such counts running for that."""
 
+_NUMBERS = 256
 _BURST = 16
 _SILENCE_S = 1.0
-_STOP_TIMEOUT_S = 5.0
+_START_TIMEOUT_S, _STOP_TIMEOUT_S = 0.5, 5.0
 _BEGIN, _ABORT = 1, 2
-_STATE_DONE = 4
+_STATE_FILLING, _STATE_RUNNING, _STATE_STOPPING, _STATE_DONE = 1, 2, 3, 4
+_BEGIN_ATTEMPTS = 5
 
 
 @dataclass(frozen=True)
@@ -66,29 +72,25 @@ def stream(
     sender = _Sender(device, knots_nm)
     sender.fill()
     before_start()
-    start_s = device.link.time_s
-    device.controlwords(RUN_PATH, RUN_PATH)
-    device.wait(
-        lambda: device.both_axes(BIT_PATH_RUNS) or device.both_axes(BIT_TARGET_REACHED), 0.5, "does not start the path"
-    )
+    start_s = _start(device)
     stop_s = None
-    while device.both_axes(BIT_PATH_RUNS):
+    while device.both_axes(BIT_PATH_RUNS) or _runs(device):
         if stop_requested():
             stop_s = device.link.time_s
-            device.controlwords(ENABLE, ENABLE)
-            device.wait(lambda: device.both_axes(BIT_PATH_RUNS, False), _STOP_TIMEOUT_S, "does not stop on the path")
+            if not device.insist(ENABLE, lambda: _stands(device), _STOP_TIMEOUT_S):
+                raise StreamError(f"the drive does not stop on the path, {_STOP_TIMEOUT_S:g} s waited")
             break
         sender.advance()
         progress(sender.accepted / len(knots_nm))
-    device.controlwords(ENABLE, ENABLE)
+    device.release_path()
     result = StreamResult(
         completed=stop_s is None,
         start_s=start_s,
         stop_s=stop_s,
-        accepted=sender.accepted,
-        executed=int(device.read("stream.executed")),
+        accepted=int(device.confirmed("stream.accepted")),
+        executed=int(device.confirmed("stream.executed")),
         retransmitted=sender.retransmitted,
-        rejected={reason: int(device.read(f"stream.rejected_{reason}")) for reason in ("sequence", "crc", "full")},
+        rejected={reason: int(device.confirmed(f"stream.rejected_{reason}")) for reason in ("sequence", "crc", "full")},
     )
     if result.completed:
         _check_end(device, knots_nm)
@@ -98,12 +100,46 @@ def stream(
 
 
 def begin(device: Device, knots_nm: NDArray[np.int32]) -> None:
-    """Open the drive's queue for `knots_nm` (N, 2). Raises DeviceError when the drive does not stand at the first."""
+    """Open the drive's queue for `knots_nm` (N, 2), and see that it is open for these.
+
+    Raises DeviceError when the drive does not stand at the first.
+    """
     x, y = _start_nm(knots_nm)
-    device.write("stream.total", len(knots_nm))
-    device.write("stream.start_x", x)
-    device.write("stream.start_y", y)
-    device.write("stream.command", _BEGIN)
+    for _ in range(_BEGIN_ATTEMPTS):
+        device.write("stream.total", len(knots_nm))
+        device.write("stream.start_x", x)
+        device.write("stream.start_y", y)
+        device.write("stream.command", _BEGIN)
+        state, accepted, *end = (device.confirmed(f"stream.{name}") for name in ("state", "accepted", "end_x", "end_y"))
+        if state == _STATE_FILLING and accepted == 0 and end == [x, y]:
+            return
+    raise StreamError("the drive does not open its queue for the path; does the bus corrupt frames?")
+
+
+def _start(device: Device) -> float:
+    """Let path time run; returns when it was told to."""
+
+    def started() -> bool:
+        device.check()
+        return device.both_axes(BIT_PATH_RUNS) or device.both_axes(BIT_TARGET_REACHED)
+
+    begin_s = start_s = device.link.time_s
+    while start_s - begin_s < _START_TIMEOUT_S:
+        if device.insist(RUN_PATH, started, RESEND_S):
+            return start_s
+        start_s = device.link.time_s
+    raise StreamError(f"the drive does not start the path, {_START_TIMEOUT_S:g} s waited")
+
+
+def _runs(device: Device) -> bool:
+    """Whether the path runs by the drive's own word, after its statuswords said that it does not."""
+    device.check()
+    return device.confirmed("stream.state") in (_STATE_RUNNING, _STATE_STOPPING)
+
+
+def _stands(device: Device) -> bool:
+    device.check()
+    return device.both_axes(BIT_PATH_RUNS, False)
 
 
 class _Sender:
@@ -115,19 +151,21 @@ class _Sender:
         self.retransmitted = 0
         self._knots_nm = knots_nm
         self._frames = wire.pack_knots(knots_nm, _start_nm(knots_nm))
+        self._total = len(knots_nm)
         self._sent = self._ever_sent = 0
-        self._sent_s = np.zeros(len(knots_nm))
+        self._sent_s = [0.0] * _NUMBERS  # of the knots on their way, by number
         self._end_checked = False
         self._cob_id = wire.RPDO2 + device.link.node_id
         begin(device, knots_nm)
-        self._room = int(device.read("stream.free"))
+        self._room = int(device.confirmed("stream.free"))
         self._credit = min(self._room, WINDOW)
+        self._flight_s = min(FLIGHT_MAX_S, FLIGHT_MIN_S + 2.0 * device.link.round_trip_s)
         self._seen = device.link.status_count
         self._heard_s = self._taken_s = device.link.time_s
 
     def fill(self) -> None:
         """Send until the queue is full or everything is there."""
-        goal = min(self._room, len(self._frames))
+        goal = min(self._room, self._total)
         while self.accepted < goal:
             self.advance()
             if self.device.link.time_s - self._taken_s > _SILENCE_S:
@@ -139,14 +177,13 @@ class _Sender:
         """Send what there is credit for, at most one burst, then wait a little for the drive."""
         link, device = self.device.link, self.device
         now_s = link.time_s
-        end = min(self._sent + _BURST, self._credit, len(self._frames))
-        for i in range(self._sent, end):
-            link.send(self._cob_id, self._frames[i])
-        self._sent_s[self._sent : end] = now_s
-        self._sent = max(self._sent, end)
-        self._ever_sent = max(self._ever_sent, end)
-        more = self._sent < min(self._credit, len(self._frames))
-        link.pump(1e-3 if more else FLIGHT_S)
+        limit = min(self._credit, self._total)
+        for i in range(self._sent, min(self._sent + _BURST, limit)):
+            link.send(self._cob_id, self._frames[8 * i : 8 * i + 8])
+            self._sent_s[i % _NUMBERS] = now_s
+            self._sent = i + 1
+        self._ever_sent = max(self._ever_sent, self._sent)
+        link.pump(1e-3 if self._sent < limit else FLIGHT_MAX_S)
         device.check()
         if link.status_count != self._seen:
             self._seen = link.status_count
@@ -158,40 +195,47 @@ class _Sender:
     def _take_status(self) -> None:
         status = self.device.link.status
         assert status is not None
-        newly = (status.accepted - self.accepted) & 0xFFFF
-        if newly > self._ever_sent - self.accepted:
-            return  # not of this stream
-        self.accepted += newly
-        if newly:
+        newly = (status.accepted - self.accepted + 0x8000 & 0xFFFF) - 0x8000
+        if not -WINDOW <= newly <= self._ever_sent - self.accepted:
+            return  # corrupted, or not of this stream
+        self.accepted += newly  # or less, if the one before was corrupted
+        if newly > 0:
             self._taken_s = self._heard_s
         self._sent = max(self._sent, self.accepted)
         self._credit = self.accepted + min(status.free, WINDOW)
-        if self.accepted < self._sent and self.device.link.time_s - self._sent_s[self.accepted] > FLIGHT_S:
+        if self.accepted < self._sent and self._heard_s - self._sent_s[self.accepted % _NUMBERS] > self._flight_s:
             self.retransmitted += self._sent - self.accepted
             self._sent = self.accepted
-        if self.accepted == len(self._frames) and not self._end_checked:
+        if self.accepted == self._total and not self._end_checked:
             self._check_last_knot()
-            self._end_checked = True
 
     def _check_last_knot(self) -> None:
-        got = (self.device.read("stream.end_x"), self.device.read("stream.end_y"))
+        self.accepted = int(self.device.confirmed("stream.accepted"))
+        if self.accepted != self._total:
+            return
+        self._end_checked = True
+        got = (self.device.confirmed("stream.end_x"), self.device.confirmed("stream.end_y"))
         want = (int(self._knots_nm[-1, 0]), int(self._knots_nm[-1, 1]))
         if got != want:
-            self.device.controlwords(ENABLE, ENABLE)
+            self.device.release_path()
             raise StreamError(f"the drive's last knot is {got} nm instead of {want} nm: the stream was corrupted")
 
 
 def _check_end(device: Device, knots_nm: NDArray[np.int32]) -> None:
+    """Every knot was executed once and in order, or StreamError says what happened instead."""
     device.check()
-    if device.read("stream.state") != _STATE_DONE:
-        underruns = device.read("stream.underruns")
+    executed = device.confirmed("stream.executed")
+    if device.confirmed("stream.state") != _STATE_DONE:
+        underruns = device.confirmed("stream.underruns")
         why = "it ran out of knots (the host or the bus was too slow)" if underruns else "it was halted"
-        raise StreamError(
-            f"the drive stopped on the path before its end: {why}; {device.read('stream.executed')} knots done"
-        )
+        raise StreamError(f"the drive stopped on the path before its end: {why}; {executed} knots done")
     want = zlib.crc32(np.ascontiguousarray(knots_nm, dtype="<i4").tobytes())
-    if (got := device.read("stream.checksum")) != want:
-        raise StreamError(f"the drive went through other knots than were sent (checksum {got:08X}h, not {want:08X}h)")
+    got = device.confirmed("stream.checksum")
+    if got != want or executed != len(knots_nm):
+        raise StreamError(
+            f"the drive went through other knots than were sent: {executed} of {len(knots_nm)}, "
+            f"checksum {got:08X}h, not {want:08X}h"
+        )
 
 
 def _start_nm(knots_nm: NDArray[np.int32]) -> tuple[int, int]:

@@ -25,6 +25,7 @@ GAIN_PER_S = 0.1
 UNCERTAINTY_GAIN_MPS2 = 1e-3
 ENERGY_J = 1e-3
 
+NMT, NMT_START = 0x000, 1
 RPDO1, RPDO2 = 0x200, 0x300
 TPDO1, TPDO2, TPDO3, TPDO4, TPDO5 = 0x180, 0x280, 0x380, 0x480, 0x1C0
 TELEMETRY = (TPDO2, TPDO3, TPDO4, TPDO5)
@@ -53,10 +54,10 @@ def crc8(data: ArrayLike) -> NDArray[np.uint8]:
     return crc ^ np.uint8(0xFF)
 
 
-def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int]) -> list[bytes]:
+def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int]) -> bytes:
     """The knot frames (RPDO2) of a whole trajectory.
 
-    `knots_nm` (N, 2); `start_nm` is the position that knot 0 is a difference to. Returns N payloads of 8 bytes.
+    `knots_nm` (N, 2); `start_nm` is the position that knot 0 is a difference to. Returns N payloads of 8 bytes in one.
     Raises PathError when a step between knots does not fit into the 24 bits of the wire.
     """
     absolute = np.vstack([np.asarray(start_nm, dtype=np.int64), knots_nm.astype(np.int64)])
@@ -73,8 +74,7 @@ def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int]) -> list[b
     frames[:, 2:5] = (difference[:, :1] >> np.array([0, 8, 16])) & 0xFF
     frames[:, 5:8] = (difference[:, 1:] >> np.array([0, 8, 16])) & 0xFF
     frames[:, 1] = crc8(frames[:, [0, 2, 3, 4, 5, 6, 7]])
-    octets = frames.tobytes()
-    return [octets[i : i + 8] for i in range(0, len(octets), 8)]
+    return frames.tobytes()
 
 
 def pack_controlwords(x: int, y: int) -> bytes:

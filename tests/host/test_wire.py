@@ -40,12 +40,12 @@ def test_knot_frames_carry_number_crc_and_differences() -> None:
     frames = wire.pack_knots(knots, (1_000_000, 0))
     for i, (dx, dy) in enumerate([(0, -5), (1, -300_000), (-2, 300_005)]):
         body = i24(dx) + i24(dy)
-        assert frames[i] == bytes([i, bitwise_crc8(bytes([i]) + body)]) + body
+        assert frames[8 * i : 8 * i + 8] == bytes([i, bitwise_crc8(bytes([i]) + body)]) + body
 
 
 def test_knot_number_wraps_after_255() -> None:
     frames = wire.pack_knots(np.zeros((300, 2), dtype=np.int32), (0, 0))
-    assert [frames[i][0] for i in (0, 255, 256, 299)] == [0, 255, 0, 43]
+    assert [frames[8 * i] for i in (0, 255, 256, 299)] == [0, 255, 0, 43]
 
 
 def test_difference_of_24_bits_fits_and_one_more_is_refused() -> None:

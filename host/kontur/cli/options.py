@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from kontur import machine as machines
 from kontur.errors import ParameterError
+from kontur.faults import FAULT_NAMES, Faults
 from kontur.run import Target
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -35,6 +36,30 @@ class _KeyValue(click.ParamType[tuple[str, str]]):
 
 
 KEY_VALUE = _KeyValue()
+
+
+class _BusFaults(click.ParamType[Faults]):
+    name = "faults"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Faults:
+        if isinstance(value, Faults):
+            return value
+        given: dict[str, float] = {}
+        for part in str(value).split(","):
+            name, _, text = part.strip().partition("=")
+            if name not in FAULT_NAMES:
+                self.fail(f"{part.strip()!r} is not NAME=VALUE with one of {', '.join(FAULT_NAMES)}", param, ctx)
+            try:
+                given[name] = int(text) if name in ("seed", "flip_bits", "burst_frames") else float(text)
+            except ValueError:
+                self.fail(f"{name}: {text!r} is not a number", param, ctx)
+        try:
+            return Faults(**given)  # type: ignore[arg-type]
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+BUS_FAULTS = _BusFaults()
 
 
 def simulation_options(function: F) -> F:
@@ -69,6 +94,7 @@ def target_options(function: F) -> F:
         channel: str | None,
         bitrate: int | None,
         bus: tuple[tuple[str, str], ...],
+        bus_faults: Faults | None,
         node: int,
         machine: str,
         seed: int,
@@ -81,6 +107,7 @@ def target_options(function: F) -> F:
             machine=machines.load(machine),
             seed=seed,
             num=num,
+            faults=bus_faults,
         )
         return function(*args, target=target, **kwargs)
 
@@ -90,6 +117,13 @@ def target_options(function: F) -> F:
     decorated: Any = simulation_options(with_target)
     for option in (
         click.option("--node", type=click.IntRange(1, 31), default=1, show_default=True, help="CANopen node id."),
+        click.option(
+            "--bus-faults",
+            type=BUS_FAULTS,
+            metavar="NAME=VALUE,...",
+            help="Make the bus a bad one: shares of frames to drop, duplicate, delay, reorder or flip bits of, burst, "
+            "bus_off; seed. E.g. drop=0.02,flip=0.005,seed=1.",
+        ),
         click.option(
             "--bus", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Any other option of python-can's bus."
         ),
