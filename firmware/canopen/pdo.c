@@ -101,16 +101,12 @@ static void store(struct co_node *node, unsigned i, const uint8_t *data)
 static void receive(struct co_node *node, unsigned i, const struct can_frame *frame)
 {
     struct co_pdo *pdo = &node->rpdo[i];
-    if (frame->len < pdo->bytes) {
-        co_emcy_set(node, CO_EMCY_PDO_SHORT, CO_REG_COMMUNICATION, i + 1);
+    if (frame->len != pdo->bytes) {
+        co_emcy_set(node, frame->len < pdo->bytes ? CO_EMCY_PDO_SHORT : CO_EMCY_PDO_LONG, CO_REG_COMMUNICATION, i + 1);
         return;
     }
     co_emcy_reset(node, CO_EMCY_PDO_SHORT);
-    if (frame->len > pdo->bytes) { /* the rest is ignored */
-        co_emcy_set(node, CO_EMCY_PDO_LONG, CO_REG_COMMUNICATION, i + 1);
-    } else {
-        co_emcy_reset(node, CO_EMCY_PDO_LONG);
-    }
+    co_emcy_reset(node, CO_EMCY_PDO_LONG);
     if (pdo->type <= PDO_SYNC_MAX) {
         memcpy(pdo->data, frame->data, sizeof pdo->data);
         pdo->pending = true;

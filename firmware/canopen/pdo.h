@@ -6,6 +6,9 @@
  * frame leaves. RPDOs take effect at once (254, 255) or at the next SYNC (0..240), after the synchronous TPDOs of that
  * SYNC: these say what was before. Mapping and parameters change in pre-operational (check.h).
  *
+ * An RPDO has exactly the length of its mapping. CiA 301 lets a device take a longer one, too; here that may be another
+ * frame with a corrupted identifier: a knot is one bit away from controlwords.
+ *
  * Times are whole milliseconds of co_tick_ms(); an inhibit time is rounded up.
  */
 #ifndef CO_PDO_H

@@ -80,14 +80,15 @@ static void test_short_rpdo_is_not_taken_and_reported_once_until_a_good_one_come
     bus_expect(&bus, 1, 0x085, "00 00 00 00 00 00 00 00");
 }
 
-static void test_long_rpdo_is_taken_and_reported(void)
+static void test_long_rpdo_may_be_another_frame_and_is_not_taken(void)
 {
     bus_give(&bus, 0x205, "0F 00 0F 00 55");
-    TEST_ASSERT_EQUAL_UINT(1, bus.rpdos[1]);
-    TEST_ASSERT_EQUAL_HEX16(0x000F, bus.od.axis[AXIS_Y].controlword);
+    TEST_ASSERT_EQUAL_UINT(0, bus.rpdos[1]);
+    TEST_ASSERT_EQUAL_HEX16(0, bus.od.axis[AXIS_Y].controlword);
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
     bus_expect(&bus, 0, 0x085, "20 82 11 01 00 00 00 00");
     bus_give(&bus, 0x205, "0F 00 0F 00");
+    TEST_ASSERT_EQUAL_UINT(1, bus.rpdos[1]);
     bus_expect(&bus, 1, 0x085, "00 00 00 00 00 00 00 00");
 }
 
@@ -244,7 +245,7 @@ int main(void)
     RUN_TEST(test_rpdo_is_ignored_outside_operational);
     RUN_TEST(test_rpdo_of_another_node_is_ignored);
     RUN_TEST(test_short_rpdo_is_not_taken_and_reported_once_until_a_good_one_comes);
-    RUN_TEST(test_long_rpdo_is_taken_and_reported);
+    RUN_TEST(test_long_rpdo_may_be_another_frame_and_is_not_taken);
     RUN_TEST(test_rpdo_that_is_switched_off_is_ignored);
     RUN_TEST(test_every_tpdo_has_its_identifier_and_layout);
     RUN_TEST(test_tpdos_come_at_their_times_in_the_order_of_their_numbers);
