@@ -6,7 +6,7 @@
 static void report(struct co_node *node, uint16_t code, uint32_t msef)
 {
     const struct od_data *od = node->config.od;
-    if (node->state == CO_STOPPED) {
+    if (node->state == CO_STOPPED || node->state == CO_INITIALISING) {
         return;
     }
     struct can_frame frame = {.id = (uint16_t)od->emcy_cob_id, .len = 8};

@@ -131,7 +131,7 @@ def eds_entry(e: Entry, object_description: str = "") -> list[str]:
 
 def eds(device: Device, objects: list[Object]) -> str:
     """The electronic data sheet. Factor, Unit and Description are python-canopen's additions to CiA 306."""
-    rates = {f"BaudRate_{rate}": int(rate == 1000) for rate in (10, 20, 50, 125, 250, 500, 800, 1000)}
+    rates = {f"BaudRate_{rate}": 1 for rate in (10, 20, 50, 125, 250, 500, 800, 1000)}
     rpdos, tpdos = pdo_counts(objects)
     sections: list[tuple[str, list[str]]] = [
         (
@@ -163,7 +163,7 @@ def eds(device: Device, objects: list[Object]) -> str:
                 "GroupMessaging=0",
                 f"NrOfRXPDO={rpdos}",
                 f"NrOfTXPDO={tpdos}",
-                "LSS_Supported=0",
+                "LSS_Supported=1",
             ],
         ),
         ("DummyUsage", [f"Dummy{i:04d}={int(i > 1)}" for i in range(1, 8)]),

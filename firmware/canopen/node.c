@@ -22,11 +22,16 @@ uint32_t co_get(const uint8_t *data, uint8_t count)
     return value;
 }
 
-static void flush(struct co_node *node)
+bool co_transmit(struct co_node *node, const struct can_frame *frame)
 {
     const struct hal *hal = node->config.hal;
+    return node->lss.silent_ms == 0 && hal->can_send(hal->ctx, frame);
+}
+
+static void flush(struct co_node *node)
+{
     unsigned sent = 0;
-    while (sent < node->tx_count && hal->can_send(hal->ctx, &node->tx[sent])) {
+    while (sent < node->tx_count && co_transmit(node, &node->tx[sent])) {
         sent++;
     }
     node->tx_count = (uint8_t)(node->tx_count - sent);
@@ -37,9 +42,8 @@ static void flush(struct co_node *node)
 
 bool co_send(struct co_node *node, const struct can_frame *frame)
 {
-    const struct hal *hal = node->config.hal;
     flush(node);
-    if (node->tx_count == 0 && hal->can_send(hal->ctx, frame)) {
+    if (node->tx_count == 0 && co_transmit(node, frame)) {
         return true;
     }
     if (node->tx_count == CO_TX_FRAMES) {
@@ -71,28 +75,44 @@ static void enter(struct co_node *node, enum co_state state)
     }
 }
 
-/* From initialisation, which no frame can see, to pre-operational. */
+/* From initialisation, which no frame can see, to pre-operational; a node without id stays there. */
 static void boot(struct co_node *node)
 {
-    node->state = (enum co_state)0;
+    const struct co_hooks *hooks = &node->config.hooks;
+    node->state = CO_INITIALISING;
     node->sdo.transfer = CO_SDO_IDLE;
     node->consumer_left_ms = 0;
     co_pdo_refresh(node);
-    send_heartbeat(node, 0);
-    enter(node, CO_PRE_OPERATIONAL);
+    co_lss_reset(node);
+    if (node->config.node_id != OD_UNCONFIGURED) {
+        send_heartbeat(node, 0);
+        enter(node, CO_PRE_OPERATIONAL);
+    } else if (hooks->on_nmt != NULL) {
+        hooks->on_nmt(hooks->ctx, CO_INITIALISING);
+    }
 }
 
 static void reset(struct co_node *node, bool communication_only)
 {
-    od_restore(node->config.od, node->config.node_id, 0x1000, communication_only ? 0x1FFF : 0xFFFF);
+    const struct co_hooks *hooks = &node->config.hooks;
+    if (hooks->load != NULL) {
+        node->config.node_id = hooks->load(hooks->ctx, communication_only);
+    } else {
+        od_restore(node->config.od, node->config.node_id, 0x1000, communication_only ? 0x1FFF : 0xFFFF);
+    }
     if (!communication_only) {
         node->emcy.count = 0;
         node->config.od->error_register = 0;
     }
-    if (node->config.hooks.on_reset != NULL) {
-        node->config.hooks.on_reset(node->config.hooks.ctx, communication_only);
+    if (hooks->on_reset != NULL) {
+        hooks->on_reset(hooks->ctx, communication_only);
     }
     boot(node);
+}
+
+void co_reset_communication(struct co_node *node)
+{
+    reset(node, true);
 }
 
 void co_init(struct co_node *node, const struct co_config *config)
@@ -119,6 +139,10 @@ void co_written(struct co_node *node, const struct od_entry *entry)
 
 static void nmt(struct co_node *node, const struct can_frame *frame)
 {
+    const bool is_reset = frame->data[0] == NMT_RESET_NODE || frame->data[0] == NMT_RESET_COMMUNICATION;
+    if (node->state == CO_INITIALISING && !is_reset) {
+        return;
+    }
     if (frame->len != 2 || (frame->data[1] != 0 && frame->data[1] != node->config.node_id)) {
         return;
     }
@@ -149,6 +173,10 @@ void co_receive(struct co_node *node, const struct can_frame *frame)
     }
     if (frame->id == ID_NMT) {
         nmt(node, frame);
+    } else if (frame->id == CO_LSS_REQUEST) {
+        co_lss_receive(node, frame);
+    } else if (node->state == CO_INITIALISING) {
+        return;
     } else if (frame->id == ID_SDO_REQUEST + node->config.node_id) {
         if (node->state != CO_STOPPED) {
             co_sdo_receive(node, frame);
@@ -185,8 +213,9 @@ static void heartbeat_lost(struct co_node *node)
 void co_tick_ms(struct co_node *node)
 {
     const uint16_t period_ms = node->config.od->heartbeat_producer;
+    co_lss_tick_ms(node);
     flush(node);
-    if (period_ms != 0 && ++node->producer_ms >= period_ms) {
+    if (node->state != CO_INITIALISING && period_ms != 0 && ++node->producer_ms >= period_ms) {
         send_heartbeat(node, (uint8_t)node->state);
     }
     if (node->consumer_left_ms != 0 && --node->consumer_left_ms == 0) {

@@ -16,11 +16,12 @@
 
 #include "emcy.h"
 #include "hal.h"
+#include "lss.h"
 #include "od.h"
 #include "pdo.h"
 #include "sdo.h"
 
-enum co_state { CO_STOPPED = 4, CO_OPERATIONAL = 5, CO_PRE_OPERATIONAL = 127 };
+enum co_state { CO_INITIALISING = 0 /* it has no node id */, CO_STOPPED = 4, CO_OPERATIONAL = 5, CO_PRE_OPERATIONAL = 127 };
 
 /* What the application adds. Each may be NULL; all are called from co_init, co_receive, co_tick_ms. */
 struct co_hooks {
@@ -40,16 +41,20 @@ struct co_hooks {
     /* The node of 1016h has been silent for its time; the NMT state of 1029h follows. Called once; the next heartbeat
      * rearms it. */
     void (*on_heartbeat_lost)(void *ctx);
-    /* Reset node, or reset communication only. What can be written is at its default again (of
-     * 1000h..1FFFh, or of all objects); stop the machine, take over the values. The boot-up message
-     * follows, then on_nmt. */
+    /* A reset: put the objects 1000h..1FFFh, or all, to what they are at power-on, and return the node id from now on.
+     * NULL: they are put to their defaults. */
+    uint8_t (*load)(void *ctx, bool communication_only);
+    /* Store 2001h (LSS). false: that failed. */
+    bool (*store_node)(void *ctx);
+    /* Reset node, or reset communication only; what `load` says has been done. Stop the machine, take over the values. The
+     * boot-up message follows, then on_nmt. */
     void (*on_reset)(void *ctx, bool communication_only);
 };
 
 struct co_config {
     struct od_data *od;
-    const struct hal *hal; /* can_send */
-    uint8_t node_id;       /* 1..127 */
+    const struct hal *hal; /* can_send, can_bitrate */
+    uint8_t node_id;       /* 1..127, or OD_UNCONFIGURED */
     struct co_hooks hooks;
 };
 
@@ -65,6 +70,7 @@ struct co_node {
     uint8_t tx_count;
     struct co_emcy emcy;
     struct co_sdo sdo;
+    struct co_lss lss;
     struct co_pdo rpdo[OD_RPDOS], tpdo[OD_TPDOS];
 };
 
@@ -77,6 +83,10 @@ enum co_state co_nmt_state(const struct co_node *node);
 /* Between the files of this folder: */
 /* Send, or keep until there is room. false: no room here either. */
 bool co_send(struct co_node *node, const struct can_frame *frame);
+/* Send now. false: there is no room, or the bit rate is being changed. */
+bool co_transmit(struct co_node *node, const struct can_frame *frame);
+/* What the NMT command does. */
+void co_reset_communication(struct co_node *node);
 /* An SDO has written; what node.c keeps of the dictionary follows. */
 void co_written(struct co_node *node, const struct od_entry *entry);
 /* Put `count` bytes of `value`, little-endian. */

@@ -34,7 +34,7 @@ void od_restore(struct od_data *od, uint8_t node_id, uint16_t first, uint16_t la
 {
     for (uint16_t i = 0; i < od_table_len; i++) {
         const struct od_entry *e = &od_table[i];
-        if ((e->flags & OD_WRITE) && e->index >= first && e->index <= last) {
+        if ((e->flags & (OD_WRITE | OD_NODE_ID)) && e->index >= first && e->index <= last) {
             restore(od, node_id, e);
         }
     }

@@ -39,6 +39,9 @@
 #define SDO_ABORT_STATE 0x08000022u
 #define SDO_ABORT_NO_DATA 0x08000024u
 
+/* Of 2001h id: no id at all (CiA 305), and the largest that this device takes: PDO 5 needs two of a node's identifiers */
+enum { OD_UNCONFIGURED = 255, OD_NODE_MAX = 31 };
+
 enum od_type { OD_U8, OD_I8, OD_U16, OD_I16, OD_I24, OD_U32, OD_I32, OD_STRING };
 
 enum od_flag {
@@ -65,7 +68,7 @@ extern const uint16_t od_table_len;
 
 /* Everything to its default. */
 void od_init(struct od_data *od, uint8_t node_id);
-/* What can be written, of the objects first..last, to its default. */
+/* What can be written or follows the node id, of the objects first..last, to its default. */
 void od_restore(struct od_data *od, uint8_t node_id, uint16_t first, uint16_t last);
 
 /* NULL, and why in *abort (SDO_ABORT_NO_OBJECT or _NO_SUB), when there is no such entry. */

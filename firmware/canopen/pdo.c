@@ -152,7 +152,7 @@ static bool transmit(struct co_node *node, struct co_pdo *pdo, unsigned inhibit_
         co_put(at, (uint32_t)od_read(node->config.od, pdo->entry[k]), size);
         at += size;
     }
-    if (!node->config.hal->can_send(node->config.hal->ctx, &frame)) {
+    if (!co_transmit(node, &frame)) {
         return false;
     }
     pdo->pending = false;

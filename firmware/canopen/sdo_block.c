@@ -191,7 +191,6 @@ void co_sdo_block_upload_step(struct co_node *node, const uint8_t *request)
 static bool send_segment(struct co_node *node)
 {
     struct co_sdo *sdo = &node->sdo;
-    const struct hal *hal = node->config.hal;
     const uint32_t ahead = (uint32_t)sdo->sent * CO_SDO_SEGMENT, at = sdo->at + ahead;
     if (sdo->sent == sdo->block || ahead == bytes_left(sdo) || node->tx_count > 0) {
         return false;
@@ -200,7 +199,7 @@ static bool send_segment(struct co_node *node)
     const uint32_t count = last ? sdo->size - at : CO_SDO_SEGMENT;
     struct can_frame frame = co_sdo_response(node, (sdo->sent + 1u) | (last ? (unsigned)BIT_LAST : 0u));
     co_sdo_bytes(sdo, at, &frame.data[1], count);
-    if (!hal->can_send(hal->ctx, &frame)) {
+    if (!co_transmit(node, &frame)) {
         return false;
     }
     sdo->sent++;

@@ -108,9 +108,20 @@ static uint32_t fits(struct od_data *od, const struct od_entry *entry, int64_t v
     return fit ? SDO_OK : SDO_ABORT_INCOMPATIBLE;
 }
 
+static uint32_t check_settings(struct app *app, const struct od_entry *entry, int64_t value)
+{
+    if (drive_powered(&app->drive)) {
+        return SDO_ABORT_STATE;
+    }
+    return settings_command(&app->settings, entry, value, app->node.config.node_id);
+}
+
 static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
     struct app *app = ctx;
+    if (entry->index == 0x1010 || entry->index == 0x1011 || entry->index == 0x2001) {
+        return check_settings(app, entry, value);
+    }
     if ((entry->flags & OD_CONFIG) != 0) {
         return drive_powered(&app->drive) ? SDO_ABORT_STATE : fits(&app->od, entry, value);
     }
@@ -120,6 +131,15 @@ static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t val
     return SDO_OK;
 }
 
+static void announce_settings(struct app *app)
+{
+    if (settings_lost(&app->settings)) {
+        co_emcy_set(&app->node, SETTINGS_EMCY, CO_REG_MANUFACTURER, 0);
+    } else {
+        co_emcy_reset(&app->node, SETTINGS_EMCY);
+    }
+}
+
 static void on_write(void *ctx, const struct od_entry *entry)
 {
     struct app *app = ctx;
@@ -127,6 +147,11 @@ static void on_write(void *ctx, const struct od_entry *entry)
         drive_configure(&app->drive);
     }
     switch (entry->index) {
+    case 0x1010:
+    case 0x1011: /* a command; what is read tells what can be done */
+        od_write(&app->od, entry, od_read(&od_defaults, entry));
+        announce_settings(app);
+        break;
     case 0x6040:
     case 0x6840:
         drive_command(&app->drive);
@@ -152,6 +177,21 @@ static void on_nmt(void *ctx, enum co_state state)
         }
         drive_command(&app->drive);
     }
+    if (state == CO_PRE_OPERATIONAL) {
+        announce_settings(app);
+    }
+}
+
+static uint8_t load(void *ctx, bool communication_only)
+{
+    struct app *app = ctx;
+    return settings_reset(&app->settings, communication_only);
+}
+
+static bool store_node(void *ctx)
+{
+    struct app *app = ctx;
+    return !drive_powered(&app->drive) && settings_store_node(&app->settings, app->node.config.node_id);
 }
 
 static void on_heartbeat_lost(void *ctx)
@@ -186,17 +226,20 @@ void app_init(struct app *app, const struct hal *hal, uint8_t node_id)
     *app = (struct app){.hal = hal};
     od_init(&app->od, node_id);
     set_texts(&app->od);
+    const uint8_t used_id = settings_init(&app->settings, &app->od, hal, node_id);
     drive_init(&app->drive, &app->od, hal);
     const struct co_config config = {
         .od = &app->od,
         .hal = hal,
-        .node_id = node_id,
+        .node_id = used_id,
         .hooks = {.ctx = app,
                   .check_write = check_write,
                   .on_write = on_write,
                   .on_rpdo = on_rpdo,
                   .on_nmt = on_nmt,
                   .on_heartbeat_lost = on_heartbeat_lost,
+                  .load = load,
+                  .store_node = store_node,
                   .on_reset = on_reset},
     };
     co_init(&app->node, &config);

@@ -6,17 +6,19 @@
 #define KONTUR_APP_H
 #include "drive.h"
 #include "node.h"
+#include "settings.h"
 
 struct app {
     struct od_data od;
     struct co_node node;
     struct drive drive;
+    struct settings settings;
     const struct hal *hal;
     uint32_t ms;            /* snapshots handled */
     uint16_t statusword[2]; /* last sent */
 };
 
-/* node_id: 1..31. The boot-up message is sent. */
+/* node_id: 1..31, where none is stored. The boot-up message is sent. */
 void app_init(struct app *app, const struct hal *hal, uint8_t node_id);
 void app_tick(struct app *app);
 /* Handle the frames received, and what is due each millisecond. Bounded: one pass over what is there. */

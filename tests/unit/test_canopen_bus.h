@@ -37,6 +37,13 @@ static inline bool bus_can_send(void *ctx, const struct can_frame *frame)
     return true;
 }
 
+static inline bool bus_can_bitrate(void *ctx, uint16_t kbitps, bool change)
+{
+    (void)ctx;
+    (void)change;
+    return kbitps == 1000;
+}
+
 static inline uint32_t bus_check_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
     struct bus *bus = ctx;
@@ -104,7 +111,7 @@ static inline void bus_start(struct bus *bus)
 {
     memset(bus, 0, sizeof *bus);
     bus->room = SENT_MAX;
-    bus->hal = (struct hal){.ctx = bus, .can_send = bus_can_send};
+    bus->hal = (struct hal){.ctx = bus, .can_send = bus_can_send, .can_bitrate = bus_can_bitrate};
     od_init(&bus->od, NODE);
     const struct co_config config = {
         .od = &bus->od,
