@@ -18,7 +18,7 @@ WARN     := -Wall -Wextra -Werror -Wconversion -Wdouble-promotion -Wshadow -Wmis
 CFLAGS   := -std=c11 -O2 -g -ffp-contract=off -fno-math-errno $(WARN)
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 INCLUDE  := -Ifirmware/core -Ifirmware/drive -Ifirmware/canopen -Ifirmware/hal -Ifirmware/port -Ifirmware/port/linux -Isim -Ibuild/gen
-TEST_INCLUDE := -Itests/unit -Itests/golden
+TEST_INCLUDE := -Itests/unit -Itests/golden -Ifirmware/port/stm32f405
 UNITY    := -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -I$(UNITY_DIR)
 
 # Numeric back ends (firmware/core/num.h). Fixed point is compiled with no floating-point registers to use.
@@ -32,6 +32,9 @@ FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c
 SOURCES  := $(FIRMWARE) sim/flash.c sim/kontur_sim.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
 PORT_SOURCES := firmware/port/slcan.c firmware/port/linux/pace.c firmware/port/linux/can_errors.c  # not in the library, but tested with it
+PORT     := firmware/port/stm32f405
+# What of the STM32F405's port a host can run, on the registers of tests/unit/chip.c
+CHIP_SOURCES := $(filter-out %/start.c %/main.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/unit/chip.c
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
 NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden learning loop num observer params path servo spline trig uncertainty
@@ -49,7 +52,7 @@ export MPLBACKEND := Agg
 .DELETE_ON_ERROR:
 .SECONDARY:
 .DEFAULT_GOAL := help
-.PHONY: help golden demo paper test test-c test-host lint bench lib setup clean FORCE
+.PHONY: help firmware flash flash-dfu golden demo paper test test-c test-host lint bench lib setup clean FORCE
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -115,6 +118,17 @@ $(VENV)/stamp: requirements.lock pyproject.toml | build/debian.stamp
 	$(Q)$(PY) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
+# Install Debian packages unless a command is there: $(call debian,command,packages)
+define debian
+	mkdir -p build; if ! command -v $(1) >/dev/null; then \
+	  if [ "$$(id -u)" = 0 ]; then root=; elif sudo -n true 2>/dev/null; then root="sudo -n"; else root=no; fi; \
+	  if [ "$$root" = no ] || ! command -v apt-get >/dev/null; then \
+	    echo "make: $(1) is missing: install it, e.g. with: sudo apt-get install $(2)"; exit 1; fi; \
+	  echo "Installing Debian packages: $(2)"; \
+	  $$root apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$root apt-get install -y -qq --no-install-recommends $(2) || exit 1; \
+	fi; touch $@
+endef
+
 # --- library ----------------------------------------------------------------------------------------------------------
 $(GENERATED): firmware/canopen/objects.toml firmware/canopen/generate.py firmware/canopen/objects.py | $(VENV)/stamp
 	@echo "  GEN objects.toml"
@@ -143,7 +157,8 @@ build/unit/$(1)/%.o: %.c | build/debian.stamp $(GENERATED)
 	@mkdir -p $$(@D); echo "  CC  $$< ($(1), sanitized)"
 	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(TEST_INCLUDE) -MMD -MP -c $$< -o $$@
 
-build/unit/$(1)/libkontur.a: $(call objects,build/unit,$(1)) $(PORT_SOURCES:%.c=build/unit/$(1)/%.o) $(if $(filter-out chk,$(1)),build/unit/$(1)/tests/golden/golden.o)
+build/unit/$(1)/libkontur.a: $(call objects,build/unit,$(1)) $(PORT_SOURCES:%.c=build/unit/$(1)/%.o) \
+		$(if $(filter f32,$(1)),$(CHIP_SOURCES:%.c=build/unit/f32/%.o)) $(if $(filter-out chk,$(1)),build/unit/$(1)/tests/golden/golden.o)
 	@rm -f $$@
 	$(Q)ar rcs $$@ $$^
 
@@ -169,6 +184,54 @@ $(LIB)/kontur-sim: $(LINUX)
 	@mkdir -p $(@D); echo "  LD  $@"
 	$(Q)$(CC) -o $@ $^ -ldl
 
+# --- image ------------------------------------------------------------------------------------------------------------
+# The STM32F405 image. BOARD=feather builds it for firmware/port/stm32f405/board_feather.h.
+BOARD    := kontur
+ARM      := arm-none-eabi-
+IMAGE    := build/firmware/$(BOARD)/kontur
+ARM_CPU  := -mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard
+ARM_FLAGS := $(ARM_CPU) $(CFLAGS) -ffunction-sections -fdata-sections -fno-common -fstack-usage -DKONTUR_BUILD_ID='"$(BUILD_ID)"' \
+	-DKONTUR_VERSION='"$(VERSION)"' -DBOARD_HEADER='"board_$(BOARD).h"'
+IMAGE_SOURCES := $(FIRMWARE) $(wildcard firmware/port/*.c $(PORT)/*.c)
+IMAGE_OBJECTS := $(IMAGE_SOURCES:%.c=build/firmware/$(BOARD)/%.o)
+
+firmware: $(IMAGE).elf $(IMAGE).bin $(IMAGE).hex $(IMAGE).dfu  ## the image for an STM32F405: build/firmware/kontur.elf .bin .hex .dfu
+	@for f in elf bin hex dfu; do cp $(IMAGE).$$f build/firmware/; done
+	$(Q)$(PY) $(PORT)/check_image.py $(IMAGE).elf --map $(IMAGE).map --tools $(ARM) --allow double
+
+flash: firmware build/openocd.stamp  ## write it to a board by ST-Link (OpenOCD); parameters stay
+	openocd -f interface/stlink.cfg -f target/stm32f4x.cfg -c 'program $(IMAGE).elf verify reset exit'
+
+flash-dfu: firmware build/dfu-util.stamp  ## write it to a board by USB in its boot loader (BOOT0 high); parameters stay
+	dfu-util --device 0483:df11 --alt 0 --reset --download $(IMAGE).dfu
+
+# The Debian packages of these targets
+build/arm.stamp: $(VENV)/stamp
+	$(Q)$(call debian,$(ARM)gcc,gcc-arm-none-eabi libnewlib-arm-none-eabi)
+build/openocd.stamp:
+	$(Q)$(call debian,openocd,openocd)
+build/dfu-util.stamp:
+	$(Q)$(call debian,dfu-util,dfu-util)
+
+build/firmware/$(BOARD)/%.o: %.c | build/arm.stamp $(GENERATED)
+	@mkdir -p $(@D); echo "  ARM $<"
+	$(Q)$(ARM)gcc $(ARM_FLAGS) $(INCLUDE) -I$(PORT) -MMD -MP -c $< -o $@
+
+build/firmware/$(BOARD)/firmware/drive/app.o: build/build_id
+
+$(IMAGE).elf: $(IMAGE_OBJECTS) $(PORT)/kontur.ld
+	@echo "  LD  $@"
+	$(Q)$(ARM)gcc $(ARM_CPU) -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-warnings -Wl,-Map=$(IMAGE).map -T $(PORT)/kontur.ld \
+	  $(IMAGE_OBJECTS) -o $@
+
+# Between the two parts of the image lie the parameters: the .bin has FFh there, and flashing it erases them.
+$(IMAGE).bin: $(IMAGE).elf
+	$(Q)$(ARM)objcopy -O binary --gap-fill 0xFF $< $@
+$(IMAGE).hex: $(IMAGE).elf
+	$(Q)$(ARM)objcopy -O ihex $< $@
+$(IMAGE).dfu: $(IMAGE).elf $(PORT)/dfuse.py
+	$(Q)$(PY) $(PORT)/dfuse.py $< $@ --tools $(ARM)
+
 # --- C tests ----------------------------------------------------------------------------------------------------------
 build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
 	@mkdir -p build/unity; echo "Fetching Unity (see $<)"
@@ -181,5 +244,5 @@ build/unit/unity.o: $(UNITY_DIR)/unity.c
 	$(Q)$(CC) -std=c11 -O1 -g $(SANITIZE) $(UNITY) -c $< -o $@
 
 -include $(LINUX:%.o=%.d) $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)) $(call objects,build/unit,$(n)))) $(TEST_PROGRAMS:%=%.d) \
-	$(foreach n,$(NUMS),$(PORT_SOURCES:%.c=build/unit/$(n)/%.d)) \
-	build/unit/f32/tests/golden/golden.d build/unit/fix/tests/golden/golden.d
+	$(foreach n,$(NUMS),$(PORT_SOURCES:%.c=build/unit/$(n)/%.d)) $(CHIP_SOURCES:%.c=build/unit/f32/%.d) \
+	build/unit/f32/tests/golden/golden.d build/unit/fix/tests/golden/golden.d $(IMAGE_OBJECTS:%.o=%.d)

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "app.h"
 
+#include <stddef.h>
+
 #ifndef KONTUR_BUILD_ID
 #define KONTUR_BUILD_ID "unknown"
 #endif
@@ -76,6 +78,34 @@ static void announce(struct app *app, uint32_t new_faults)
     if (changed) {
         co_tpdo_send(&app->node, 1);
     }
+}
+
+/* What is new about the controller's own state is a fault; resetting it takes notice of it. */
+static void check_health(struct app *app)
+{
+    static const struct {
+        uint8_t bit;
+        enum fault fault;
+    } rows[] = {{HAL_CLOCK, FAULT_CLOCK}, {HAL_RESET, FAULT_RESTART}, {HAL_OVERRUN, FAULT_OVERRUN}};
+    struct hal_health h;
+    if (app->hal->health == NULL) {
+        return;
+    }
+    app->hal->health(app->hal->ctx, &h);
+    for (unsigned i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        if ((h.bits & ~(unsigned)app->health & rows[i].bit) != 0) {
+            atomic_fetch_or(&app->drive.loop.faults, FAULT_BIT(rows[i].fault));
+        }
+    }
+    app->health = h.bits;
+    app->od.reset_cause = (uint8_t)h.reset;
+    app->od.crash.pc = h.crash.pc;
+    app->od.crash.lr = h.crash.lr;
+    app->od.crash.psr = h.crash.psr;
+    app->od.crash.cfsr = h.crash.cfsr;
+    app->od.crash.hfsr = h.crash.hfsr;
+    app->od.crash.bfar = h.crash.bfar;
+    app->od.crash.count = h.crash.count;
 }
 
 static void follow(struct app *app)
@@ -260,6 +290,7 @@ void app_poll(struct app *app)
     while (app->ms != published) {
         app->ms++;
         report(app, loop_snapshot(&app->drive.loop));
+        check_health(app);
         follow(app);
         co_tick_ms(&app->node);
     }

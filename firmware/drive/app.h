@@ -16,6 +16,7 @@ struct app {
     const struct hal *hal;
     uint32_t ms;            /* snapshots handled */
     uint16_t statusword[2]; /* last sent */
+    uint8_t health;         /* enum hal_health_bit, last seen */
 };
 
 /* node_id: 1..31, where none is stored. The boot-up message is sent. */

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "drive.h"
 
+#include <stddef.h>
+
 static struct loop_cfg loop_cfg(const struct od_data *od)
 {
     struct loop_cfg c = {.servo = params_to_cfg(od),
@@ -16,12 +18,39 @@ static struct loop_cfg loop_cfg(const struct od_data *od)
     return c;
 }
 
+/* A speed of four times what the drive trips at is no movement; 100 counts of slack for coarse speeds. */
+static uint32_t jump_counts(const struct od_data *od, const struct od_axis *a)
+{
+    const uint64_t counts = (uint64_t)od->limits.velocity * 4u * 100000000u / CONTROL_HZ / a->plant.encoder;
+    return counts + 100u < INT32_MAX ? (uint32_t)counts + 100u : INT32_MAX;
+}
+
+static void configure_hal(const struct od_data *od, const struct hal *hal)
+{
+    struct hal_axis_cfg cfg[AXES];
+    for (int i = 0; i < AXES; i++) {
+        const struct od_axis *a = &od->axis[i];
+        cfg[i] = (struct hal_axis_cfg){
+            .output = a->wiring.output != 0 ? HAL_OUTPUT_PWM : HAL_OUTPUT_DAC,
+            .full_scale_mN = a->wiring.full_scale,
+            .invert_force = a->wiring.invert_force != 0,
+            .invert_encoder = a->wiring.invert_encoder != 0,
+            .index_counts = a->wiring.index_counts,
+            .jump_counts = jump_counts(od, a),
+        };
+    }
+    if (hal->drive_configure != NULL) {
+        hal->drive_configure(hal->ctx, cfg);
+    }
+}
+
 void drive_configure(struct drive *d)
 {
     const uint8_t next = 1u - atomic_load(&d->loop.command.cfg_index);
     d->configured_at = atomic_load(&d->loop.published);
     d->loop.cfg[next] = loop_cfg(d->od);
     atomic_store(&d->loop.command.cfg_index, next);
+    configure_hal(d->od, d->loop.hal);
     for (int i = 0; i < 2; i++) {
         d->queue.min_nm[i] = d->od->axis[i].position_limit.min;
         d->queue.max_nm[i] = d->od->axis[i].position_limit.max;

@@ -12,6 +12,9 @@ enum fault {
     FAULT_HEARTBEAT,  /* the master of 1016h is silent */
     FAULT_UNDERRUN,   /* knots ran out before the end of the stream */
     FAULT_KNOT_RANGE, /* a knot is outside 607Dh */
+    FAULT_CLOCK,      /* the controller's crystal has not started, or has stopped */
+    FAULT_RESTART,    /* the controller was reset by its watchdog, or by a crash (2030h) */
+    FAULT_OVERRUN,    /* servo ticks have taken longer than their period */
     FAULTS
 };
 

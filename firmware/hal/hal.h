@@ -49,6 +49,35 @@ struct hal_can_status {
     uint32_t bus_offs;            /* since power-on */
 };
 
+/* How an axis is wired (2104h). */
+enum hal_output { HAL_OUTPUT_DAC, HAL_OUTPUT_PWM };
+enum { HAL_FULL_SCALE_MIN = 10000 };
+struct hal_axis_cfg {
+    enum hal_output output;
+    uint32_t full_scale_mN; /* force at the end of the output's range, HAL_FULL_SCALE_MIN or more */
+    bool invert_force, invert_encoder;
+    uint32_t index_counts;  /* encoder counts between two index pulses; 0: not checked */
+    uint32_t jump_counts;   /* more counts than this in one control period are no movement */
+};
+
+/* What is wrong with the controller itself: a bit each. */
+enum hal_health_bit {
+    HAL_CLOCK = 1,   /* runs on its internal oscillator: the crystal has not started, or has stopped */
+    HAL_RESET = 2,   /* the last run was ended by the watchdog or by a crash */
+    HAL_OVERRUN = 4, /* servo ticks have taken longer than their period; reported once */
+};
+enum hal_reset { HAL_RESET_UNKNOWN, HAL_RESET_POWER, HAL_RESET_PIN, HAL_RESET_SOFTWARE, HAL_RESET_WATCHDOG, HAL_RESET_CRASH };
+
+/* The last crash since power-on: registers of the processor when it happened (ARMv7-M), and how many there were. */
+struct hal_crash {
+    uint32_t pc, lr, psr, cfsr, hfsr, bfar, count;
+};
+struct hal_health {
+    uint8_t bits;         /* enum hal_health_bit */
+    enum hal_reset reset; /* why the processor has started */
+    struct hal_crash crash;
+};
+
 /* The parameter store: sectors that are erased as a whole (to FFh) and written in words, each word once. */
 enum { HAL_FLASH_SECTORS = 2, HAL_FLASH_BYTES = 16384 };
 
@@ -58,6 +87,8 @@ struct hal {
     void (*drive_read)(void *ctx, struct hal_drive_in *in);
     /* Put out both forces at one instant. */
     void (*drive_write)(void *ctx, const struct hal_drive_out *out);
+    /* Take over the wiring; no axis has power. May be NULL. */
+    void (*drive_configure)(void *ctx, const struct hal_axis_cfg cfg[AXES]);
     /* Queue a frame for sending. false: no room; the frame is dropped, the caller may try again. */
     bool (*can_send)(void *ctx, const struct can_frame *frame);
     /* Take the oldest frame received. false: there is none. */
@@ -71,5 +102,7 @@ struct hal {
      * power on an axis only. false: the flash reports an error. */
     bool (*flash_erase)(void *ctx, unsigned sector);
     bool (*flash_write)(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes);
+    /* The controller's own state. May be NULL: always well. */
+    void (*health)(void *ctx, struct hal_health *health);
 };
 #endif

@@ -419,6 +419,9 @@ EMCY_TEXT = {
     "the force limit and whether the axis moves freely",
     0x8612: "an axis left position_limit; move it back by hand",
     0xFF10: "it ran out of knots and stopped on the path; the host or the bus was too slow",
+    0x5200: "the controller's crystal does not run; its clock is 1 % wrong at best: have the board looked at",
+    0x6010: "the controller was restarted by its watchdog or by a crash: see objects crash and reset_cause",
+    0x6100: "servo steps take longer than the control period",
     0xFF11: "a knot lies outside position_limit; move or shrink the path",
 }
 

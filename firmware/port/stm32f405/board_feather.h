@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* board_feather.h: Adafruit's Feather STM32F405 Express on a base board with the levels and drivers that board_kontur.h has: another
+ * crystal, another serial port, encoder timers of 16 bits, no index pulse, PWM out of reach (so .pwm is PIN_NONE: use the DAC).
+ * Meaning of the names: board_kontur.h. Silkscreen names behind the pins.
+ */
+#ifndef KONTUR_BOARD_FEATHER_H
+#define KONTUR_BOARD_FEATHER_H
+
+#define BOARD_NAME "Feather STM32F405"
+#define BOARD_HSE_MHZ 12
+
+#define BOARD_UART USART3
+#define BOARD_UART_IRQ IRQ_USART3
+#define BOARD_UART_CLOCK() (RCC->APB1ENR |= RCC_APB1ENR_USART3)
+#define BOARD_UART_HZ 42000000u /* APB1 */
+#define BOARD_UART_BAUD 1000000u
+#define BOARD_UART_TX PIN('B', 10) /* TX */
+#define BOARD_UART_RX PIN('B', 11) /* RX */
+#define BOARD_UART_AF 7
+
+#define BOARD_CAN_RX PIN('B', 8) /* D9 */
+#define BOARD_CAN_TX PIN('B', 9) /* D10 */
+#define BOARD_CAN_AF 9
+
+#define BOARD_PWM_AF 3
+#define BOARD_LED PIN('C', 1) /* D13 */
+
+#define BOARD_STOP {PIN('A', 6), true, PIN_PULL_UP} /* A2 */
+
+/* DAC: A0 (x), A1 (y) */
+#define BOARD_X                                                                                                        \
+    {                                                                                                                  \
+        .encoder = {TIM3, RCC_APB1ENR_TIM3, 0xFFFFu, PIN('C', 6), PIN('C', 7), PIN_NONE, 2, 3}, /* D6, D5 */           \
+        .limit_min = {PIN_NONE, true, PIN_PULL_UP}, .limit_max = {PIN_NONE, true, PIN_PULL_UP},                        \
+        .amplifier_fault = {PIN('C', 4), true, PIN_PULL_UP}, .enable = PIN('C', 3), /* A4, D11 */                      \
+        .pwm = PIN_NONE, .direction = PIN_NONE                                                                         \
+    }
+#define BOARD_Y                                                                                                        \
+    {                                                                                                                  \
+        .encoder = {TIM4, RCC_APB1ENR_TIM4, 0xFFFFu, PIN('B', 6), PIN('B', 7), PIN_NONE, 2, 3}, /* SCL, SDA */         \
+        .limit_min = {PIN_NONE, true, PIN_PULL_UP}, .limit_max = {PIN_NONE, true, PIN_PULL_UP},                        \
+        .amplifier_fault = {PIN('C', 5), true, PIN_PULL_UP}, .enable = PIN('C', 2), /* A5, D12 */                      \
+        .pwm = PIN_NONE, .direction = PIN_NONE                                                                         \
+    }
+#endif

@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* board_kontur.h: a controller board with an STM32F405RG (LQFP64); docs/hardware.md has the same as a table.
+ *
+ * Alternate functions: ST, DS8626 "STM32F405xx STM32F407xx datasheet", table 9. Inputs are wired so that a broken wire is active:
+ * a contact to ground that opens, against the chip's pull-up. Free: PA3, PA6, PA7, PA8, PB0, PB2, PB4..PB7, PB11, PC8..PC12, PC14, PC15, PD2;
+ * PA11, PA12 are left to USB (flashing), PA13, PA14 to SWD.
+ */
+#ifndef KONTUR_BOARD_KONTUR_H
+#define KONTUR_BOARD_KONTUR_H
+
+#define BOARD_NAME "STM32F405, general"
+#define BOARD_HSE_MHZ 8 /* crystal; 4..26, even */
+
+/* slcan. The USB boot loader is not touched by it. */
+#define BOARD_UART USART1
+#define BOARD_UART_IRQ IRQ_USART1
+#define BOARD_UART_CLOCK() (RCC->APB2ENR |= RCC_APB2ENR_USART1)
+#define BOARD_UART_HZ 84000000u /* of its bus: APB2 */
+#define BOARD_UART_BAUD 1000000u
+#define BOARD_UART_TX PIN('A', 9)
+#define BOARD_UART_RX PIN('A', 10)
+#define BOARD_UART_AF 7
+
+#define BOARD_CAN_RX PIN('B', 8)
+#define BOARD_CAN_TX PIN('B', 9)
+#define BOARD_CAN_AF 9
+
+/* DAC channels are PA4 (x) and PA5 (y) on every STM32F405. Both PWM outputs are channels 1 and 2 of TIM8. */
+#define BOARD_PWM_AF 3
+#define BOARD_LED PIN('C', 13)
+
+#define BOARD_STOP {PIN('C', 4), true, PIN_PULL_UP}
+
+#define BOARD_X                                                                                                        \
+    {                                                                                                                  \
+        .encoder = {TIM2, RCC_APB1ENR_TIM2, 0xFFFFFFFFu, PIN('A', 15), PIN('B', 3), PIN('B', 10), 1, 3},               \
+        .limit_min = {PIN('C', 0), true, PIN_PULL_UP}, .limit_max = {PIN('C', 1), true, PIN_PULL_UP},                  \
+        .amplifier_fault = {PIN('C', 5), true, PIN_PULL_UP}, .enable = PIN('B', 12), .pwm = PIN('C', 6),               \
+        .direction = PIN('B', 14)                                                                                      \
+    }
+#define BOARD_Y                                                                                                        \
+    {                                                                                                                  \
+        .encoder = {TIM5, RCC_APB1ENR_TIM5, 0xFFFFFFFFu, PIN('A', 0), PIN('A', 1), PIN('A', 2), 2, 3},                 \
+        .limit_min = {PIN('C', 2), true, PIN_PULL_UP}, .limit_max = {PIN('C', 3), true, PIN_PULL_UP},                  \
+        .amplifier_fault = {PIN('B', 1), true, PIN_PULL_UP}, .enable = PIN('B', 13), .pwm = PIN('C', 7),               \
+        .direction = PIN('B', 15)                                                                                      \
+    }
+#endif

@@ -1,0 +1,117 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "crash.h"
+
+#include <string.h>
+
+#include "cpu.h"
+#include "output.h"
+
+enum { MAGIC = 0x4B43524D };
+
+/* Neither cleared nor loaded at start-up (kontur.ld). */
+struct record {
+    uint32_t magic;
+    uint32_t fresh; /* 1: written by the run before this one */
+    struct hal_crash crash;
+    uint32_t check;
+};
+#ifdef __arm__
+__attribute__((section(".noinit")))
+#endif
+static struct record record;
+
+#ifdef __arm__
+extern uint32_t kontur_stack_bottom[], kontur_stack_top[];
+#else
+extern uint32_t kontur_stack_bottom[16];
+#define kontur_stack_top (kontur_stack_bottom + 16)
+#endif
+
+/* Adler's sum: RAM without power comes up with anything, but not with this. */
+static uint32_t check(const struct record *r)
+{
+    const uint8_t *byte = (const uint8_t *)r;
+    uint32_t a = 1, b = 0;
+    for (size_t i = 0; i < offsetof(struct record, check); i++) {
+        a = (a + byte[i]) % 65521u;
+        b = (b + a) % 65521u;
+    }
+    return b << 16 | a;
+}
+
+static bool valid(void)
+{
+    return record.magic == MAGIC && record.check == check(&record);
+}
+
+static void seal(void)
+{
+    record.magic = MAGIC;
+    record.check = check(&record);
+}
+
+void crash_record(const uint32_t *frame)
+{
+    output_safe();
+    const uint32_t count = valid() ? record.crash.count : 0u;
+    memset(&record, 0, sizeof record);
+    if (frame >= kontur_stack_bottom && frame + 8 <= kontur_stack_top) { /* not after a stack overflow */
+        record.crash.lr = frame[5];
+        record.crash.pc = frame[6];
+        record.crash.psr = frame[7];
+    }
+    record.crash.cfsr = SCB->CFSR;
+    record.crash.hfsr = SCB->HFSR;
+    record.crash.bfar = SCB->BFAR;
+    record.crash.count = count + 1u;
+    record.fresh = 1;
+    seal();
+    cpu_barrier();
+    SCB->AIRCR = SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ;
+#ifdef __arm__
+    for (;;) { /* until it has come, or the watchdog */
+    }
+#endif
+}
+
+#ifdef __arm__
+extern uint32_t kontur_crash_stack[];
+__attribute__((naked)) void crash_irq(void)
+{
+    /* the stack may be what has gone wrong */
+    __asm volatile("cpsid i\n\t"
+                   "mrs r0, msp\n\t"
+                   "ldr r1, =kontur_crash_stack\n\t"
+                   "msr msp, r1\n\t"
+                   "b crash_record");
+}
+#endif
+
+/* RM0090 6.3.21; the pin is low in every reset, so its flag says least. */
+static enum hal_reset cause(uint32_t csr)
+{
+    if ((csr & (RCC_CSR_PORRSTF | RCC_CSR_BORRSTF)) != 0) {
+        return HAL_RESET_POWER;
+    }
+    if ((csr & (RCC_CSR_IWDGRSTF | RCC_CSR_WWDGRSTF)) != 0) {
+        return HAL_RESET_WATCHDOG;
+    }
+    if ((csr & RCC_CSR_SFTRSTF) != 0) {
+        return HAL_RESET_SOFTWARE;
+    }
+    return (csr & RCC_CSR_PINRSTF) != 0 ? HAL_RESET_PIN : HAL_RESET_UNKNOWN;
+}
+
+void crash_read(enum hal_reset *reset, struct hal_crash *crash)
+{
+    *reset = cause(RCC->CSR);
+    RCC->CSR |= RCC_CSR_RMVF;
+    if (*reset == HAL_RESET_POWER || !valid()) {
+        memset(&record, 0, sizeof record);
+    } else if (record.fresh != 0) {
+        *reset = HAL_RESET_CRASH;
+    }
+    record.fresh = 0;
+    seal();
+    *crash = record.crash;
+}

@@ -1,0 +1,166 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* main.c: the HAL of the STM32F405, its servo tick and its background loop. */
+#include <stdatomic.h>
+
+#include "app.h"
+#include "board.h"
+#include "wire.h"
+#include "can.h"
+#include "clock.h"
+#include "cpu.h"
+#include "crash.h"
+#include "encoder.h"
+#include "sectors.h"
+#include "inputs.h"
+#include "interrupts.h"
+#include "output.h"
+#include "params.h"
+#include "watchdog.h"
+
+enum {
+    NODE_ID = 1,           /* until one is set (2001h, LSS) */
+    KBITPS = 1000,
+    OVERRUNS_IN_A_ROW = 3, /* one late tick is an interrupt that was in the way */
+    BEHIND_MS = 50,
+};
+
+static struct app app;
+static enum hal_reset reset_cause;
+static struct hal_crash last_crash;
+static _Atomic uint32_t ticks;
+static _Atomic bool overrun;
+
+static void drive_read(void *ctx, struct hal_drive_in *in)
+{
+    (void)ctx;
+    *in = (struct hal_drive_in){0};
+    encoder_read(in);
+    inputs_read(in);
+}
+
+static void drive_write(void *ctx, const struct hal_drive_out *out)
+{
+    (void)ctx;
+    output_write(out);
+}
+
+static void drive_wiring(void *ctx, const struct hal_axis_cfg cfg[AXES])
+{
+    (void)ctx;
+    encoder_configure(cfg);
+    output_configure(cfg);
+}
+
+static bool send(void *ctx, const struct can_frame *frame)
+{
+    (void)ctx;
+    return wire_send(frame);
+}
+
+static bool receive(void *ctx, struct can_frame *frame)
+{
+    (void)ctx;
+    return wire_receive(frame);
+}
+
+static void status(void *ctx, struct hal_can_status *s)
+{
+    (void)ctx;
+    wire_status(s);
+}
+
+static bool bitrate(void *ctx, uint16_t kbitps, bool change)
+{
+    (void)ctx;
+    return can_bitrate(kbitps, change);
+}
+
+static void store_read(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes)
+{
+    (void)ctx;
+    sectors_read(sector, offset, data, bytes);
+}
+
+static bool store_erase(void *ctx, unsigned sector)
+{
+    (void)ctx;
+    return sectors_erase(sector);
+}
+
+static bool store_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
+{
+    (void)ctx;
+    return sectors_write(sector, offset, data, bytes);
+}
+
+static void health(void *ctx, struct hal_health *h)
+{
+    (void)ctx;
+    const bool ended_badly = reset_cause == HAL_RESET_WATCHDOG || reset_cause == HAL_RESET_CRASH;
+    *h = (struct hal_health){
+        .bits = (uint8_t)((clock_degraded() ? HAL_CLOCK : 0) | (ended_badly ? HAL_RESET : 0) |
+                          (atomic_exchange(&overrun, false) ? HAL_OVERRUN : 0)),
+        .reset = reset_cause,
+        .crash = last_crash,
+    };
+}
+
+static const struct hal hal = {
+    .drive_read = drive_read,
+    .drive_write = drive_write,
+    .drive_configure = drive_wiring,
+    .can_send = send,
+    .can_receive = receive,
+    .can_status = status,
+    .can_bitrate = bitrate,
+    .flash_read = store_read,
+    .flash_erase = store_erase,
+    .flash_write = store_write,
+    .health = health,
+};
+
+void tick_irq(void)
+{
+    static unsigned late;
+    app_tick(&app);
+    atomic_fetch_add(&ticks, 1u);
+    /* the next one is due already; in an emulator the time is the host's, and says nothing */
+    late = (SCB->ICSR & SCB_ICSR_PENDSTSET) != 0 && !cpu_emulated() ? late + 1u : 0u;
+    if (late >= OVERRUNS_IN_A_ROW) {
+        atomic_store(&overrun, true);
+    }
+}
+
+static void tick_start(void)
+{
+    SCB->SHPR[2] = (uint32_t)PRIORITY_SERVO << 28; /* SysTick: the highest byte */
+    SYSTICK->LOAD = CLOCK_HZ / CONTROL_HZ - 1u;
+    SYSTICK->VAL = 0;
+    SYSTICK->CTRL = SYSTICK_CORE_CLOCK | SYSTICK_TICKINT | SYSTICK_ENABLE;
+}
+
+static void show_life(void)
+{
+    pin_write(BOARD_LED, (app.ms & 512u) != 0);
+}
+
+int main(void)
+{
+    output_init();
+    (void)clock_start();
+    crash_read(&reset_cause, &last_crash);
+    inputs_init();
+    encoder_init();
+    pin_setup(BOARD_LED, PIN_OUTPUT, PIN_FLOATING, 0);
+    wire_init();
+    (void)can_init(KBITPS);
+    app_init(&app, &hal, NODE_ID);
+    tick_start();
+    watchdog_start();
+    for (;;) {
+        app_poll(&app);
+        show_life();
+        watchdog_pass(atomic_load(&ticks), atomic_load(&app.drive.loop.published) - app.ms < BEHIND_MS);
+        cpu_sleep();
+    }
+}

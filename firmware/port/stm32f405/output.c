@@ -1,0 +1,123 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "output.h"
+
+#include "board.h"
+#include "cpu.h"
+
+enum { DAC_ZERO = 2048, PWM_STEPS = 4200 };
+
+struct channel {
+    bool pwm, invert;
+    int32_t gain;  /* 2^32 steps of the output per mN */
+    int32_t low, high;
+    int32_t error; /* what the last step left over, 2^-16 steps */
+};
+
+static const struct board_axis axes[AXES] = {BOARD_X, BOARD_Y};
+static struct channel channels[AXES];
+
+static void set_channel(struct channel *c, const struct hal_axis_cfg *cfg)
+{
+    const int64_t steps = cfg->output == HAL_OUTPUT_PWM ? PWM_STEPS : DAC_ZERO;
+    *c = (struct channel){
+        .pwm = cfg->output == HAL_OUTPUT_PWM,
+        .invert = cfg->invert_force,
+        .gain = (int32_t)((steps << 32) / cfg->full_scale_mN),
+        .low = (int32_t)-steps,
+        .high = cfg->output == HAL_OUTPUT_PWM ? PWM_STEPS : DAC_ZERO - 1,
+    };
+}
+
+void output_init(void)
+{
+    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = HAL_FULL_SCALE_MIN}, {.full_scale_mN = HAL_FULL_SCALE_MIN}};
+    for (int i = 0; i < AXES; i++) {
+        pin_write(axes[i].enable, false);
+        pin_setup(axes[i].enable, PIN_OUTPUT, PIN_PULL_DOWN, 0);
+        pin_write(axes[i].direction, false);
+        pin_setup(axes[i].direction, PIN_OUTPUT, PIN_PULL_DOWN, 0);
+        pin_setup(axes[i].pwm, PIN_ALTERNATE, PIN_PULL_DOWN, BOARD_PWM_AF);
+    }
+    RCC->APB1ENR |= RCC_APB1ENR_DAC;
+    RCC->APB2ENR |= RCC_APB2ENR_TIM8;
+    (void)RCC->APB2ENR;
+    DAC->DHR12RD = DAC_ZERO << 16 | DAC_ZERO;
+    DAC->CR = DAC_CR_EN1 | DAC_CR_EN2;
+    pin_setup(PIN('A', 4), PIN_ANALOG, PIN_FLOATING, 0);
+    pin_setup(PIN('A', 5), PIN_ANALOG, PIN_FLOATING, 0);
+
+    TIM8->ARR = PWM_STEPS - 1;
+    TIM8->CCMR1 = TIM_CCMR_PWM1 | TIM_CCMR_PWM1 << 8;
+    TIM8->CCR[0] = TIM8->CCR[1] = 0;
+    TIM8->CCER = TIM_CCER_E | TIM_CCER_E << 4;
+    TIM8->BDTR = TIM_BDTR_OSSI | TIM_BDTR_OSSR | TIM_BDTR_MOE; /* without MOE the outputs are driven low */
+    TIM8->EGR = TIM_EGR_UG;
+    TIM8->CR1 = TIM_CR1_ARPE | TIM_CR1_CEN;
+    output_configure(cfg);
+}
+
+void output_configure(const struct hal_axis_cfg cfg[AXES])
+{
+    struct channel next[AXES];
+    for (int i = 0; i < AXES; i++) {
+        set_channel(&next[i], &cfg[i]);
+    }
+    const uint32_t lock = cpu_lock();
+    for (int i = 0; i < AXES; i++) {
+        channels[i] = next[i];
+    }
+    cpu_unlock(lock);
+}
+
+/* The step to put out for a force, with what the last one left over. */
+static int32_t quantise(struct channel *c, int32_t force_mN)
+{
+    const int64_t want = (((int64_t)force_mN * c->gain) >> 16) + c->error;
+    const int64_t step = (want + 0x8000) >> 16;
+    if (step < c->low || step > c->high) {
+        c->error = 0;
+        return step < 0 ? c->low : c->high;
+    }
+    c->error = (int32_t)(want - step * 0x10000);
+    return (int32_t)step;
+}
+
+void output_write(const struct hal_drive_out *out)
+{
+    uint32_t dac[AXES], pwm[AXES];
+    for (int i = 0; i < AXES; i++) {
+        struct channel *c = &channels[i];
+        int32_t step = 0;
+        if (out->enable[i]) {
+            step = quantise(c, c->invert ? -out->force_mN[i] : out->force_mN[i]);
+        } else {
+            c->error = 0;
+        }
+        dac[i] = (uint32_t)(c->pwm ? DAC_ZERO : DAC_ZERO + step);
+        pwm[i] = c->pwm ? (uint32_t)(step < 0 ? -step : step) : 0u;
+        pin_write(axes[i].direction, c->pwm && step < 0);
+        if (!out->enable[i]) {
+            pin_write(axes[i].enable, false);
+        }
+    }
+    DAC->DHR12RD = dac[AXIS_Y] << 16 | dac[AXIS_X];
+    TIM8->CR1 |= TIM_CR1_UDIS; /* both at one update */
+    TIM8->CCR[0] = pwm[AXIS_X];
+    TIM8->CCR[1] = pwm[AXIS_Y];
+    TIM8->CR1 &= ~(uint32_t)TIM_CR1_UDIS;
+    for (int i = 0; i < AXES; i++) {
+        if (out->enable[i]) {
+            pin_write(axes[i].enable, true);
+        }
+    }
+}
+
+void output_safe(void)
+{
+    for (int i = 0; i < AXES; i++) {
+        pin_write(axes[i].enable, false);
+    }
+    DAC->DHR12RD = DAC_ZERO << 16 | DAC_ZERO;
+    TIM8->CCR[0] = TIM8->CCR[1] = 0;
+    TIM8->BDTR = TIM_BDTR_OSSI | TIM_BDTR_OSSR;
+}

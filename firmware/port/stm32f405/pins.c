@@ -1,0 +1,25 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "pins.h"
+
+static void set_field(reg *r, unsigned position, unsigned width, uint32_t value)
+{
+    const uint32_t mask = (1u << width) - 1u;
+    *r = (*r & ~(mask << position)) | value << position;
+}
+
+void pin_setup(uint8_t pin, enum pin_mode mode, enum pin_pull pull, unsigned alternate)
+{
+    const unsigned n = pin & 15u;
+    if (pin == PIN_NONE) {
+        return;
+    }
+    struct gpio *gpio = GPIO(pin >> 4);
+    RCC->AHB1ENR |= 1u << (pin >> 4);
+    (void)RCC->AHB1ENR; /* the clock is on two cycles later (RM0090 6.2.14 of the errata ES0182: a read in between) */
+    if (mode == PIN_ALTERNATE) {
+        set_field(&gpio->AFR[n / 8u], n % 8u * 4u, 4, alternate);
+        set_field(&gpio->OSPEEDR, 2u * n, 2, 2);
+    }
+    set_field(&gpio->PUPDR, 2u * n, 2, (uint32_t)pull);
+    set_field(&gpio->MODER, 2u * n, 2, (uint32_t)mode);
+}

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* pins.h: port pins (RM0090 8.3). A pin is one byte, PIN('B', 8) for PB8. Set up in the background, read and written anywhere. */
+#ifndef KONTUR_PINS_H
+#define KONTUR_PINS_H
+#include <stdbool.h>
+
+#include "regs.h"
+
+#define PIN(port, number) ((uint8_t)(((port) - 'A') << 4 | (number)))
+#define PIN_NONE 0xFFu
+
+enum pin_mode { PIN_INPUT, PIN_OUTPUT, PIN_ALTERNATE, PIN_ANALOG };
+enum pin_pull { PIN_FLOATING, PIN_PULL_UP, PIN_PULL_DOWN };
+
+/* alternate: AF number, DS8626 table 9; for PIN_ALTERNATE only. Nothing happens to PIN_NONE. */
+void pin_setup(uint8_t pin, enum pin_mode mode, enum pin_pull pull, unsigned alternate);
+
+static inline void pin_write(uint8_t pin, bool high)
+{
+    if (pin != PIN_NONE) {
+        const uint32_t bit = 1u << (pin & 15u);
+        GPIO(pin >> 4)->BSRR = high ? bit : bit << 16;
+#ifndef __arm__ /* what the chip does with it */
+        GPIO(pin >> 4)->ODR = high ? GPIO(pin >> 4)->ODR | bit : GPIO(pin >> 4)->ODR & ~bit;
+#endif
+    }
+}
+
+static inline bool pin_read(uint8_t pin)
+{
+    return pin != PIN_NONE && (GPIO(pin >> 4)->IDR >> (pin & 15u) & 1u) != 0;
+}
+#endif

@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "sectors.h"
+
+#include <string.h>
+
+#include "cpu.h"
+#include "hal.h"
+#include "ram.h"
+#include "watchdog.h"
+
+enum { FIRST_SECTOR = 1 };
+#define ERRORS (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR)
+/* A turn of the loop takes 10 cycles or more: 168e6 turns are 10 s, ten times the longest erasure and more. */
+#define POLLS 168000000u
+
+#ifdef __arm__
+#define STORE ((volatile uint32_t *)0x08004000u)
+#else
+extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
+#define STORE ((volatile uint32_t *)chip_store)
+#endif
+
+static bool inside(unsigned sector, uint32_t offset, uint32_t bytes)
+{
+    return sector < HAL_FLASH_SECTORS && offset <= HAL_FLASH_BYTES && bytes <= HAL_FLASH_BYTES - offset && offset % 4 == 0 &&
+           bytes % 4 == 0;
+}
+
+static volatile uint32_t *at(unsigned sector, uint32_t offset)
+{
+    return STORE + (sector * HAL_FLASH_BYTES + offset) / 4;
+}
+
+/* Start what CR says (with a word to write, by writing it) and wait for its end. Interrupts are off: their vectors lie in flash. */
+RAM_FUNCTION static bool run(uint32_t command, volatile uint32_t *to, uint32_t word)
+{
+    uint32_t polls = POLLS;
+    FLASH->SR = FLASH_SR_EOP | ERRORS; /* cleared by writing ones */
+    FLASH->CR = command;
+    if (to != NULL) {
+        *to = word;
+    } else {
+        FLASH->CR = command | FLASH_CR_STRT;
+    }
+    cpu_barrier();
+    while ((FLASH->SR & FLASH_SR_BSY) != 0 && --polls != 0) {
+        watchdog_feed();
+    }
+    FLASH->CR = 0;
+    return polls != 0 && (FLASH->SR & ERRORS) == 0;
+}
+
+static bool locked_run(uint32_t command, volatile uint32_t *to, uint32_t word)
+{
+    const uint32_t lock = cpu_lock();
+    FLASH->KEYR = FLASH_KEY1; /* RM0090 3.6.1 */
+    FLASH->KEYR = FLASH_KEY2;
+    const bool good = run(command, to, word);
+    FLASH->CR = FLASH_CR_LOCK;
+    cpu_unlock(lock);
+    return good;
+}
+
+void sectors_read(unsigned sector, uint32_t offset, void *data, uint32_t bytes)
+{
+    if (inside(sector, offset, bytes)) {
+        const volatile uint32_t *from = at(sector, offset);
+        for (uint32_t i = 0; i < bytes / 4; i++) {
+            const uint32_t word = from[i];
+            memcpy((uint8_t *)data + 4 * i, &word, 4);
+        }
+    }
+}
+
+static bool reads(unsigned sector, uint32_t word, uint32_t offset, uint32_t bytes)
+{
+    for (uint32_t i = 0; i < bytes / 4; i++) {
+        if (at(sector, offset)[i] != word) {
+            return false;
+        }
+    }
+    return true;
+}
+
+bool sectors_erase(unsigned sector)
+{
+    if (!inside(sector, 0, 0)) {
+        return false;
+    }
+    const bool good = locked_run(FLASH_CR_PSIZE_32 | FLASH_CR_SER | (FIRST_SECTOR + sector) << FLASH_CR_SNB, NULL, 0);
+    /* the data cache may still hold what was there (RM0090 3.5.2: reset it while it is off) */
+    FLASH->ACR &= ~(uint32_t)FLASH_ACR_DCEN;
+    FLASH->ACR |= FLASH_ACR_DCRST;
+    FLASH->ACR &= ~(uint32_t)FLASH_ACR_DCRST;
+    FLASH->ACR |= FLASH_ACR_DCEN;
+    return good && reads(sector, 0xFFFFFFFFu, 0, HAL_FLASH_BYTES);
+}
+
+bool sectors_write(unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
+{
+    if (!inside(sector, offset, bytes)) {
+        return false;
+    }
+    for (uint32_t i = 0; i < bytes; i += 4) {
+        uint32_t word;
+        memcpy(&word, (const uint8_t *)data + i, 4);
+        if (!locked_run(FLASH_CR_PSIZE_32 | FLASH_CR_PG, at(sector, offset + i), word) || !reads(sector, word, offset + i, 4)) {
+            return false;
+        }
+    }
+    return true;
+}

@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* start.c: vector table and the way from reset to main() (DDI 0403E B1.5; RM0090 table 61). */
+#include <stdint.h>
+
+#include "board.h"
+#include "can.h"
+#include "clock.h"
+#include "cpu.h"
+#include "crash.h"
+#include "interrupts.h"
+#include "uart.h"
+
+/* kontur.ld */
+extern uint32_t kontur_stack_top[], kontur_data[], kontur_data_end[], kontur_bss[], kontur_bss_end[];
+extern const uint32_t kontur_data_load[];
+
+/* All of RAM before main() holds nothing but what this writes, so no function of the library may be called. */
+__attribute__((optimize("no-tree-loop-distribute-patterns"))) void reset_irq(void)
+{
+    SCB->CPACR |= SCB_CPACR_FPU;
+    SCB->CCR |= SCB_CCR_DIV_0_TRP;
+    cpu_barrier();
+    const uint32_t *from = kontur_data_load;
+    for (uint32_t *to = kontur_data; to < kontur_data_end; to++) {
+        *to = *from++;
+    }
+    for (uint32_t *to = kontur_bss; to < kontur_bss_end; to++) {
+        *to = 0;
+    }
+    main();
+    crash_irq(); /* never: main() does not return */
+}
+
+typedef void (*vector)(void);
+struct vectors {
+    uint32_t *stack;
+    vector exception[15];
+    vector irq[IRQS];
+};
+
+_Pragma("GCC diagnostic push") _Pragma("GCC diagnostic ignored \"-Woverride-init\"")
+__attribute__((section(".vectors"), used)) static const struct vectors vectors = {
+    .stack = kontur_stack_top,
+    .exception = {[0 ... 14] = crash_irq, [0] = reset_irq, [1] = clock_failed_irq, [14] = tick_irq},
+    .irq = {[0 ... IRQS - 1] = crash_irq,
+            [IRQ_CAN1_TX] = can_tx_irq,
+            [IRQ_CAN1_RX0] = can_rx_irq,
+            [IRQ_CAN1_SCE] = can_error_irq,
+            [BOARD_UART_IRQ] = uart_irq},
+};
+_Pragma("GCC diagnostic pop")

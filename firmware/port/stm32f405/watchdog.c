@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "watchdog.h"
+
+#include "cpu.h"
+#include "ram.h"
+
+enum { DIVIDE_BY_16 = 2, PERIOD = 99 }; /* 32 kHz / 16 / 100 = 20 Hz */
+
+static uint32_t fed_at;
+
+void watchdog_start(void)
+{
+    DBGMCU->APB1_FZ |= DBGMCU_APB1_FZ_IWDG;
+    IWDG->KR = IWDG_KEY_START;
+    IWDG->KR = IWDG_KEY_ACCESS;
+    IWDG->PR = DIVIDE_BY_16;
+    IWDG->RLR = PERIOD;
+    (void)wait_until(&IWDG->SR, IWDG_SR_PVU | IWDG_SR_RVU, 0, 100000); /* five LSI periods, 300 us */
+    IWDG->KR = IWDG_KEY_FEED;
+}
+
+RAM_FUNCTION void watchdog_feed(void)
+{
+    IWDG->KR = IWDG_KEY_FEED;
+}
+
+void watchdog_pass(uint32_t ticks, bool healthy)
+{
+    if (healthy && ticks != fed_at) {
+        fed_at = ticks;
+        watchdog_feed();
+    }
+}
