@@ -75,19 +75,19 @@ static bool bitrate(void *ctx, uint16_t kbitps, bool change)
     return can_bitrate(kbitps, change);
 }
 
-static void store_read(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes)
+static void sector_read(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes)
 {
     (void)ctx;
     sectors_read(sector, offset, data, bytes);
 }
 
-static bool store_erase(void *ctx, unsigned sector)
+static bool sector_erase(void *ctx, unsigned sector)
 {
     (void)ctx;
     return sectors_erase(sector);
 }
 
-static bool store_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
+static bool sector_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
 {
     (void)ctx;
     return sectors_write(sector, offset, data, bytes);
@@ -113,9 +113,9 @@ static const struct hal hal = {
     .can_receive = receive,
     .can_status = status,
     .can_bitrate = bitrate,
-    .flash_read = store_read,
-    .flash_erase = store_erase,
-    .flash_write = store_write,
+    .flash_read = sector_read,
+    .flash_erase = sector_erase,
+    .flash_write = sector_write,
     .health = health,
 };
 
