@@ -42,7 +42,7 @@ static void resolve(const struct od_data *od, struct co_pdo *pdo, unsigned commu
     for (unsigned i = 1; i <= count; i++) {
         uint32_t code = SDO_OK;
         const struct od_entry *e = co_pdo_mappable((uint32_t)od_number(od, mapping, i), transmit, &code);
-        if (e != NULL) {
+        if (e != NULL && pdo->bytes + od_size(e) <= 8) { /* a stored mapping may be another firmware's */
             pdo->entry[pdo->count++] = e;
             pdo->bytes = (uint8_t)(pdo->bytes + od_size(e));
         }
