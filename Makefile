@@ -134,6 +134,9 @@ $(GENERATED): firmware/canopen/objects.toml firmware/canopen/generate.py firmwar
 	@echo "  GEN objects.toml"
 	$(Q)$(PY) firmware/canopen/generate.py build/gen --eds host/kontur/kontur.eds --docs docs/objects.md
 
+# Made by the same command; without this rule make would not see in the same run that it has changed.
+$(GENERATED:.c=.h): $(GENERATED) ;
+
 # The build id is compiled into one file, again when it has changed.
 build/build_id: FORCE
 	@mkdir -p build; echo '$(BUILD_ID)' | cmp -s - $@ || echo '$(BUILD_ID)' >$@

@@ -278,6 +278,21 @@ void ks_set_can_status(ks *s, const struct ks_can_status *status)
                                      .bus_offs = status->bus_offs};
 }
 
+void ks_set_paced(ks *s, int by_sync)
+{
+    s->app.od.clock.pace = by_sync != 0;
+}
+
+uint32_t ks_sync_id(const ks *s)
+{
+    return s->app.od.sync_cob_id & 0x7FFu;
+}
+
+uint32_t ks_sync_us(const ks *s)
+{
+    return s->app.od.sync_period;
+}
+
 void ks_start_schedule(ks *s)
 {
     s->plant.schedule_start = s->plant.period;

@@ -89,6 +89,12 @@ const char *ks_num(const ks *s);            /* numeric back end: "f32", "fix" or
 /* What the CAN controller tells from now on; at power-on it is error active, and nothing was lost. */
 void ks_set_can_status(ks *s, const struct ks_can_status *status);
 
+/* Tell in 2020h:4 that time passes with SYNC; letting it do so is the caller's. */
+void ks_set_paced(ks *s, int by_sync);
+/* Identifier of SYNC (1005h), and the time between two in us (1006h). */
+uint32_t ks_sync_id(const ks *s);
+uint32_t ks_sync_us(const ks *s);
+
 /* Start the friction schedule now. */
 void ks_start_schedule(ks *s);
 /* Take the truth of each period from now on into memory of this object (0: stop). */

@@ -3,6 +3,11 @@
 
 Whoever waits for something pumps the bus meanwhile, so a simulated drive, whose time passes in recv() only, and a real
 one are served by the same code. All times are of the target's clock: device time in the simulator, else the wall clock.
+
+A simulated drive whose time passes with SYNC alone (2020h:4, `kontur sim --pace sync`) is served in rounds, by its own
+time: send SYNC, handle frames until one carries the tick that the SYNC has led to. What comes after it belongs to the
+next round, however fast it arrives, so a run is the same each time. SDO transfers take no time there. Where a frame was
+lost, and every now and then, the drive is asked for its tick: no SYNC is sent twice because an answer was slow.
 """
 
 from __future__ import annotations
@@ -22,7 +27,8 @@ from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 from canopen.sdo.constants import ABORT_TIMED_OUT, RESPONSE_ABORTED, RESPONSE_DOWNLOAD
 
 from kontur import wire
-from kontur.errors import BusError, DeviceError
+from kontur.errors import BusError, DeviceError, NoAnswerError
+from kontur.simbus import simulated
 from kontur.wire import Status, Telemetry
 
 EDS = Path(__file__).with_name("kontur.eds")
@@ -31,6 +37,12 @@ _EMCY, _SDO_RESPONSE = 0x80, 0x580
 _DOWNLOAD, _UPLOAD = 1, 2
 _REQUESTS_BY_NAME = (_DOWNLOAD, _UPLOAD)  # command specifiers whose answers name their object
 _HEARTBEAT_OPERATIONAL = b"\x05"
+
+_TICK_OBJECT = (0x2020, 3)
+_ROUND_S = 0.02  # wall clock, after which a round is taken to have lost a frame, and the drive is asked
+_SILENCE_S = 10.0  # wall clock
+_ASK_EACH = 64  # rounds: SYNCs that the bus doubled leave frames behind, which would pile up
+_AHEAD_MS = 1000  # that a drive can be in front of its frames
 
 # Their warnings are about what is raised as an exception here anyway.
 logging.getLogger("canopen").addHandler(logging.NullHandler())
@@ -57,6 +69,9 @@ class Link:
         self.astray: list[tuple[int, int]] = []
         self._round_trips_s: deque[float] = deque(maxlen=16)
         self.emergencies: list[tuple[int, int, bytes]] = []
+        self._sync_ms = 0  # device time that passes at each SYNC; 0: time passes by itself
+        self._tick_ms = 0
+        self._rounds = 0
         # A bus whose time passes by its own rules, in the simulator, says so by having a `time_s`.
         self._clock: Callable[[], float] = (lambda: bus.time_s) if hasattr(bus, "time_s") else time.monotonic
         self._next_heartbeat_s = self._clock()
@@ -64,6 +79,7 @@ class Link:
         self._frames: list[tuple[int, bytearray]] = []
         # Services of fixed length; frames of another one are corrupted.
         self._lengths = {_SDO_RESPONSE + node_id: 8, _EMCY + node_id: 8, wire.HEARTBEAT + node_id: 1}
+        self._tick_ids = (wire.TPDO2 + node_id, wire.TPDO3 + node_id)
         self._telemetry_ids = frozenset(cob + node_id for cob in wire.TELEMETRY)
         self._network = canopen.Network(bus)
         self.node = _PumpedNode(self, node_id, str(eds))
@@ -85,6 +101,17 @@ class Link:
         """An SDO request was answered after `round_trip_s`."""
         self._round_trips_s.append(round_trip_s)
 
+    @property
+    def by_device_time(self) -> bool:
+        """Whether `time_s` is the drive's own time since power-on, which passes as the host asks for it."""
+        return simulated(self.bus) is not None or self._sync_ms > 0
+
+    def follow_sync(self, tick_ms: int, period_ms: int) -> None:
+        """The drive, now at `tick_ms`, lets `period_ms` pass at each SYNC: from now on pump() sends them."""
+        self._tick_ms, self._sync_ms = tick_ms, period_ms
+        self._clock = lambda: self._tick_ms * 1e-3
+        self._next_heartbeat_s = self._clock()
+
     def send(self, cob_id: int, data: bytes) -> None:
         """Send one frame. Raises BusError."""
         try:
@@ -98,17 +125,28 @@ class Link:
         self.send(wire.HEARTBEAT + wire.HOST_NODE_ID, _HEARTBEAT_OPERATIONAL)
 
     def pump(self, timeout_s: float) -> bool:
-        """Wait at most `timeout_s` for one frame and handle it; False when none came. Raises BusError."""
+        """Wait at most `timeout_s` for one frame and handle it; False when none came. Raises BusError.
+
+        Where time passes with SYNC: let one period pass, and handle the frames of it. Raises NoAnswerError, too.
+        """
         now_s = self._clock()
         if now_s >= self._next_heartbeat_s:
             self.beat()
+        if self._sync_ms:
+            self._round()
+            return True
+        return self._take(min(timeout_s, self._next_heartbeat_s - now_s))
+
+    def _take(self, timeout_s: float) -> bool:
         try:
-            message = self.bus.recv(min(timeout_s, self._next_heartbeat_s - now_s))
+            message = self.bus.recv(timeout_s)
         except can.CanError as error:
             raise BusError(f"{self.bus.channel_info}: receiving failed: {error}") from error
         if message is None:
             return False
         if message.arbitration_id in self._telemetry_ids:
+            if self._sync_ms and message.arbitration_id in self._tick_ids and len(message.data) == 8:
+                self._see_tick(message.data[0] | message.data[1] << 8)
             if self._recording and len(message.data) == 8:
                 self._frames.append((message.arbitration_id - self.node_id, message.data))
         elif (
@@ -129,6 +167,26 @@ class Link:
             self.pump(left_s)
         return True
 
+    @property
+    def answer_time_s(self) -> float:
+        """Now, by the clock that counts while an answer to an SDO request is waited for.
+
+        Where time passes with SYNC it is the wall clock: the drive answers at once, and its time stands still.
+        """
+        return time.monotonic() if self._sync_ms else self._clock()
+
+    def wait_for_answer(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """wait() by `answer_time_s`."""
+        if not self._sync_ms:
+            return self.wait(condition, timeout_s)
+        end_s = self.answer_time_s + timeout_s
+        while not condition():
+            left_s = end_s - self.answer_time_s
+            if left_s <= 0.0:
+                return False
+            self._take(left_s)
+        return True
+
     def record(self) -> None:
         """Keep all telemetry frames from now on, dropping those kept before."""
         self._frames = []
@@ -140,6 +198,42 @@ class Link:
         function = np.array([f for f, _ in self._frames], dtype=np.int64)
         payload = np.frombuffer(b"".join(d for _, d in self._frames), dtype=np.uint8).reshape(-1, 8)
         return wire.unpack_telemetry(function, payload, start_nm)
+
+    def _round(self) -> None:
+        goal_ms = self._tick_ms + self._sync_ms
+        self._rounds += 1
+        wait_s = 0.0 if self._rounds % _ASK_EACH == 0 or self.node.nmt.state != "OPERATIONAL" else _ROUND_S
+        now_s = time.monotonic()
+        end_s, ask_s = now_s + _SILENCE_S, now_s + wait_s
+        self.send(wire.SYNC, b"")
+        while self._tick_ms < goal_ms:
+            now_s = time.monotonic()
+            if now_s < ask_s:
+                self._take(ask_s - now_s)
+                continue
+            tick_ms = self._ask_tick()
+            if tick_ms is None:
+                if now_s > end_s:
+                    raise NoAnswerError(
+                        f"node {self.node_id} on {self.bus.channel_info} is silent, {_SILENCE_S:g} s waited"
+                    )
+            elif tick_ms < goal_ms:
+                self.send(wire.SYNC, b"")  # the one before was lost
+            else:
+                self._tick_ms = tick_ms
+            ask_s = time.monotonic() + wait_s
+
+    def _see_tick(self, tick_ms: int) -> None:
+        if tick_ms == (self._tick_ms + self._sync_ms) & 0xFFFF:
+            self._tick_ms += self._sync_ms
+
+    def _ask_tick(self) -> int | None:
+        """Tick of the drive; None when the answer is lost, or is not to be believed."""
+        try:
+            tick_ms = int.from_bytes(self.node.sdo.upload(*_TICK_OBJECT), "little")
+        except (SdoAbortedError, SdoCommunicationError):
+            return None
+        return tick_ms if 0 <= tick_ms - self._tick_ms <= _AHEAD_MS else None
 
     def _on_status(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
         if len(data) == 8:
@@ -168,7 +262,7 @@ class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
         self._link = link
 
     def read_response(self) -> Any:
-        if not self._link.wait(lambda: not self.responses.empty(), self.RESPONSE_TIMEOUT):
+        if not self._link.wait_for_answer(lambda: not self.responses.empty(), self.RESPONSE_TIMEOUT):
             raise SdoCommunicationError("No SDO response received")
         return super().read_response()
 
@@ -179,8 +273,8 @@ class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
         self.responses: queue.Queue[bytes] = queue.Queue()
         self.send_request(sdo_request)
         begin_s = self._link.time_s
-        end_s = begin_s + self.RESPONSE_TIMEOUT
-        while self._link.wait(lambda: not self.responses.empty(), end_s - self._link.time_s):
+        end_s = self._link.answer_time_s + self.RESPONSE_TIMEOUT
+        while self._link.wait_for_answer(lambda: not self.responses.empty(), end_s - self._link.answer_time_s):
             response = self.responses.get_nowait()
             if response[1:4] != sdo_request[1:4]:
                 if response[0] == RESPONSE_DOWNLOAD and sdo_request[0] >> 5 == _DOWNLOAD:

@@ -177,7 +177,7 @@ def run(
             "command": command,
         }
         clock = _PathClock(trajectory, streamed, meta["control_hz"], device.read("limits.path_stop_time") * 1e-3)
-    time_s = clock.of_ticks(telemetry.tick, simulated=sim is not None)
+    time_s = clock.of_ticks(telemetry.tick, by_device_time=device.link.by_device_time)
     columns = _columns(telemetry, time_s, trajectory, clock)
     if truth is not None:
         truth = _cut(truth, clock.start_period - recorded_from, clock.periods)
@@ -229,13 +229,14 @@ class _PathClock:
         slowing_s = self._stop_time_s * np.where(u < 0.25, u - 8.0 / 9.0 * u**3, way)
         return np.asarray(np.clip(np.minimum(time_s, self._stop_s) + slowing_s, 0.0, self._duration_s))
 
-    def of_ticks(self, tick: NDArray[np.int64], simulated: bool) -> Floats:
+    def of_ticks(self, tick: NDArray[np.int64], by_device_time: bool) -> Floats:
         """Time (n,) in s of telemetry rows. The row of tick i was taken in control period `i ms - 1`, counted from 0.
 
-        The control period in which the path started is known of a simulated drive; of a real one, the first row that
-        came after the command to start is taken for the start, which is right to 1 ms and the time on the bus.
+        The control period in which the path started is known where the host's clock is the drive's (simulated drives);
+        else the first row that came after the command to start is taken for the start, which is right to 1 ms and the
+        time on the bus.
         """
-        if not simulated or not len(tick):
+        if not by_device_time or not len(tick):
             return np.asarray((tick - tick[:1]) * wire.TICK_PERIOD_S)
         periods = round(wire.TICK_PERIOD_S * self.control_hz)
         first = self.start_period // periods + 1

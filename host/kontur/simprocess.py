@@ -66,6 +66,7 @@ def start(
     can: str | None = None,
     slcan_tcp: str | None = None,
     slcan_pty: bool = False,
+    pace: str = "clock",
     machine: Machine | str | Path = machines.DEFAULT,
     seed: int = 1,
     node_id: int = 1,
@@ -74,10 +75,12 @@ def start(
 ) -> Iterator[SimProcess]:
     """Power on a drive on one bus: `can` interface, `slcan_tcp` "[HOST:]PORT" (0: any free port), or `slcan_pty`.
 
-    `machine`: a Machine or the name of a file; `record`: gets the truth at power-off, see read_record(). Raises
-    LibraryError when the program is not built, MachineError, SimulatorError with the message of a process that failed.
+    `pace`: "clock" (the wall clock's) or "sync" (1006h at each SYNC). `machine`: a Machine or the name of a file.
+    `record`: gets the truth at power-off, see read_record(). Raises LibraryError when the program is not built,
+    MachineError, SimulatorError with the message of a process that failed.
     """
-    arguments = [str(PROGRAM), "--seed", str(seed), "--node", str(node_id), "--num", num, "--with-parent"]
+    arguments = [str(PROGRAM), "--seed", str(seed), "--node", str(node_id), "--num", num, "--pace", pace]
+    arguments += ["--with-parent"]
     arguments += ["--can", can] if can is not None else []
     arguments += ["--slcan-tcp", slcan_tcp] if slcan_tcp is not None else []
     arguments += ["--slcan-pty"] if slcan_pty else []

@@ -11,15 +11,17 @@ import can
 import numpy as np
 import pytest
 
+from kontur import link, log, shapes, simprocess, wire
 from kontur import machine as machines
-from kontur import shapes, simprocess
 from kontur.device import Device, connected, open_bus
-from kontur.errors import LibraryError, SimulatorError
+from kontur.errors import DeviceError, LibraryError, NoAnswerError, SimulatorError
 from kontur.machine import Machine
+from kontur.path import Line, Move, Program
 from kontur.planner import plan
 from kontur.run import Target, limits, run
 from kontur.simlib import Sim
 from kontur.simprocess import PROGRAM, SimProcess, plain_machine, start
+from kontur.stream import stream
 
 TIMEOUT_S = 30.0
 
@@ -101,6 +103,106 @@ def test_circle_over_tcp_is_as_good_as_in_process(sim: SimProcess, machine: Mach
     assert result.completed
     assert result.log.meta["frames_lost"] == 0
     assert np.abs(result.log.columns["e_n2_um"]).max() < 5.0
+
+
+@pytest.fixture
+def by_sync() -> Iterator[SimProcess]:
+    with start(slcan_tcp="0", pace="sync") as process:
+        yield process
+
+
+def test_time_stands_still_without_sync_and_sdos_take_none(by_sync: SimProcess) -> None:
+    with connected(open_bus(by_sync.options()), 1) as device:
+        assert device.link.by_device_time
+        device.dump()
+        assert device.read("clock.tick") == 0
+        device.link.wait(lambda: False, 0.25)
+        assert device.read("clock.tick") == 250
+        assert device.link.time_s == pytest.approx(0.25)
+
+
+def test_each_sync_lets_the_communication_cycle_pass(by_sync: SimProcess) -> None:
+    with connected(open_bus(by_sync.options()), 1) as device:
+        device.write("sync_period", 2500)
+        for _ in range(4):
+            device.link.send(wire.SYNC, b"")
+        assert device.read("clock.tick") == 10
+    with pytest.raises(DeviceError, match="whole ms"), connected(open_bus(by_sync.options()), 1):
+        pass
+
+
+def test_longer_cycles_are_followed(by_sync: SimProcess) -> None:
+    with connected(open_bus(by_sync.options()), 1) as device:
+        device.write("sync_period", 10_000)
+    with connected(open_bus(by_sync.options()), 1) as device, device.enabled():
+        before_s = device.link.time_s
+        device.link.pump(0.0)
+        assert device.link.time_s == pytest.approx(before_s + 0.01)
+
+
+def test_a_drive_paced_by_the_clock_says_so(sim: SimProcess) -> None:
+    with connected(open_bus(sim.options()), 1) as device:
+        assert device.read("clock.pace") == 0
+        assert not device.link.by_device_time
+
+
+def test_two_runs_paced_by_sync_give_equal_bytes(machine: Machine, tmp_path: Path) -> None:
+    trajectory = plan(shapes.circle(0.005, 0.05), limits(machine))
+    port, logs, truths = "0", [], []
+    for name in ("a", "b"):
+        with start(slcan_tcp=port, pace="sync", record=tmp_path / f"{name}.truth") as process:
+            port = process.channel.rpartition(":")[2]  # the log has the name of the channel
+            target = Target(machine, bus=process.options())
+            log.write(run(trajectory, "ccu", target, approach=limits(machine)).log, tmp_path / f"{name}.csv")
+        logs.append((tmp_path / f"{name}.csv").read_bytes())
+        truths.append((tmp_path / f"{name}.truth").read_bytes())
+    assert logs[0] == logs[1]
+    assert truths[0] == truths[1]
+
+
+class _BadBus:
+    """Every so many frames one is lost, one is doubled."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._send, self._recv = bus.send, bus.recv
+        self._sent = self._received = 0
+        self._again: can.Message | None = None
+        bus.send, bus.recv = self.send, self.recv  # type: ignore[method-assign]
+
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
+        self._sent += 1
+        for _ in range(0 if self._sent % 97 == 0 else 2 if self._sent % 11 == 0 else 1):
+            self._send(message, timeout)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if self._again is not None:
+            message, self._again = self._again, None
+            return message
+        message = self._recv(timeout)
+        self._received += message is not None
+        if message is None or self._received % 89 == 0:
+            return None
+        self._again = message if self._received % 13 == 0 else None
+        return message
+
+
+def test_sync_rounds_hold_on_a_bad_bus(by_sync: SimProcess, machine: Machine) -> None:
+    """Neither SYNCs that are lost or doubled nor lost ticks part the host's time from the drive's."""
+    there = Program("line", (Move(Line((0.0, 0.0), (0.02, 0.01)), 0.05),), (0.0, 0.0))
+    with connected(open_bus(by_sync.options()), 1) as device:
+        _BadBus(device.link.bus)
+        with device.enabled():
+            assert stream(device, plan(there, limits(machine)).knots_nm).completed
+            late_ms = device.read("clock.tick") - device.link.time_s * 1e3
+            assert 0 <= late_ms <= 64
+
+
+def test_silence_of_a_drive_paced_by_sync_is_an_error(by_sync: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link, "_SILENCE_S", 0.0)
+    with connected(open_bus(by_sync.options()), 1) as device:
+        monkeypatch.setattr(device.link.bus, "recv", lambda timeout: None)
+        with pytest.raises(NoAnswerError, match="is silent"):
+            device.link.pump(1.0)
 
 
 def test_second_client_is_told_that_there_is_one(sim: SimProcess) -> None:

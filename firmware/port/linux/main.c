@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* kontur-sim: the firmware and a simulated machine as a process on a CAN bus. One loop, no threads: whatever waits does so in
- * poll(). The bus comes first, then the time that has become due, in slices, so that frames meet the device near their time.
+ * poll(). Paced by the wall clock, the bus comes first, then the time that has become due, in slices, so that frames meet the device
+ * near their time. Paced by SYNC, frames are handled as they come and no time passes but 1006h after each SYNC.
  */
 #include <errno.h>
 #include <getopt.h>
@@ -24,12 +25,15 @@ enum { SLICE_HZ = 1000, FRAMES_A_TURN = 256 };
 
 static const char usage[] =
     "usage: kontur-sim --machine FILE (--can INTERFACE | --slcan-tcp [HOST:]PORT | --slcan-pty)\n"
-    "                  [--seed N] [--node ID] [--num f32|fix|chk] [--record FILE] [--with-parent]\n"
+    "                  [--pace clock|sync] [--seed N] [--node ID] [--num f32|fix|chk] [--record FILE]\n"
+    "                  [--with-parent]\n"
     "The Kontur firmware and a simulated machine on a CAN bus. `kontur sim` starts it with a machine from a TOML file.\n"
     "  --machine FILE    plain machine file (firmware/port/linux/machine_file.h); -: from standard input\n"
     "  --can INTERFACE   SocketCAN, classic frames: vcan0, can0 ...\n"
     "  --slcan-tcp PORT  slcan over TCP, one client at a time; on 127.0.0.1 unless a HOST is given; 0: any free port\n"
     "  --slcan-pty       slcan over a pseudo-terminal\n"
+    "  --pace clock      device time follows the wall clock (default)\n"
+    "  --pace sync       device time passes with SYNC alone, by 1006h at each: the same in every run, however slow the host\n"
     "  --seed N          seed of the simulated noise (default 1)\n"
     "  --node ID         CANopen node id, 1..31 (default 1)\n"
     "  --num NUM         numeric back end of the firmware (default f32)\n"
@@ -39,7 +43,7 @@ static const char usage[] =
 
 struct options {
     const char *machine, *can, *slcan_tcp, *num, *record;
-    bool slcan_pty, with_parent;
+    bool slcan_pty, sync, with_parent;
     uint64_t seed;
     uint8_t node;
 };
@@ -49,6 +53,7 @@ struct sim {
     struct bus bus;
     struct pace pace;
     ks *ks;
+    bool sync;
     bool told_slow;
 };
 
@@ -72,14 +77,14 @@ static uint64_t whole_number(const char *name, const char *text, uint64_t least,
 
 static struct options parse(int argc, char **argv)
 {
-    enum { MACHINE, CAN, TCP, PTY, SEED, NODE, NUM, RECORD, PARENT, HELP };
+    enum { MACHINE, CAN, TCP, PTY, PACE, SEED, NODE, NUM, RECORD, PARENT, HELP };
     static const struct option known[] = {
         {"machine", required_argument, NULL, MACHINE}, {"can", required_argument, NULL, CAN},
         {"slcan-tcp", required_argument, NULL, TCP},   {"slcan-pty", no_argument, NULL, PTY},
-        {"seed", required_argument, NULL, SEED},       {"node", required_argument, NULL, NODE},
-        {"num", required_argument, NULL, NUM},         {"record", required_argument, NULL, RECORD},
-        {"with-parent", no_argument, NULL, PARENT},    {"help", no_argument, NULL, HELP},
-        {NULL, 0, NULL, 0},
+        {"pace", required_argument, NULL, PACE},       {"seed", required_argument, NULL, SEED},
+        {"node", required_argument, NULL, NODE},       {"num", required_argument, NULL, NUM},
+        {"record", required_argument, NULL, RECORD},   {"with-parent", no_argument, NULL, PARENT},
+        {"help", no_argument, NULL, HELP},             {NULL, 0, NULL, 0},
     };
     struct options o = {.num = "f32", .seed = 1, .node = 1};
     int option;
@@ -89,6 +94,12 @@ static struct options parse(int argc, char **argv)
         case CAN: o.can = optarg; break;
         case TCP: o.slcan_tcp = optarg; break;
         case PTY: o.slcan_pty = true; break;
+        case PACE:
+            o.sync = strcmp(optarg, "sync") == 0;
+            if (!o.sync && strcmp(optarg, "clock") != 0) {
+                die("--pace %s: must be clock or sync", optarg);
+            }
+            break;
         case SEED: o.seed = whole_number("seed", optarg, 0, UINT64_MAX); break;
         case NODE: o.node = (uint8_t)whole_number("node", optarg, 1, 31); break;
         case NUM: o.num = optarg; break;
@@ -135,6 +146,9 @@ static bool take_frames(struct sim *s)
         }
         (void)s->lib.ks_send(s->ks, frame.id, frame.rtr, frame.len, frame.data);
         send_what_waits(s);
+        if (s->sync && !frame.rtr && frame.id == s->lib.ks_sync_id(s->ks)) {
+            pass(s, pace_sync(&s->pace, s->lib.ks_sync_us(s->ks)));
+        }
     }
     return true;
 }
@@ -200,7 +214,7 @@ static void run(struct sim *s, int signals)
         }
         s->bus.ready(s->bus.ctx, &fds[2], count);
         more = take_frames(s);
-        more = keep_pace(s) || more;
+        more = (!s->sync && keep_pace(s)) || more;
     }
     close(timer);
 }
@@ -237,6 +251,8 @@ int main(int argc, char **argv)
     if (s.ks == NULL) {
         die("not enough memory");
     }
+    s.sync = options.sync;
+    s.lib.ks_set_paced(s.ks, s.sync);
     if (options.can != NULL) {
         bus_open_socketcan(&s.bus, options.can);
     } else if (options.slcan_pty) {

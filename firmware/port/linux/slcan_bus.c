@@ -132,6 +132,11 @@ static bool read_in(struct slcan_bus *s)
         }
         return false;
     }
+    if (s->listener >= 0) {
+        /* A client that writes frame by frame (pyserial) is kept waiting by Nagle's algorithm for what TCP would delay. */
+        const int on = 1;
+        setsockopt(s->client, IPPROTO_TCP, TCP_QUICKACK, &on, sizeof on);
+    }
     s->in_at = 0;
     s->in_count = (unsigned)got;
     return true;
