@@ -10,6 +10,7 @@ void setUp(void)
 {
     chip_reset();
     can_init(1000);
+    chip.can1.MSR = 0; /* eleven recessive bits have come */
     chip.can1.TSR = MAILBOXES_EMPTY;
     chip.nvic.ISPR[0] = 0;
 }

@@ -151,8 +151,8 @@ static void write_mailbox(struct can_mailbox *box, const struct can_frame *f)
 void can_tx_irq(void)
 {
     const uint32_t tsr = CAN1->TSR;
-    /* cleared by writing ones; one that is set after it was read stays, and calls again */
-    CAN1->TSR = tsr & (CAN_TSR_RQCP0 | CAN_TSR_RQCP1 | CAN_TSR_RQCP2);
+    /* one that is set after it was read stays, and calls again */
+    clear_flags(&CAN1->TSR, tsr & (CAN_TSR_RQCP0 | CAN_TSR_RQCP1 | CAN_TSR_RQCP2));
     for (unsigned i = 0; i < MAILBOXES; i++) {
         struct can_frame frame;
         if ((tsr & (uint32_t)CAN_TSR_TME0 << i) != 0 && take(&tx, &frame)) {
@@ -164,7 +164,7 @@ void can_tx_irq(void)
 void can_rx_irq(void)
 {
     if ((CAN1->RF0R & CAN_RF0R_FOVR) != 0) {
-        CAN1->RF0R = CAN_RF0R_FOVR;
+        clear_flags(&CAN1->RF0R, CAN_RF0R_FOVR);
         atomic_fetch_add(&rx_lost, 1u);
     }
     for (int n = 0; n < 3 && (CAN1->RF0R & CAN_RF0R_FMP) != 0; n++) {
@@ -186,7 +186,7 @@ void can_rx_irq(void)
 void can_error_irq(void)
 {
     const bool now = (CAN1->ESR & CAN_ESR_BOFF) != 0;
-    CAN1->MSR = CAN_MSR_ERRI;
+    clear_flags(&CAN1->MSR, CAN_MSR_ERRI);
     if (now && !off) {
         atomic_fetch_add(&bus_offs, 1u);
         atomic_store(&tx.out, atomic_load(&tx.in)); /* same priority as the other reader */

@@ -59,6 +59,16 @@ static inline bool cpu_emulated(void)
     return RCC->CR == 0;
 }
 
+/* Clear flags of a register in which writing ones clears. */
+static inline void clear_flags(reg *r, uint32_t flags)
+{
+#ifdef __arm__
+    *r = flags;
+#else
+    *r &= ~flags;
+#endif
+}
+
 /* Poll until (*r & mask) == value, `polls` times at most, and not at all in an emulator that does not know the register.
  * false: it has not come. A test's own version of it (tests/unit/chip.c) plays the hardware. */
 bool wait_until(const reg *r, uint32_t mask, uint32_t value, uint32_t polls);

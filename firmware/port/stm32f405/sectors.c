@@ -35,7 +35,7 @@ static volatile uint32_t *at(unsigned sector, uint32_t offset)
 RAM_FUNCTION static bool run(uint32_t command, volatile uint32_t *to, uint32_t word)
 {
     uint32_t polls = POLLS;
-    FLASH->SR = FLASH_SR_EOP | ERRORS; /* cleared by writing ones */
+    clear_flags(&FLASH->SR, FLASH_SR_EOP | ERRORS);
     FLASH->CR = command;
     if (to != NULL) {
         *to = word;

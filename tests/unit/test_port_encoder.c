@@ -1,0 +1,164 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Encoder timers of the STM32F405: counting on over 32 bits, the index pulse, and what shows that the count is wrong. */
+#include "chip.h"
+#include "encoder.h"
+#include "unity.h"
+
+/* x: TIM2, y: TIM5; index at channel 3 (board_kontur.h) */
+enum { INDEX_FLAG = TIM_SR_CC1IF << 2, LINES = 1000, COUNTS = 4 * LINES };
+
+static struct hal_drive_in in;
+
+static void configure(bool invert_x)
+{
+    const struct hal_axis_cfg cfg[AXES] = {
+        {.index_counts = COUNTS, .jump_counts = 500, .invert_encoder = invert_x},
+        {.index_counts = 0, .jump_counts = 500},
+    };
+    encoder_configure(cfg);
+}
+
+void setUp(void)
+{
+    chip_reset();
+    encoder_init();
+    configure(false);
+}
+
+void tearDown(void)
+{
+}
+
+static void read_at(uint32_t x, uint32_t y)
+{
+    chip.tim2.CNT = x;
+    chip.tim5.CNT = y;
+    in = (struct hal_drive_in){0};
+    encoder_read(&in);
+}
+
+/* Move x to `to` in steps that are movement. */
+static void walk_to(int32_t to)
+{
+    int32_t at = (int32_t)chip.tim2.CNT;
+    while (at != to) {
+        const int32_t left = to - at;
+        at += left > 400 ? 400 : left < -400 ? -400 : left;
+        read_at((uint32_t)at, 0);
+        TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
+    }
+}
+
+static void index_at(int32_t count)
+{
+    chip.tim2.SR = INDEX_FLAG;
+    chip.tim2.CCR[2] = (uint32_t)count;
+    read_at(chip.tim2.CNT, 0);
+    chip.tim2.SR = 0; /* reading CCR clears it */
+}
+
+static void test_timers_count_all_edges_of_a_and_b_over_32_bits(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(TIM_SMCR_ENCODER_BOTH, chip.tim2.SMCR);
+    TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFF, chip.tim2.ARR);
+    TEST_ASSERT_EQUAL_HEX32(1, chip.tim5.CR1 & TIM_CR1_CEN);
+    TEST_ASSERT_EQUAL_HEX32(TIM_CCER_E << 8, chip.tim2.CCER);
+}
+
+static void test_counts_follow_both_ways_through_zero(void)
+{
+    read_at(100, (uint32_t)-100);
+    TEST_ASSERT_EQUAL_INT32(100, in.count[AXIS_X]);
+    TEST_ASSERT_EQUAL_INT32(-100, in.count[AXIS_Y]);
+    read_at((uint32_t)-50, 30);
+    TEST_ASSERT_EQUAL_INT32(-50, in.count[AXIS_X]);
+    TEST_ASSERT_EQUAL_INT32(30, in.count[AXIS_Y]);
+    TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X] | in.inputs[AXIS_Y]);
+}
+
+static void test_an_inverted_encoder_counts_down(void)
+{
+    configure(true);
+    read_at(100, 0);
+    TEST_ASSERT_EQUAL_INT32(-100, in.count[AXIS_X]);
+}
+
+static void test_an_encoder_that_jumps_is_a_fault_of_its_axis_and_of_that_read(void)
+{
+    read_at(501, 0);
+    TEST_ASSERT_EQUAL_UINT8(HAL_ENCODER_FAULT, in.inputs[AXIS_X]);
+    TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_Y]);
+    read_at(501, 0);
+    TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
+    read_at(1, (uint32_t)-501);
+    TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
+    TEST_ASSERT_EQUAL_UINT8(HAL_ENCODER_FAULT, in.inputs[AXIS_Y]);
+}
+
+static void test_the_index_pulse_tells_the_count_at_which_it_was(void)
+{
+    walk_to(350);
+    index_at(340);
+    TEST_ASSERT_EQUAL_UINT8(1, in.index_pulses[AXIS_X]);
+    TEST_ASSERT_EQUAL_INT32(340, in.index_count[AXIS_X]);
+    TEST_ASSERT_EQUAL_UINT8(0, in.index_pulses[AXIS_Y]);
+    walk_to(400);
+    TEST_ASSERT_EQUAL_UINT8(1, in.index_pulses[AXIS_X]);
+    TEST_ASSERT_EQUAL_INT32(340, in.index_count[AXIS_X]);
+}
+
+static void test_index_pulses_a_revolution_apart_fit_both_ways_within_a_line(void)
+{
+    walk_to(340);
+    index_at(340);
+    walk_to(340 + COUNTS);
+    index_at(340 + COUNTS + 3);
+    TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
+    walk_to(340 - 2 * COUNTS);
+    index_at(340 - 2 * COUNTS);
+    TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
+    TEST_ASSERT_EQUAL_UINT8(3, in.index_pulses[AXIS_X]);
+}
+
+static void test_lost_counts_show_at_the_next_index_pulse(void)
+{
+    walk_to(340);
+    index_at(340);
+    walk_to(340 + COUNTS - 8); /* two lines of the encoder were not counted */
+    index_at(340 + COUNTS - 8);
+    TEST_ASSERT_EQUAL_UINT8(HAL_ENCODER_FAULT, in.inputs[AXIS_X]);
+}
+
+static void test_new_wiring_starts_the_index_check_anew(void)
+{
+    walk_to(340);
+    index_at(340);
+    configure(false);
+    walk_to(1000);
+    index_at(1000);
+    TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
+}
+
+static void test_in_an_emulator_whose_timers_count_time_the_axes_stand(void)
+{
+    chip.rcc.CR = 0;
+    encoder_init();
+    read_at(12345, 67890);
+    TEST_ASSERT_EQUAL_INT32(0, in.count[AXIS_X]);
+    TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_timers_count_all_edges_of_a_and_b_over_32_bits);
+    RUN_TEST(test_counts_follow_both_ways_through_zero);
+    RUN_TEST(test_an_inverted_encoder_counts_down);
+    RUN_TEST(test_an_encoder_that_jumps_is_a_fault_of_its_axis_and_of_that_read);
+    RUN_TEST(test_the_index_pulse_tells_the_count_at_which_it_was);
+    RUN_TEST(test_index_pulses_a_revolution_apart_fit_both_ways_within_a_line);
+    RUN_TEST(test_lost_counts_show_at_the_next_index_pulse);
+    RUN_TEST(test_new_wiring_starts_the_index_check_anew);
+    RUN_TEST(test_in_an_emulator_whose_timers_count_time_the_axes_stand);
+    return UNITY_END();
+}

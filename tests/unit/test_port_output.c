@@ -1,0 +1,150 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Force outputs of the STM32F405: what a force becomes as analog command and as PWM, and what a coarse output does to its mean. */
+#include <stdlib.h>
+
+#include "chip.h"
+#include "output.h"
+#include "unity.h"
+
+enum { FULL_mN = 600000 };
+
+static struct hal_axis_cfg cfg[AXES];
+
+void setUp(void)
+{
+    chip_reset();
+    output_init();
+    cfg[AXIS_X] = (struct hal_axis_cfg){.full_scale_mN = FULL_mN};
+    cfg[AXIS_Y] = (struct hal_axis_cfg){.full_scale_mN = FULL_mN};
+    output_configure(cfg);
+}
+
+void tearDown(void)
+{
+}
+
+static void push(int32_t x_mN, int32_t y_mN, bool enable)
+{
+    const struct hal_drive_out out = {.force_mN = {x_mN, y_mN}, .enable = {enable, enable}};
+    output_write(&out);
+}
+
+static int32_t dac_x(void)
+{
+    return (int32_t)(chip.dac.DHR12RD & 0xFFFFu) - 2048;
+}
+
+static int32_t dac_y(void)
+{
+    return (int32_t)(chip.dac.DHR12RD >> 16) - 2048;
+}
+
+static void test_power_on_is_zero_volts_and_not_enabled(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
+    TEST_ASSERT_EQUAL_HEX32(DAC_CR_EN1 | DAC_CR_EN2, chip.dac.CR);
+    TEST_ASSERT_FALSE(chip_pin('B', 12));
+    TEST_ASSERT_FALSE(chip_pin('B', 13));
+    TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.CCR[0] | chip.tim8.CCR[1]);
+}
+
+static void test_force_is_a_share_of_full_scale_and_saturates(void)
+{
+    push(FULL_mN / 2, -FULL_mN / 4, true);
+    TEST_ASSERT_EQUAL_INT32(1024, dac_x());
+    TEST_ASSERT_EQUAL_INT32(-512, dac_y());
+    push(2 * FULL_mN, -2 * FULL_mN, true);
+    TEST_ASSERT_EQUAL_INT32(2047, dac_x());
+    TEST_ASSERT_EQUAL_INT32(-2048, dac_y());
+    push(3000000, INT32_MIN + 1, true);
+    TEST_ASSERT_EQUAL_INT32(2047, dac_x());
+    TEST_ASSERT_EQUAL_INT32(-2048, dac_y());
+}
+
+static void test_an_axis_that_is_not_enabled_gets_no_force(void)
+{
+    push(FULL_mN, FULL_mN, true);
+    TEST_ASSERT_TRUE(chip_pin('B', 12));
+    TEST_ASSERT_TRUE(chip_pin('B', 13));
+    push(FULL_mN, FULL_mN, false);
+    TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
+    TEST_ASSERT_FALSE(chip_pin('B', 12));
+    TEST_ASSERT_FALSE(chip_pin('B', 13));
+}
+
+/* One step of the output is 293 mN. */
+static void test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step(void)
+{
+    static const int32_t forces[] = {1, 100, -100, 146, 147, 12345, -98765, 300001};
+    for (unsigned f = 0; f < sizeof forces / sizeof forces[0]; f++) {
+        int64_t sum = 0;
+        push(0, 0, false);
+        for (int i = 0; i < 10000; i++) {
+            push(forces[f], 0, true);
+            TEST_ASSERT_LESS_OR_EQUAL_INT64(FULL_mN, llabs((int64_t)dac_x() * FULL_mN - (int64_t)forces[f] * 2048));
+            sum += dac_x();
+        }
+        TEST_ASSERT_INT64_WITHIN(FULL_mN / 1000, forces[f] * 2048LL, sum * FULL_mN / 10000);
+    }
+}
+
+static void test_saturation_leaves_nothing_to_be_made_up_for(void)
+{
+    for (int i = 0; i < 1000; i++) {
+        push(2 * FULL_mN, 0, true);
+    }
+    push(0, 0, true);
+    TEST_ASSERT_EQUAL_INT32(0, dac_x());
+}
+
+static void test_pwm_is_a_magnitude_and_a_direction_and_leaves_the_analog_command_at_zero(void)
+{
+    cfg[AXIS_X].output = HAL_OUTPUT_PWM;
+    output_configure(cfg);
+    push(FULL_mN / 2, FULL_mN / 2, true);
+    TEST_ASSERT_EQUAL_UINT32(2100, chip.tim8.CCR[0]);
+    TEST_ASSERT_FALSE(chip_pin('B', 14));
+    TEST_ASSERT_EQUAL_INT32(0, dac_x());
+    TEST_ASSERT_EQUAL_INT32(1024, dac_y());
+    TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.CCR[1]);
+    push(-FULL_mN, 0, true);
+    TEST_ASSERT_EQUAL_UINT32(4200, chip.tim8.CCR[0]); /* more than ARR: always on */
+    TEST_ASSERT_TRUE(chip_pin('B', 14));
+    TEST_ASSERT_EQUAL_UINT32(4199, chip.tim8.ARR);
+}
+
+static void test_a_direction_turned_round_by_parameter_is_turned_round(void)
+{
+    cfg[AXIS_X].invert_force = true;
+    output_configure(cfg);
+    push(FULL_mN / 2, FULL_mN / 2, true);
+    TEST_ASSERT_EQUAL_INT32(-1024, dac_x());
+    TEST_ASSERT_EQUAL_INT32(1024, dac_y());
+}
+
+static void test_safe_is_safe_whatever_was_put_out(void)
+{
+    cfg[AXIS_Y].output = HAL_OUTPUT_PWM;
+    output_configure(cfg);
+    push(FULL_mN, FULL_mN, true);
+    output_safe();
+    TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
+    TEST_ASSERT_FALSE(chip_pin('B', 12));
+    TEST_ASSERT_FALSE(chip_pin('B', 13));
+    TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.CCR[1]);
+    TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.BDTR & TIM_BDTR_MOE);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_power_on_is_zero_volts_and_not_enabled);
+    RUN_TEST(test_force_is_a_share_of_full_scale_and_saturates);
+    RUN_TEST(test_an_axis_that_is_not_enabled_gets_no_force);
+    RUN_TEST(test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step);
+    RUN_TEST(test_saturation_leaves_nothing_to_be_made_up_for);
+    RUN_TEST(test_pwm_is_a_magnitude_and_a_direction_and_leaves_the_analog_command_at_zero);
+    RUN_TEST(test_a_direction_turned_round_by_parameter_is_turned_round);
+    RUN_TEST(test_safe_is_safe_whatever_was_put_out);
+    return UNITY_END();
+}
