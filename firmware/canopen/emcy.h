@@ -1,8 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* emcy.h: errors in effect, EMCY messages, error register 1001h and history 1003h.
+/* emcy.h: errors in effect, EMCY messages (1014h, 1015h), error register 1001h and history 1003h (CiA 301, 7.2.7).
  *
- * An error is known by its code (CiA 301/402) and stays in effect until it is reset. It sends one
- * message when it begins and one (code 0, and the register that is left) when it ends.
+ * An error is known by its code (CiA 301/402) and stays in effect until it is reset. It sends one message when it begins
+ * and one (code 0, and the register that is left) when it ends. A message that cannot go now, because of the inhibit
+ * time, the NMT state stopped or a full bus, waits for its turn. Only when very many wait are some left out: those of
+ * errors that have ended, the oldest first; the begin of every error that is in effect is always told, and the register
+ * in every message is the one of its moment.
  */
 #ifndef CO_EMCY_H
 #define CO_EMCY_H
@@ -23,11 +26,21 @@ enum {
 enum { CO_EMCY_PDO_SHORT = 0x8210, CO_EMCY_PDO_LONG = 0x8220, CO_EMCY_SYNC_LENGTH = 0x8240 };
 
 #define CO_ERRORS 16
+#define CO_EMCY_WAITING (2 * CO_ERRORS) /* more than CO_ERRORS, so that there is always one to leave out */
+
+struct co_emcy_message {
+    uint16_t code; /* 0: an error has ended */
+    uint8_t reg;
+    uint32_t msef;
+};
 
 struct co_emcy {
     uint16_t code[CO_ERRORS];
     uint8_t reg[CO_ERRORS];
     uint8_t count;
+    struct co_emcy_message waiting[CO_EMCY_WAITING]; /* oldest first */
+    uint8_t waiting_count;
+    uint16_t inhibit_left_ms;
 };
 
 struct co_node;
@@ -37,4 +50,8 @@ struct co_node;
 void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t msef);
 /* It ends; nothing happens when it is not in effect. */
 void co_emcy_reset(struct co_node *node, uint16_t code);
+
+/* For node.c: */
+void co_emcy_refresh(struct co_node *node); /* 1014h, 1015h have changed */
+void co_emcy_tick_ms(struct co_node *node);
 #endif

@@ -82,6 +82,7 @@ static void boot(struct co_node *node)
     node->state = CO_INITIALISING;
     node->sdo.transfer = CO_SDO_IDLE;
     node->consumer_left_ms = 0;
+    co_emcy_refresh(node);
     co_pdo_refresh(node);
     co_lss_reset(node);
     if (node->config.node_id != OD_UNCONFIGURED) {
@@ -101,7 +102,7 @@ static void reset(struct co_node *node, bool communication_only)
         od_restore(node->config.od, node->config.node_id, 0x1000, communication_only ? 0x1FFF : 0xFFFF);
     }
     if (!communication_only) {
-        node->emcy.count = 0;
+        node->emcy = (struct co_emcy){0};
         node->config.od->error_register = 0;
     }
     if (hooks->on_reset != NULL) {
@@ -128,7 +129,9 @@ enum co_state co_nmt_state(const struct co_node *node)
 
 void co_written(struct co_node *node, const struct od_entry *entry)
 {
-    if (entry->index == 0x1016) {
+    if (entry->index == 0x1014 || entry->index == 0x1015) {
+        co_emcy_refresh(node);
+    } else if (entry->index == 0x1016) {
         node->consumer_left_ms = 0;
     } else if (entry->index == 0x1017) {
         node->producer_ms = 0;
@@ -215,6 +218,7 @@ void co_tick_ms(struct co_node *node)
     const uint16_t period_ms = node->config.od->heartbeat_producer;
     co_lss_tick_ms(node);
     flush(node);
+    co_emcy_tick_ms(node);
     if (node->state != CO_INITIALISING && period_ms != 0 && ++node->producer_ms >= period_ms) {
         send_heartbeat(node, (uint8_t)node->state);
     }

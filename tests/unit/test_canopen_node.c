@@ -257,6 +257,40 @@ static void test_reset_communication_ends_the_watch(void)
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
 }
 
+static void test_boot_up_message_and_frames_of_a_wrong_length_are_no_heartbeats(void)
+{
+    watch_node_127_for_50_ms();
+    bus_give(&bus, 0x77F, "00");
+    bus_give(&bus, 0x77F, "");
+    bus_give(&bus, 0x77F, "05 00");
+    bus_run_ms(&bus, 1000);
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+}
+
+/* 1029h:1, from operational and from pre-operational */
+static enum co_state state_after_loss(uint8_t behaviour, const char *nmt)
+{
+    setUp();
+    bus.od.error_behaviour.communication = behaviour;
+    watch_node_127_for_50_ms();
+    bus_give(&bus, 0, nmt);
+    bus_give(&bus, 0x77F, "05");
+    bus_run_ms(&bus, 51);
+    TEST_ASSERT_EQUAL_UINT(1, bus.lost);
+    TEST_ASSERT_EQUAL(bus.state, co_nmt_state(&bus.node));
+    return bus.state;
+}
+
+static void test_lost_heartbeat_leads_to_the_nmt_state_of_the_error_behaviour(void)
+{
+    TEST_ASSERT_EQUAL_UINT8(1, od_defaults.error_behaviour.communication);
+    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, state_after_loss(0, "01 05"));
+    TEST_ASSERT_EQUAL(CO_STOPPED, state_after_loss(0, "02 05"));
+    TEST_ASSERT_EQUAL(CO_OPERATIONAL, state_after_loss(1, "01 05"));
+    TEST_ASSERT_EQUAL(CO_STOPPED, state_after_loss(2, "01 05"));
+    TEST_ASSERT_EQUAL(CO_STOPPED, state_after_loss(2, "80 05"));
+}
+
 /* ---- EMCY ---- */
 
 static void test_error_sends_one_message_with_register_and_details(void)
@@ -362,14 +396,14 @@ static void test_frames_beyond_the_waiting_room_are_dropped_and_the_oldest_kept(
 {
     bus_clear(&bus);
     bus.room = 0;
-    for (uint16_t i = 0; i < CO_TX_FRAMES + 3; i++) {
-        co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, 0);
+    for (unsigned i = 1; i <= CO_TX_FRAMES + 3; i++) {
+        bus_give(&bus, 0x605, i == 1 ? "40 01 10 00 00 00 00 00" : "40 17 10 00 00 00 00 00");
     }
     bus.room = SENT_MAX;
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(CO_TX_FRAMES, bus.count);
-    bus_expect(&bus, 0, 0x085, "00 FF 01 00 00 00 00 00");
-    bus_expect(&bus, 7, 0x085, "07 FF 01 00 00 00 00 00");
+    bus_expect(&bus, 0, 0x585, "4F 01 10 00 00 00 00 00");
+    bus_expect(&bus, CO_TX_FRAMES - 1, 0x585, "4B 17 10 00 64 00 00 00");
 }
 
 int main(void)
@@ -396,6 +430,8 @@ int main(void)
     RUN_TEST(test_consumer_switched_off_forgets_the_heartbeat);
     RUN_TEST(test_consumer_with_time_0_watches_nothing);
     RUN_TEST(test_reset_communication_ends_the_watch);
+    RUN_TEST(test_boot_up_message_and_frames_of_a_wrong_length_are_no_heartbeats);
+    RUN_TEST(test_lost_heartbeat_leads_to_the_nmt_state_of_the_error_behaviour);
     RUN_TEST(test_error_sends_one_message_with_register_and_details);
     RUN_TEST(test_register_falls_to_what_is_left_as_errors_end);
     RUN_TEST(test_error_that_is_not_in_effect_cannot_end);
