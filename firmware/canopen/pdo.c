@@ -102,6 +102,7 @@ static void receive(struct co_node *node, unsigned i, const struct can_frame *fr
 {
     struct co_pdo *pdo = &node->rpdo[i];
     if (frame->len != pdo->bytes) {
+        node->config.od->stream.rejected_length++;
         co_emcy_set(node, frame->len < pdo->bytes ? CO_EMCY_PDO_SHORT : CO_EMCY_PDO_LONG, CO_REG_COMMUNICATION, i + 1);
         return;
     }

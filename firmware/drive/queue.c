@@ -40,7 +40,7 @@ void queue_init(struct queue *q, struct od_stream *stream)
 {
     *q = (struct queue){.stream = stream, .min_nm = {INT32_MIN, INT32_MIN}, .max_nm = {INT32_MAX, INT32_MAX}};
     stream->rejected_crc = stream->rejected_full = stream->rejected_sequence = stream->rejected_state = 0;
-    stream->underruns = 0;
+    stream->rejected_length = stream->underruns = 0;
     queue_hold(q, (struct knot){{0, 0}});
 }
 
@@ -62,7 +62,8 @@ void queue_begin(struct queue *q, struct knot start, uint32_t total)
     struct od_stream *s = q->stream;
     queue_hold(q, start);
     q->total = total;
-    s->rejected_crc = s->rejected_full = s->rejected_sequence = s->rejected_state = s->underruns = 0;
+    s->rejected_crc = s->rejected_full = s->rejected_sequence = s->rejected_state = s->rejected_length = 0;
+    s->underruns = 0;
     s->state = STREAM_FILLING;
     q->open = true;
 }

@@ -73,6 +73,7 @@ static void test_short_rpdo_is_not_taken_and_reported_once_until_a_good_one_come
     bus_give(&bus, 0x305, "");
     TEST_ASSERT_EQUAL_UINT(0, bus.rpdos[2]);
     TEST_ASSERT_EQUAL_INT32(0, bus.od.knot.dx);
+    TEST_ASSERT_EQUAL_UINT32(2, bus.od.stream.rejected_length);
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
     bus_expect(&bus, 0, 0x085, "10 82 11 02 00 00 00 00");
     bus_give(&bus, 0x305, "00 AA 01 00 00 FF FF FF");

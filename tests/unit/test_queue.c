@@ -226,12 +226,14 @@ static void test_frames_without_a_stream_count_as_such_whatever_their_number(voi
 static void test_queue_is_closed_at_power_on(void)
 {
     stream.rejected_crc = stream.rejected_full = stream.rejected_state = stream.rejected_sequence = 7;
+    stream.rejected_length = 7;
     stream.underruns = 7;
     queue_init(&queue, &stream);
     TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(0, 1, 1));
     TEST_ASSERT_EQUAL_UINT16(992, stream.free);
     TEST_ASSERT_EQUAL_UINT32(0, stream.underruns);
     expect_rejected(0, 0, 0, 1);
+    TEST_ASSERT_EQUAL_UINT32(0, stream.rejected_length);
 }
 
 static void test_closed_queue_keeps_its_knots_and_takes_no_more(void)
