@@ -130,9 +130,9 @@ define debian
 endef
 
 # --- library ----------------------------------------------------------------------------------------------------------
-$(GENERATED): firmware/canopen/objects.toml firmware/canopen/generate.py firmware/canopen/objects.py | $(VENV)/stamp
+$(GENERATED): firmware/canopen/objects.toml $(wildcard firmware/canopen/*.py) | $(VENV)/stamp
 	@echo "  GEN objects.toml"
-	$(Q)$(PY) firmware/canopen/generate.py build/gen --eds host/kontur/kontur.eds --docs docs/objects.md
+	$(Q)$(PY) firmware/canopen/generate.py build/gen --eds host/kontur/kontur.eds --dbc host/kontur/kontur.dbc --docs docs/objects.md
 
 # Made by the same command; without this rule make would not see in the same run that it has changed.
 $(GENERATED:.c=.h): $(GENERATED) ;

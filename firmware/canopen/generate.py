@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the C table, the EDS and the reference page from objects.toml.
+"""Makes the C table, the EDS, the DBC and the reference page from objects.toml.
 
-    generate.py OUTDIR [--eds PATH] [--docs PATH]
+    generate.py OUTDIR [--eds PATH] [--dbc PATH] [--docs PATH]
 
-writes OUTDIR/od_gen.h and OUTDIR/od_gen.c, and the other two where asked. The output depends on objects.toml alone.
+writes OUTDIR/od_gen.h and OUTDIR/od_gen.c, and the others where asked. The output depends on objects.toml alone.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 
+from dbc import dbc
 from objects import AXES, PDO_ENTRIES, Device, Entry, Object, ObjectsError, load
 
 HERE = Path(__file__).resolve().parent
@@ -142,7 +143,12 @@ def eds(device: Device, objects: list[Object]) -> str:
                 "FileRevision=1",
                 "EDSVersion=4.0",
                 "Description=Generated from objects.toml by generate.py: do not edit",
+                *(f"{what}Time=12:00AM" for what in ("Creation", "Modification")),  # of the first one: what is
+                *(
+                    f"{what}Date=11-22-2026" for what in ("Creation", "Modification")
+                ),  # committed moves by contents only
                 "CreatedBy=Kontur",
+                "ModifiedBy=Kontur",
             ],
         ),
         (
@@ -245,9 +251,10 @@ def docs(objects: list[Object]) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="make C table, EDS and reference page from objects.toml")
+    parser = argparse.ArgumentParser(description="make C table, EDS, DBC and reference page from objects.toml")
     parser.add_argument("outdir", type=Path, help="folder for od_gen.h and od_gen.c")
     parser.add_argument("--eds", type=Path)
+    parser.add_argument("--dbc", type=Path)
     parser.add_argument("--docs", type=Path)
     args = parser.parse_args()
     try:
@@ -259,6 +266,8 @@ def main() -> int:
     outputs = {args.outdir / "od_gen.h": c_header(objects), args.outdir / "od_gen.c": c_source(objects)}
     if args.eds:
         outputs[args.eds] = eds(device, objects)
+    if args.dbc:
+        outputs[args.dbc] = dbc(objects)
     if args.docs:
         outputs[args.docs] = docs(objects)
     for path, text in outputs.items():

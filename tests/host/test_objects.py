@@ -43,13 +43,14 @@ def load(tmp_path: Path, text: str) -> list[objects.Object]:
 # ---- what is committed ----
 
 
-def test_committed_eds_and_page_are_what_the_source_generates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    eds, page = tmp_path / "kontur.eds", tmp_path / "objects.md"
-    monkeypatch.setattr(sys, "argv", ["generate.py", str(tmp_path), "--eds", str(eds), "--docs", str(page)])
+def test_what_is_committed_is_what_the_source_generates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    committed = {"--eds": EDS, "--dbc": EDS.with_suffix(".dbc"), "--docs": ROOT / "docs" / "objects.md"}
+    options = [text for option, path in committed.items() for text in (option, str(tmp_path / path.name))]
+    monkeypatch.setattr(sys, "argv", ["generate.py", str(tmp_path), *options])
     assert generate.main() == 0
-    assert eds.read_bytes() == EDS.read_bytes(), "objects.toml changed: run generate.py and commit kontur.eds"
-    committed = ROOT / "docs" / "objects.md"
-    assert page.read_bytes() == committed.read_bytes(), "objects.toml changed: run generate.py and commit objects.md"
+    for path in committed.values():
+        made = (tmp_path / path.name).read_bytes()
+        assert made == path.read_bytes(), f"objects.toml changed: run `make lib` and commit {path.name}"
 
 
 # ---- the EDS ----
