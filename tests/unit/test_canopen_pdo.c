@@ -84,6 +84,7 @@ static void test_short_rpdo_is_not_taken_and_reported_once_until_a_good_one_come
 static void test_long_rpdo_may_be_another_frame_and_is_not_taken(void)
 {
     bus_give(&bus, 0x205, "0F 00 0F 00 55");
+    TEST_ASSERT_EQUAL_UINT32(1, bus.od.stream.rejected_length);
     TEST_ASSERT_EQUAL_UINT(0, bus.rpdos[1]);
     TEST_ASSERT_EQUAL_HEX16(0, bus.od.axis[AXIS_Y].controlword);
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
