@@ -14,7 +14,7 @@ from decimal import Decimal
 from typing import Any
 
 import can
-from canopen.objectdictionary import ODVariable, datatypes
+from canopen.objectdictionary import ObjectDictionaryError, ODVariable, datatypes
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from kontur import wire
@@ -132,6 +132,7 @@ class Device:
         """The same, when it came twice running: nothing that hangs on it is done for one corrupted frame."""
         value = self.read(name)
         for _ in range(_SDO_ATTEMPTS):
+            self.read("error_register")  # lest the answer, come twice, passes for its own confirmation
             before, value = value, self.read(name)
             if value == before:
                 return value
@@ -371,7 +372,7 @@ class Device:
         sdo, address = self.link.node.sdo, _address(variable)
         for _ in range(_SDO_ATTEMPTS):
             self._transfer(name, lambda: sdo.download(*address, variable.encode_raw(raw)))
-            right = not read_back or variable.decode_raw(self._transfer(name, lambda: sdo.upload(*address))) == raw
+            right = not read_back or raw == self._transfer(name, lambda: variable.decode_raw(sdo.upload(*address)))
             self._mend_astray()
             if right:
                 return
@@ -407,7 +408,7 @@ class Device:
                         f"{name}: the value does not fit another parameter; docs/protocol.md, Parameters, says which"
                     ) from error
                 raise DeviceError(f"{name}: the drive refuses: {error}") from error
-            except SdoCommunicationError as error:
+            except (SdoCommunicationError, ObjectDictionaryError, UnicodeDecodeError) as error:  # or a wrong length
                 if attempt == _SDO_ATTEMPTS:
                     raise NoAnswerError(
                         f"node {self.link.node_id} on {self.link.bus.channel_info} does not answer (asked for {name}). "

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from kontur import wire
 from kontur.device import BIT_PATH_RUNS, BIT_TARGET_REACHED, ENABLE, RESEND_S, RUN_PATH, Device
-from kontur.errors import StreamError
+from kontur.errors import DeviceError, StreamError
 
 FLIGHT_MAX_S, FLIGHT_MIN_S = 0.02, 0.002
 """Time in which a knot frame is taken and its TPDO1 is back, if neither was lost: within these, by SDO round trips."""
@@ -30,7 +30,7 @@ can seem to free as many as are on their way, so that it would take four such co
 
 _NUMBERS = 256
 _BURST = 16
-_SILENCE_S = 1.0
+_SILENCE_S = 2.0  # longer than a bus is off before it recovers: then the drive tells what it did meanwhile
 _START_TIMEOUT_S, _STOP_TIMEOUT_S = 0.5, 5.0
 _BEGIN, _ABORT = 1, 2
 _STATE_FILLING, _STATE_RUNNING, _STATE_STOPPING, _STATE_DONE = 1, 2, 3, 4
@@ -109,7 +109,11 @@ def begin(device: Device, knots_nm: NDArray[np.int32]) -> None:
         device.write("stream.total", len(knots_nm))
         device.write("stream.start_x", x)
         device.write("stream.start_y", y)
-        device.write("stream.command", _BEGIN)
+        try:
+            device.write("stream.command", _BEGIN)
+        except DeviceError:
+            device.check()  # a fault is why, and says more
+            raise
         state, accepted, *end = (device.confirmed(f"stream.{name}") for name in ("state", "accepted", "end_x", "end_y"))
         if state == _STATE_FILLING and accepted == 0 and end == [x, y]:
             return
