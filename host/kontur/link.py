@@ -28,6 +28,7 @@ from canopen.sdo.constants import ABORT_TIMED_OUT, RESPONSE_ABORTED, RESPONSE_DO
 
 from kontur import wire
 from kontur.errors import BusError, DeviceError, NoAnswerError
+from kontur.faults import FaultyBus
 from kontur.simbus import simulated
 from kontur.wire import Status, Telemetry
 
@@ -110,6 +111,8 @@ class Link:
         """The drive, now at `tick_ms`, lets `period_ms` pass at each SYNC: from now on pump() sends them."""
         self._tick_ms, self._sync_ms = tick_ms, period_ms
         self._clock = lambda: self._tick_ms * 1e-3
+        if isinstance(self.bus, FaultyBus):
+            self.bus.clock = self._clock
         self._next_heartbeat_s = self._clock()
 
     def send(self, cob_id: int, data: bytes) -> None:
