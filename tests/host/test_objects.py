@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import configparser
 import logging
+import re
 import sys
 from pathlib import Path
 
@@ -56,23 +58,71 @@ def test_what_is_committed_is_what_the_source_generates(tmp_path: Path, monkeypa
 # ---- the EDS ----
 
 
+@pytest.mark.filterwarnings("error")
 def test_eds_loads_in_python_canopen_without_a_warning(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO):
-        od = canopen.import_od(str(EDS), node_id=5)
+        canopen.import_od(str(EDS), node_id=5)
     assert not caplog.records
-    info = od.device_information
-    assert (info.nr_of_RXPDO, info.nr_of_TXPDO, info.LSS_supported) == (2, 5, True)
+
+
+@pytest.fixture(scope="module")
+def sections() -> configparser.RawConfigParser:
+    """The EDS as the file it is; keys as they are written."""
+    eds = configparser.RawConfigParser(strict=True)  # strict: no section and no key twice
+    eds.optionxform = str  # type: ignore[assignment,method-assign]
+    eds.read(EDS, "ascii")
+    return eds
+
+
+def test_eds_describes_file_and_device_as_cia_306_wants(
+    sections: configparser.RawConfigParser, od: canopen.ObjectDictionary
+) -> None:
+    assert {
+        "FileName", "FileVersion", "FileRevision", "EDSVersion", "Description", "CreationTime", "CreationDate",
+        "CreatedBy", "ModificationTime", "ModificationDate", "ModifiedBy",
+    } == set(sections["FileInfo"])  # fmt: skip
+    assert sections["FileInfo"]["FileName"] == EDS.name
+    info = sections["DeviceInfo"]
+    assert {
+        "VendorName", "VendorNumber", "ProductName", "ProductNumber", "RevisionNumber", "OrderCode",
+        *(f"BaudRate_{rate}" for rate in (10, 20, 50, 125, 250, 500, 800, 1000)), "SimpleBootUpMaster",
+        "SimpleBootUpSlave", "Granularity", "DynamicChannelsSupported", "GroupMessaging", "NrOfRXPDO", "NrOfTXPDO",
+        "LSS_Supported",
+    } <= set(info)  # fmt: skip
+    assert int(info["VendorNumber"], 0) == od["identity.vendor_id"].default
+    assert int(info["ProductNumber"], 0) == od["identity.product_code"].default
+    assert int(info["RevisionNumber"], 0) == od["identity.revision"].default
+    assert int(info["NrOfRXPDO"]) == sum(0x1400 <= index < 0x1600 for index in od) > 0
+    assert int(info["NrOfTXPDO"]) == sum(0x1800 <= index < 0x1A00 for index in od) > 0
+    assert int(info["Granularity"]) == 8  # bits: mapping goes by whole bytes
+    assert info["SimpleBootUpSlave"] == "1"
+    assert sections["DummyUsage"] == {f"Dummy{i:04d}": str(int(i > 1)) for i in range(1, 8)}
+    assert int(sections["Comments"]["Lines"]) == len(sections["Comments"]) - 1
+
+
+def test_eds_describes_every_object_and_entry_as_cia_306_wants(sections: configparser.RawConfigParser) -> None:
+    for name in sections.sections():
+        if not re.fullmatch("[0-9A-F]{4}(sub[0-9A-F]+)?", name):
+            continue
+        section = sections[name]
+        assert section["ParameterName"]
+        if section["ObjectType"] == "0x7":
+            assert section["AccessType"] in ("ro", "wo", "rw", "const"), name
+            assert section["PDOMapping"] in ("0", "1"), name
+            assert int(section["DataType"], 16) in range(1, 0x1C), name
+        else:
+            subs = [other for other in sections.sections() if other.startswith(f"{name}sub")]
+            assert section["ObjectType"] in ("0x8", "0x9"), name
+            assert int(section["SubNumber"]) == len(subs) > 1, name
+            assert sections[f"{name}sub0"]["DataType"] == "0x0005", name
 
 
 def test_eds_is_ascii() -> None:
     assert EDS.read_bytes().isascii()
 
 
-def test_eds_lists_every_object_once_in_its_section() -> None:
-    import configparser
-
-    eds = configparser.RawConfigParser(strict=True)  # strict: no section twice
-    eds.read(EDS, "ascii")
+def test_eds_lists_every_object_once_in_its_section(sections: configparser.RawConfigParser) -> None:
+    eds = sections
     listed = {}
     for section in ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects"):
         count = eds.getint(section, "SupportedObjects")
