@@ -160,6 +160,7 @@ ks *ks_new(const struct ks_machine *machine, uint64_t seed, uint8_t node_id)
     sim_flash_init(&s->flash, seed);
     plant_init(&s->plant, machine, seed, 1.0 / CONTROL_HZ);
     app_init(&s->app, &s->hal, node_id);
+    s->app.od.hardware_version = "libkontur simulated machine";
     return s;
 }
 
