@@ -91,8 +91,10 @@ class Info:
 
 def open_bus(options: Mapping[str, Any]) -> can.BusABC:
     """Open a bus by python-can's options. Raises BusError; of the simulated drive, what kept it from starting."""
-    if options.get("interface") == "slcan" and str(options.get("channel")).startswith(_READY_AT_ONCE):
-        options = {"sleep_after_open": 0, **options}  # python-can waits for adapters that start when they are opened
+    if options.get("interface") == "slcan":
+        ready = str(options.get("channel")).startswith(_READY_AT_ONCE)
+        # python-can waits for adapters that start when they are opened
+        options = {**({"sleep_after_open": 0} if ready else {}), **options, "interface": "kontur-slcan"}
     try:
         return can.Bus(**options)
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:

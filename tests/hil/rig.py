@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A drive with its host, and the one way it is moved: circles from where it stands, within limits set before."""
+
+from __future__ import annotations
+
+import math
+import zlib
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+from targets import MACHINE, Drive
+
+from kontur import planner, shapes
+from kontur.device import Device
+from kontur.link import Link
+from kontur.run import limits
+
+Knots = NDArray[np.int32]
+Metres = NDArray[np.float64]
+
+RESET_NODE, RESET_COMMUNICATION, START, STOP, PRE_OPERATIONAL = 129, 130, 1, 2, 128
+STATE_OF = {START: 0x05, STOP: 0x04, PRE_OPERATIONAL: 0x7F}
+BOOT_S = 3.0
+STANDS_MPS = 2e-3  # slower than that an axis is said to stand: above what noise and a stop's end make of it
+
+# A real table moves within 2 mm of where it stands, slowly, and with a part of the force it could use.
+_RADIUS_M, _FEED_MPS = 0.001, 0.01
+_TRAVEL_NM = 2_500_000
+_FORCE_SHARE = 0.25
+_FOLLOWING_NM = 500_000
+_SIMULATED_RADIUS_M, _SIMULATED_FEED_MPS = 0.004, 0.1
+
+
+class Rig:
+    """`device` on `link` on `bus`, after reset node, in a `with`."""
+
+    def __init__(self, drive: Drive, bus: can.BusABC | None = None) -> None:
+        self.drive = drive
+        self.radius_m = _SIMULATED_RADIUS_M if drive.simulated else _RADIUS_M
+        self.feed_mps = _SIMULATED_FEED_MPS if drive.simulated else _FEED_MPS
+        self.connect(bus)
+
+    def connect(self, bus: can.BusABC | None = None, *, heartbeat: bool = True) -> None:
+        """Find the drive on `bus`, or on one that is opened; without a heartbeat of the host, only look on."""
+        self.bus = bus or self.drive.open()
+        self.link = Link(self.bus, self.drive.node_id)
+        if not heartbeat:
+            self.fall_silent()
+        self.device = Device(self.link)
+
+    def fall_silent(self) -> None:
+        """No heartbeat of the host any more."""
+        self.link._next_heartbeat_s = math.inf
+
+    def __enter__(self) -> Rig:
+        self.reset()
+        self.device.set_parameters(self.drive.parameters if self.drive.simulated else self._safe())
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        try:
+            if not self.drive.simulated:
+                self.device.disable()  # on the path, if one runs
+                self.reset()
+        finally:
+            self.bus.shutdown()
+
+    def nmt(self, command: int) -> None:
+        """Send an NMT command to the drive."""
+        self.link.send(0, bytes([command, self.drive.node_id]))
+
+    def heartbeats(self) -> list[int]:
+        """The NMT states that the drive reports, from now on: a list that grows as the link is pumped."""
+        states: list[int] = []
+        self.link._network.subscribe(0x700 + self.drive.node_id, lambda _id, data, _t: states.append(data[0]))
+        return states
+
+    def reset(self, command: int = RESET_NODE) -> None:
+        """Send an NMT reset and wait for the boot-up message."""
+        states = self.heartbeats()
+        self.nmt(command)
+        assert self.link.wait(lambda: 0 in states, BOOT_S), f"no boot-up message {BOOT_S:g} s after a reset"
+        self.link.emergencies.clear()
+
+    def circle(self, laps: float) -> Knots:
+        """Knots (n, 2) in nm of a circle that starts where the drive stands and lies on the side of lesser x."""
+        here_nm = np.array(self.device.position_nm())
+        self.centre_m = here_nm * 1e-9 - [self.radius_m, 0.0]
+        knots_nm = planner.plan(shapes.circle(self.radius_m, self.feed_mps, laps), limits(MACHINE)).knots_nm
+        moved: Knots = (knots_nm - knots_nm[0] + here_nm).astype(np.int32)
+        return moved
+
+    def off_circle_m(self, position_m: Metres) -> Metres:
+        """Distance (n,) of positions (n, 2) from the circle."""
+        off: Metres = np.abs(np.hypot(*(position_m - self.centre_m).T) - self.radius_m)
+        return off
+
+    def positions_m(self) -> tuple[Metres, float]:
+        """Positions (n, 2) since the last `link.record()` or before, and the time between two of them: the truth, for
+        which a simulated drive is switched off, or of a real drive what its telemetry says."""
+        if self.drive.truth_m is not None:
+            control_s = 1.0 / self.device.read("clock.control_hz")
+            return self.drive.truth_m(), control_s
+        start_nm = (round(self.centre_m[0] * 1e9 + self.radius_m * 1e9), round(self.centre_m[1] * 1e9))
+        return self.link.recorded(start_nm).position_m, 1e-3
+
+    def assert_stopped_on_the_path(self) -> None:
+        """The stop at the end of the motion was no further from the circle than the motion before, plus one encoder
+        count. The last thing to do with a drive."""
+        stop_s = self.device.read("limits.path_stop_time") * 1e-3
+        count_m = self.device.read("plant_x.encoder") * 1e-6
+        position_m, step_s = self.positions_m()
+        off_m = self.off_circle_m(position_m)
+        window = round(1e-3 / step_s)
+        speed_mps = np.hypot(*(position_m[window:] - position_m[:-window]).T) / (window * step_s)
+        moving = np.flatnonzero(speed_mps > STANDS_MPS)
+        assert moving.size, "it never moved"
+        begin = moving[-1] - round(stop_s / step_s)
+        assert begin > moving[0], "it stopped before it had got going"
+        assert speed_mps[begin - window] > 0.9 * self.feed_mps, "it was slow before it stopped"
+        way_m = np.hypot(*np.diff(position_m[begin : moving[-1]], axis=0).T).sum()
+        assert way_m > 0.3 * self.feed_mps * stop_s, f"{way_m * 1e3:.3f} mm in its stop: not along the path"
+        assert off_m[begin:].max() <= off_m[:begin].max() + count_m
+
+    def _safe(self) -> dict[str, float]:
+        """Limits for a real table, from what it has now."""
+        values = {
+            "limits.velocity": 5 * self.feed_mps,
+            "following_window_x": _FOLLOWING_NM,
+            "following_window_y": _FOLLOWING_NM,
+        }
+        for axis, here_nm in zip("xy", self.device.position_nm(), strict=True):
+            values |= {
+                f"plant_{axis}.force_limit": self.device.read(f"plant_{axis}.force_limit") * _FORCE_SHARE,
+                f"position_limit_{axis}.min": here_nm - _TRAVEL_NM,
+                f"position_limit_{axis}.max": here_nm + _TRAVEL_NM,
+            }
+        return values
+
+
+def checksum(knots_nm: Knots) -> int:
+    """What 2200h checksum must be after these knots."""
+    return zlib.crc32(np.ascontiguousarray(knots_nm, dtype="<i4").tobytes())

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A host in a process of its own, to be killed: streams knots and says "running" when half of them are accepted and the
+drive's queue is full but for ROOM.
+
+python streamer.py BUS_OPTIONS_AS_JSON NODE KNOTS.npy ROOM
+"""
+
+import json
+import sys
+
+import numpy as np
+
+from kontur.device import Device, open_bus
+from kontur.link import Link
+from kontur.stream import stream
+
+options, node_id, knots, room = sys.argv[1:]
+with open_bus(json.loads(options)) as bus:
+    device = Device(Link(bus, int(node_id)))
+    told = False
+
+    def tell(share: float) -> None:
+        global told
+        status = device.link.status
+        if share > 0.5 and not told and status is not None and status.free <= int(room):
+            told = True
+            print("running", flush=True)
+
+    with device.enabled():
+        stream(device, np.load(knots), progress=tell)

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The drives that the suite runs on, and what each of them can do."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+import tempfile
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from kontur import machine, simprocess
+from kontur.device import open_bus
+from kontur.machine import Machine
+
+# Without the friction that vanishes at times, in which an axis without power would float away.
+MACHINE = dataclasses.replace(machine.load(), friction_schedule=(), friction_repeat_s=0.0)
+Metres = NDArray[np.float64]
+
+
+@dataclass
+class Drive:
+    """A drive that is on; `bus_options` are python-can's, to reach it.
+
+    `stepped`: its time passes with the host's frames. `bus`: the host's bus, where there can be but one.
+    `listeners`: others may listen on the same bus. `truth_m`: switches the drive off and gives the true positions
+    (n, 2) since power-on, one a control period; None where nobody knows them. `unplug`: cuts the bus until the `with`
+    ends.
+    """
+
+    bus_options: dict[str, Any]
+    simulated: bool = True
+    node_id: int = 1
+    stepped: bool = False
+    listeners: bool = False
+    bus: can.BusABC | None = None
+    truth_m: Callable[[], Metres] | None = None
+    unplug: Callable[[can.BusABC], AbstractContextManager[None]] | None = None
+    parameters: dict[str, float] = field(default_factory=dict)
+
+    def open(self) -> can.BusABC:
+        """The host's bus."""
+        return self.bus if self.bus is not None else open_bus(self.bus_options)
+
+
+class Target(ABC):
+    """`outlives_host`: the drive is no part of the host's process, which may be killed."""
+
+    outlives_host = True
+
+    @abstractmethod
+    def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> AbstractContextManager[Drive]:
+        """A drive; where simulated, a new one that moves `plant`. Its time passes with the host's frames where the
+        target can do that, and by the wall clock with `pace` clock."""
+
+
+class InProcess(Target):
+    """Firmware and plant as a library in this process."""
+
+    outlives_host = False
+
+    @contextmanager
+    def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> Iterator[Drive]:
+        options = {"interface": "kontur", "channel": "sim", "machine": plant, "seed": 1}
+        options["pace"] = "clock" if pace == "clock" else "lockstep"
+        with can.Bus(**options) as bus:
+            sim = bus.sim  # type: ignore[attr-defined]
+            sim.record(True)
+            yield Drive(
+                options,
+                stepped=pace != "clock",
+                bus=bus,
+                truth_m=lambda: sim.truth().pos_m,
+                parameters=plant.parameters(),
+            )
+
+
+class Process(Target):
+    """Firmware and plant as the process kontur-sim, on slcan over TCP or on vcan."""
+
+    def __init__(self, **bus: str) -> None:
+        self.bus = bus
+        self.is_vcan = "can" in bus
+
+    @contextmanager
+    def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> Iterator[Drive]:
+        with tempfile.TemporaryDirectory() as folder, ExitStack() as running:
+            record = Path(folder) / "truth"
+            sim = running.enter_context(simprocess.start(**self.bus, machine=plant, record=record))
+
+            def truth_m() -> Metres:
+                running.close()
+                return simprocess.read_record(record).pos_m
+
+            yield Drive(
+                sim.options(),
+                listeners=self.is_vcan,
+                truth_m=truth_m,
+                unplug=self._link_down if self.is_vcan else _hung_up,
+                parameters=plant.parameters(),
+            )
+
+    @contextmanager
+    def _link_down(self, _bus: can.BusABC) -> Iterator[None]:
+        channel = self.bus["can"]
+        if os.geteuid() != 0:
+            pytest.skip(f"taking {channel} down needs root")
+        subprocess.run(["ip", "link", "set", channel, "down"], check=True)
+        try:
+            yield
+        finally:
+            subprocess.run(["ip", "link", "set", channel, "up"], check=True)
+
+
+@contextmanager
+def _hung_up(bus: can.BusABC) -> Iterator[None]:
+    """The client's TCP connection breaks, without a word of slcan."""
+    bus.serialPortOrig.close()  # type: ignore[attr-defined]
+    yield
+
+
+class RealDrive(Target):
+    """A drive on the bench; what keeps its table safe is in rig.py."""
+
+    def __init__(self, options: dict[str, Any], node_id: int) -> None:
+        self.options, self.node_id = options, node_id
+
+    @contextmanager
+    def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> Iterator[Drive]:
+        if plant is not MACHINE:
+            pytest.skip("needs a machine of its own, which simulated drives have")
+        yield Drive(
+            self.options, simulated=False, node_id=self.node_id, listeners=self.options["interface"] == "socketcan"
+        )
+
+
+def named(name: str, node_id: int) -> Target:
+    """The target of --target NAME."""
+    if name == "inproc":
+        return InProcess()
+    if name == "slcan":
+        return Process(slcan_tcp="0")
+    if name.startswith("vcan"):
+        return Process(can="vcan0" if name == "vcan" else name)
+    if name == "qemu":
+        raise pytest.UsageError("--target qemu: not there yet; there are inproc, slcan, vcan and real interfaces")
+    interface, colon, rest = name.partition(":")
+    if not colon:
+        return RealDrive({"interface": "socketcan", "channel": name}, node_id)
+    channel, _, bitrate = rest.partition("@")
+    return RealDrive({"interface": interface, "channel": channel, "bitrate": int(bitrate or 1_000_000)}, node_id)

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""State machine of both axes and their faults (CiA 402), as the wire shows them. The axes have power here and stand."""
+
+import pytest
+from rig import Rig
+
+from kontur.device import DISABLE_VOLTAGE, ENABLE, FAULT_RESET, RUN_PATH, SHUTDOWN, SWITCH_ON
+from kontur.errors import EmcyError
+from kontur.stream import stream
+
+pytestmark = pytest.mark.motion
+
+HEARTBEAT_LOST, OVERSPEED, KNOT_OUTSIDE = 0x8130, 0x8400, 0xFF11
+
+
+def come_to(rig: Rig, controlword: int, state: str) -> None:
+    rig.device.controlwords(controlword, controlword)
+    rig.device.wait(lambda: rig.device.states() == (state, state), 2.0, f"does not come to {state!r}")
+
+
+def assert_fault(rig: Rig, code: int) -> None:
+    """Both axes are in fault without power, and tell the code everywhere; a fault reset ends it."""
+    device = rig.device
+    rig.link.wait(lambda: device.states() == ("fault", "fault"), 2.0)
+    assert device.states() == ("fault", "fault")
+    assert (device.read("error_code_x"), device.read("error_code_y")) == (code, code)
+    assert device.read("error_register") & 1
+    history = rig.link.node.sdo[0x1003]
+    assert code in [history[i + 1].raw & 0xFFFF for i in range(history[0].raw)]
+    come_to(rig, FAULT_RESET, "switch on disabled")
+    messages = rig.link.node.emcy.log
+    assert rig.link.wait(lambda: messages[-1].code == 0, 1.0), "no EMCY 0000h: error reset"
+    assert (device.read("error_code_x"), device.read("error_code_y")) == (0, 0)
+    assert device.read("error_register") == 0
+
+
+def test_both_axes_go_through_all_states_up_and_down(rig: Rig) -> None:
+    rig.link.node.nmt.state = "OPERATIONAL"
+    for controlword, state in (
+        (SHUTDOWN, "ready to switch on"),
+        (SWITCH_ON, "switched on"),
+        (ENABLE, "operation enabled"),
+        (SWITCH_ON, "switched on"),
+        (ENABLE, "operation enabled"),
+        (SHUTDOWN, "ready to switch on"),
+        (SWITCH_ON, "switched on"),
+        (DISABLE_VOLTAGE, "switch on disabled"),
+    ):
+        come_to(rig, controlword, state)
+
+
+def test_enabled_axes_hold_their_position(rig: Rig) -> None:
+    before = rig.device.position_nm()
+    with rig.device.enabled():
+        rig.link.wait(lambda: False, 0.3)
+        rig.device.check()
+        assert all(abs(a - b) < 5_000 for a, b in zip(rig.device.position_nm(), before, strict=True))
+
+
+def test_silent_host_is_a_fault_of_both_axes(rig: Rig) -> None:
+    rig.device.enable()
+    rig.fall_silent()
+    with pytest.raises(EmcyError, match="8130h"):
+        rig.device.wait(lambda: False, 2.0, "says nothing of the missing heartbeat")
+    rig.device._write_entry("heartbeat_consumer", 1, 0)
+    assert_fault(rig, HEARTBEAT_LOST)
+
+
+def test_path_out_of_the_position_limit_is_refused_knot_by_knot(rig: Rig) -> None:
+    knots_nm = rig.circle(1.0)
+    rig.device.write("position_limit_x.min", int(knots_nm[:, 0].min()) + 200_000)
+    rig.device.enable()
+    with pytest.raises(EmcyError, match="FF11h"):
+        stream(rig.device, knots_nm)
+    assert_fault(rig, KNOT_OUTSIDE)
+
+
+def test_axis_that_is_too_fast_loses_its_power(rig: Rig) -> None:
+    rig.device.write("limits.velocity", rig.feed_mps / 2)
+    rig.device.enable()
+    with pytest.raises(EmcyError, match="8400h"):
+        stream(rig.device, rig.circle(1.0))
+    assert_fault(rig, OVERSPEED)
+
+
+def test_parameters_are_refused_while_an_axis_has_power(rig: Rig) -> None:
+    with rig.device.enabled(), pytest.raises(Exception, match="the drive refuses"):
+        rig.device.write("plant_x.mass", rig.device.read("plant_x.mass"))
+
+
+def test_path_does_not_start_while_one_axis_is_off(rig: Rig) -> None:
+    with rig.device.enabled():
+        rig.device.controlwords(RUN_PATH, SWITCH_ON)
+        rig.link.wait(lambda: rig.device.states()[1] == "switched on", 1.0)
+        assert rig.device.states() == ("operation enabled", "switched on")
+        assert rig.device.read("stream.state") == 0

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The host dies, or its bus does: the drive stops on the path, switches off, and says 8130h to whoever listens."""
+
+import json
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rig import Knots, Rig
+from targets import Drive, Target
+
+from kontur.errors import KonturError
+from kontur.faults import FaultyBus
+from kontur.stream import _Sender
+
+pytestmark = pytest.mark.motion
+
+HEARTBEAT_LOST = 0x8130
+LAPS = 16.0
+ROOM = 200  # knots: the queue is full but for these, so that the heartbeat ceases before the knots do
+_START_S, _END_S = 90.0, 20.0
+
+
+def assert_stopped_and_off(rig: Rig) -> None:
+    """The drive has stopped on the path for want of a heartbeat, and told so."""
+    fault = ("fault", "fault")
+    assert rig.link.wait(lambda: rig.device.states() == fault, _END_S), f"it is in {rig.device.states()}"
+    assert rig.device.info().error_code == (HEARTBEAT_LOST, HEARTBEAT_LOST)
+    history = rig.link.node.sdo[0x1003]
+    assert HEARTBEAT_LOST in [history[i + 1].raw & 0xFFFF for i in range(history[0].raw)]
+    rig.assert_stopped_on_the_path()
+
+
+def stream_until(rig: Rig, knots_nm: Knots, share: float) -> None:
+    """Start a stream and go on until the drive has taken a `share` of it, and its queue is full."""
+    rig.device.enable()
+    rig.link.record()
+    sender = _Sender(rig.device, knots_nm)
+    sender.fill()
+    rig.device.controlwords(0x1F, 0x1F)
+    while sender.accepted < share * len(knots_nm) or rig.link.status.free > ROOM:  # type: ignore[union-attr]
+        sender.advance()
+
+
+@contextmanager
+def host(drive: Drive, knots_nm: Knots, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Another process that streams the knots; half of them are taken."""
+    np.save(folder / "knots.npy", knots_nm)
+    command = [sys.executable, str(Path(__file__).with_name("streamer.py")), json.dumps(drive.bus_options)]
+    command += [str(drive.node_id), str(folder / "knots.npy"), str(ROOM)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        try:
+            assert select.select([process.stdout], [], [], _START_S)[0], f"no motion within {_START_S:g} s"
+            if process.stdout.readline() != b"running\n":
+                raise AssertionError(process.stderr.read().decode())
+            yield process
+        finally:
+            process.kill()
+
+
+def test_killed_host_stops_the_drive_on_the_path(target: Target, tmp_path: Path) -> None:
+    if not target.outlives_host:
+        pytest.skip("the simulated drive in this process dies with the host; --target slcan or vcan has one apart")
+    with target.power_on(pace="clock") as drive, Rig(drive) as rig:
+        knots_nm = rig.circle(LAPS)
+        if not drive.listeners:
+            rig.bus.shutdown()
+        else:
+            rig.fall_silent()
+        rig.link.record()
+        with host(drive, knots_nm, tmp_path) as process:
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+        if not drive.listeners:
+            rig.connect(heartbeat=False)
+        heard = rig.link.emergencies
+        assert rig.link.wait(lambda: HEARTBEAT_LOST in [e[0] for e in heard], _END_S), "no EMCY 8130h"
+        assert_stopped_and_off(rig)
+
+
+def test_bus_that_is_unplugged_stops_the_drive_on_the_path(target: Target) -> None:
+    with target.power_on(pace="clock") as drive, Rig(drive) as rig:
+        if drive.unplug is None:
+            pytest.skip("nobody here who could pull the plug; the fault injector's bus-off stands for it")
+        knots_nm = rig.circle(LAPS)
+        stream_until(rig, knots_nm, 0.5)
+        with drive.unplug(rig.bus):
+            pass
+        rig.connect(heartbeat=False)
+        assert_stopped_and_off(rig)
+
+
+def test_bus_off_stops_the_drive_on_the_path(target: Target) -> None:
+    with target.power_on() as drive, Rig(drive, bus := FaultyBus(inner=drive.open())) as rig:
+        stream_until(rig, rig.circle(LAPS), 0.5)
+        bus.go_bus_off(1.0)
+        with pytest.raises(KonturError):
+            rig.device.wait(lambda: False, 1.2, "is not heard any more")
+        rig.link.emergencies.clear()
+        assert_stopped_and_off(rig)
