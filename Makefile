@@ -71,7 +71,7 @@ test-c: $(TEST_PROGRAMS)  ## the C tests alone
 	  else failed=1; printf '%-32s FAILED\n' $${t#build/unit/}; grep -v ':PASS$$' $$t.log; fi; done; \
 	if [ $$failed = 0 ]; then echo "C tests: $(words $^) programs passed"; else echo "C tests: FAILED"; exit 1; fi
 
-test-host: setup lib  ## the Python tests alone
+test-host: setup lib firmware build/qemu.stamp  ## the Python tests alone, those of the image in QEMU among them
 	$(PY) -m pytest
 
 lint: setup lib  ## ruff (style and format) and mypy --strict
@@ -215,6 +215,8 @@ build/openocd.stamp:
 	$(Q)$(call debian,openocd,openocd)
 build/dfu-util.stamp:
 	$(Q)$(call debian,dfu-util,dfu-util)
+build/qemu.stamp:
+	$(Q)$(call debian,qemu-system-arm,qemu-system-arm)
 
 build/firmware/$(BOARD)/%.o: %.c | build/arm.stamp $(GENERATED)
 	@mkdir -p $(@D); echo "  ARM $<"

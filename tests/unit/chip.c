@@ -6,7 +6,7 @@
 #include "cpu.h"
 
 struct chip chip;
-uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
+uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4], chip_emulated_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
 uint32_t kontur_stack_bottom[16];
 chip_answer *chip_waits;
 unsigned chip_waited;
@@ -33,6 +33,7 @@ void chip_reset(void)
     memset((void *)&chip, 0, sizeof chip);
     chip.rcc.CR = RCC_CR_HSION | RCC_CR_HSIRDY;
     memset(chip_store, 0xFF, sizeof chip_store);
+    memset(chip_emulated_store, 0, sizeof chip_emulated_store);
     chip_waits = all_well;
     chip_waited = 0;
 }

@@ -248,6 +248,25 @@ static void test_what_is_outside_the_store_is_not_touched(void)
     TEST_ASSERT_EQUAL_HEX32(0, chip.flash.KEYR);
 }
 
+static void test_in_an_emulator_the_store_is_in_ram_and_behaves_the_same(void)
+{
+    const uint32_t words[2] = {0x01234567, 0xFFFFFFFF}, more = 0;
+    uint32_t back[3];
+    chip.rcc.CR = 0;
+    sectors_read(0, 0, back, 4);
+    TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFF, back[0]);
+    TEST_ASSERT_TRUE(sectors_write(0, 0, words, 8));
+    TEST_ASSERT_TRUE(sectors_write(0, 4, &more, 4));
+    TEST_ASSERT_FALSE(sectors_write(0, 4, &words[1], 4)); /* a word is written once */
+    sectors_read(0, 0, back, 12);
+    TEST_ASSERT_EQUAL_HEX32(0x01234567, back[0]);
+    TEST_ASSERT_EQUAL_HEX32(0, back[1]);
+    TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFF, back[2]);
+    TEST_ASSERT_TRUE(sectors_erase(0));
+    sectors_read(0, 0, back, 4);
+    TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFF, back[0]);
+}
+
 static void test_a_sector_that_does_not_erase_is_an_error(void)
 {
     TEST_ASSERT_TRUE(sectors_erase(0));
@@ -273,6 +292,7 @@ int main(void)
     RUN_TEST(test_a_watchdog_reset_is_told);
     RUN_TEST(test_words_written_are_read_back_and_the_flash_is_locked_again);
     RUN_TEST(test_what_is_outside_the_store_is_not_touched);
+    RUN_TEST(test_in_an_emulator_the_store_is_in_ram_and_behaves_the_same);
     RUN_TEST(test_a_sector_that_does_not_erase_is_an_error);
     return UNITY_END();
 }

@@ -15,9 +15,13 @@ enum { FIRST_SECTOR = 1 };
 
 #ifdef __arm__
 #define STORE ((volatile uint32_t *)0x08004000u)
+/* QEMU's flash is read only: there the sectors lie in RAM that the image does not use, inverted, so that RAM at power-on reads as
+ * erased. They last as long as QEMU runs, over resets of the processor. */
+#define EMULATED_STORE ((volatile uint32_t *)0x20018000u)
 #else
-extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
+extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4], chip_emulated_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
 #define STORE ((volatile uint32_t *)chip_store)
+#define EMULATED_STORE ((volatile uint32_t *)chip_emulated_store)
 #endif
 
 static bool inside(unsigned sector, uint32_t offset, uint32_t bytes)
@@ -28,7 +32,13 @@ static bool inside(unsigned sector, uint32_t offset, uint32_t bytes)
 
 static volatile uint32_t *at(unsigned sector, uint32_t offset)
 {
-    return STORE + (sector * HAL_FLASH_BYTES + offset) / 4;
+    return (cpu_emulated() ? EMULATED_STORE : STORE) + (sector * HAL_FLASH_BYTES + offset) / 4;
+}
+
+static uint32_t read_word(unsigned sector, uint32_t offset)
+{
+    const uint32_t word = *at(sector, offset);
+    return cpu_emulated() ? ~word : word;
 }
 
 /* Start what CR says (with a word to write, by writing it) and wait for its end. Interrupts are off: their vectors lie in flash. */
@@ -64,22 +74,28 @@ static bool locked_run(uint32_t command, volatile uint32_t *to, uint32_t word)
 void sectors_read(unsigned sector, uint32_t offset, void *data, uint32_t bytes)
 {
     if (inside(sector, offset, bytes)) {
-        const volatile uint32_t *from = at(sector, offset);
-        for (uint32_t i = 0; i < bytes / 4; i++) {
-            const uint32_t word = from[i];
-            memcpy((uint8_t *)data + 4 * i, &word, 4);
+        for (uint32_t i = 0; i < bytes; i += 4) {
+            const uint32_t word = read_word(sector, offset + i);
+            memcpy((uint8_t *)data + i, &word, 4);
         }
     }
 }
 
 static bool reads(unsigned sector, uint32_t word, uint32_t offset, uint32_t bytes)
 {
-    for (uint32_t i = 0; i < bytes / 4; i++) {
-        if (at(sector, offset)[i] != word) {
+    for (uint32_t i = 0; i < bytes; i += 4) {
+        if (read_word(sector, offset + i) != word) {
             return false;
         }
     }
     return true;
+}
+
+static void emulate_erase(unsigned sector)
+{
+    for (uint32_t i = 0; cpu_emulated() && i < HAL_FLASH_BYTES; i += 4) {
+        *at(sector, i) = 0;
+    }
 }
 
 bool sectors_erase(unsigned sector)
@@ -87,6 +103,7 @@ bool sectors_erase(unsigned sector)
     if (!inside(sector, 0, 0)) {
         return false;
     }
+    emulate_erase(sector);
     const bool good = locked_run(FLASH_CR_PSIZE_32 | FLASH_CR_SER | (FIRST_SECTOR + sector) << FLASH_CR_SNB, NULL, 0);
     /* the data cache may still hold what was there (RM0090 3.5.2: reset it while it is off) */
     FLASH->ACR &= ~(uint32_t)FLASH_ACR_DCEN;
@@ -104,7 +121,13 @@ bool sectors_write(unsigned sector, uint32_t offset, const void *data, uint32_t 
     for (uint32_t i = 0; i < bytes; i += 4) {
         uint32_t word;
         memcpy(&word, (const uint8_t *)data + i, 4);
-        if (!locked_run(FLASH_CR_PSIZE_32 | FLASH_CR_PG, at(sector, offset + i), word) || !reads(sector, word, offset + i, 4)) {
+        bool good = true;
+        if (cpu_emulated()) {
+            *at(sector, offset + i) |= ~word;
+        } else {
+            good = locked_run(FLASH_CR_PSIZE_32 | FLASH_CR_PG, at(sector, offset + i), word);
+        }
+        if (!good || !reads(sector, word, offset + i, 4)) {
             return false;
         }
     }

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The STM32F405 image in QEMU, the same ELF that a board gets, and the files made of it."""
+
+import shutil
+import struct
+import subprocess
+import sys
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from gdb import PC, SP, set_registers
+
+from kontur.device import Device, connected, open_bus
+from kontur.emulator import PROGRAM, Emulator, start
+
+ROOT = Path(__file__).parents[2]
+IMAGE = ROOT / "build/firmware/kontur.elf"
+PORT = ROOT / "firmware/port/stm32f405"
+STORE = range(0x08004000, 0x0800C000)
+WATCHDOG_OR_CRASH = 0x6010
+CRASH = 5
+NOWHERE = 0x60000000  # external memory, which is not there
+
+pytestmark = [
+    pytest.mark.skipif(not IMAGE.is_file(), reason=f"{IMAGE} is not there: make firmware"),
+    pytest.mark.skipif(shutil.which(PROGRAM) is None, reason=f"{PROGRAM} is not installed: apt-get install qemu-system-arm"),
+]
+
+
+@pytest.fixture
+def emulator() -> Iterator[Emulator]:
+    with start(IMAGE) as running:
+        yield running
+
+
+def talk(emulator: Emulator, what: Callable[[Device], object]) -> object:
+    with connected(open_bus(emulator.options()), 1) as device:
+        return what(device)
+
+
+def test_image_boots_and_tells_version_build_and_numbers_over_slcan(emulator: Emulator) -> None:
+    def ask(device: Device) -> None:
+        info = device.info()
+        assert (info.name, info.num, info.control_hz) == ("Kontur", "f32", 10000)
+        assert device.read("software_version") not in ("", "0.0.0")
+        assert device.read("build_id") == info.build != "unknown"
+        assert info.state == ("switch on disabled", "switch on disabled")
+
+    talk(emulator, ask)
+    talk(emulator, ask)  # and again, for the next host
+
+
+def test_kontur_info_works_on_the_image_as_on_a_drive(emulator: Emulator) -> None:
+    channel = emulator.options()["channel"]
+    command = [sys.executable, "-m", "kontur.cli", "info", "-i", "slcan", "-c", channel]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "numbers f32, control 10000 Hz" in result.stdout
+
+
+def test_healthy_image_starts_without_a_fault_and_its_time_passes(emulator: Emulator) -> None:
+    def ask(device: Device) -> None:
+        assert device.read("error_register") == 0
+        assert device.read("crash.count") == 0
+        first = device.read("clock.tick")
+        device.link.wait(lambda: device.read("clock.tick") > first, 30.0)
+        assert device.read("clock.tick") > first
+
+    talk(emulator, ask)
+
+
+def crashed(emulator: Emulator) -> None:
+    """Until the image, started anew, has taken a crash down."""
+    end_s = time.monotonic() + 30.0
+    while time.monotonic() < end_s:
+        try:
+            if talk(emulator, lambda device: device.read("reset_cause")) == CRASH:
+                return
+        except Exception as error:  # it is just starting anew: the channel is closed, and nobody answers
+            last = error
+    raise AssertionError("no crash was taken down") from last
+
+
+def test_hard_fault_resets_and_its_record_and_fault_are_told(emulator: Emulator) -> None:
+    set_registers(emulator.gdb_port, {PC: NOWHERE})
+    crashed(emulator)
+
+    def ask(device: Device) -> None:
+        assert device.read("crash.pc") == NOWHERE
+        assert device.read("crash.cfsr") != 0
+        assert device.read("crash.hfsr") == 1 << 30  # escalated: DDI 0403E, HFSR.FORCED
+        assert device.read("crash.count") == 1
+        assert device.read("error_register") & 1
+        assert device.read("error_code_x") == device.read("error_code_y") == WATCHDOG_OR_CRASH
+
+    talk(emulator, ask)
+
+
+def test_stack_overflow_is_a_crash_and_not_a_hang(emulator: Emulator) -> None:
+    set_registers(emulator.gdb_port, {SP: 0x20000010})
+    crashed(emulator)
+    assert talk(emulator, lambda device: device.read("crash.pc")) == 0
+
+
+def test_crashes_are_counted(emulator: Emulator) -> None:
+    for count in (1, 2):
+        set_registers(emulator.gdb_port, {PC: NOWHERE})
+        end_s = time.monotonic() + 30.0
+        while time.monotonic() < end_s:
+            crashed(emulator)
+            if talk(emulator, lambda device: device.read("crash.count")) == count:
+                break
+        else:
+            raise AssertionError(f"crash {count} was not counted")
+
+
+def parts_of(dfu: bytes) -> dict[int, bytes]:
+    """Address and contents of the elements of a DfuSe file (UM0391)."""
+    assert dfu[:6] == b"DfuSe\1"
+    assert struct.unpack("<I", dfu[6:10])[0] == len(dfu) - 16
+    (count,) = struct.unpack("<I", dfu[11 + 270 : 11 + 274])
+    parts, at = {}, 11 + 274
+    for _ in range(count):
+        address, size = struct.unpack("<II", dfu[at : at + 8])
+        parts[address] = dfu[at + 8 : at + 8 + size]
+        at += 8 + size
+    assert at == len(dfu) - 16
+    return parts
+
+
+def test_dfu_file_leaves_the_parameters_alone_and_is_the_image() -> None:
+    dfu = IMAGE.with_suffix(".dfu").read_bytes()
+    binary = IMAGE.with_suffix(".bin").read_bytes()
+    assert struct.unpack("<HHHH3sB", dfu[-16:-4]) == (0xFFFF, 0xDF11, 0x0483, 0x011A, b"UFD", 16)
+    assert struct.unpack("<I", dfu[-4:])[0] == zlib.crc32(dfu[:-4]) ^ 0xFFFFFFFF
+    parts = parts_of(dfu)
+    assert set(parts) == {0x08000000, 0x08010000}
+    for address, data in parts.items():
+        assert not set(range(address, address + len(data))) & set(STORE)
+        assert binary[address - 0x08000000 :][: len(data)] == data
+    assert sum(map(len, parts.values())) <= 96 * 1024
+
+
+def check(source: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """check_image.py on a program of one file."""
+    (folder / "a.c").write_text(source)
+    compiler = [
+        "arm-none-eabi-gcc",
+        "-mcpu=cortex-m4",
+        "-mthumb",
+        "-mfpu=fpv4-sp-d16",
+        "-mfloat-abi=hard",
+        "-nostartfiles",
+    ]
+    script = [f"-Wl,-T,{folder / 'a.ld'}", f"-Wl,-Map={folder / 'a.map'}", "--specs=nano.specs", "--specs=nosys.specs"]
+    (folder / "a.ld").write_text(
+        "SECTIONS { .text 0x08000000 : { *(.text* .rodata*) }"
+        " .data 0x20000000 : { *(.data*) } .bss : { *(.bss*) } end = .; }"
+    )
+    elf = folder / "a.elf"
+    subprocess.run(
+        [*compiler, *script, "-Wl,-e,run", str(folder / "a.c"), "-o", str(elf), "-lm"],
+        check=True,
+        stderr=subprocess.DEVNULL,
+    )
+    command = [sys.executable, str(PORT / "check_image.py"), str(elf), "--map", str(folder / "a.map")]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    ("source", "finding"),
+    [
+        ("double run(double x, double y) { return x * y; }", "double-precision helper"),
+        ("double run(float x) { return x; }", "double-precision helper"),
+        ("#include <stdlib.h>\nvoid *run(unsigned x) { return malloc(x); }", "heap"),
+        ("#include <stdio.h>\nvoid run(int x) { printf(\"%d\", x); }", "printf"),
+        ("#include <math.h>\nfloat run(float x) { return sinf(x); }", "libm"),
+        ("int run(int x) { static char much[70000]; return much[x]++; }", "RAM"),
+    ],
+)  # fmt: skip
+def test_what_must_not_be_in_an_image_is_found(source: str, finding: str, tmp_path: Path) -> None:
+    result = check(source, tmp_path)
+    assert result.returncode == 1
+    assert finding in result.stdout
+
+
+def test_an_image_without_any_of_it_passes(tmp_path: Path) -> None:
+    result = check("float run(float x) { return x * 3.0f; }", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
