@@ -26,7 +26,7 @@ NOWHERE = 0x60000000  # external memory, which is not there
 
 pytestmark = [
     pytest.mark.skipif(not IMAGE.is_file(), reason=f"{IMAGE} is not there: make firmware"),
-    pytest.mark.skipif(shutil.which(PROGRAM) is None, reason=f"{PROGRAM} is not installed: apt-get install qemu-system-arm"),
+    pytest.mark.skipif(shutil.which(PROGRAM) is None, reason=f"{PROGRAM} is missing: apt-get install qemu-system-arm"),
 ]
 
 
