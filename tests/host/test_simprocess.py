@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated drive as a process (kontur-sim): buses, signals, clients that go, messages that say what to do."""
 
+import dataclasses
+import math
 import signal
 import socket
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,6 +27,7 @@ from kontur.simprocess import PROGRAM, SimProcess, plain_machine, start
 from kontur.stream import stream
 
 TIMEOUT_S = 30.0
+FAULT = 1 << 3
 
 
 @pytest.fixture
@@ -209,6 +213,52 @@ def test_silence_of_a_drive_paced_by_sync_is_an_error(by_sync: SimProcess, monke
         monkeypatch.setattr(device.link.bus, "recv", lambda timeout: None)
         with pytest.raises(NoAnswerError, match="is silent"):
             device.link.pump(1.0)
+
+
+HOST_THAT_IS_KILLED = """
+import sys
+from kontur import machine, shapes
+from kontur.planner import plan
+from kontur.run import Target, limits, run
+
+table = machine.load()
+run(
+    plan(shapes.circle(0.005, 0.01), limits(table)),
+    "ccu",
+    Target(table, bus={"interface": "slcan", "channel": sys.argv[1]}),
+    progress=lambda share: share > 0.6 and print("half way", flush=True),
+)
+"""
+
+
+def test_host_killed_on_the_way_stops_the_drive_on_the_path(machine: Machine, tmp_path: Path) -> None:
+    on_circle = dataclasses.replace(machine.starting_at((0.005, 0.0)), friction_schedule=())
+    record = tmp_path / "truth"
+    with start(slcan_tcp="0", pace="sync", machine=on_circle, record=record) as sim:
+        with subprocess.Popen([sys.executable, "-c", HOST_THAT_IS_KILLED, sim.channel], stdout=subprocess.PIPE) as host:
+            assert host.stdout is not None
+            assert host.stdout.readline() == b"half way\n"
+            host.kill()
+        with connected(open_bus(sim.options()), 1) as device:
+            killed = device.read("clock.tick")
+            while device.read("statusword_x") & 0x4F != FAULT and device.read("clock.tick") < killed + 1000:
+                device.link.send(wire.SYNC, b"")  # time passes, and no heartbeat comes
+            assert device.read("error_code_x") == device.read("error_code_y") == 0x8130
+            assert device.read("stream.executed") > 1000
+            assert 590 <= device.read("clock.tick") - killed <= 700
+    truth = simprocess.read_record(record)
+    error_m = np.abs(np.hypot(*truth.pos_m.T) - 0.005)
+    assert error_m[10 * killed :].max() <= error_m[: 10 * killed].max() + machine.x.encoder_m
+    assert np.abs(truth.vel_mps[10 * killed]).max() > 0.005
+    np.testing.assert_array_equal(truth.vel_mps[-1], 0.0)
+
+
+def test_drive_notices_by_the_heartbeat_that_its_client_has_gone(sim: SimProcess) -> None:
+    with connected(open_bus(sim.options()), 1) as device:
+        device.enable()
+    with connected(open_bus(sim.options()), 1) as device:
+        device.link._next_heartbeat_s = math.inf  # this client sends none
+        assert device.link.wait(lambda: device.read("error_code_x") == 0x8130, TIMEOUT_S)
 
 
 def test_second_client_is_told_that_there_is_one(sim: SimProcess) -> None:

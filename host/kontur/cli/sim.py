@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur sim`: the simulated drive as a process of its own, on a bus."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from pathlib import Path
+from types import FrameType
+
+import click
+
+from kontur import simprocess
+from kontur.cli.options import simulation_options
+
+_LOOK_S = 0.2
+
+
+def _interrupt(_signal: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+@click.command(name="sim")
+@click.option("--can", metavar="INTERFACE", help="On a SocketCAN interface: vcan0, can0 ...")
+@click.option(
+    "--slcan-tcp", metavar="[HOST:]PORT", help="slcan over TCP; port 0: any that is free. The default, with 0."
+)
+@click.option("--slcan-pty", is_flag=True, help="slcan over a pseudo-terminal.")
+@click.option(
+    "--pace",
+    type=click.Choice(["clock", "sync"]),
+    default="clock",
+    show_default=True,
+    help="Time of the drive: the wall clock's, or 1006h at each SYNC, which is the same in every run.",
+)
+@click.option("--node", type=click.IntRange(1, 31), default=1, show_default=True, help="CANopen node id.")
+@click.option(
+    "--record",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write the truth (struct ks_truth, each control period) to this file at the end.",
+)
+@simulation_options
+def command(
+    *,
+    can: str | None,
+    slcan_tcp: str | None,
+    slcan_pty: bool,
+    pace: str,
+    node: int,
+    record: Path | None,
+    machine: str,
+    seed: int,
+    num: str,
+) -> None:
+    """Simulate a drive on a bus, until Ctrl-C.
+
+    The firmware and its machine run in a process of their own, for kontur in another terminal or any CANopen master.
+    """
+    if (can is not None) + (slcan_tcp is not None) + slcan_pty > 1:
+        raise click.UsageError("one bus at a time: --can, --slcan-tcp or --slcan-pty")
+    if can is None and not slcan_pty:
+        slcan_tcp = slcan_tcp or "0"
+    signal.signal(signal.SIGTERM, _interrupt)
+    with simprocess.start(
+        can=can,
+        slcan_tcp=slcan_tcp,
+        slcan_pty=slcan_pty,
+        pace=pace,
+        machine=machine,
+        seed=seed,
+        node_id=node,
+        num=num,
+        record=record,
+    ) as sim:
+        try:
+            _tell(sim, node)
+            _wait(sim)
+        except KeyboardInterrupt:
+            pass
+
+
+def _tell(sim: simprocess.SimProcess, node: int) -> None:
+    bus = f"-i {sim.interface} -c {sim.channel}" + (f" --node {node}" if node != 1 else "")
+    click.echo(f"A drive answers on {sim.interface} {sim.channel}, node {node}. In another terminal:")
+    click.echo(f"  kontur info {bus}")
+    click.echo(f"  kontur run circle --radius 10 --feed 10 --approach {bus}")
+    click.echo("Ctrl-C ends it.")
+
+
+def _wait(sim: simprocess.SimProcess) -> None:
+    """Until the process ends; pass on what it has to say."""
+    told = 0
+    ended = False
+    while not ended:
+        try:
+            sim.process.wait(_LOOK_S)
+            ended = True
+        except subprocess.TimeoutExpired:
+            pass
+        said = sim.messages()
+        if not ended and len(said) > told:  # the last ones of a process that has failed are its error
+            click.echo(said[told:], nl=False, err=True)
+            told = len(said)
