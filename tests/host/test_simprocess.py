@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -100,13 +101,23 @@ def test_plain_machine_is_read_back_to_the_last_bit(machine: Machine, tmp_path: 
     in_process.close()
 
 
-def test_circle_over_tcp_is_as_good_as_in_process(sim: SimProcess, machine: Machine) -> None:
-    trajectory = plan(shapes.circle(0.005, 0.05), limits(machine))
-    target = Target(machine, bus=sim.options())
-    result = run(trajectory, "ccu", target, approach=limits(machine))
-    assert result.completed
-    assert result.log.meta["frames_lost"] == 0
-    assert np.abs(result.log.columns["e_n2_um"]).max() < 5.0
+def test_time_follows_the_wall_clock_and_is_never_ahead(sim: SimProcess) -> None:
+    with connected(open_bus(sim.options()), 1) as device:
+        begin_s = time.monotonic()
+        begin_ms = device.read("clock.tick")
+        now_ms = begin_ms
+        while now_ms < begin_ms + 300 and time.monotonic() < begin_s + TIMEOUT_S:
+            now_ms = device.read("clock.tick")
+            assert now_ms - begin_ms <= (time.monotonic() - begin_s) * 1e3 + 1.0
+        assert now_ms >= begin_ms + 300
+
+
+def test_short_path_by_the_wall_clock(sim: SimProcess, machine: Machine) -> None:
+    """All knots fit the queue: however little this machine lets the host run, none is missing."""
+    there = Program("line", (Move(Line((0.0, 0.0), (0.004, 0.002)), 0.02),), (0.0, 0.0))
+    with connected(open_bus(sim.options()), 1) as device, device.enabled():
+        device._write_entry("heartbeat_consumer", 1, 0)
+        assert stream(device, plan(there, limits(machine)).knots_nm).completed
 
 
 @pytest.fixture
@@ -148,6 +159,17 @@ def test_a_drive_paced_by_the_clock_says_so(sim: SimProcess) -> None:
     with connected(open_bus(sim.options()), 1) as device:
         assert device.read("clock.pace") == 0
         assert not device.link.by_device_time
+
+
+def test_circle_over_tcp_is_as_good_as_in_process(machine: Machine) -> None:
+    there = machine.starting_at((0.005, 0.0))
+    trajectory = plan(shapes.circle(0.005, 0.05), limits(machine))
+    with start(slcan_tcp="0", pace="sync", machine=there) as sim:
+        over_tcp = run(trajectory, "ccu", Target(machine, bus=sim.options())).log
+    in_process = run(trajectory, "ccu", Target(machine)).log
+    assert over_tcp.meta["frames_lost"] == 0
+    assert len(over_tcp.columns["tick"]) == len(in_process.columns["tick"])
+    assert np.abs(over_tcp.columns["e_n2_um"]).max() < 2.0 * np.abs(in_process.columns["e_n2_um"]).max()
 
 
 def test_two_runs_paced_by_sync_give_equal_bytes(machine: Machine, tmp_path: Path) -> None:
