@@ -25,6 +25,13 @@ CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 
 _SDO_ATTEMPTS = 6
 _ABORT_INCOMPATIBLE = 0x06040043
+_SIGNATURE = {"store": 0x65766173, "restore": 0x64616F6C}  # "save", "load"
+_STORE_REFUSALS = {
+    0x08000022: "an axis has power, and writing the flash would stop its control: switch the axes off first",
+    0x06060000: "its flash reports an error; what was stored before still holds. Try again; if the error stays, the "
+    "controller board is to be replaced",
+}
+_FLASH_S = 5.0  # more than erasing a sector takes
 _ABORTS_OF_TRANSFER = (0x05030000, 0x05040001, 0x05040004)  # toggle bit, command, CRC: a frame was lost or corrupted
 RESEND_S = 0.05
 """Time after which a command that shows no effect is sent again."""
@@ -177,8 +184,22 @@ class Device:
             waiting = {name: waiting[name] for name in refused}
 
     def dump(self) -> dict[str, float]:
-        """All parameters, name to value in its unit."""
-        return {name: self.read(name) for name in self.parameters}
+        """All parameters, name to value in its unit, but those of its place on the bus (`node.`)."""
+        return {name: self.read(name) for name in self.parameters if not name.startswith("node.")}
+
+    def save_parameters(self, everything: bool = False) -> None:
+        """Let the drive start with its parameters as they are now; `everything`: with its communication objects, too.
+
+        Raises DeviceError while an axis has power, and when the flash fails.
+        """
+        self._keep("store", everything)
+
+    def restore_defaults(self, everything: bool = False) -> None:
+        """Let the drive start with default parameters from its next reset on; `everything`: communication objects, too.
+
+        Node id and bit rate stay. Raises DeviceError while an axis has power, and when the flash fails.
+        """
+        self._keep("restore", everything)
 
     def info(self) -> Info:
         """Identity and state."""
@@ -366,6 +387,21 @@ class Device:
             f"did you mean {', '.join(close)}?" if close else "see `kontur param list`"
         )
 
+    def _keep(self, command: str, everything: bool) -> None:
+        sdo = self.link.node.sdo
+        before_s, sdo.RESPONSE_TIMEOUT = sdo.RESPONSE_TIMEOUT, _FLASH_S
+        try:
+            variable = self._dictionary[command][1 if everything else 3]
+            self._download(command, variable, _SIGNATURE[command], read_back=False)
+        except DeviceError as error:
+            code = error.__cause__.code if isinstance(error.__cause__, SdoAbortedError) else 0
+            if code not in _STORE_REFUSALS:
+                raise
+            why = _STORE_REFUSALS[code]
+            raise DeviceError(f"the drive (node {self.link.node_id}) stores nothing: {why}") from error
+        finally:
+            sdo.RESPONSE_TIMEOUT = before_s
+
     def _write_entry(self, name: str, subindex: int, value: int) -> None:
         self._download(name, self._dictionary[name][subindex], value, read_back=True)
 
@@ -426,6 +462,8 @@ def describe_emcy(code: int) -> str:
 
 
 EMCY_TEXT = {
+    0x5530: "its stored parameters cannot be used, so it has defaults; set them again (kontur param load FILE, then "
+    "kontur param save)",
     0x5400: "the amplifier or an encoder reports a fault; see its display and its cables",
     0x8130: "the host's heartbeat ceased, so it stopped on the path and switched off; is the host overloaded?",
     0x8400: "an axis was faster than limits.velocity; lower the feed, or check plant_x.encoder and plant_y.encoder",

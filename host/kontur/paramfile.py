@@ -18,7 +18,7 @@ else:
 
 def text(values: Mapping[str, float], parameters: Mapping[str, Parameter]) -> str:
     """`values` by name as TOML."""
-    lines: list[str] = ["# Parameters of a Kontur drive: kontur param restore FILE"]
+    lines: list[str] = ["# Parameters of a Kontur drive: kontur param load FILE"]
     table = ""
     for name in sorted(values, key=lambda name: ("." in name, name.partition(".")[0])):
         record, dot, key = name.rpartition(".")

@@ -128,9 +128,9 @@ def test_bus_may_be_named_in_the_environment_of_python_can() -> None:
 def test_parameters_go_to_a_file_and_back(tmp_path: Path) -> None:
     file = tmp_path / "p.toml"
     succeeds("param", "dump", str(file))
-    succeeds("param", "restore", str(file))
+    succeeds("param", "load", str(file))
     file.write_text(file.read_text().replace("[asmc]\n", "[asmc]\nlambdo = 3.0\n"))
-    result = kontur("param", "restore", str(file))
+    result = kontur("param", "load", str(file))
     assert result.exit_code == 1
     assert "asmc.lambdo: no such parameter; did you mean asmc.lambda" in result.stderr
 
@@ -169,7 +169,7 @@ PART = "G21 G90 G1 X10 F600\nG1 Y10\n"
         (("info", "-i", "virtual", "-c", "nobody"), "does not answer"),
         (("run", "circle", "--feed", "50", "-i", "virtual", "-c", "nobody"), "does not answer"),
         (("param", "set", "asmc.lambda=0"), "asmc.lambda: 0 1/s is out of range"),
-        (("param", "restore", "nowhere.toml"), "nowhere.toml: cannot be read"),
+        (("param", "load", "nowhere.toml"), "nowhere.toml: cannot be read"),
     ],
 )
 def test_mistake_is_one_message_and_exit_code_1(

@@ -38,7 +38,7 @@ def test_machine_is_told_to_the_drive_and_read_back(device: Device) -> None:
 
 def test_dump_has_every_parameter_and_sets_back_what_was_changed(device: Device) -> None:
     before = device.dump()
-    assert set(before) == set(device.parameters)
+    assert set(before) == set(device.parameters) - {"node.id", "node.bitrate"}
     device.write("uncertainty.alpha", 33.0)
     device.set_parameters(before)
     assert device.dump() == before
@@ -62,6 +62,48 @@ def test_bad_value_is_refused_before_anything_is_set(device: Device, name: str, 
 def test_parameter_of_an_enabled_axis_is_refused_by_the_drive(device: Device) -> None:
     with device.enabled(), pytest.raises(DeviceError, match=r"plant_x\.mass: the drive refuses"):
         device.write("plant_x.mass", 50.0)
+
+
+def reset(device: Device) -> None:
+    device.link.node.nmt.send_command(0x81)
+
+
+def test_saved_parameters_are_there_after_a_reset(device: Device) -> None:
+    device.write("asmc.lambda", 150.0)
+    reset(device)
+    assert device.read("asmc.lambda") == 200.0
+    device.write("asmc.lambda", 150.0)
+    device.save_parameters()
+    device.write("asmc.lambda", 160.0)
+    reset(device)
+    assert device.read("asmc.lambda") == 150.0
+
+
+def test_restored_defaults_are_there_after_a_reset(device: Device) -> None:
+    device.write("asmc.lambda", 150.0)
+    device.save_parameters()
+    device.restore_defaults()
+    assert device.read("asmc.lambda") == 150.0
+    reset(device)
+    assert device.read("asmc.lambda") == 200.0
+
+
+def test_communication_objects_are_saved_when_asked_for(device: Device) -> None:
+    for everything, kept in ((False, 100.0), (True, 70.0)):
+        device.write("heartbeat_producer", 70)
+        device.save_parameters(everything)
+        reset(device)
+        assert device.read("heartbeat_producer") == kept
+    device.restore_defaults(everything=True)
+    reset(device)
+    assert device.read("heartbeat_producer") == 100.0
+
+
+def test_parameters_are_not_saved_while_an_axis_has_power(device: Device) -> None:
+    with device.enabled():
+        for keep in (device.save_parameters, device.restore_defaults):
+            with pytest.raises(DeviceError, match=r"node 1\) stores nothing: an axis has power.* switch the axes off"):
+                keep()
 
 
 def test_both_axes_are_enabled_inside_and_off_afterwards(device: Device) -> None:

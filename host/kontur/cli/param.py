@@ -16,7 +16,7 @@ from kontur.run import Target, connect
 
 @click.group(name="param")
 def command() -> None:
-    """List, read, set, save and restore parameters (docs/objects.md has all of them).
+    """List, read and set parameters, and keep them in the drive (docs/objects.md has all of them).
 
     A simulated drive is new in every command; give it parameters with `kontur run --set NAME=VALUE`.
     """
@@ -79,11 +79,34 @@ def dump_command(*, target: Target, file: Path | None) -> None:
         write_whole(file, text.encode())
 
 
-@command.command(name="restore")
+@command.command(name="load")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @target_options
-def restore_command(*, target: Target, file: Path) -> None:
+def load_command(*, target: Target, file: Path) -> None:
     """Set all parameters that are in FILE, as `dump` writes it."""
     values = paramfile.read(file)
     with connect(target) as device:
         device.set_parameters(values)
+
+
+_EVERYTHING = click.option("--all", "everything", is_flag=True, help="Communication objects (1000h to 1FFFh), too.")
+
+
+@command.command(name="save")
+@_EVERYTHING
+@target_options
+def save_command(*, target: Target, everything: bool) -> None:
+    """Let the drive start with its parameters as they are now; no axis may have power."""
+    with connect(target) as device:
+        device.save_parameters(everything)
+    click.echo("saved: the drive starts with what is set now")
+
+
+@command.command(name="restore")
+@_EVERYTHING
+@target_options
+def restore_command(*, target: Target, everything: bool) -> None:
+    """Let the drive start with the defaults again; its node id and bit rate stay, and no axis may have power."""
+    with connect(target) as device:
+        device.restore_defaults(everything)
+    click.echo("restored: the defaults are in effect after the drive's next power-on or reset")
