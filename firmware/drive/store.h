@@ -6,7 +6,7 @@
  * fails, the newest set that is whole is the old or the new one. Values are kept by object index and sub-index: of a set
  * written by another firmware, objects unknown here are skipped, and what is missing or out of range stays as it is.
  *
- * A set, in words of 32 bits as the processor keeps them (docs/adr/0012):
+ * A set, in words of 32 bits as the processor keeps them (docs/adr/0013):
  *   STORE_MAGIC (its low byte is the version of this layout)
  *   sequence number, one more than that of the set before
  *   pairs: index << 8 | sub, value (sign-extended)
