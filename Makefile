@@ -188,15 +188,18 @@ $(LIB)/kontur-sim: $(LINUX)
 	$(Q)$(CC) -o $@ $^ -ldl
 
 # --- image ------------------------------------------------------------------------------------------------------------
-# The STM32F405 image. BOARD=feather builds it for firmware/port/stm32f405/board_feather.h.
+# The STM32F405 image. BOARD=feather builds it for firmware/port/stm32f405/board_feather.h, CONTROL_HZ=20000 for servo ticks at 20 kHz.
 BOARD    := kontur
+CONTROL_HZ := 10000
+VARIANT  := build/firmware/$(BOARD)-$(CONTROL_HZ)
 ARM      := arm-none-eabi-
-IMAGE    := build/firmware/$(BOARD)/kontur
+IMAGE    := $(VARIANT)/kontur
 ARM_CPU  := -mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard
 ARM_FLAGS := $(ARM_CPU) $(CFLAGS) -ffunction-sections -fdata-sections -fno-common -fstack-usage -DKONTUR_BUILD_ID='"$(BUILD_ID)"' \
-	-DKONTUR_VERSION='"$(VERSION)"' -DBOARD_HEADER='"board_$(BOARD).h"'
+	-DKONTUR_VERSION='"$(VERSION)"' -DBOARD_HEADER='"board_$(BOARD).h"' \
+	-DCONTROL_HZ=$(CONTROL_HZ)u
 IMAGE_SOURCES := $(FIRMWARE) $(wildcard firmware/port/*.c $(PORT)/*.c)
-IMAGE_OBJECTS := $(IMAGE_SOURCES:%.c=build/firmware/$(BOARD)/%.o)
+IMAGE_OBJECTS := $(IMAGE_SOURCES:%.c=$(VARIANT)/%.o)
 
 firmware: $(IMAGE).elf $(IMAGE).bin $(IMAGE).hex $(IMAGE).dfu  ## the image for an STM32F405: build/firmware/kontur.elf .bin .hex .dfu
 	@for f in elf bin hex dfu; do cp $(IMAGE).$$f build/firmware/; done
@@ -218,11 +221,11 @@ build/dfu-util.stamp:
 build/qemu.stamp:
 	$(Q)$(call debian,qemu-system-arm,qemu-system-arm)
 
-build/firmware/$(BOARD)/%.o: %.c | build/arm.stamp $(GENERATED)
+$(VARIANT)/%.o: %.c | build/arm.stamp $(GENERATED)
 	@mkdir -p $(@D); echo "  ARM $<"
 	$(Q)$(ARM)gcc $(ARM_FLAGS) $(INCLUDE) -I$(PORT) -MMD -MP -c $< -o $@
 
-build/firmware/$(BOARD)/firmware/drive/app.o: build/build_id
+$(VARIANT)/firmware/drive/app.o: build/build_id
 
 $(IMAGE).elf: $(IMAGE_OBJECTS) $(PORT)/kontur.ld
 	@echo "  LD  $@"

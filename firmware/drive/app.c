@@ -234,13 +234,14 @@ static void on_heartbeat_lost(void *ctx)
     }
 }
 
-static void set_texts(struct od_data *od)
+static void set_build(struct od_data *od)
 {
     od->device_name = "Kontur";
     od->hardware_version = "-";
     od->software_version = KONTUR_VERSION;
     od->build_id = KONTUR_BUILD_ID;
     od->num_backend = NUM_NAME;
+    od->clock.control_hz = CONTROL_HZ;
 }
 
 static void on_reset(void *ctx, bool communication_only)
@@ -255,7 +256,7 @@ void app_init(struct app *app, const struct hal *hal, uint8_t node_id)
 {
     *app = (struct app){.hal = hal};
     od_init(&app->od, node_id);
-    set_texts(&app->od);
+    set_build(&app->od);
     const uint8_t used_id = settings_init(&app->settings, &app->od, hal, node_id);
     drive_init(&app->drive, &app->od, hal);
     const struct co_config config = {

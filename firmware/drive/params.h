@@ -5,7 +5,10 @@
 #include "od.h"
 #include "servo.h"
 
+/* Servo ticks a second: a multiple of 1000, chosen when the firmware is compiled. */
+#ifndef CONTROL_HZ
 #define CONTROL_HZ 10000u
+#endif
 
 /* Whether parameters fit together, each within the dictionary's range: k_bar e_max <= 4, k_0 <= k_max, mu_0 <= mu_max. */
 bool params_fit(const struct od_data *od);
