@@ -126,7 +126,7 @@ class Device:
         }
         self._written: dict[str, float] = {}  # parameters, as they are to be
         self.read("device_name")
-        if self.read("clock.pace"):
+        if self.confirmed("clock.pace"):
             self._follow_sync()
 
     # --- objects ---
@@ -339,13 +339,13 @@ class Device:
     # --- inside ---
 
     def _follow_sync(self) -> None:
-        period_us = self.read("sync_period")
+        period_us = self.confirmed("sync_period")
         if period_us == 0 or period_us % 1000:
             raise DeviceError(
                 f"the drive's time passes with SYNC, {period_us} us at each (sync_period): kontur needs whole ms; "
                 "set object 1006h to 1000"
             )
-        self.link.follow_sync(self.read("clock.tick"), period_us // 1000)
+        self.link.follow_sync(self.confirmed("clock.tick"), period_us // 1000)
 
     def _take_emergencies(self) -> list[tuple[int, int, bytes]]:
         taken, self.link.emergencies = self.link.emergencies, []

@@ -76,6 +76,8 @@ class Link:
         # A bus whose time passes by its own rules, in the simulator, says so by having a `time_s`.
         self._clock: Callable[[], float] = (lambda: bus.time_s) if hasattr(bus, "time_s") else time.monotonic
         self._next_heartbeat_s = self._clock()
+        self.frames = 0
+        """Sent and received so far."""
         self._recording = False
         self._frames: list[tuple[int, bytearray]] = []
         # Services of fixed length; frames of another one are corrupted.
@@ -117,6 +119,7 @@ class Link:
 
     def send(self, cob_id: int, data: bytes) -> None:
         """Send one frame. Raises BusError."""
+        self.frames += 1
         try:
             self.bus.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
         except can.CanError as error:
@@ -147,6 +150,7 @@ class Link:
             raise BusError(f"{self.bus.channel_info}: receiving failed: {error}") from error
         if message is None:
             return False
+        self.frames += 1
         if message.arbitration_id in self._telemetry_ids:
             if self._sync_ms and message.arbitration_id in self._tick_ids and len(message.data) == 8:
                 self._see_tick(message.data[0] | message.data[1] << 8)

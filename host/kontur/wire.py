@@ -118,7 +118,7 @@ class Telemetry:
     frames_lost: int
 
 
-_TELEMETRY_PERIOD = {TPDO2: 1, TPDO3: 1, TPDO4: 2, TPDO5: 20}
+_TELEMETRY_PERIOD = {TPDO2: 1, TPDO3: 1, TPDO4: 10, TPDO5: 20}
 
 
 def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], start_nm: tuple[int, int]) -> Telemetry:

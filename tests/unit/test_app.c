@@ -802,7 +802,7 @@ static void test_telemetry_carries_forces_gains_and_energy_in_their_units(void)
 {
     rig_enable(&rig);
     rig_go(&rig, &stream, 695);
-    do { /* TPDO4 comes every 2 ms, TPDO5 every 20 */
+    do { /* TPDO4 comes every 10 ms, TPDO5 every 20 */
         rig_ms(&rig, 1);
     } while (rig.telemetry_ms[2] != rig.ms - 1 || rig.telemetry_ms[3] != rig.ms - 1);
     const uint8_t *force = rig.telemetry[2].data, *energy = rig.telemetry[3].data;

@@ -139,7 +139,7 @@ static void test_tpdos_come_at_their_times_in_the_order_of_their_numbers(void)
     TEST_ASSERT_EQUAL_UINT(10, sent(0x185));
     TEST_ASSERT_EQUAL_UINT(100, sent(0x285));
     TEST_ASSERT_EQUAL_UINT(100, sent(0x385));
-    TEST_ASSERT_EQUAL_UINT(50, sent(0x485));
+    TEST_ASSERT_EQUAL_UINT(10, sent(0x485));
     TEST_ASSERT_EQUAL_UINT(5, sent(0x1C5));
     for (unsigned i = 0; i < bus.count; i++) {
         if (bus.sent[i].id == 0x485) { /* dated by the TPDO2 of the same millisecond */

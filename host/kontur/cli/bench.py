@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import click
 
+from kontur import bench_stream, busload
 from kontur import machine as machines
 from kontur.bench import bench
-from kontur.cli.options import simulation_options
-from kontur.cli.output import print_json
+from kontur.cli.options import interruptible, progress_bar, simulation_options, target_options
+from kontur.cli.output import print_json, print_table
+from kontur.errors import StreamError
 from kontur.run import Target
 
 
@@ -30,3 +32,70 @@ def sim_command(*, as_json: bool, machine: str, seed: int, num: str) -> None:
     for name, what in (("oracle", "NumPy stepping"), ("direct", "in process, direct"), ("can", "in process, over CAN")):
         rate = result[f"{name}_periods_per_s"]
         click.echo(f"{what:<22}{rate:>12,.0f} control periods/s  {rate / oracle:>8.1f} x")
+
+
+@command.command(name="stream")
+@click.option(
+    "--knots",
+    type=click.IntRange(bench_stream.KNOTS_MIN, bench_stream.KNOTS_MAX),
+    default=100_000,
+    show_default=True,
+    help="Knots to stream, one a millisecond of path time.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@target_options
+def stream_command(*, knots: int, as_json: bool, target: Target) -> None:
+    """Stream knots, and tell how many were lost, sent again, and how much of the host that takes.
+
+    The axes move: circles of 4 mm diameter at 20 mm/s, to the left of where they stand. Without bus options the drive
+    is a process of its own on slcan, whose time passes with SYNC; -i kontur -c sim simulates it in this process.
+    """
+    with progress_bar("streaming") as progress, interruptible() as stop_requested:
+        result = bench_stream.bench(target, knots, progress, stop_requested)
+    if as_json:
+        print_json(result)
+    else:
+        for name, value in result.items():
+            if value is not None and not isinstance(value, dict):
+                click.echo(f"{name:<24}{f'{value:,.1f}' if isinstance(value, float) else value}")
+    if result["error"] is not None:
+        raise StreamError(result["error"])
+
+
+@command.command(name="bus")
+@click.option(
+    "-b",
+    "--bitrate",
+    type=click.IntRange(min=10_000),
+    default=busload.BITRATE,
+    show_default=True,
+    help="Bit rate of the bus, bit/s.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def bus_command(*, bitrate: int, as_json: bool) -> None:
+    """Share of the bus that the default PDOs take at worst while knots are streamed; computed from the EDS."""
+    loads = busload.loads(bitrate)
+    total = sum(load.share for load in loads)
+    if as_json:
+        print_json({"bitrate": bitrate, "frames": [vars(load) for load in loads], "share": total})
+        return
+    rows = [
+        {
+            "frame": load.name,
+            "per s": round(load.rate_hz),
+            "bytes": load.data_bytes,
+            "bits": load.bits,
+            "share %": load.share * 100.0,
+        }
+        for load in loads
+    ]
+    rows.append(
+        {
+            "frame": "all",
+            "per s": round(sum(load.rate_hz for load in loads)),
+            "bytes": None,
+            "bits": None,
+            "share %": total * 100.0,
+        }
+    )
+    print_table(rows, title=f"{bitrate:,} bit/s, worst case of stuffing")
