@@ -2,9 +2,9 @@
 """How much of the bus the default PDOs take while knots are streamed, if every bit that can be stuffed is.
 
 A data frame with an 11-bit identifier and n bytes has 47 + 8 n bits, the three between frames included; of these
-34 + 8 n are subject to stuffing, at worst one more for each four after the first: (34 + 8 n - 1) / 4. See Davis, Burns,
-Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and revised", Real-Time Systems
-35 (2007), (1). Rates and lengths are those of the EDS.
+34 + 8 n are subject to stuffing, at worst one more for each four after the first: (34 + 8 n - 1) / 4. See Davis,
+Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and revised", Real-Time
+Systems 35 (2007), (1). Rates and lengths are those of the EDS.
 """
 
 from __future__ import annotations
