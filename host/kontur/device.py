@@ -98,10 +98,11 @@ class Info:
 
 def open_bus(options: Mapping[str, Any]) -> can.BusABC:
     """Open a bus by python-can's options. Raises BusError; of the simulated drive, what kept it from starting."""
-    if options.get("interface") == "slcan":
-        ready = str(options.get("channel")).startswith(_READY_AT_ONCE)
-        # python-can waits for adapters that start when they are opened
-        options = {**({"sleep_after_open": 0} if ready else {}), **options, "interface": "kontur-slcan"}
+    for name in ("interface", "inner"):  # inner: of a bus with faults
+        if options.get(name) == "slcan":
+            ready = str(options.get("channel")).startswith(_READY_AT_ONCE)
+            # python-can waits for adapters that start when they are opened
+            options = {**({"sleep_after_open": 0} if ready else {}), **options, name: "kontur-slcan"}
     try:
         return can.Bus(**options)
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:

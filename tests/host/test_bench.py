@@ -43,7 +43,7 @@ def test_share_follows_the_event_timers_and_mappings_of_the_eds(tmp_path: Path) 
     text = EDS.read_text()
     section = text.index("[1803sub5]")
     changed = tmp_path / "changed.eds"
-    changed.write_text(text[:section] + text[section:].replace("DefaultValue=10", "DefaultValue=1", 1))
+    changed.write_text(text[:section] + text[section:].replace("DefaultValue=0xA", "DefaultValue=0x1", 1))
     more = sum(load.share for load in busload.loads(eds=changed)) - sum(load.share for load in busload.loads())
     assert more == pytest.approx(900 * 135 / 1e6)
 
