@@ -23,6 +23,7 @@ struct ks {
     struct plant plant;
     struct sim_flash flash;
     struct hal_can_status can;
+    uint8_t node_id;
     double force_N[2];
     struct fifo to_device, to_host;
     uint64_t tick;
@@ -157,6 +158,7 @@ ks *ks_new(const struct ks_machine *machine, uint64_t seed, uint8_t node_id)
                           .flash_read = flash_read,
                           .flash_erase = flash_erase,
                           .flash_write = flash_write};
+    s->node_id = node_id;
     sim_flash_init(&s->flash, seed);
     plant_init(&s->plant, machine, seed, 1.0 / CONTROL_HZ);
     app_init(&s->app, &s->hal, node_id);
@@ -277,6 +279,19 @@ void ks_set_can_status(ks *s, const struct ks_can_status *status)
                                      .rx_errors = (uint8_t)status->rx_errors,
                                      .rx_lost = status->rx_lost,
                                      .bus_offs = status->bus_offs};
+}
+
+const void *ks_flash(const ks *s, uint32_t *bytes)
+{
+    *bytes = sizeof s->flash.word;
+    return s->flash.word;
+}
+
+void ks_power_on_with(ks *s, const void *flash)
+{
+    memcpy(s->flash.word, flash, sizeof s->flash.word);
+    s->to_host.count = 0;
+    app_init(&s->app, &s->hal, s->node_id);
 }
 
 void ks_set_paced(ks *s, int by_sync)

@@ -89,6 +89,11 @@ const char *ks_num(const ks *s);            /* numeric back end: "f32", "fix" or
 /* What the CAN controller tells from now on; at power-on it is error active, and nothing was lost. */
 void ks_set_can_status(ks *s, const struct ks_can_status *status);
 
+/* The flash that parameters are stored in (1010h): `*bytes` at the address returned. */
+const void *ks_flash(const ks *s, uint32_t *bytes);
+/* Put other contents, as many bytes, into the flash and power on with them. For a drive that has not been used yet. */
+void ks_power_on_with(ks *s, const void *flash);
+
 /* Tell in 2020h:4 that time passes with SYNC; letting it do so is the caller's. */
 void ks_set_paced(ks *s, int by_sync);
 /* Identifier of SYNC (1005h), and the time between two in us (1006h). */

@@ -72,11 +72,13 @@ def start(
     node_id: int = 1,
     num: str = "f32",
     record: Path | None = None,
+    store: Path | None = None,
 ) -> Iterator[SimProcess]:
     """Power on a drive on one bus: `can` interface, `slcan_tcp` "[HOST:]PORT" (0: any free port), or `slcan_pty`.
 
     `pace`: "clock" (the wall clock's) or "sync" (1006h at each SYNC). `machine`: a Machine or the name of a file.
-    `record`: gets the truth at power-off, see read_record(). Raises LibraryError when the program is not built,
+    `record`: gets the truth at power-off, see read_record(). `store`: the flash that parameters are stored in (1010h),
+    read at power-on if there is one, written at power-off. Raises LibraryError when the program is not built,
     MachineError, SimulatorError with the message of a process that failed.
     """
     arguments = [str(PROGRAM), "--seed", str(seed), "--node", str(node_id), "--num", num, "--pace", pace]
@@ -84,6 +86,7 @@ def start(
     arguments += ["--can", can] if can is not None else []
     arguments += ["--slcan-tcp", slcan_tcp] if slcan_tcp is not None else []
     arguments += ["--slcan-pty"] if slcan_pty else []
+    arguments += ["--store", str(store)] if store is not None else []
     arguments += ["--record", str(record)] if record is not None else []
     plant = machine if isinstance(machine, Machine) else machines.load(machine)
     with tempfile.TemporaryFile() as stderr:

@@ -101,6 +101,35 @@ def test_plain_machine_is_read_back_to_the_last_bit(machine: Machine, tmp_path: 
     in_process.close()
 
 
+def test_what_is_stored_is_there_at_the_next_power_on(tmp_path: Path) -> None:
+    store = tmp_path / "flash"
+    with start(slcan_tcp="0", store=store) as sim, connected(open_bus(sim.options()), 1) as device:
+        device.write("asmc.lambda", 150.0)
+        device.link.node.sdo.download(0x1010, 1, b"save")
+        device.write("asmc.lambda", 170.0)
+    with start(slcan_tcp="0", store=store) as sim, connected(open_bus(sim.options()), 1) as device:
+        assert device.read("asmc.lambda") == 150.0
+    with start(slcan_tcp="0") as sim, connected(open_bus(sim.options()), 1) as device:
+        assert device.read("asmc.lambda") == 200.0
+
+
+def test_store_that_is_none_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "flash").write_bytes(b"something else")
+    assert "holds no store" in refused("--store", str(tmp_path / "flash"))
+    assert "remove this one" in refused("--store", str(tmp_path))
+
+
+def test_time_that_the_machine_did_not_give_is_lost_and_said_once(sim: SimProcess) -> None:
+    with connected(open_bus(sim.options()), 1) as device:
+        for _ in range(2):
+            before = device.read("clock.tick")
+            sim.process.send_signal(signal.SIGSTOP)
+            time.sleep(0.4)  # the stall itself
+            sim.process.send_signal(signal.SIGCONT)
+            assert device.link.wait(lambda before=before: device.read("clock.tick") > before + 200, TIMEOUT_S)  # type: ignore[misc]
+    assert sim.messages().count("does not keep up with the wall clock") == 1
+
+
 def test_time_follows_the_wall_clock_and_is_never_ahead(sim: SimProcess) -> None:
     with connected(open_bus(sim.options()), 1) as device:
         begin_s = time.monotonic()

@@ -25,8 +25,8 @@ enum { SLICE_HZ = 1000, FRAMES_A_TURN = 256 };
 
 static const char usage[] =
     "usage: kontur-sim --machine FILE (--can INTERFACE | --slcan-tcp [HOST:]PORT | --slcan-pty)\n"
-    "                  [--pace clock|sync] [--seed N] [--node ID] [--num f32|fix|chk] [--record FILE]\n"
-    "                  [--with-parent]\n"
+    "                  [--pace clock|sync] [--seed N] [--node ID] [--num f32|fix|chk] [--store FILE]\n"
+    "                  [--record FILE] [--with-parent]\n"
     "The Kontur firmware and a simulated machine on a CAN bus. `kontur sim` starts it with a machine from a TOML file.\n"
     "  --machine FILE    plain machine file (firmware/port/linux/machine_file.h); -: from standard input\n"
     "  --can INTERFACE   SocketCAN, classic frames: vcan0, can0 ...\n"
@@ -37,12 +37,13 @@ static const char usage[] =
     "  --seed N          seed of the simulated noise (default 1)\n"
     "  --node ID         CANopen node id, 1..31 (default 1)\n"
     "  --num NUM         numeric back end of the firmware (default f32)\n"
+    "  --store FILE      keep what the drive stores (1010h) in this file from run to run; it is written at the end\n"
     "  --record FILE     write the truth, a struct ks_truth a control period since power-on, when it ends\n"
     "  --with-parent     end when the process that started it ends\n"
     "SIGINT and SIGTERM end it.\n";
 
 struct options {
-    const char *machine, *can, *slcan_tcp, *num, *record;
+    const char *machine, *can, *slcan_tcp, *num, *store, *record;
     bool slcan_pty, sync, with_parent;
     uint64_t seed;
     uint8_t node;
@@ -77,14 +78,15 @@ static uint64_t whole_number(const char *name, const char *text, uint64_t least,
 
 static struct options parse(int argc, char **argv)
 {
-    enum { MACHINE, CAN, TCP, PTY, PACE, SEED, NODE, NUM, RECORD, PARENT, HELP };
+    enum { MACHINE, CAN, TCP, PTY, PACE, SEED, NODE, NUM, STORE, RECORD, PARENT, HELP };
     static const struct option known[] = {
         {"machine", required_argument, NULL, MACHINE}, {"can", required_argument, NULL, CAN},
         {"slcan-tcp", required_argument, NULL, TCP},   {"slcan-pty", no_argument, NULL, PTY},
         {"pace", required_argument, NULL, PACE},       {"seed", required_argument, NULL, SEED},
         {"node", required_argument, NULL, NODE},       {"num", required_argument, NULL, NUM},
-        {"record", required_argument, NULL, RECORD},   {"with-parent", no_argument, NULL, PARENT},
-        {"help", no_argument, NULL, HELP},             {NULL, 0, NULL, 0},
+        {"store", required_argument, NULL, STORE},     {"record", required_argument, NULL, RECORD},
+        {"with-parent", no_argument, NULL, PARENT},    {"help", no_argument, NULL, HELP},
+        {NULL, 0, NULL, 0},
     };
     struct options o = {.num = "f32", .seed = 1, .node = 1};
     int option;
@@ -103,6 +105,7 @@ static struct options parse(int argc, char **argv)
         case SEED: o.seed = whole_number("seed", optarg, 0, UINT64_MAX); break;
         case NODE: o.node = (uint8_t)whole_number("node", optarg, 1, 31); break;
         case NUM: o.num = optarg; break;
+        case STORE: o.store = optarg; break;
         case RECORD: o.record = optarg; break;
         case PARENT: o.with_parent = true; break;
         case HELP: fputs(usage, stdout); exit(0);
@@ -220,15 +223,45 @@ static void run(struct sim *s, int signals)
 }
 
 /* Whole or not at all */
-static void write_record(const struct sim *s, const char *path)
+static void write_file(const char *option, const char *path, const void *data, size_t bytes)
 {
     char part[4096];
     snprintf(part, sizeof part, "%s.part", path);
-    const size_t rows = s->lib.ks_record_count(s->ks);
     FILE *file = fopen(part, "wb");
-    if (file == NULL || fwrite(s->lib.ks_record_data(s->ks), sizeof(struct ks_truth), rows, file) != rows ||
-        fclose(file) != 0 || rename(part, path) != 0) {
-        die("--record %s cannot be written: %s", path, strerror(errno));
+    if (file == NULL || fwrite(data, 1, bytes, file) != bytes || fclose(file) != 0 || rename(part, path) != 0) {
+        die("--%s %s cannot be written: %s", option, path, strerror(errno));
+    }
+}
+
+/* Power on with the flash of the last run, if there was one. */
+static void load_store(const struct sim *s, const char *path)
+{
+    static char flash[1 << 20];
+    uint32_t bytes;
+    (void)s->lib.ks_flash(s->ks, &bytes);
+    FILE *file = fopen(path, "rb");
+    if (file == NULL && errno == ENOENT) {
+        return;
+    }
+    const size_t got = file == NULL ? 0 : fread(flash, 1, sizeof flash, file);
+    if (file == NULL || got != bytes) {
+        die("--store %s: %s; name another file, or remove this one to start with an empty store", path,
+            file == NULL ? strerror(errno) : "holds no store of this program");
+    }
+    fclose(file);
+    s->lib.ks_power_on_with(s->ks, flash);
+}
+
+static void write_results(const struct sim *s, const struct options *options)
+{
+    uint32_t bytes;
+    const void *flash = s->lib.ks_flash(s->ks, &bytes);
+    if (options->store != NULL) {
+        write_file("store", options->store, flash, bytes);
+    }
+    if (options->record != NULL) {
+        write_file("record", options->record, s->lib.ks_record_data(s->ks),
+                   s->lib.ks_record_count(s->ks) * sizeof(struct ks_truth));
     }
 }
 
@@ -251,6 +284,9 @@ int main(int argc, char **argv)
     if (s.ks == NULL) {
         die("not enough memory");
     }
+    if (options.store != NULL) {
+        load_store(&s, options.store);
+    }
     s.sync = options.sync;
     s.lib.ks_set_paced(s.ks, s.sync);
     if (options.can != NULL) {
@@ -268,9 +304,7 @@ int main(int argc, char **argv)
     fflush(stdout);
     run(&s, signals);
     s.bus.close(s.bus.ctx);
-    if (options.record != NULL) {
-        write_record(&s, options.record);
-    }
+    write_results(&s, &options);
     s.lib.ks_free(s.ks);
     return 0;
 }

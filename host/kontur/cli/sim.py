@@ -39,6 +39,11 @@ def _interrupt(_signal: int, _frame: FrameType | None) -> None:
     type=click.Path(dir_okay=False, path_type=Path),
     help="Write the truth (struct ks_truth, each control period) to this file at the end.",
 )
+@click.option(
+    "--store",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Keep what the drive stores (object 1010h) in this file, from run to run.",
+)
 @simulation_options
 def command(
     *,
@@ -48,6 +53,7 @@ def command(
     pace: str,
     node: int,
     record: Path | None,
+    store: Path | None,
     machine: str,
     seed: int,
     num: str,
@@ -71,6 +77,7 @@ def command(
         node_id=node,
         num=num,
         record=record,
+        store=store,
     ) as sim:
         try:
             _tell(sim, node)
