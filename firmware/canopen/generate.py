@@ -224,8 +224,8 @@ def docs(objects: list[Object]) -> str:
         "Generated from `firmware/canopen/objects.toml` by `firmware/canopen/generate.py`: do not edit.",
         "",
         "P: a parameter (writable only while no axis is in operation enabled; kept by `kontur param dump` and `save`); "
-        "M: may be mapped into a PDO. Default and range are in the unit; *count* is what one count on the wire means. n is the "
-        "node id. Sub-index 0 of a record holds its highest sub-index and is left out here.",
+        "M: may be mapped into a PDO. Default and range are in the unit; *count* is what one count on the wire means. "
+        "n is the node id. Sub-index 0 of a record holds its highest sub-index and is left out here.",
     ]
     head = ["", "| object | name | type | access | | unit | default | range | count | |", "|" + "---|" * 10]
     area = ""
