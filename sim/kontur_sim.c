@@ -61,6 +61,11 @@ static void drive_read(void *ctx, struct hal_drive_in *in)
     const ks *s = ctx;
     *in = (struct hal_drive_in){0};
     plant_encoders(&s->plant, in->count);
+    plant_switches(&s->plant, in->inputs);
+    for (int i = 0; i < 2; i++) {
+        in->index_pulses[i] = s->plant.index_pulses[i];
+        in->index_count[i] = s->plant.index_count[i];
+    }
 }
 
 static void drive_write(void *ctx, const struct hal_drive_out *out)

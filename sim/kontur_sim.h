@@ -27,6 +27,8 @@ struct ks_machine {
     double encoder_m[2];            /* length of one encoder count */
     double travel_min_m[2];
     double travel_max_m[2];         /* mechanical end stops */
+    double switch_m[2];             /* limit switches: active so near an end stop; 0: none */
+    double index_m[2];              /* distance from index pulse to index pulse, one at 0; 0: none */
     double start_m[2];              /* position at power-on */
     int32_t delay_periods;          /* control periods from encoder reading to force, 1..4 */
     int32_t substeps;               /* integration steps a control period, >= 10 */

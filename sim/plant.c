@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "hal.h"
+
 /* xoshiro256++ (Blackman, Vigna), seeded by splitmix64 */
 static uint64_t rotl(uint64_t x, int k)
 {
@@ -87,6 +89,8 @@ const char *plant_check(const struct ks_machine *m)
             {positive(m->encoder_m[i]), "encoder_m"},
             {isfinite(m->travel_min_m[i]) && fabs(m->travel_min_m[i]) <= 2.0, "travel_min_m"},
             {m->travel_max_m[i] > m->travel_min_m[i] && m->travel_max_m[i] <= 2.0, "travel_max_m"},
+            {not_negative(m->switch_m[i]) && m->switch_m[i] < (m->travel_max_m[i] - m->travel_min_m[i]) / 2.0, "switch_m"},
+            {not_negative(m->index_m[i]), "index_m"},
             {m->start_m[i] >= m->travel_min_m[i] && m->start_m[i] <= m->travel_max_m[i], "start_m"},
             {fmax(fabs(m->travel_min_m[i]), fabs(m->travel_max_m[i])) / m->encoder_m[i] < 2147483647.0, "encoder_m"},
         };
@@ -131,6 +135,32 @@ void plant_encoders(const struct plant *p, int32_t count[2])
 {
     for (int i = 0; i < 2; i++) {
         count[i] = (int32_t)lround(p->pos_m[i] / p->machine.encoder_m[i]);
+    }
+}
+
+void plant_switches(const struct plant *p, uint8_t inputs[2])
+{
+    const struct ks_machine *m = &p->machine;
+    for (int i = 0; i < 2; i++) {
+        const int at_min = m->switch_m[i] > 0.0 && p->pos_m[i] <= m->travel_min_m[i] + m->switch_m[i];
+        const int at_max = m->switch_m[i] > 0.0 && p->pos_m[i] >= m->travel_max_m[i] - m->switch_m[i];
+        inputs[i] = (uint8_t)((at_min ? HAL_LIMIT_MIN : 0) | (at_max ? HAL_LIMIT_MAX : 0));
+    }
+}
+
+/* The pulse between two positions, where there is one: of several, the last */
+static void pass_index(struct plant *p, int i, double before_m)
+{
+    const double pitch = p->machine.index_m[i];
+    if (pitch <= 0.0) {
+        return;
+    }
+    const double from = floor(before_m / pitch);
+    const double to = floor(p->pos_m[i] / pitch);
+    if (from != to) {
+        const double at = to > from ? to * pitch : (to + 1.0) * pitch;
+        p->index_pulses[i]++;
+        p->index_count[i] = (int32_t)lround(at / p->machine.encoder_m[i]);
     }
 }
 
@@ -188,10 +218,12 @@ void plant_step(struct plant *p, const double force_N[2])
         const double asked = p->asked_N[m->delay_periods][i];
         const double noise = m->force_noise_N[i] * gaussian(p);
         const double follow = m->current_lag_s[i] > 0.0 ? 1.0 - exp(-h / m->current_lag_s[i]) : 1.0;
+        const double before_m = p->pos_m[i];
         for (int k = 0; k < m->substeps; k++) {
             p->lagged_N[i] += follow * (asked - p->lagged_N[i]);
             axis_step(p, i, p->lagged_N[i] + noise, m->coulomb_N[i] * scale, h);
         }
+        pass_index(p, i, before_m);
     }
     p->period++;
 }

@@ -26,30 +26,48 @@ static int32_t low24(int32_t x)
     return (int32_t)(((uint32_t)x + 0x800000u) & 0xFFFFFFu) - 0x800000;
 }
 
+static uint32_t mean_pm(const struct loop_error *error)
+{
+    const uint64_t pm = error->sum_nm * 1000u / error->samples;
+    return pm > UINT32_MAX ? UINT32_MAX : (uint32_t)pm;
+}
+
+/* 60FDh: the limit switches from bit 0, what is ours from bit 16 */
+static uint32_t digital_inputs(uint8_t inputs)
+{
+    return (inputs & 0x0Fu) | (uint32_t)(inputs >> 4) << 16;
+}
+
 static void report(struct app *app, const struct loop_snapshot *s)
 {
     struct od_data *od = &app->od;
     struct od_telemetry *t = &od->telemetry;
+    const struct knot position = drive_position(&app->drive);
     const int64_t energy = (int64_t)s->energy_mJ[0] + s->energy_mJ[1];
 
     od->clock.tick = s->ms;
     od->controller.active = s->controller;
     od->stream.rate = (uint16_t)s->rate;
+    const struct loop_error *error = &s->error;
+    od->path_error.samples = error->samples;
+    od->path_error.max = error->max_nm;
+    od->path_error.mean = error->samples == 0 ? 0u : mean_pm(error);
     od->energy.x = (uint32_t)clamp(s->energy_mJ[0], 0, INT32_MAX);
     od->energy.y = (uint32_t)clamp(s->energy_mJ[1], 0, INT32_MAX);
     for (int i = 0; i < 2; i++) {
-        od->axis[i].position_actual = s->position_nm[i];
+        od->axis[i].position_actual = position.nm[i];
         od->axis[i].velocity_actual = s->velocity_umps[i];
         od->axis[i].following_error = s->following_nm[i];
         od->axis[i].learned.friction = s->learned_mN[i];
         od->axis[i].learned.mass = s->learned_g[i];
-        od->axis[i].mode_display = od->axis[i].mode;
+        od->axis[i].digital_inputs = digital_inputs(s->inputs[i]);
+        od->axis[i].ip_buffer.position = (uint16_t)(od->stream.accepted - od->stream.executed);
     }
     t->tick = (uint16_t)s->ms;
     t->e_n1 = int24(s->e_n_nm[0]);
     t->e_n2 = int24(s->e_n_nm[1]);
-    t->position_x = low24(s->position_nm[0]);
-    t->position_y = low24(s->position_nm[1]);
+    t->position_x = low24(position.nm[0]);
+    t->position_y = low24(position.nm[1]);
     t->force_x = (int16_t)clamp(s->force_dN[0], INT16_MIN, INT16_MAX);
     t->force_y = (int16_t)clamp(s->force_dN[1], INT16_MIN, INT16_MAX);
     t->k_1 = (uint16_t)clamp(s->k_hat[0], 0, UINT16_MAX);
@@ -126,6 +144,12 @@ static void on_rpdo(void *ctx, unsigned number)
             co_tpdo_send(&app->node, 1); /* tell at once what is expected next */
         }
     }
+    if (co_rpdo_carries(&app->node, number, 0x68C1)) {
+        const struct od_axis *axis = app->od.axis;
+        if (modes_record(&app->drive, (struct knot){{axis[0].ip_record.position, axis[1].ip_record.position}}) != 0) {
+            co_tpdo_send(&app->node, 1);
+        }
+    }
 }
 
 /* Whether the parameters would still fit together with this one changed */
@@ -152,11 +176,18 @@ static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t val
     if (entry->index == 0x1010 || entry->index == 0x1011 || entry->index == 0x2001) {
         return check_settings(app, entry, value);
     }
+    const uint32_t code = modes_check_write(&app->drive, entry, value);
+    if (code != SDO_OK) {
+        return code;
+    }
     if ((entry->flags & OD_CONFIG) != 0) {
         return drive_powered(&app->drive) ? SDO_ABORT_STATE : fits(&app->od, entry, value);
     }
     if (entry->index == 0x2200 && entry->sub == 1) {
         return drive_stream_command(&app->drive, (uint8_t)value);
+    }
+    if (entry->index == 0x2200 && entry->sub == 4) {
+        return drive_stream_total(&app->drive, (uint32_t)value);
     }
     return SDO_OK;
 }
@@ -201,11 +232,8 @@ static void on_write(void *ctx, const struct od_entry *entry)
 static void on_nmt(void *ctx, enum co_state state)
 {
     struct app *app = ctx;
-    if (state != CO_OPERATIONAL) { /* no PDO can stop the axes any more: quick stop */
-        for (int i = 0; i < 2; i++) {
-            app->od.axis[i].controlword = (uint16_t)(app->od.axis[i].controlword & ~(unsigned)CW_QUICK_STOP);
-        }
-        drive_command(&app->drive);
+    if (state != CO_OPERATIONAL) { /* no PDO can stop the axes any more */
+        drive_stop(&app->drive);
     }
     if (state == CO_PRE_OPERATIONAL) {
         announce_settings(app);

@@ -3,7 +3,8 @@
 
 void cia402_init(struct cia402 *c)
 {
-    *c = (struct cia402){.state = CIA402_SWITCH_ON_DISABLED, .leave_to = CIA402_OPERATION_ENABLED};
+    *c = (struct cia402){
+        .state = CIA402_SWITCH_ON_DISABLED, .leave_to = CIA402_OPERATION_ENABLED, .quick_stop = 2};
 }
 
 static void go(struct cia402 *c, enum cia402_state state)
@@ -19,6 +20,16 @@ static void leave(struct cia402 *c, enum cia402_state state)
         c->leave_to = state;
     } else if (c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON) {
         go(c, state);
+    }
+}
+
+void cia402_stop(struct cia402 *c)
+{
+    if (c->state == CIA402_OPERATION_ENABLED || c->state == CIA402_QUICK_STOP_ACTIVE) {
+        c->state = CIA402_QUICK_STOP_ACTIVE;
+        c->leave_to = CIA402_SWITCH_ON_DISABLED;
+    } else {
+        leave(c, CIA402_SWITCH_ON_DISABLED);
     }
 }
 
@@ -39,8 +50,11 @@ void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable)
     if ((controlword & CW_ENABLE_VOLTAGE) == 0) {
         go(c, CIA402_SWITCH_ON_DISABLED); /* transitions 7, 9, 10, 12 */
     } else if ((controlword & CW_QUICK_STOP) == 0) {
-        if (c->state == CIA402_OPERATION_ENABLED) {
-            go(c, CIA402_QUICK_STOP_ACTIVE); /* 11 */
+        if (c->state == CIA402_OPERATION_ENABLED && c->quick_stop == 0) {
+            go(c, CIA402_SWITCH_ON_DISABLED); /* 9 */
+        } else if (c->state == CIA402_OPERATION_ENABLED) {
+            c->state = CIA402_QUICK_STOP_ACTIVE; /* 11 */
+            c->leave_to = c->quick_stop < 5 ? CIA402_SWITCH_ON_DISABLED : CIA402_QUICK_STOP_ACTIVE;
         } else {
             leave(c, CIA402_SWITCH_ON_DISABLED); /* 7, 10 */
         }
@@ -56,8 +70,9 @@ void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable)
         } else {
             leave(c, CIA402_SWITCHED_ON); /* 5 */
         }
-    } else if (may_enable && (c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON)) {
-        go(c, CIA402_OPERATION_ENABLED); /* 3 and 4 */
+    } else if (may_enable && (c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON ||
+                              (c->state == CIA402_QUICK_STOP_ACTIVE && c->leave_to == CIA402_QUICK_STOP_ACTIVE))) {
+        go(c, CIA402_OPERATION_ENABLED); /* 3 and 4, 16 */
     }
 }
 
@@ -66,8 +81,8 @@ void cia402_poll(struct cia402 *c, bool standing)
     if (!standing) {
         return;
     }
-    if (c->state == CIA402_QUICK_STOP_ACTIVE) {
-        go(c, CIA402_SWITCH_ON_DISABLED); /* 12; 605Ah = 2 */
+    if (c->state == CIA402_QUICK_STOP_ACTIVE && c->leave_to != CIA402_QUICK_STOP_ACTIVE) {
+        go(c, c->leave_to); /* 12 */
     } else if (c->state == CIA402_FAULT_REACTION_ACTIVE) {
         go(c, CIA402_FAULT); /* 14 */
     } else if (c->state == CIA402_OPERATION_ENABLED && c->leave_to != CIA402_OPERATION_ENABLED) {

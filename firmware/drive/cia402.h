@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* cia402.h: the power state machine of one axis (CiA 402-2, clause "Device control").
  *
- * Leaving operation enabled waits until the path stands, except for "disable voltage", which cuts the power at once.
+ * Leaving operation enabled waits until the axis stands, except for "disable voltage", which cuts the power at once.
  */
 #ifndef KONTUR_CIA402_H
 #define KONTUR_CIA402_H
@@ -24,23 +24,33 @@ enum {
     CW_ENABLE_VOLTAGE = 1u << 1,
     CW_QUICK_STOP = 1u << 2, /* 0: stop */
     CW_ENABLE_OPERATION = 1u << 3,
-    CW_ENABLE_IP = 1u << 4,
+    CW_ENABLE_IP = 1u << 4,    /* interpolated position; homing: start */
     CW_FAULT_RESET = 1u << 7,
     CW_HALT = 1u << 8
 };
 
 /* Statusword 6041h: what is added to the state's own bits */
-enum { SW_TARGET_REACHED = 1u << 10, SW_IP_ACTIVE = 1u << 12 };
+enum {
+    SW_TARGET_REACHED = 1u << 10,
+    SW_INTERNAL_LIMIT = 1u << 11,
+    SW_IP_ACTIVE = 1u << 12,
+    SW_SPEED_0 = 1u << 12,
+    SW_HOMING_ATTAINED = 1u << 12,
+    SW_HOMING_ERROR = 1u << 13
+};
 
 struct cia402 {
     enum cia402_state state;
-    enum cia402_state leave_to; /* while OPERATION_ENABLED: where to go once the path stands */
+    enum cia402_state leave_to; /* of OPERATION_ENABLED, QUICK_STOP_ACTIVE: where to go once the axis stands */
     uint16_t controlword;
+    int16_t quick_stop;         /* 605Ah: 0 power off at once, 1..4 once it stands, 5.. stay in quick stop active */
 };
 
 void cia402_init(struct cia402 *c);
 /* A controlword has been written. may_enable: the axis may enter operation enabled. */
 void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable);
+/* Stop and then power off, whatever 605Ah says. */
+void cia402_stop(struct cia402 *c);
 /* Once a millisecond and after each command: transitions that wait for standstill. */
 void cia402_poll(struct cia402 *c, bool standing);
 /* A fault: stop on the path first, or cut the power at once. */

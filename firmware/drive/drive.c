@@ -12,6 +12,7 @@ static struct loop_cfg loop_cfg(const struct od_data *od)
         const struct od_axis *a = &od->axis[i];
         c.encoder_10fm[i] = a->plant.encoder;
         c.following_max[i] = n_ratio(a->following_window, 1000);
+        c.following_ticks[i] = a->following_timeout * (CONTROL_HZ / 1000u);
         c.min_nm[i] = a->position_limit.min;
         c.max_nm[i] = a->position_limit.max;
     }
@@ -72,48 +73,75 @@ void drive_fault(struct drive *d, enum fault f)
     }
 }
 
-/* Where the path stands. */
-static struct knot reference(const struct drive *d)
+struct knot drive_position(const struct drive *d)
+{
+    const struct loop_snapshot *s = loop_snapshot(&d->loop);
+    return queue_user(&d->queue, (struct knot){{s->position_nm[0], s->position_nm[1]}});
+}
+
+struct knot drive_reference(const struct drive *d)
 {
     const struct loop_snapshot *s = loop_snapshot(&d->loop);
     const struct knot at = {{s->reference_nm[0], s->reference_nm[1]}};
-    return d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at;
+    return queue_user(&d->queue, d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at);
 }
 
 /* Path time starts anew, on other knots. */
 static void restart(struct drive *d)
 {
     atomic_store(&d->loop.command.complete, false);
+    atomic_store(&d->loop.command.rest, false);
     atomic_fetch_add(&d->loop.command.begin, 1u);
 }
 
-/* Stand where the powered axes are held, and where the others are. */
-static void hold(struct drive *d)
+void drive_hold(struct drive *d)
 {
-    const struct loop_snapshot *s = loop_snapshot(&d->loop);
-    struct knot start = reference(d);
+    struct knot start = drive_reference(d);
     for (int i = 0; i < 2; i++) {
         if (!d->powered[i]) {
-            start.nm[i] = s->position_nm[i];
+            start.nm[i] = drive_position(d).nm[i];
         }
     }
     queue_hold(&d->queue, start);
     restart(d);
 }
 
-/* The tick has seen the last stream begin: what it says of the path is about this one. */
-static bool in_step(const struct drive *d)
+void drive_begin(struct drive *d, struct knot start, uint32_t total)
+{
+    queue_begin(&d->queue, start, total);
+    restart(d);
+}
+
+void drive_shift_origin(struct drive *d, int axis, int32_t origin_nm)
+{
+    const struct loop_snapshot *s = loop_snapshot(&d->loop);
+    const struct knot at = {{s->reference_nm[0], s->reference_nm[1]}};
+    const struct knot servo = d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at;
+    d->queue.origin_nm[axis] = origin_nm;
+    atomic_store(&d->loop.command.origin_nm[axis], origin_nm);
+    queue_hold(&d->queue, queue_user(&d->queue, servo));
+    d->od->axis[axis].position_actual = drive_position(d).nm[axis]; /* what was told before is no more */
+    restart(d);
+}
+
+bool drive_in_step(const struct drive *d)
 {
     return atomic_load(&d->loop.begun) == atomic_load(&d->loop.command.begin);
 }
 
-static bool standing(const struct drive *d)
+bool drive_stands(const struct drive *d)
 {
     return atomic_load(&d->loop.standing);
 }
 
 static bool run_wanted(const struct drive *d)
 {
+    if (d->modes.generating) { /* the axes stop by themselves, but for a fault, which stops both on the path */
+        return d->faults == 0;
+    }
+    if (!modes_follows_stream(d)) {
+        return false;
+    }
     for (int i = 0; i < 2; i++) {
         const uint16_t cw = d->axis[i].controlword;
         if (!cia402_enabled(&d->axis[i]) || (cw & CW_ENABLE_IP) == 0 || (cw & CW_HALT) != 0) {
@@ -134,9 +162,9 @@ static void apply(struct drive *d)
         on = on || (!d->powered[i] && powered);
     }
     if (on) {
-        hold(d);
+        drive_hold(d);
     }
-    if (off) {
+    if (off && !d->modes.generating) {
         queue_close(&d->queue);
     }
     for (int i = 0; i < 2; i++) {
@@ -151,9 +179,10 @@ void drive_command(struct drive *d)
     /* where the axes stand is known in the units of the configuration from the second snapshot on; an axis that joins
      * in makes the path start anew, which the other one can follow from standstill only */
     const bool may_enable =
-        d->faults == 0 && standing(d) && atomic_load(&d->loop.published) - d->configured_at >= 2u;
+        d->faults == 0 && drive_stands(d) && atomic_load(&d->loop.published) - d->configured_at >= 2u;
     for (int i = 0; i < 2; i++) {
         const bool was_fault = d->axis[i].state == CIA402_FAULT;
+        d->axis[i].quick_stop = d->od->axis[i].quick_stop_option;
         cia402_command(&d->axis[i], d->od->axis[i].controlword, may_enable);
         if (was_fault && d->axis[i].state != CIA402_FAULT) {
             d->od->axis[i].error_code = 0;
@@ -166,17 +195,30 @@ void drive_command(struct drive *d)
     apply(d);
 }
 
+void drive_stop(struct drive *d)
+{
+    for (int i = 0; i < 2; i++) {
+        d->od->axis[i].controlword = (uint16_t)(d->od->axis[i].controlword & ~(unsigned)CW_QUICK_STOP);
+        cia402_stop(&d->axis[i]);
+    }
+    drive_command(d);
+}
+
 void drive_reset(struct drive *d)
 {
+    const int32_t origin_nm[2] = {d->queue.origin_nm[0], d->queue.origin_nm[1]};
     for (int i = 0; i < 2; i++) {
         cia402_init(&d->axis[i]);
         d->od->axis[i].error_code = 0;
     }
+    modes_reset(d);
     apply(d); /* power off first: from here on the tick moves nothing */
     atomic_store(&d->loop.command.controller, d->od->controller.select);
     queue_init(&d->queue, &d->od->stream);
+    d->queue.origin_nm[0] = origin_nm[0];
+    d->queue.origin_nm[1] = origin_nm[1];
     drive_configure(d);
-    hold(d);
+    drive_hold(d);
 }
 
 void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
@@ -186,10 +228,21 @@ void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
     drive_reset(d);
 }
 
+/* Path time has run through an open-ended stream as far as it can. */
+static void end_at_rest(struct drive *d)
+{
+    struct od_stream *s = d->queue.stream;
+    if (queue_rests(&d->queue) && s->accepted - s->executed <= 4u) { /* no knot has come meanwhile */
+        queue_executed(&d->queue, s->accepted);
+        queue_close(&d->queue);
+        s->state = STREAM_DONE;
+    }
+}
+
 static void follow_stream(struct drive *d)
 {
     struct od_stream *s = d->queue.stream;
-    if (!in_step(d)) {
+    if (!drive_in_step(d)) {
         return;
     }
     const bool at_end = atomic_load(&d->loop.at_end); /* before `executed`, which then is the whole */
@@ -200,76 +253,130 @@ static void follow_stream(struct drive *d)
     if (s->state == STREAM_IDLE || s->state == STREAM_DONE) {
         return;
     }
-    if (at_end) {
+    if (at_end && d->queue.total == 0 && !d->modes.generating) {
+        end_at_rest(d);
+    } else if (at_end) {
         s->state = STREAM_DONE;
-    } else if (!standing(d)) {
+    } else if (!drive_stands(d)) {
         s->state = atomic_load(&d->loop.command.run) ? STREAM_RUNNING : STREAM_STOPPING;
     } else if (s->state != STREAM_FILLING || !d->queue.open) {
         s->state = STREAM_STOPPED;
     }
 }
 
+/* A stream has run into a limit switch; who jogs or homes stops there without a fault. */
+static bool on_switch(const struct drive *d)
+{
+    const struct loop_snapshot *s = loop_snapshot(&d->loop);
+    return modes_follows_stream(d) && !drive_stands(d) &&
+           ((s->inputs[0] | s->inputs[1]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0;
+}
+
 uint32_t drive_poll(struct drive *d)
 {
     const uint32_t before = d->faults;
     const bool outside = d->queue.open && d->queue.outside;
-    const uint32_t raised = atomic_load(&d->loop.faults) | (outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u);
+    const uint32_t raised = atomic_load(&d->loop.faults) | (outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u) |
+                            (on_switch(d) ? FAULT_BIT(FAULT_LIMIT_SWITCH) : 0u);
     for (unsigned f = 0; f < FAULTS; f++) {
         if ((raised & FAULT_BIT(f)) != 0 && (d->faults & FAULT_BIT(f)) == 0) {
             drive_fault(d, (enum fault)f);
         }
     }
     for (int i = 0; i < 2; i++) {
-        cia402_poll(&d->axis[i], standing(d));
+        cia402_poll(&d->axis[i], modes_stands(d, i));
     }
     drive_command(d); /* a command that had to wait */
     follow_stream(d);
-
-    const uint8_t stream = d->queue.stream->state;
-    const bool active = stream == STREAM_RUNNING || stream == STREAM_STOPPING;
+    modes_poll(d);
+    apply(d);
     for (int i = 0; i < 2; i++) {
-        d->od->axis[i].statusword = (uint16_t)(cia402_statusword(&d->axis[i]) | (active ? SW_IP_ACTIVE : 0u) |
-                                               (stream == STREAM_DONE ? SW_TARGET_REACHED : 0u));
+        d->od->axis[i].mode_display = d->modes.axis[i].mode;
+        d->od->axis[i].statusword = (uint16_t)(cia402_statusword(&d->axis[i]) | modes_status(d, i));
     }
     return d->faults & ~before;
+}
+
+/* After a knot: the tick learns where the path may end. */
+static enum queue_result taken(struct drive *d, enum queue_result result)
+{
+    if (result == QUEUE_TAKEN) {
+        const bool complete = queue_complete(&d->queue);
+        atomic_store(&d->loop.command.rest, !complete && d->queue.total == 0 && queue_rests(&d->queue));
+        if (complete) {
+            atomic_store(&d->loop.command.complete, true);
+        }
+    }
+    return result;
+}
+
+/* A stream may begin, and does so where the axes are held. */
+static bool near(const struct drive *d, struct knot start)
+{
+    const struct knot now = drive_reference(d);
+    const int64_t window = d->od->limits.start_window;
+    for (int i = 0; i < 2; i++) {
+        const int64_t distance = (int64_t)start.nm[i] - now.nm[i];
+        if (!cia402_enabled(&d->axis[i]) || distance > window || -distance > window) {
+            return false;
+        }
+    }
+    return modes_follows_stream(d);
+}
+
+static void begin_stream(struct drive *d, struct knot start, uint32_t total)
+{
+    const struct od_axis *x = &d->od->axis[0];
+    drive_begin(d, start, total);
+    record_start(&d->modes.record, record_period(x->ip_period.value, x->ip_period.index), start);
 }
 
 uint32_t drive_stream_command(struct drive *d, uint8_t command)
 {
     const struct od_stream *s = d->queue.stream;
-    const struct knot now = reference(d);
     const struct knot start = {{s->start_x, s->start_y}};
-    if (!standing(d) || atomic_load(&d->loop.command.run)) {
+    if (!drive_stands(d) || atomic_load(&d->loop.command.run)) {
         return SDO_ABORT_STATE;
     }
     if (command == 2) {
-        hold(d);
+        drive_hold(d);
         return SDO_OK;
     }
-    if (!cia402_enabled(&d->axis[0]) || !cia402_enabled(&d->axis[1]) || s->total == 1 || s->total == 2) {
+    if (!near(d, start) || s->total == 1 || s->total == 2) {
         return SDO_ABORT_STATE;
     }
-    for (int i = 0; i < 2; i++) {
-        const int64_t distance = (int64_t)start.nm[i] - now.nm[i];
-        if (distance > d->od->limits.start_window || -distance > d->od->limits.start_window) {
-            return SDO_ABORT_STATE;
-        }
-    }
-    queue_begin(&d->queue, start, s->total);
-    restart(d);
+    begin_stream(d, start, s->total);
     return SDO_OK;
 }
 
-static enum queue_result taken(struct drive *d, enum queue_result result)
+uint32_t drive_begin_at(struct drive *d, struct knot start, struct knot first)
 {
-    if (result == QUEUE_TAKEN && queue_complete(&d->queue)) {
-        atomic_store(&d->loop.command.complete, true);
+    if (!drive_stands(d) || !near(d, first)) {
+        return SDO_ABORT_STATE;
     }
-    return result;
+    begin_stream(d, start, 0);
+    return SDO_OK;
+}
+
+uint32_t drive_stream_total(struct drive *d, uint32_t total)
+{
+    const bool open_ended = d->queue.open && d->queue.total == 0 && !d->modes.generating;
+    if (!open_ended || total == 0) {
+        return SDO_OK; /* for the next stream */
+    }
+    if (!queue_end(&d->queue, total)) {
+        return SDO_ABORT_STATE;
+    }
+    (void)taken(d, QUEUE_TAKEN);
+    return SDO_OK;
 }
 
 enum queue_result drive_knot(struct drive *d, const struct od_knot *frame)
 {
+    if (d->modes.generating) {
+        d->queue.stream->rejected_state++;
+        return QUEUE_NOT_OPEN;
+    }
     return taken(d, queue_frame(&d->queue, frame));
 }
 

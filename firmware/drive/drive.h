@@ -1,13 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* drive.h: the drive as its master sees it: two axes, one stream of knots, faults. Background only.
  *
- * Both axes follow one path, so they stop together: path time runs only while both are in operation enabled with
- * controlword bit 4 set and halt (bit 8) clear; what stops one stops the other.
+ * In interpolated position both axes follow one path, so they stop together: path time runs only while both are in
+ * operation enabled with controlword bit 4 set and halt (bit 8) clear; what stops one stops the other. For the other modes
+ * see modes.h.
  */
 #ifndef KONTUR_DRIVE_H
 #define KONTUR_DRIVE_H
 #include "cia402.h"
 #include "loop.h"
+#include "modes.h"
 #include "queue.h"
 
 struct drive {
@@ -15,6 +17,7 @@ struct drive {
     struct queue queue;
     struct od_data *od;
     struct cia402 axis[2];
+    struct modes modes;
     uint32_t faults;     /* latched FAULT_BIT()s */
     bool powered[2];
     uint32_t configured_at; /* snapshots published by then */
@@ -38,6 +41,28 @@ uint32_t drive_stream_command(struct drive *d, uint8_t command);
 /* Knots may be taken; the servo is told when the stream is complete. */
 enum queue_result drive_knot(struct drive *d, const struct od_knot *frame);
 enum queue_result drive_push(struct drive *d, struct knot knot);
+/* Object 2200h total is to be written: SDO abort code, or 0. An open-ended stream that is open ends with so many knots. */
+uint32_t drive_stream_total(struct drive *d, uint32_t total);
+/* The master can stop the axes no more: stop, then power off. */
+void drive_stop(struct drive *d);
+/* Where the axes are, nm. */
+struct knot drive_position(const struct drive *d);
 /* An axis is in operation enabled or stopping: parameters must not change. */
 bool drive_powered(const struct drive *d);
+
+/* Between the files of this folder: */
+/* Path time stands. */
+bool drive_stands(const struct drive *d);
+/* The tick has seen the last stream begin: what it says of the path is about this one. */
+bool drive_in_step(const struct drive *d);
+/* Where the path stands, nm. */
+struct knot drive_reference(const struct drive *d);
+/* Forget the stream; stand where the powered axes are held, and where the others are. */
+void drive_hold(struct drive *d);
+/* Open the queue; path time starts anew. */
+void drive_begin(struct drive *d, struct knot start, uint32_t total);
+/* ... for an open-ended stream that a master sends, if its first knot is near enough: SDO abort code, or 0. */
+uint32_t drive_begin_at(struct drive *d, struct knot start, struct knot first);
+/* At standstill: the user's positions of an axis become the servo's plus origin_nm. Nothing moves. */
+void drive_shift_origin(struct drive *d, int axis, int32_t origin_nm);
 #endif

@@ -15,6 +15,7 @@ enum fault {
     FAULT_CLOCK,      /* the controller's crystal has not started, or has stopped */
     FAULT_RESTART,    /* the controller was reset by its watchdog, or by a crash (2030h) */
     FAULT_OVERRUN,    /* servo ticks have taken longer than their period */
+    FAULT_LIMIT_SWITCH, /* a stream has run into a limit switch */
     FAULTS
 };
 

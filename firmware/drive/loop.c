@@ -42,6 +42,7 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
     const uint32_t begin = atomic_load(&loop->command.begin);
     if (begin != atomic_load(&loop->begun)) {
         path_reset(&loop->path);
+        loop->error = (struct loop_error){0};
     }
     /* `complete` is read before the count: a stream that completes in between counts as not complete yet */
     const bool complete = atomic_load(&loop->command.complete);
@@ -52,14 +53,15 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
         .stop_time = cfg->stop_time,
         .step = PATH_ONE / TICKS_PER_MS,
     };
+    const bool rest = atomic_load(&loop->command.rest);
     const enum path_event event = path_step(&loop->path, &in);
-    if (event == PATH_UNDERRUN) {
+    if (event == PATH_UNDERRUN && !rest) {
         raise(loop, FAULT_UNDERRUN);
     }
     const bool standing = !n_lt(NUM(0), loop->path.at.rate);
     const bool slowed = in.run && !standing && n_lt(loop->path.at.rate, NUM(1));
-    atomic_store(&loop->starved, event == PATH_STARVED || (slowed && atomic_load(&loop->starved)));
-    atomic_store(&loop->at_end, event == PATH_AT_END);
+    atomic_store(&loop->starved, !rest && (event == PATH_STARVED || (slowed && atomic_load(&loop->starved))));
+    atomic_store(&loop->at_end, event == PATH_AT_END || (event == PATH_UNDERRUN && rest));
     atomic_store(&loop->standing, standing);
     atomic_store(&loop->executed, path_executed(&loop->path));
     atomic_store(&loop->begun, begin);
@@ -74,25 +76,49 @@ static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struc
         if ((in->inputs[i] & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) != 0) {
             raise(loop, FAULT_INPUT);
         }
+        loop->late[i] = powered[i] && n_lt(cfg->following_max[i], n_abs(e_w[i])) ? loop->late[i] + 1u : 0u;
         if (!powered[i]) {
             continue;
         }
-        const int32_t nm = pos_to_nm(loop->servo.observer[i].pos);
-        if (n_lt(cfg->following_max[i], n_abs(e_w[i]))) {
+        if (loop->late[i] > cfg->following_ticks[i]) {
             raise(loop, FAULT_FOLLOWING);
         }
         if (n_lt(cfg->speed_max, n_abs(speed[i]))) {
             raise(loop, FAULT_OVERSPEED);
         }
-        /* knots cannot lie outside the soft limits: an axis that does has lost its path */
-        const int32_t slack = n_to_scaled(cfg->following_max[i], 1000);
-        if (nm < (int64_t)cfg->min_nm[i] - slack || nm > (int64_t)cfg->max_nm[i] + slack) {
+        /* further out than the soft limits and than its reference, which may come back from there: it has lost its path */
+        const int64_t nm = pos_to_nm(loop->servo.observer[i].pos);
+        const int64_t reference = pos_to_nm(out->contour.ref.pos[i]);
+        const int64_t origin = atomic_load(&loop->command.origin_nm[i]);
+        const int64_t slack = n_to_scaled(cfg->following_max[i], 1000);
+        if ((nm < cfg->min_nm[i] - origin - slack && nm < reference - slack) ||
+            (nm > cfg->max_nm[i] - origin + slack && nm > reference + slack)) {
             raise(loop, FAULT_TRAVEL);
         }
     }
 }
 
-static void publish(struct loop *loop, const struct servo_out *out, enum controller controller)
+/* Where the encoder was at a limit switch's edge: to a control period, however late the background is */
+static void watch_switches(struct loop *loop, const struct hal_drive_in *in, const pos_t measured[2])
+{
+    for (int i = 0; i < 2; i++) {
+        if (((in->inputs[i] ^ loop->inputs[i]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0) {
+            loop->edge_nm[i] = pos_to_nm(measured[i]);
+        }
+        loop->inputs[i] = in->inputs[i];
+    }
+}
+
+static void add_error(struct loop_error *error, int32_t e_n2_nm)
+{
+    const uint32_t size = e_n2_nm < 0 ? 0u - (uint32_t)e_n2_nm : (uint32_t)e_n2_nm;
+    error->sum_nm += size;
+    error->max_nm = size > error->max_nm ? size : error->max_nm;
+    error->samples++;
+}
+
+static void publish(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_in *in,
+                    const struct servo_out *out, enum controller controller)
 {
     const uint32_t n = atomic_load(&loop->published) + 1u;
     struct loop_snapshot *s = &loop->snapshot[n % 2u];
@@ -117,7 +143,16 @@ static void publish(struct loop *loop, const struct servo_out *out, enum control
         s->energy_mJ[i] = loop->servo.energy[i].mJ;
         s->learned_mN[i] = n_to_scaled(friction[i], 1000);
         s->learned_g[i] = n_to_scaled(mass[i], 25000);
+        const int32_t since_index = (int32_t)((uint32_t)in->count[i] - (uint32_t)in->index_count[i]);
+        s->index_nm[i] = pos_to_nm(position(loop->count[i] - since_index, cfg->encoder_10fm[i]));
+        s->index_pulses[i] = in->index_pulses[i];
+        s->inputs[i] = in->inputs[i];
+        s->edge_nm[i] = loop->edge_nm[i];
     }
+    if (!atomic_load(&loop->standing)) {
+        add_error(&loop->error, s->e_n_nm[1]);
+    }
+    s->error = loop->error;
     s->rate = n_to_scaled(loop->path.at.rate, 1000);
     s->controller = (uint8_t)controller;
     atomic_store(&loop->published, n);
@@ -147,6 +182,7 @@ void loop_tick(struct loop *loop)
     /* read */
     loop->hal->drive_read(loop->hal->ctx, &in);
     measure(loop, cfg, &in, servo.measured);
+    watch_switches(loop, &in, servo.measured);
     if (index != loop->cfg_used) { /* configured anew, which happens without power only */
         loop->cfg_used = index;
         servo_reset(&cfg->servo, &loop->servo, servo.measured);
@@ -181,7 +217,7 @@ void loop_tick(struct loop *loop)
     loop->hal->drive_write(loop->hal->ctx, &drive);
 
     if (++loop->ticks % TICKS_PER_MS == 0) {
-        publish(loop, &out, servo.controller);
+        publish(loop, cfg, &in, &out, servo.controller);
     }
 }
 

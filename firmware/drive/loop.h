@@ -20,8 +20,9 @@ struct loop_cfg {
     struct servo_cfg servo;
     uint32_t encoder_10fm[2];   /* length of one encoder count, 10 fm */
     num following_max[2];       /* um */
+    uint32_t following_ticks[2]; /* periods that it may be exceeded for */
     num speed_max;              /* um/T0 */
-    int32_t min_nm[2], max_nm[2];
+    int32_t min_nm[2], max_nm[2]; /* user's positions */
     num stop_time;              /* knots (ms) */
 };
 
@@ -29,10 +30,18 @@ struct loop_command {
     _Atomic bool powered[2];   /* power stage on, law active */
     _Atomic bool run;          /* path time may run */
     _Atomic bool complete;     /* all knots of the stream are in the ring */
+    _Atomic bool rest;         /* not known to be complete, but it may end where its knots do: they stand */
     _Atomic uint8_t controller;
     _Atomic uint32_t begin;    /* counts up: path time starts anew at 0 */
     _Atomic uint8_t cfg_index;
     _Atomic bool energy_reset;
+    _Atomic int32_t origin_nm[2]; /* user's position less the servo's: for the limits only */
+};
+
+/* |e_n2| of each millisecond in which path time ran, since it last began */
+struct loop_error {
+    uint64_t sum_nm;
+    uint32_t max_nm, samples;
 };
 
 /* What the background and the telemetry see of the servo: consistent, one millisecond old at most. */
@@ -50,6 +59,11 @@ struct loop_snapshot {
     int32_t learned_mN[2];    /* friction beyond the nominal */
     int32_t learned_g[2];     /* mass beyond the nominal */
     int32_t rate;             /* sigma, 1/1000 */
+    struct loop_error error;
+    uint8_t inputs[2];        /* enum hal_input */
+    uint8_t index_pulses[2];
+    int32_t index_nm[2];      /* encoder at the latest of them */
+    int32_t edge_nm[2];       /* ... when a limit switch opened or closed last */
     uint8_t controller;
 };
 
@@ -61,7 +75,7 @@ struct loop {
     _Atomic uint32_t faults;    /* FAULT_BIT()s */
     _Atomic uint32_t begun;     /* command.begin that the next four words belong to */
     _Atomic bool standing;      /* path time does not run */
-    _Atomic bool at_end;        /* ... since it has reached the end of a complete stream */
+    _Atomic bool at_end;        /* ... since it has reached the end of a complete stream, or of one that may rest */
     _Atomic bool starved;       /* path time is slowed for want of knots */
     _Atomic uint32_t executed;  /* knots passed */
     _Atomic uint32_t published; /* snapshots so far: one a millisecond */
@@ -72,6 +86,10 @@ struct loop {
     struct path path;
     int32_t last_count[2];
     int64_t count[2];
+    uint32_t late[2];           /* periods since the following error is too large */
+    uint8_t inputs[2];          /* of the last period */
+    int32_t edge_nm[2];
+    struct loop_error error;
     uint32_t ticks;
     uint8_t cfg_used;
 };

@@ -68,6 +68,11 @@ bool params_fit(const struct od_data *od)
     const struct od_asmc *a = &od->asmc;
     const struct od_uncertainty *u = &od->uncertainty;
     const uint64_t damping_range = (uint64_t)a->k_bar * a->e_max; /* k_bar e_max in 1e-9 */
+    for (int i = 0; i < 2; i++) {
+        if (od->axis[i].position_limit.min > od->axis[i].position_limit.max) {
+            return false;
+        }
+    }
     return damping_range <= (uint64_t)TRIG_COSH_MAX * 1000000000u && a->k_0 <= a->k_max && u->mu_0 <= u->mu_max;
 }
 

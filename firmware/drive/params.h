@@ -10,7 +10,8 @@
 #define CONTROL_HZ 10000u
 #endif
 
-/* Whether parameters fit together, each within the dictionary's range: k_bar e_max <= 4, k_0 <= k_max, mu_0 <= mu_max. */
+/* Whether parameters fit together, each within the dictionary's range: k_bar e_max <= 4, k_0 <= k_max, mu_0 <= mu_max,
+ * 607Dh min <= max. */
 bool params_fit(const struct od_data *od);
 /* The configuration that parameters which fit make. */
 struct servo_cfg params_to_cfg(const struct od_data *od);

@@ -36,11 +36,33 @@ static void update_free(struct queue *q)
     q->stream->accepted16 = (uint16_t)q->stream->accepted;
 }
 
+static void reset_counters(struct od_stream *s)
+{
+    s->rejected_crc = s->rejected_full = s->rejected_sequence = s->rejected_state = s->rejected_range = 0;
+    s->rejected_length = s->underruns = 0;
+}
+
+/* a + b; what leaves int32 ends at the limit, where the soft limits refuse it */
+static int32_t add_nm(int32_t a, int64_t b)
+{
+    const int64_t sum = a + b;
+    return sum > INT32_MAX ? INT32_MAX : sum < INT32_MIN ? INT32_MIN : (int32_t)sum;
+}
+
+struct knot queue_user(const struct queue *q, struct knot servo)
+{
+    return (struct knot){{add_nm(servo.nm[0], q->origin_nm[0]), add_nm(servo.nm[1], q->origin_nm[1])}};
+}
+
+static struct knot to_servo(const struct queue *q, struct knot user)
+{
+    return (struct knot){{add_nm(user.nm[0], -(int64_t)q->origin_nm[0]), add_nm(user.nm[1], -(int64_t)q->origin_nm[1])}};
+}
+
 void queue_init(struct queue *q, struct od_stream *stream)
 {
     *q = (struct queue){.stream = stream, .min_nm = {INT32_MIN, INT32_MIN}, .max_nm = {INT32_MAX, INT32_MAX}};
-    stream->rejected_crc = stream->rejected_full = stream->rejected_sequence = stream->rejected_state = 0;
-    stream->rejected_length = stream->underruns = 0;
+    reset_counters(stream);
     queue_hold(q, (struct knot){{0, 0}});
 }
 
@@ -48,7 +70,8 @@ void queue_hold(struct queue *q, struct knot start)
 {
     struct od_stream *s = q->stream;
     q->ring.count = 0;
-    q->ring.start = start;
+    q->ring.start = to_servo(q, start);
+    q->still = 0;
     q->open = q->outside = false;
     s->end_x = start.nm[0];
     s->end_y = start.nm[1];
@@ -62,10 +85,33 @@ void queue_begin(struct queue *q, struct knot start, uint32_t total)
     struct od_stream *s = q->stream;
     queue_hold(q, start);
     q->total = total;
-    s->rejected_crc = s->rejected_full = s->rejected_sequence = s->rejected_state = s->rejected_length = 0;
-    s->underruns = 0;
+    reset_counters(s);
     s->state = STREAM_FILLING;
+    for (int i = 0; i < 2; i++) {
+        q->low_nm[i] = start.nm[i] < q->min_nm[i] ? start.nm[i] : q->min_nm[i];
+        q->high_nm[i] = start.nm[i] > q->max_nm[i] ? start.nm[i] : q->max_nm[i];
+    }
     q->open = true;
+}
+
+void queue_unlimited(struct queue *q, int axis)
+{
+    q->low_nm[axis] = INT32_MIN;
+    q->high_nm[axis] = INT32_MAX;
+}
+
+bool queue_end(struct queue *q, uint32_t total)
+{
+    if (!q->open || q->total != 0 || total == 0 || total < q->stream->accepted) {
+        return false;
+    }
+    q->total = total;
+    return true;
+}
+
+bool queue_rests(const struct queue *q)
+{
+    return q->still >= 4; /* the spline between two knots is made of four */
 }
 
 void queue_close(struct queue *q)
@@ -93,25 +139,21 @@ static enum queue_result take(struct queue *q, struct knot knot)
         return QUEUE_FULL;
     }
     for (int i = 0; i < 2; i++) {
-        if (knot.nm[i] < q->min_nm[i] || knot.nm[i] > q->max_nm[i]) {
+        const int64_t servo = (int64_t)knot.nm[i] - q->origin_nm[i];
+        if (knot.nm[i] < q->low_nm[i] || knot.nm[i] > q->high_nm[i] || servo > INT32_MAX || servo < INT32_MIN) {
             q->outside = true;
+            s->rejected_range++;
             return QUEUE_OUTSIDE;
         }
     }
-    q->ring.knot[s->accepted % SPLINE_RING] = knot;
+    q->ring.knot[s->accepted % SPLINE_RING] = to_servo(q, knot);
+    q->still = s->accepted > 0 && knot.nm[0] == s->end_x && knot.nm[1] == s->end_y ? q->still + 1u : 1u;
     s->end_x = knot.nm[0];
     s->end_y = knot.nm[1];
     s->accepted++;
     q->ring.count = s->accepted;
     update_free(q);
     return QUEUE_TAKEN;
-}
-
-/* a + b; a difference that leaves int32 ends at the limit, where the soft limits refuse it */
-static int32_t add_nm(int32_t a, int32_t b)
-{
-    const int64_t sum = (int64_t)a + b;
-    return sum > INT32_MAX ? INT32_MAX : sum < INT32_MIN ? INT32_MIN : (int32_t)sum;
 }
 
 enum queue_result queue_push(struct queue *q, struct knot knot)
@@ -142,8 +184,8 @@ void queue_executed(struct queue *q, uint32_t n)
     struct od_stream *s = q->stream;
     uint32_t crc = ~s->checksum;
     for (; s->executed < n && s->executed < s->accepted; s->executed++) {
-        const struct knot *k = &q->ring.knot[s->executed % SPLINE_RING];
-        crc = crc32_int(crc32_int(crc, k->nm[0]), k->nm[1]);
+        const struct knot k = queue_user(q, q->ring.knot[s->executed % SPLINE_RING]);
+        crc = crc32_int(crc32_int(crc, k.nm[0]), k.nm[1]);
     }
     s->checksum = ~crc;
     update_free(q);

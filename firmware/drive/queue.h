@@ -2,6 +2,9 @@
 /* queue.h: from knot frames to the ring of knots (docs/protocol.md, "Streaming knots"). Background only, except that the
  * servo tick reads the ring.
  *
+ * Positions here are the user's; the ring has those of the servo, which count from power-on and never change. Between them
+ * lies the origin, which homing shifts (docs/adr/0013).
+ *
  * Nothing is taken that is out of sequence, corrupt or too much; everything refused is counted in od.stream.
  */
 #ifndef KONTUR_QUEUE_H
@@ -19,17 +22,28 @@ struct queue {
     struct spline_ring ring;
     struct od_stream *stream;     /* counters and what the host sees of the stream */
     uint32_t total;               /* knots of the stream; 0: open-ended */
-    int32_t min_nm[2], max_nm[2]; /* soft limits: no knot outside is taken */
+    int32_t min_nm[2], max_nm[2]; /* soft limits */
+    int32_t low_nm[2], high_nm[2]; /* of this stream, no knot outside is taken: the soft limits, and its start */
+    int32_t origin_nm[2];         /* user's position less the servo's */
+    uint32_t still;               /* knots at the end that are equal */
     bool open;                    /* knots are taken */
     bool outside;                 /* one was refused as beyond the soft limits: none is taken any more */
 };
 
-/* Closed, empty. */
+/* Closed, empty; no origin, no limits. */
 void queue_init(struct queue *q, struct od_stream *stream);
 /* Forget all knots; the reference stands at start. */
 void queue_hold(struct queue *q, struct knot start);
 /* Open for a stream of `total` knots (0: open-ended) from `start`. */
 void queue_begin(struct queue *q, struct knot start, uint32_t total);
+/* The stream that is open takes knots of this axis beyond the soft limits, too: homing. */
+void queue_unlimited(struct queue *q, int axis);
+/* An open-ended stream that is open ends with so many knots. false: there is none, or it has more already. */
+bool queue_end(struct queue *q, uint32_t total);
+/* An open-ended stream could end here: it stands still in its last knots. */
+bool queue_rests(const struct queue *q);
+/* Positions of the servo in the user's. */
+struct knot queue_user(const struct queue *q, struct knot servo);
 /* Take no more knots. */
 void queue_close(struct queue *q);
 /* One knot frame as it came from the wire. */

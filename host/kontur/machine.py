@@ -24,7 +24,10 @@ SCHEDULE_ROWS_MAX = 16
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis; units in the names. `travel_m` and `soft_limit_m` are (least, greatest) positions."""
+    """One axis; units in the names. `travel_m` and `soft_limit_m` are (least, greatest) positions.
+
+    `limit_switch_m`: a limit switch is active so near an end stop; `index_m`: from index pulse to index pulse; 0: none.
+    """
 
     mass_kg: float
     viscous_Nspm: float
@@ -40,6 +43,8 @@ class Axis:
     stribeck_mps: float = 0.001
     force_noise_N: float = 0.0
     current_lag_s: float = 0.0
+    limit_switch_m: float = 0.002
+    index_m: float = 0.01
     start_m: float = 0.0
 
 
@@ -85,9 +90,11 @@ class Machine:
             "force_noise_N",
             "current_lag_s",
             "encoder_m",
+            "index_m",
             "start_m",
         )
         return {field: [getattr(axis, field) for axis in self.axes] for field in per_axis} | {
+            "switch_m": [axis.limit_switch_m for axis in self.axes],
             "travel_min_m": [axis.travel_m[0] for axis in self.axes],
             "travel_max_m": [axis.travel_m[1] for axis in self.axes],
             "delay_periods": [self.delay_periods],
@@ -128,6 +135,8 @@ _RANGE = {
     "stribeck_mps": (0.0, 1.0, False),
     "force_noise_N": (0.0, 1e4, True),
     "current_lag_s": (0.0, 1.0, True),
+    "limit_switch_m": (0.0, 1.0, True),
+    "index_m": (0.0, 1.0, True),
     "start_m": (-2.0, 2.0, True),
 }
 _PAIRS = ("travel_m", "soft_limit_m")

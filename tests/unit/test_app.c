@@ -743,7 +743,7 @@ static void test_axis_faster_than_its_limit_trips(void)
     TEST_ASSERT_TRUE(hypot(rig.plant.vel_mps[0], rig.plant.vel_mps[1]) < 0.06);
 }
 
-static void test_axis_outside_its_limits_trips_when_it_is_enabled(void)
+static void test_axis_outside_its_limits_is_enabled_and_held_but_no_stream_leads_further_out(void)
 {
     static const struct {
         uint16_t index;
@@ -758,7 +758,13 @@ static void test_axis_outside_its_limits_trips_when_it_is_enabled(void)
         rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
         rig_controlwords(&rig, ENABLE, ENABLE);
         rig_ms(&rig, 2);
-        expect_fault(0x8612);
+        rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
+        stream.length_nm = limits[i].sub == 1 ? -50e6 : 50e6;
+        TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &stream));
+        rig_feed(&rig, &stream, 1000);
+        rig_ms(&rig, 2);
+        expect_fault(0xFF11);
+        TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2200, 20));
     }
 }
 
@@ -928,7 +934,7 @@ int main(void)
     RUN_TEST(test_knot_outside_the_limits_before_the_start_faults_at_once);
     RUN_TEST(test_blocked_axis_trips_by_its_following_error);
     RUN_TEST(test_axis_faster_than_its_limit_trips);
-    RUN_TEST(test_axis_outside_its_limits_trips_when_it_is_enabled);
+    RUN_TEST(test_axis_outside_its_limits_is_enabled_and_held_but_no_stream_leads_further_out);
     RUN_TEST(test_telemetry_carries_the_low_24_bits_of_a_position_and_no_error_without_power);
     RUN_TEST(test_telemetry_carries_forces_gains_and_energy_in_their_units);
     RUN_TEST(test_fault_input_cuts_the_power_in_the_same_period);

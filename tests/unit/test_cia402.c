@@ -83,6 +83,64 @@ static void test_every_command_in_every_state_leads_where_cia_402_says(void)
     }
 }
 
+static void test_quick_stop_options_say_what_comes_after_it(void)
+{
+    static const struct {
+        int16_t option;
+        enum cia402_state at_once, standing;
+    } rows[] = {{0, SOD, SOD}, {1, QSA, SOD}, {2, QSA, SOD}, {5, QSA, QSA}, {6, QSA, QSA}};
+    for (unsigned i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        bring_to(OE);
+        axis.quick_stop = rows[i].option;
+        cia402_command(&axis, QUICK_STOP, true);
+        TEST_ASSERT_EQUAL(rows[i].at_once, axis.state);
+        cia402_poll(&axis, false);
+        TEST_ASSERT_EQUAL(rows[i].at_once, axis.state);
+        cia402_poll(&axis, true);
+        TEST_ASSERT_EQUAL(rows[i].standing, axis.state);
+    }
+}
+
+static void test_quick_stop_that_stays_is_left_by_enable_operation_or_by_the_power_alone(void)
+{
+    static const enum cia402_state left[COMMANDS] = {SOD, QSA, QSA, QSA, OE};
+    for (unsigned i = 0; i < COMMANDS; i++) {
+        bring_to(OE);
+        axis.quick_stop = 6;
+        cia402_command(&axis, QUICK_STOP, true);
+        cia402_command(&axis, commands[i], false);
+        TEST_ASSERT_EQUAL_MESSAGE(i == 0 ? SOD : QSA, axis.state, "while it may not be enabled");
+        cia402_command(&axis, commands[i], true);
+        TEST_ASSERT_EQUAL(left[i], axis.state);
+    }
+    cia402_command(&axis, SWITCH_ON, true);
+    cia402_poll(&axis, true);
+    TEST_ASSERT_EQUAL_MESSAGE(SO, axis.state, "enabled as ever");
+}
+
+static void test_stop_from_outside_powers_off_whatever_the_option(void)
+{
+    static const int16_t options[] = {0, 2, 6};
+    for (unsigned i = 0; i < 3; i++) {
+        for (int stopped = 0; stopped < 2; stopped++) {
+            bring_to(OE);
+            axis.quick_stop = options[i];
+            if (stopped && options[i] != 0) {
+                cia402_command(&axis, QUICK_STOP, true);
+            }
+            cia402_stop(&axis);
+            TEST_ASSERT_EQUAL(QSA, axis.state);
+            cia402_command(&axis, ENABLE, true);
+            TEST_ASSERT_EQUAL(QSA, axis.state);
+            cia402_poll(&axis, true);
+            TEST_ASSERT_EQUAL(SOD, axis.state);
+        }
+    }
+    bring_to(SO);
+    cia402_stop(&axis);
+    TEST_ASSERT_EQUAL(SOD, axis.state);
+}
+
 static void test_bits_without_a_meaning_change_no_command(void)
 {
     bring_to(OE);
@@ -207,6 +265,9 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_power_on_leads_to_switch_on_disabled);
     RUN_TEST(test_every_command_in_every_state_leads_where_cia_402_says);
+    RUN_TEST(test_quick_stop_options_say_what_comes_after_it);
+    RUN_TEST(test_quick_stop_that_stays_is_left_by_enable_operation_or_by_the_power_alone);
+    RUN_TEST(test_stop_from_outside_powers_off_whatever_the_option);
     RUN_TEST(test_bits_without_a_meaning_change_no_command);
     RUN_TEST(test_fault_is_reset_by_a_rising_edge_only);
     RUN_TEST(test_fault_can_be_reset_where_nothing_may_be_enabled);

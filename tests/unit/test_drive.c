@@ -258,6 +258,7 @@ static void test_each_fault_has_its_code_and_reaction(void)
         {FAULT_HEARTBEAT, 0x8130, 0x10, REACT_PATH_STOP},  {FAULT_UNDERRUN, 0xFF10, 0x80, REACT_PATH_STOP},
         {FAULT_KNOT_RANGE, 0xFF11, 0x80, REACT_PATH_STOP}, {FAULT_CLOCK, 0x5200, 0x01, REACT_DISABLE},
         {FAULT_RESTART, 0x6010, 0x01, REACT_DISABLE},      {FAULT_OVERRUN, 0x6100, 0x01, REACT_DISABLE},
+        {FAULT_LIMIT_SWITCH, 0xFF12, 0x80, REACT_PATH_STOP},
     };
     TEST_ASSERT_EQUAL_UINT(FAULTS, sizeof rows / sizeof rows[0]);
     for (unsigned i = 0; i < FAULTS; i++) {

@@ -20,7 +20,7 @@ struct rig {
     struct sim_flash flash;
     uint16_t bitrate;             /* last changed to */
     struct hal_drive_out out;     /* last written */
-    uint8_t inputs[2];            /* enum hal_input */
+    uint8_t inputs[2];            /* enum hal_input, beside the limit switches of the plant */
     unsigned reads, writes;       /* calls of the HAL */
     struct can_frame inbox[INBOX];
     unsigned inbox_count;
@@ -42,8 +42,14 @@ static inline void rig_drive_read(void *ctx, struct hal_drive_in *in)
 {
     struct rig *r = ctx;
     r->reads++;
-    *in = (struct hal_drive_in){.inputs = {r->inputs[0], r->inputs[1]}};
+    *in = (struct hal_drive_in){0};
     plant_encoders(&r->plant, in->count);
+    plant_switches(&r->plant, in->inputs);
+    for (int i = 0; i < 2; i++) {
+        in->inputs[i] |= r->inputs[i];
+        in->index_pulses[i] = r->plant.index_pulses[i];
+        in->index_count[i] = r->plant.index_count[i];
+    }
 }
 
 static inline void rig_drive_write(void *ctx, const struct hal_drive_out *out)

@@ -240,6 +240,53 @@ static void test_overspeed_cuts_the_power_in_the_period_that_sees_it(void)
     }
 }
 
+/* An axis that stands outside and is held there may be brought back. */
+static void test_axis_outside_the_limits_is_no_fault_while_it_is_where_its_reference_is(void)
+{
+    for (int sign = -1; sign <= 1; sign += 2) {
+        start(sign * 30000, 0); /* 3 mm */
+        for (int axis = 0; axis < 2; axis++) {
+            ring.start.nm[axis] = loop_snapshot(&loop)->position_nm[axis];
+            atomic_store(&loop.command.powered[axis], true);
+        }
+        tick(100);
+        TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+        loop.cfg[0].following_ticks[0] = 1000000; /* which would see it first */
+        ring.start.nm[0] -= sign * 200000;
+        tick(1);
+        expect_cut(FAULT_TRAVEL);
+    }
+}
+
+static void test_limits_are_the_users_and_move_with_the_origin(void)
+{
+    for (int beyond = 0; beyond < 2; beyond++) {
+        start(0, 0);
+        atomic_store(&loop.command.origin_nm[0], beyond ? 1102000 : 1098000); /* limit and window: 1.1 mm */
+        loop.cfg[0].following_ticks[0] = 1000000;
+        atomic_store(&loop.command.powered[0], true);
+        ring.start.nm[0] = -200000;
+        tick(1);
+        TEST_ASSERT_EQUAL_HEX32(beyond ? FAULT_BIT(FAULT_TRAVEL) : 0, atomic_load(&loop.faults));
+    }
+}
+
+static void test_following_error_may_last_as_long_as_its_timeout(void)
+{
+    start(0, 0);
+    power();
+    loop.cfg[0].following_ticks[0] = 50;
+    ring.start.nm[0] = 200000; /* 0.2 mm: twice the window */
+    tick(30);
+    ring.start.nm[0] = 0;
+    tick(1);
+    ring.start.nm[0] = 200000;
+    tick(50); /* anew */
+    TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+    tick(1);
+    expect_cut(FAULT_FOLLOWING);
+}
+
 static void test_travel_ends_where_the_limits_and_the_window_do(void)
 {
     static const int32_t inside[4][2] = {{10990, 0}, {-10990, 0}, {0, 10990}, {0, -10990}}; /* 1.099 mm; limit 1.1 */
@@ -249,7 +296,9 @@ static void test_travel_ends_where_the_limits_and_the_window_do(void)
             start(inside[i][0] + (inside[i][0] > 0) * k - (inside[i][0] < 0) * k,
                   inside[i][1] + (inside[i][1] > 0) * k - (inside[i][1] < 0) * k);
             for (int axis = 0; axis < 2; axis++) {
-                ring.start.nm[axis] = loop_snapshot(&loop)->position_nm[axis];
+                const int32_t nm = loop_snapshot(&loop)->position_nm[axis];
+                ring.start.nm[axis] = nm > 0 ? nm - 150000 : nm < 0 ? nm + 150000 : 0; /* inside, it has lost its way */
+                loop.cfg[0].following_ticks[axis] = 1000000;
                 atomic_store(&loop.command.powered[axis], true);
             }
             tick(1);
@@ -456,6 +505,9 @@ int main(void)
     RUN_TEST(test_following_error_cuts_the_power_in_the_period_that_sees_it);
     RUN_TEST(test_following_error_within_its_window_is_no_fault);
     RUN_TEST(test_overspeed_cuts_the_power_in_the_period_that_sees_it);
+    RUN_TEST(test_axis_outside_the_limits_is_no_fault_while_it_is_where_its_reference_is);
+    RUN_TEST(test_limits_are_the_users_and_move_with_the_origin);
+    RUN_TEST(test_following_error_may_last_as_long_as_its_timeout);
     RUN_TEST(test_travel_ends_where_the_limits_and_the_window_do);
     RUN_TEST(test_axis_without_power_has_no_limits);
     RUN_TEST(test_fault_of_the_amplifier_or_encoder_cuts_both_axes_in_the_same_period);

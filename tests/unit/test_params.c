@@ -188,6 +188,17 @@ static void test_defaults_fit(void)
     TEST_ASSERT_TRUE(params_fit(&od));
 }
 
+static void test_soft_limits_are_no_empty_range(void)
+{
+    for (int i = 0; i < 2; i++) {
+        od_init(&od, 1);
+        od.axis[i].position_limit.min = od.axis[i].position_limit.max;
+        TEST_ASSERT_TRUE(params_fit(&od));
+        od.axis[i].position_limit.min++;
+        TEST_ASSERT_FALSE(params_fit(&od));
+    }
+}
+
 static void test_k_bar_times_e_max_is_at_most_4(void)
 {
     od.asmc.k_bar = 1000;    /* 1/m */
@@ -235,6 +246,7 @@ int main(void)
     RUN_TEST(test_learned_feedforward);
     RUN_TEST(test_observer_is_slower_for_coarse_encoders_by_the_fourth_root);
     RUN_TEST(test_defaults_fit);
+    RUN_TEST(test_soft_limits_are_no_empty_range);
     RUN_TEST(test_k_bar_times_e_max_is_at_most_4);
     RUN_TEST(test_k_0_is_at_most_k_max);
     RUN_TEST(test_mu_0_is_at_most_mu_max);

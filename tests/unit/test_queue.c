@@ -270,6 +270,7 @@ static void test_knot_on_the_soft_limit_is_taken_and_one_beyond_ends_the_stream(
     queue.max_nm[0] = 100;
     queue.min_nm[1] = -50;
     queue.max_nm[1] = 50;
+    queue_begin(&queue, origin, 0);
     TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 100, -50));
     TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, -200, 100));
     TEST_ASSERT_FALSE(queue.outside);
@@ -278,6 +279,87 @@ static void test_knot_on_the_soft_limit_is_taken_and_one_beyond_ends_the_stream(
     TEST_ASSERT_EQUAL_INT32(-100, stream.end_x);
     TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(2, 0, 0));
     TEST_ASSERT_EQUAL_UINT32(2, stream.accepted);
+    TEST_ASSERT_EQUAL_UINT32(1, stream.rejected_range);
+}
+
+static void test_stream_that_starts_outside_the_soft_limits_may_come_back_but_go_no_further(void)
+{
+    queue.min_nm[0] = queue.min_nm[1] = -100;
+    queue.max_nm[0] = queue.max_nm[1] = 100;
+    queue_begin(&queue, (struct knot){{150, 0}}, 0);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 0, 0));
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, -60, 0));
+    TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(2, 61, 0));
+}
+
+/* ---- origin ---- */
+
+static void test_origin_lies_between_the_users_positions_and_the_rings(void)
+{
+    queue.origin_nm[0] = 1000;
+    queue.origin_nm[1] = -500;
+    queue_begin(&queue, (struct knot){{7, 8}}, 0);
+    TEST_ASSERT_EQUAL_INT32(-993, queue.ring.start.nm[0]);
+    TEST_ASSERT_EQUAL_INT32(508, queue.ring.start.nm[1]);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 10, 20));
+    TEST_ASSERT_EQUAL_INT32(17 - 1000, queue.ring.knot[0].nm[0]);
+    TEST_ASSERT_EQUAL_INT32(28 + 500, queue.ring.knot[0].nm[1]);
+    TEST_ASSERT_EQUAL_INT32(17, stream.end_x);
+    TEST_ASSERT_EQUAL_INT32(28, stream.end_y);
+    const struct knot user = queue_user(&queue, queue.ring.knot[0]);
+    TEST_ASSERT_EQUAL_INT32(17, user.nm[0]);
+    TEST_ASSERT_EQUAL_INT32(28, user.nm[1]);
+}
+
+static void test_checksum_is_that_of_the_users_positions(void)
+{
+    queue_begin(&queue, (struct knot){{7, 8}}, 0);
+    give(0, 10, 20);
+    queue_executed(&queue, 1);
+    const uint32_t checksum = stream.checksum;
+    queue.origin_nm[0] = -123456;
+    queue_begin(&queue, (struct knot){{7, 8}}, 0);
+    give(0, 10, 20);
+    queue_executed(&queue, 1);
+    TEST_ASSERT_EQUAL_HEX32(checksum, stream.checksum);
+}
+
+static void test_knot_that_the_servo_cannot_count_is_refused(void)
+{
+    queue.min_nm[0] = -2000000000;
+    queue.max_nm[0] = 2000000000;
+    queue.origin_nm[0] = 2000000000;
+    queue_begin(&queue, (struct knot){{0, 0}}, 0);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, (struct knot){{-147483648, 0}}));
+    TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, queue_push(&queue, (struct knot){{-147483649, 0}}));
+}
+
+/* ---- open end ---- */
+
+static void test_stream_rests_when_its_last_four_knots_are_equal(void)
+{
+    queue_begin(&queue, origin, 0);
+    for (uint8_t i = 0; i < 4; i++) {
+        TEST_ASSERT_FALSE(queue_rests(&queue));
+        give(i, i == 0 ? 5 : 0, 0);
+    }
+    TEST_ASSERT_TRUE(queue_rests(&queue));
+    give(4, 0, 1);
+    TEST_ASSERT_FALSE(queue_rests(&queue));
+}
+
+static void test_open_ended_stream_is_given_its_end_while_it_is_open(void)
+{
+    queue_begin(&queue, origin, 0);
+    give(0, 1, 1);
+    give(1, 1, 1);
+    TEST_ASSERT_FALSE_MESSAGE(queue_end(&queue, 1), "it has more already");
+    TEST_ASSERT_FALSE(queue_end(&queue, 0));
+    TEST_ASSERT_TRUE(queue_end(&queue, 2));
+    TEST_ASSERT_TRUE(queue_complete(&queue));
+    TEST_ASSERT_FALSE_MESSAGE(queue_end(&queue, 3), "it has an end");
+    queue_begin(&queue, origin, 10);
+    TEST_ASSERT_FALSE(queue_end(&queue, 20));
 }
 
 static void test_each_of_the_four_soft_limits_is_watched(void)
@@ -366,6 +448,12 @@ int main(void)
     RUN_TEST(test_closed_queue_keeps_its_knots_and_takes_no_more);
     RUN_TEST(test_begin_forgets_knots_and_counters);
     RUN_TEST(test_knot_on_the_soft_limit_is_taken_and_one_beyond_ends_the_stream);
+    RUN_TEST(test_stream_that_starts_outside_the_soft_limits_may_come_back_but_go_no_further);
+    RUN_TEST(test_origin_lies_between_the_users_positions_and_the_rings);
+    RUN_TEST(test_checksum_is_that_of_the_users_positions);
+    RUN_TEST(test_knot_that_the_servo_cannot_count_is_refused);
+    RUN_TEST(test_stream_rests_when_its_last_four_knots_are_equal);
+    RUN_TEST(test_open_ended_stream_is_given_its_end_while_it_is_open);
     RUN_TEST(test_each_of_the_four_soft_limits_is_watched);
     RUN_TEST(test_checksum_is_zlibs_crc32_of_the_executed_knots_across_the_wrap_of_the_ring);
     RUN_TEST(test_checksum_of_extreme_knot);

@@ -34,6 +34,8 @@ static const struct field fields[] = {
     FIELD(encoder_m, 2, 2, false),
     FIELD(travel_min_m, 2, 2, false),
     FIELD(travel_max_m, 2, 2, false),
+    FIELD(switch_m, 0, 2, false),
+    FIELD(index_m, 0, 2, false),
     FIELD(start_m, 2, 2, false),
     FIELD(delay_periods, 1, 1, true),
     FIELD(substeps, 1, 1, true),

@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* modes.h: the modes of the axes (6060h): what moves them. Background only; called by drive.c and app.c.
+ *
+ * 7, interpolated position: both axes follow one stream of knots or records; it moves only while both are in mode 7.
+ * 3, profile velocity, and 6, homing: each axis by itself. Their ways are made here (jog.h) as knots for both axes, some
+ * milliseconds ahead of path time, and go the way of all knots: same law, limits, faults, stop on the path. An axis in
+ * mode 7 beside one in mode 3 or 6 is held where it stands.
+ * A mode is taken over when its axis stands; a stream that waits is forgotten then.
+ */
+#ifndef KONTUR_MODES_H
+#define KONTUR_MODES_H
+#include "home.h"
+#include "jog.h"
+#include "od.h"
+#include "record.h"
+
+enum { MODE_VELOCITY = 3, MODE_HOMING = 6, MODE_PATH = 7 };
+
+struct modes_axis {
+    int8_t mode; /* in use */
+    struct jog jog;
+    struct home home;
+    uint16_t controlword; /* of the last poll */
+    int32_t wish_umps;    /* what the master asks for, before limits */
+    bool limited;         /* ... and does not get, because of a limit */
+};
+
+struct modes {
+    struct modes_axis axis[2];
+    bool generating;      /* the path is made here */
+    bool ending;          /* ... all of it has been */
+    struct record record;
+};
+
+struct drive;
+
+/* As at power-on; what homing has found is kept. */
+void modes_reset(struct drive *d);
+/* With each drive_poll(): take modes over, make knots, end homings. */
+void modes_poll(struct drive *d);
+/* The axis stands, whatever the other one does. */
+bool modes_stands(const struct drive *d, int axis);
+/* Both axes are in mode 7, so a stream may move them. */
+bool modes_follows_stream(const struct drive *d);
+/* Bits 10..13 of 6041h. */
+uint16_t modes_status(const struct drive *d, int axis);
+/* A record of 60C1h for both axes: SDO abort code, or 0. The first one when no stream is open begins an open-ended one. */
+uint32_t modes_record(struct drive *d, struct knot record);
+/* An SDO wants to write one of the objects of this file: abort code, or 0. */
+uint32_t modes_check_write(struct drive *d, const struct od_entry *entry, int64_t value);
+#endif

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* record.h: from the records of 60C1h, one each 1..20 ms, to knots, one a millisecond. Background only.
+ *
+ * Records are the control points of a uniform cubic B-spline over their own time, as knots are over a millisecond. The knots
+ * that make the same curve: each record m times, then three moving averages over m (Lane and Riesenfeld, 1980, for m = 2).
+ * In integers, rounded once: exact wherever the path rests.
+ */
+#ifndef KONTUR_RECORD_H
+#define KONTUR_RECORD_H
+#include "box.h"
+#include "spline.h"
+
+enum { RECORD_MS_MAX = 20 }; /* at most BOX_MAX */
+
+struct record {
+    uint8_t ms; /* m */
+    struct box box[2][3];
+};
+
+/* At rest. ms: 1..RECORD_MS_MAX. */
+void record_start(struct record *r, uint8_t ms, struct knot start);
+/* The next knot; each record is given `ms` times. */
+struct knot record_step(struct record *r, struct knot record);
+/* Milliseconds of 60C2h (value times 10^index s); 0: none of 1..RECORD_MS_MAX. */
+uint8_t record_period(int64_t value, int64_t index);
+#endif
