@@ -139,7 +139,7 @@ static bool run_wanted(const struct drive *d)
     if (d->modes.generating) { /* the axes stop by themselves, but for a fault, which stops both on the path */
         return d->faults == 0;
     }
-    if (!modes_follows_stream(d)) {
+    if (!modes_follows_stream(d) || !modes_may_start(d)) {
         return false;
     }
     for (int i = 0; i < 2; i++) {
@@ -225,6 +225,7 @@ void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
 {
     *d = (struct drive){.od = od};
     loop_init(&d->loop, hal, &d->queue.ring);
+    queue_init(&d->queue, &od->stream);
     drive_reset(d);
 }
 
@@ -326,9 +327,9 @@ static bool near(const struct drive *d, struct knot start)
 
 static void begin_stream(struct drive *d, struct knot start, uint32_t total)
 {
-    const struct od_axis *x = &d->od->axis[0];
     drive_begin(d, start, total);
-    record_start(&d->modes.record, record_period(x->ip_period.value, x->ip_period.index), start);
+    d->modes.by_record = false;
+    record_start(&d->modes.record, d->od->axis[0].ip_period.value, start);
 }
 
 uint32_t drive_stream_command(struct drive *d, uint8_t command)
@@ -351,7 +352,8 @@ uint32_t drive_stream_command(struct drive *d, uint8_t command)
 
 uint32_t drive_begin_at(struct drive *d, struct knot start, struct knot first)
 {
-    if (!drive_stands(d) || !near(d, first)) {
+    const struct od_axis *axis = d->od->axis;
+    if (!drive_stands(d) || !near(d, first) || axis[0].ip_period.value != axis[1].ip_period.value) {
         return SDO_ABORT_STATE;
     }
     begin_stream(d, start, 0);

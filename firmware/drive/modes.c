@@ -288,6 +288,14 @@ uint16_t modes_status(const struct drive *d, int axis)
 
 /* ---- records ---- */
 
+bool modes_may_start(const struct drive *d)
+{
+    const struct od_stream *s = d->queue.stream;
+    const uint32_t stop = d->od->limits.path_stop_time / 2u + 4u;
+    return s->state != STREAM_FILLING || !d->modes.by_record ||
+           s->accepted >= stop + 2u * d->modes.record.ms + RECORD_JITTER || queue_complete(&d->queue);
+}
+
 uint32_t modes_record(struct drive *d, struct knot record)
 {
     struct od_stream *s = d->queue.stream;
@@ -297,6 +305,7 @@ uint32_t modes_record(struct drive *d, struct knot record)
             s->rejected_state++;
             return code;
         }
+        d->modes.by_record = true;
     }
     if (d->modes.generating || d->queue.outside) {
         s->rejected_state++;
@@ -314,16 +323,6 @@ uint32_t modes_record(struct drive *d, struct knot record)
     return SDO_OK;
 }
 
-/* 60C2h, sub 1 or 2, is to become `value`. */
-static uint32_t check_period(const struct drive *d, const struct od_axis *axis, uint8_t sub, int64_t value)
-{
-    if (d->queue.open && d->queue.stream->state != STREAM_DONE) {
-        return SDO_ABORT_STATE;
-    }
-    const uint8_t ms = sub == 1 ? record_period(value, axis->ip_period.index) : record_period(axis->ip_period.value, value);
-    return ms != 0 ? SDO_OK : SDO_ABORT_VALUE;
-}
-
 uint32_t modes_check_write(struct drive *d, const struct od_entry *entry, int64_t value)
 {
     const int axis = entry->index >= 0x6000 + AXIS_STEP ? 1 : 0;
@@ -334,7 +333,7 @@ uint32_t modes_check_write(struct drive *d, const struct od_entry *entry, int64_
     case 0x60C1:
         return axis == 0 ? SDO_OK
                          : modes_record(d, (struct knot){{d->od->axis[0].ip_record.position, (int32_t)value}});
-    case 0x60C2: return check_period(d, &d->od->axis[axis], entry->sub, value);
+    case 0x60C2: return d->queue.open && d->queue.stream->state != STREAM_DONE ? SDO_ABORT_STATE : SDO_OK;
     case 0x60C4: return entry->sub == 6 && value == 0 ? drive_stream_command(d, 2) : SDO_OK;
     default: return SDO_OK;
     }

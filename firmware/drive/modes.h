@@ -30,6 +30,7 @@ struct modes {
     bool generating;      /* the path is made here */
     bool ending;          /* ... all of it has been */
     struct record record;
+    bool by_record;       /* the stream was begun by a record */
 };
 
 struct drive;
@@ -44,6 +45,9 @@ bool modes_stands(const struct drive *d, int axis);
 bool modes_follows_stream(const struct drive *d);
 /* Bits 10..13 of 6041h. */
 uint16_t modes_status(const struct drive *d, int axis);
+/* A stream that records began has as many knots as keep it from starving at once: for a stop, and for a master whose
+ * records come two periods and RECORD_JITTER late. */
+bool modes_may_start(const struct drive *d);
 /* A record of 60C1h for both axes: SDO abort code, or 0. The first one when no stream is open begins an open-ended one. */
 uint32_t modes_record(struct drive *d, struct knot record);
 /* An SDO wants to write one of the objects of this file: abort code, or 0. */

@@ -26,9 +26,3 @@ struct knot record_step(struct record *r, struct knot record)
     }
     return knot;
 }
-
-uint8_t record_period(int64_t value, int64_t index)
-{
-    const int64_t tenths = index == -2 ? 100 * value : index == -3 ? 10 * value : index == -4 ? value : 0;
-    return tenths % 10 == 0 && tenths >= 10 && tenths <= 10 * RECORD_MS_MAX ? (uint8_t)(tenths / 10) : 0;
-}

@@ -10,7 +10,7 @@
 #include "box.h"
 #include "spline.h"
 
-enum { RECORD_MS_MAX = 20 }; /* at most BOX_MAX */
+enum { RECORD_MS_MAX = 20 /* at most BOX_MAX */, RECORD_JITTER = 16 /* ms */ };
 
 struct record {
     uint8_t ms; /* m */
@@ -21,6 +21,4 @@ struct record {
 void record_start(struct record *r, uint8_t ms, struct knot start);
 /* The next knot; each record is given `ms` times. */
 struct knot record_step(struct record *r, struct knot record);
-/* Milliseconds of 60C2h (value times 10^index s); 0: none of 1..RECORD_MS_MAX. */
-uint8_t record_period(int64_t value, int64_t index);
 #endif

@@ -91,7 +91,9 @@ def expected(name: str, entry: objects.Entry, value: int) -> int:
         return INCOMPATIBLE
     if (name, value) == ("error_history", entry.high):
         return VALUE  # 0 clears it
-    if (name, entry.name, value) == ("stream", "command", 1):
+    if name in ("position_limit_x", "position_limit_y") and (entry.name, value) == ("min", entry.high):
+        return INCOMPATIBLE
+    if (name, entry.name, value) == ("stream", "command", 1) or (name == "ip_record_y" and entry.sub):
         return STATE  # begin: no axis is enabled
     return OK
 

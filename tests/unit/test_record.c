@@ -77,22 +77,6 @@ static void test_knots_lie_between_the_records(void)
     }
 }
 
-static void test_period_is_one_to_twenty_whole_milliseconds(void)
-{
-    for (int ms = 1; ms <= 20; ms++) {
-        TEST_ASSERT_EQUAL_UINT8(ms, record_period(ms, -3));
-        TEST_ASSERT_EQUAL_UINT8(ms, record_period(10 * ms, -4));
-    }
-    TEST_ASSERT_EQUAL_UINT8(10, record_period(1, -2));
-    TEST_ASSERT_EQUAL_UINT8(20, record_period(2, -2));
-    TEST_ASSERT_EQUAL_UINT8(0, record_period(3, -2));
-    TEST_ASSERT_EQUAL_UINT8(0, record_period(21, -3));
-    TEST_ASSERT_EQUAL_UINT8(0, record_period(0, -3));
-    TEST_ASSERT_EQUAL_UINT8(0, record_period(15, -4)); /* 1.5 ms */
-    TEST_ASSERT_EQUAL_UINT8(0, record_period(1, -1));
-    TEST_ASSERT_EQUAL_UINT8(0, record_period(200, -5));
-}
-
 int main(void)
 {
     UNITY_BEGIN();
@@ -100,6 +84,5 @@ int main(void)
     RUN_TEST(test_knots_make_the_curve_of_the_records);
     RUN_TEST(test_path_rests_exactly_where_the_last_records_are);
     RUN_TEST(test_knots_lie_between_the_records);
-    RUN_TEST(test_period_is_one_to_twenty_whole_milliseconds);
     return UNITY_END();
 }
