@@ -11,7 +11,8 @@ static struct ks_can_status status;
 
 static bool apply(canid_t what, uint8_t control, uint8_t tx, uint8_t rx)
 {
-    const struct can_frame frame = {.can_id = CAN_ERR_FLAG | what, .can_dlc = 8, .data = {0, control, 0, 0, 0, 0, tx, rx}};
+    const struct can_frame frame = {
+        .can_id = CAN_ERR_FLAG | what, .can_dlc = 8, .data = {0, control, 0, 0, 0, 0, tx, rx}};
     return can_errors_apply(&frame, &status);
 }
 

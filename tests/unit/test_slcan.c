@@ -193,7 +193,8 @@ static void test_overlong_line_is_refused_as_a_whole(void)
 /* Every line gets one answer or is a valid frame; the next good line is understood. */
 static void test_random_bytes_are_survived(void)
 {
-    static const char *const lines[] = {"t1232A5B4\r", "r7011\r", "O\r", "C\r", "L\r", "T000001230\r", "Z1\r", "F\r", "\r\n"};
+    static const char *const lines[] = {"t1232A5B4\r", "r7011\r", "O\r", "C\r", "L\r",
+                                        "T000001230\r", "Z1\r", "F\r", "\r\n"};
     uint32_t seed = 12345;
     unsigned taken = 0;
     const char *at = "";

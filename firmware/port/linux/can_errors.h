@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* can_errors.h: SocketCAN's error message frames (Linux: include/uapi/linux/can/error.h) as the state of a CAN controller. */
+/* can_errors.h: SocketCAN's error message frames (Linux: include/uapi/linux/can/error.h) as the state of a CAN
+ * controller. */
 #ifndef KONTUR_CAN_ERRORS_H
 #define KONTUR_CAN_ERRORS_H
 #include <linux/can.h>

@@ -6,7 +6,8 @@
  *   delay_periods 1
  *   schedule_time_s 0 1.6
  *
- * "-" is standard input. Empty lines and lines that start with # are passed over. All fields must be there, but those of the schedule.
+ * "-" is standard input. Empty lines and lines that start with # are passed over. All fields must be there, but those
+ * of the schedule.
  */
 #ifndef KONTUR_MACHINE_FILE_H
 #define KONTUR_MACHINE_FILE_H

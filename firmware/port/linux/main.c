@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* kontur-sim: the firmware and a simulated machine as a process on a CAN bus. One loop, no threads: whatever waits does so in
- * poll(). Paced by the wall clock, the bus comes first, then the time that has become due, in slices, so that frames meet the device
- * near their time. Paced by SYNC, frames are handled as they come and no time passes but 1006h after each SYNC.
+/* kontur-sim: the firmware and a simulated machine as a process on a CAN bus. One loop, no threads: whatever waits
+ * does so in poll(). Paced by the wall clock, the bus comes first, then the time that has become due, in slices, so
+ * that frames meet the device near their time. Paced by SYNC, frames are handled as they come and no time passes but
+ * 1006h after each SYNC.
  */
 #include <errno.h>
 #include <getopt.h>
@@ -27,13 +28,14 @@ static const char usage[] =
     "usage: kontur-sim --machine FILE (--can INTERFACE | --slcan-tcp [HOST:]PORT | --slcan-pty)\n"
     "                  [--pace clock|sync] [--seed N] [--node ID] [--num f32|fix|chk] [--store FILE]\n"
     "                  [--record FILE] [--with-parent]\n"
-    "The Kontur firmware and a simulated machine on a CAN bus. `kontur sim` starts it with a machine from a TOML file.\n"
+    "The Kontur firmware and a simulated machine on a CAN bus. `kontur sim` starts it with a machine from a TOML\n"
+    "file.\n"
     "  --machine FILE    plain machine file (firmware/port/linux/machine_file.h); -: from standard input\n"
     "  --can INTERFACE   SocketCAN, classic frames: vcan0, can0 ...\n"
     "  --slcan-tcp PORT  slcan over TCP, one client at a time; on 127.0.0.1 unless a HOST is given; 0: any free port\n"
     "  --slcan-pty       slcan over a pseudo-terminal\n"
     "  --pace clock      device time follows the wall clock (default)\n"
-    "  --pace sync       device time passes with SYNC alone, by 1006h at each: the same in every run, however slow the host\n"
+    "  --pace sync       device time passes with SYNC alone, by 1006h at each: the same in every run\n"
     "  --seed N          seed of the simulated noise (default 1)\n"
     "  --node ID         CANopen node id, 1..31 (default 1)\n"
     "  --num NUM         numeric back end of the firmware (default f32)\n"
@@ -71,7 +73,8 @@ static uint64_t whole_number(const char *name, const char *text, uint64_t least,
     errno = 0;
     const unsigned long long value = strtoull(text, &end, 10);
     if (*text < '0' || *text > '9' || *end != '\0' || errno != 0 || value < least || value > greatest) {
-        die("--%s %s: must be a whole number %llu..%llu", name, text, (unsigned long long)least, (unsigned long long)greatest);
+        die("--%s %s: must be a whole number %llu..%llu", name, text,
+            (unsigned long long)least, (unsigned long long)greatest);
     }
     return value;
 }
@@ -162,8 +165,8 @@ static bool keep_pace(struct sim *s)
     const uint32_t due = pace_due(&s->pace, now_ns(), s->lib.ks_tick(s->ks));
     const uint32_t slice = s->pace.hz / SLICE_HZ;
     if (s->pace.lost_ms > 0 && !s->told_slow) {
-        say("this machine does not keep up with the wall clock: %llu ms of device time are lost (told once); close other "
-            "programs, or use --pace sync, where it does not matter",
+        say("this machine does not keep up with the wall clock: %llu ms of device time are lost (told once); close "
+            "other programs, or use --pace sync, where it does not matter",
             (unsigned long long)s->pace.lost_ms);
         s->told_slow = true;
     }

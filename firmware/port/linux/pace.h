@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pace.h: how much device time may pass, in control periods. Arithmetic alone: the clock is the caller's.
  *
- * By the wall clock, device time follows it without drift: what is due is counted from a start that stays. A process that was
- * not let run makes up for as much as PACE_CATCH_UP_MS; what goes beyond is lost to the device, and counted.
+ * By the wall clock, device time follows it without drift: what is due is counted from a start that stays. A process
+ * that was not let run makes up for as much as PACE_CATCH_UP_MS; what goes beyond is lost to the device, and counted.
  */
 #ifndef KONTUR_PACE_H
 #define KONTUR_PACE_H

@@ -133,7 +133,7 @@ static bool read_in(struct slcan_bus *s)
         return false;
     }
     if (s->listener >= 0) {
-        /* A client that writes frame by frame (pyserial) is kept waiting by Nagle's algorithm for what TCP would delay. */
+        /* Nagle's algorithm keeps a client that writes frame by frame (pyserial) waiting for what TCP would delay. */
         const int on = 1;
         setsockopt(s->client, IPPROTO_TCP, TCP_QUICKACK, &on, sizeof on);
     }
@@ -220,7 +220,8 @@ void bus_open_slcan_tcp(struct bus *bus, const char *address)
     const char *port = colon == NULL ? address : colon + 1;
     char *end = NULL;
     const unsigned long number = strtoul(port, &end, 10);
-    if (*port < '0' || *port > '9' || *end != '\0' || number > 65535 || (colon != NULL && colon - address >= (int)sizeof host)) {
+    if (*port < '0' || *port > '9' || *end != '\0' || number > 65535 ||
+        (colon != NULL && colon - address >= (int)sizeof host)) {
         die("--slcan-tcp %s: must be [HOST:]PORT with a port of 0..65535", address);
     }
     if (colon != NULL) {

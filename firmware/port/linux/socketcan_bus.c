@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Classic CAN on a SocketCAN interface (Linux: Documentation/networking/can.rst). An interface that goes down or away while the
- * drive runs is waited for: the drive goes on, and sees that the host has fallen silent.
+/* Classic CAN on a SocketCAN interface (Linux: Documentation/networking/can.rst). An interface that goes down or away
+ * while the drive runs is waited for: the drive goes on, and sees that the host has fallen silent.
  */
 #include <errno.h>
 #include <linux/can/error.h>
@@ -49,7 +49,8 @@ static int open_socket(const char *interface, char *problem, size_t bytes)
     int fd = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
     if (fd < 0) {
         if (errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT) {
-            snprintf(problem, bytes, "this kernel has no CAN: `modprobe can-raw` as root, or use --slcan-tcp 0 instead");
+            snprintf(problem, bytes,
+                     "this kernel has no CAN: `modprobe can-raw` as root, or use --slcan-tcp 0 instead");
         } else {
             snprintf(problem, bytes, "no CAN socket can be had: %s; use --slcan-tcp 0 instead", strerror(errno));
         }
@@ -57,17 +58,19 @@ static int open_socket(const char *interface, char *problem, size_t bytes)
     }
     memcpy(request.ifr_name, interface, strnlen(interface, IFNAMSIZ - 1));
     if (strlen(interface) >= IFNAMSIZ || ioctl(fd, SIOCGIFINDEX, &request) != 0) {
-        snprintf(problem, bytes, "there is no interface %s: `ip link add dev %s type vcan` as root makes a virtual one", interface,
-                 interface);
+        snprintf(problem, bytes, "there is no interface %s: `ip link add dev %s type vcan` as root makes a virtual one",
+                 interface, interface);
         goto failed;
     }
     address.can_ifindex = request.ifr_ifindex;
     if (ioctl(fd, SIOCGIFHWADDR, &request) == 0 && request.ifr_hwaddr.sa_family != ARPHRD_CAN) {
-        snprintf(problem, bytes, "%s is no CAN interface; `ip -br link show type can` and `type vcan` list those", interface);
+        snprintf(problem, bytes, "%s is no CAN interface; `ip -br link show type can` and `type vcan` list those",
+                 interface);
         goto failed;
     }
     if (ioctl(fd, SIOCGIFFLAGS, &request) == 0 && (request.ifr_flags & IFF_UP) == 0) {
-        snprintf(problem, bytes, "%s is down: `ip link set up %s` as root (a real one: `ip link set %s up type can bitrate 1000000`)",
+        snprintf(problem, bytes,
+                 "%s is down: `ip link set up %s` as root (a real one: `ip link set %s up type can bitrate 1000000`)",
                  interface, interface, interface);
         goto failed;
     }
@@ -90,8 +93,8 @@ static void lose(struct socketcan_bus *s)
     if (s->socket < 0) {
         return;
     }
-    say("%s is down or gone; the drive goes on without a bus and waits for it: `ip link set up %s` as root", s->interface,
-        s->interface);
+    say("%s is down or gone; the drive goes on without a bus and waits for it: `ip link set up %s` as root",
+        s->interface, s->interface);
     close(s->socket);
     s->socket = -1;
     s->out_count = 0;
@@ -146,7 +149,8 @@ static unsigned watch(void *ctx, struct pollfd *fds)
     if (s->socket < 0) {
         return 0;
     }
-    fds[0] = (struct pollfd){.fd = s->socket, .events = POLLIN}; /* what waits is tried again each turn, the timer sees to it */
+    /* What waits to be sent is tried again each turn, which the timer of the loop brings about. */
+    fds[0] = (struct pollfd){.fd = s->socket, .events = POLLIN};
     return 1;
 }
 
@@ -178,8 +182,8 @@ static void take_error(struct socketcan_bus *s, const struct can_frame *frame)
     const uint32_t bus_offs = s->status.bus_offs;
     s->changed = can_errors_apply(frame, &s->status) || s->changed;
     if (s->status.bus_offs != bus_offs) {
-        say("%s is bus-off: check cable, termination and bit rate; `ip link set %s type can restart` as root brings it back, "
-            "`restart-ms 100` from now on by itself",
+        say("%s is bus-off: check cable, termination and bit rate; `ip link set %s type can restart` as root "
+            "brings it back, `restart-ms 100` from now on by itself",
             s->interface, s->interface);
     }
 }
