@@ -170,23 +170,6 @@ static void acknowledged(struct co_node *node, uint8_t sequence, uint8_t block)
     }
 }
 
-/* A step that the bus has repeated has been taken already. */
-void co_sdo_block_upload_step(struct co_node *node, const uint8_t *request)
-{
-    struct co_sdo *sdo = &node->sdo;
-    const unsigned step = request[0] & STEP;
-    if (step == STEP_START && sdo->transfer == CO_SDO_BLOCK_UPLOAD_START) {
-        sdo->transfer = CO_SDO_BLOCK_UPLOAD;
-    } else if (step == STEP_ACKNOWLEDGE && sdo->transfer == CO_SDO_BLOCK_UPLOAD) {
-        acknowledged(node, request[1], request[2]);
-    } else if (step == STEP_END && (sdo->transfer == CO_SDO_BLOCK_UPLOAD_END || sdo->transfer == CO_SDO_IDLE)) {
-        sdo->transfer = CO_SDO_IDLE;
-    } else if ((step == STEP_START && sdo->transfer != CO_SDO_BLOCK_UPLOAD) ||
-               (step == STEP_ACKNOWLEDGE && sdo->transfer != CO_SDO_BLOCK_UPLOAD_END) || step == STEP_END) {
-        fail(node, SDO_ABORT_COMMAND);
-    }
-}
-
 /* The next segment; false when there is none to send, or no room. */
 static bool send_segment(struct co_node *node)
 {
@@ -211,8 +194,33 @@ static bool send_segment(struct co_node *node)
     return true;
 }
 
+static void send_segments(struct co_node *node, int most)
+{
+    for (int i = 0; i < most && send_segment(node); i++) {
+    }
+}
+
 void co_sdo_block_tick_ms(struct co_node *node)
 {
-    for (int i = 0; i < CO_SDO_SEGMENTS_PER_MS && send_segment(node); i++) {
+    send_segments(node, CO_SDO_SEGMENTS_PER_MS);
+}
+
+/* A step that the bus has repeated has been taken already. */
+void co_sdo_block_upload_step(struct co_node *node, const uint8_t *request)
+{
+    struct co_sdo *sdo = &node->sdo;
+    const unsigned step = request[0] & STEP;
+    const enum co_sdo_transfer now = sdo->transfer;
+    if (step == STEP_START && (now == CO_SDO_BLOCK_UPLOAD_START || now == CO_SDO_BLOCK_UPLOAD)) {
+        sdo->transfer = CO_SDO_BLOCK_UPLOAD;
+    } else if (step == STEP_ACKNOWLEDGE && now == CO_SDO_BLOCK_UPLOAD) {
+        acknowledged(node, request[1], request[2]);
+    } else if (step == STEP_END && (now == CO_SDO_BLOCK_UPLOAD_END || now == CO_SDO_IDLE)) {
+        sdo->transfer = CO_SDO_IDLE;
+    } else if (step != STEP_ACKNOWLEDGE || now != CO_SDO_BLOCK_UPLOAD_END) {
+        fail(node, SDO_ABORT_COMMAND);
+    }
+    if (sdo->transfer == CO_SDO_BLOCK_UPLOAD && node->config.od->clock.pace != 0) {
+        send_segments(node, BLOCK_MAX); /* no time passes until it is read, and no PDO wants the bus */
     }
 }

@@ -11,8 +11,9 @@ import can
 import pytest
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
-from kontur.device import Device
+from kontur.device import Device, connected, open_bus
 from kontur.link import Link
+from kontur.simprocess import start
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "firmware" / "canopen"))
 import objects
@@ -268,6 +269,12 @@ def test_block_download_is_checked_like_any_other(link: Link) -> None:
         except SdoAbortedError as error:
             got = error.code
         assert got == code, f"{index:04X}h:{sub}"
+
+
+def test_block_upload_from_a_drive_whose_time_stands_still() -> None:
+    with start(slcan_tcp="0", pace="sync") as process, connected(open_bus(process.options()), 1) as device:
+        assert by_block(device.link, 0x1009, 0) == TEXT
+        assert device.read("clock.tick") == 0
 
 
 def test_long_upload_leaves_the_telemetry_alone(link: Link) -> None:

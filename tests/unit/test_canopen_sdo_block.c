@@ -98,6 +98,18 @@ static void test_segments_are_paced_and_wait_for_room(void)
     TEST_ASSERT_EQUAL_UINT(127, bus.count); /* a block, then it waits */
 }
 
+static void test_block_goes_at_once_where_time_does_not_pass_by_itself(void)
+{
+    bus.od.clock.pace = 1;
+    bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 D0 07 00 00");
+    bus_clear(&bus);
+    bus_give(&bus, 0x605, "A3 00 00 00 00 00 00 00");
+    TEST_ASSERT_EQUAL_UINT(127, bus.count);
+    bus_clear(&bus);
+    bus_give(&bus, 0x605, "A2 7F 05 00 00 00 00 00");
+    TEST_ASSERT_EQUAL_UINT(5, bus.count);
+}
+
 /* The client of test_lost_segments...: it takes segments in order, acknowledges at the end of a block, and reads all. */
 struct client {
     char data[sizeof text + 7];
@@ -374,6 +386,7 @@ int main(void)
     RUN_TEST(test_upload_without_crc_has_none);
     RUN_TEST(test_number_and_empty_text_go_by_block_too);
     RUN_TEST(test_segments_are_paced_and_wait_for_room);
+    RUN_TEST(test_block_goes_at_once_where_time_does_not_pass_by_itself);
     RUN_TEST(test_long_text_arrives_whole_with_every_block_size);
     RUN_TEST(test_lost_segments_are_sent_again_with_every_block_size);
     RUN_TEST(test_acknowledgement_within_a_block_goes_back_to_the_missing_segment);
