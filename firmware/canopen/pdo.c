@@ -42,10 +42,12 @@ static void resolve(const struct od_data *od, struct co_pdo *pdo, unsigned commu
     for (unsigned i = 1; i <= count; i++) {
         uint32_t code = SDO_OK;
         const struct od_entry *e = co_pdo_mappable((uint32_t)od_number(od, mapping, i), transmit, &code);
-        if (e != NULL && pdo->bytes + od_size(e) <= 8) { /* a stored mapping may be another firmware's */
-            pdo->entry[pdo->count++] = e;
-            pdo->bytes = (uint8_t)(pdo->bytes + od_size(e));
+        if (e == NULL || pdo->bytes + od_size(e) > 8) { /* a stored mapping may be another firmware's: not half of it */
+            pdo->count = 0;
+            break;
         }
+        pdo->entry[pdo->count++] = e;
+        pdo->bytes = (uint8_t)(pdo->bytes + od_size(e));
     }
     pdo->id = (cob & COB_UNUSED) || pdo->count == 0 ? 0 : (uint16_t)(cob & COB_ID_MASK);
     if (transmit) {

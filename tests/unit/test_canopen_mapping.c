@@ -183,6 +183,19 @@ static void test_pdo_that_maps_nothing_is_not_in_use(void)
     }
 }
 
+/* The store of another firmware may hold what no SDO could have written here. */
+static void test_mapping_that_makes_no_sense_is_not_in_use(void)
+{
+    bus.od.tpdo4_map.map_2 = 0x22106308;
+    bus.od.tpdo5_map.map_4 = 0x22100C20;
+    bus.od.tpdo5_map.highest_sub = 4; /* 12 bytes */
+    co_pdo_refresh(&bus.node);
+    bus_give(&bus, 0, "01 05");
+    TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 4));
+    TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 5));
+    TEST_ASSERT_TRUE(co_tpdo_send(&bus.node, 3));
+}
+
 static void test_reset_communication_brings_the_default_mapping_back(void)
 {
     open_mapping(TPDO5);
@@ -209,6 +222,7 @@ int main(void)
     RUN_TEST(test_count_is_refused_when_the_entries_are_too_long_together_or_not_filled);
     RUN_TEST(test_eight_entries_of_one_byte);
     RUN_TEST(test_pdo_that_maps_nothing_is_not_in_use);
+    RUN_TEST(test_mapping_that_makes_no_sense_is_not_in_use);
     RUN_TEST(test_reset_communication_brings_the_default_mapping_back);
     return UNITY_END();
 }
