@@ -329,6 +329,16 @@ def test_client_that_does_not_read_does_not_stop_the_drive(sim: SimProcess) -> N
     assert "frames were dropped, since the client did not read them" in sim.messages()
 
 
+def test_noise_on_the_line_is_survived(sim: SimProcess) -> None:
+    noise = np.random.default_rng(1).bytes(200_000)
+    with socket.create_connection(("127.0.0.1", port_of(sim)), TIMEOUT_S) as client:
+        client.sendall(b"O\r")
+        for i in range(0, len(noise), 1000):
+            client.sendall(noise[i : i + 1000])
+            client.recv(65536)
+    talk(sim)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_end_it_cleanly(sim: SimProcess, number: signal.Signals) -> None:
     sim.process.send_signal(number)
