@@ -33,7 +33,7 @@ _BURST = 16
 _SILENCE_S = 2.0  # longer than a bus is off before it recovers: then the drive tells what it did meanwhile
 _START_TIMEOUT_S, _STOP_TIMEOUT_S = 0.5, 5.0
 _BEGIN, _ABORT = 1, 2
-_STATE_FILLING, _STATE_RUNNING, _STATE_STOPPING, _STATE_DONE = 1, 2, 3, 4
+_STATE_IDLE, _STATE_FILLING, _STATE_RUNNING, _STATE_STOPPING, _STATE_DONE = range(5)
 _BEGIN_ATTEMPTS = 5
 
 
@@ -105,6 +105,8 @@ def begin(device: Device, knots_nm: NDArray[np.int32]) -> None:
     Raises DeviceError when the drive does not stand at the first.
     """
     x, y = _start_nm(knots_nm)
+    if device.confirmed("stream.state") not in (_STATE_IDLE, _STATE_DONE):
+        device.write("stream.command", _ABORT)  # one that was stopped, or is of another master
     for _ in range(_BEGIN_ATTEMPTS):
         device.write("stream.total", len(knots_nm))
         device.write("stream.start_x", x)

@@ -118,6 +118,7 @@ class Telemetry:
     frames_lost: int
 
 
+_TICK_STEP_MAX, _POSITION_STEP_MAX_NM = 16, 500_000  # ms; nm in a millisecond or two
 _TELEMETRY_PERIOD = {TPDO2: 1, TPDO3: 1, TPDO4: 10, TPDO5: 20}
 
 
@@ -125,16 +126,29 @@ def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], st
     """Telemetry from frames in the order of their arrival.
 
     `function` (m,) COB-ID without node id, one of TELEMETRY; `payload` (m, 8); `start_nm` is any position within 8 mm
-    of the first one reported, to complete the 24 bits of the wire.
+    of the first one reported, to complete the 24 bits of the wire. Frames that came twice or out of order are put
+    right, those whose tick or position cannot be are taken for corrupted and left out.
     """
     dated = (function == TPDO2) | (function == TPDO3)
+    wrong = np.zeros(len(function), dtype=bool)
+    wrong[dated] = _outliers(_ticks(payload[dated]), _TICK_STEP_MAX, 16)
+    for axis in (0, 1):
+        at_position = np.flatnonzero(function == TPDO3)
+        wrong[at_position] |= _outliers(_int24_pairs(payload[at_position])[:, axis], _POSITION_STEP_MAX_NM, 24)
+    function, payload, dated = function[~wrong], payload[~wrong], dated[~wrong]
     first = int(np.argmax(dated)) if dated.any() else len(function)
     function, payload, dated = function[first:], payload[first:], dated[first:]
 
     # Every frame gets the unwrapped tick of the latest dated one.
-    raw = payload[dated, 0].astype(np.int64) | payload[dated, 1].astype(np.int64) << 8
-    tick_of_dated = unwrap_tick(raw)
+    tick_of_dated = unwrap_tick(_ticks(payload[dated]))
     tick = tick_of_dated[np.cumsum(dated) - 1] if len(function) else tick_of_dated
+    order = np.argsort(tick, kind="stable")
+    tick, function, payload = tick[order], function[order], payload[order]
+    again = np.zeros(len(tick), dtype=bool)
+    for cob in TELEMETRY:
+        at = np.flatnonzero(function == cob)
+        again[at[1:]] = np.diff(tick[at]) == 0
+    tick, function, payload = tick[~again], function[~again], payload[~again]
 
     of = {cob: function == cob for cob in TELEMETRY}
     lost = sum(_missing(tick[of[cob]], _TELEMETRY_PERIOD[cob]) for cob in TELEMETRY)
@@ -163,10 +177,10 @@ def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], st
 
 
 def unwrap_tick(tick: NDArray[np.int64]) -> NDArray[np.int64]:
-    """16-bit ticks (n,) of frames in order, continued past their wrap; the first keeps its value."""
+    """16-bit ticks (n,) of frames nearly in order, continued past their wrap; the first keeps its value."""
     if not len(tick):
         return tick
-    return np.cumsum(np.concatenate([tick[:1], np.diff(tick) & 0xFFFF]))
+    return np.cumsum(np.concatenate([tick[:1], _signed(np.diff(tick), 16)]))
 
 
 def unwrap_position(position_nm: NDArray[np.int64], start_nm: tuple[int, int]) -> NDArray[np.int64]:
@@ -177,8 +191,27 @@ def unwrap_position(position_nm: NDArray[np.int64], start_nm: tuple[int, int]) -
     return np.asarray(start_nm, dtype=np.int64) + np.cumsum(_sign24(steps), axis=0)
 
 
+def _ticks(payload: NDArray[np.uint8]) -> NDArray[np.int64]:
+    return payload[:, 0].astype(np.int64) | payload[:, 1].astype(np.int64) << 8
+
+
+def _signed(value: NDArray[np.int64], bits: int) -> NDArray[np.int64]:
+    half = 1 << (bits - 1)
+    return ((value + half) & (2 * half - 1)) - half
+
+
 def _sign24(value: NDArray[np.int64]) -> NDArray[np.int64]:
-    return ((value + 0x800000) & 0xFFFFFF) - 0x800000
+    return _signed(value, 24)
+
+
+def _outliers(value: NDArray[np.int64], step_max: int, bits: int) -> NDArray[np.bool_]:
+    """Which of `value` (n,), modulo 2**bits, are further than `step_max` from both neighbours, while these are not."""
+    found = np.zeros(len(value), dtype=bool)
+    if len(value) >= 3:
+        far = np.abs(_signed(np.diff(value), bits)) > step_max
+        close = np.abs(_signed(value[2:] - value[:-2], bits)) <= step_max
+        found[1:-1] = far[:-1] & far[1:] & close
+    return found
 
 
 def _int24_pairs(payload: NDArray[np.uint8]) -> NDArray[np.int64]:

@@ -109,6 +109,20 @@ def test_gap_in_the_ticks_counts_as_lost_frames() -> None:
     assert run.frames_lost == 3 + 1 + 3
 
 
+def test_telemetry_that_was_repeated_swapped_or_corrupted_is_put_right_or_left_out() -> None:
+    frames = [f for i in range(40) for f in millisecond(i, (i, 0), (100 * i, 0))]
+    frames[10:12] = [frames[11], frames[10], frames[11]]  # tick 5: swapped, and once too often
+    frames[30], frames[32] = frames[32], frames[30]  # TPDO3 of 14 and 15
+    for at, byte, bit in ((24, 1, 7), (50, 0, 6), (62, 4, 7), (70, 1, 3)):  # ticks, and the x of a position
+        cob, data = frames[at]
+        frames[at] = (cob, data[:byte] + bytes([data[byte] ^ 1 << bit]) + data[byte + 1 :])
+    run = telemetry(frames)
+    assert (np.diff(run.tick) > 0).all()
+    assert set(run.tick.tolist()) > set(range(40)) - {11, 12, 14, 15, 24, 25, 29, 30, 34, 35}
+    np.testing.assert_allclose(run.position_m[:, 0], run.tick * 100e-9, atol=101e-9)
+    assert run.frames_lost == 4
+
+
 def test_slow_telemetry_is_held_and_unknown_before_it_came() -> None:
     frames = millisecond(0, (0, 0), (0, 0)) + millisecond(1, (0, 0), (0, 0))
     frames.append((wire.TPDO4, struct.pack("<hhHH", 10, 20, 30, 40)))
