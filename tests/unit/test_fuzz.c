@@ -132,6 +132,30 @@ static struct can_frame knot(void)
     return f;
 }
 
+/* A record of 60C1h and 68C1h near where the axes are */
+static struct can_frame record(void)
+{
+    struct can_frame f = frame_of(0x400u + node_id(), 8, 0);
+    for (unsigned axis = 0; axis < 2; axis++) {
+        const int32_t near = (int32_t)draw(20001) - 10000;
+        co_put(&f.data[4 * axis], (uint32_t)rig.app.od.axis[axis].position_actual + (uint32_t)near, 4);
+    }
+    return f;
+}
+
+/* 6060h of both axes, one after the other, and what a jog or a homing needs */
+static struct can_frame mode(void)
+{
+    static const struct { uint16_t index; uint8_t size; int32_t value; } writes[] = {
+        {0x6060, 1, 7}, {0x6060, 1, 3}, {0x6060, 1, 6}, {0x60FF, 4, 20000}, {0x60FF, 4, -20000}, {0x6098, 1, 35}};
+    const unsigned i = draw(sizeof writes / sizeof writes[0]);
+    struct can_frame f = frame_of(0x600u + node_id(), 8, (uint8_t)(0x23 | (4 - writes[i].size) << 2));
+    co_put(&f.data[1], writes[i].index + 0x800u * draw(2), 2);
+    f.data[3] = 0;
+    co_put(&f.data[4], (uint32_t)writes[i].value, 4);
+    return f;
+}
+
 static struct can_frame lss(void)
 {
     static const uint8_t commands[] = {0x04, 0x04, 0x11, 0x13, 0x15, 0x17, 0x40, 0x41, 0x42, 0x43, 0x46, 0x47, 0x48,
@@ -146,7 +170,7 @@ static struct can_frame lss(void)
 
 static struct can_frame sensible(void)
 {
-    switch (draw(10)) {
+    switch (draw(12)) {
     case 0: return draw(20) == 0 ? nmt() : frame_of(0x77F, 1, 5);
     case 1: return draw(10) == 0 ? lss() : frame_of(0x80, 0, 0);
     case 2:
@@ -154,6 +178,8 @@ static struct can_frame sensible(void)
     case 4: return controlwords();
     case 5:
     case 6: return knot();
+    case 7: return record();
+    case 8: return mode();
     default: return sdo();
     }
 }
