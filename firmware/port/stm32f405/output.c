@@ -42,7 +42,7 @@ void output_init(void)
     RCC->APB2ENR |= RCC_APB2ENR_TIM8;
     (void)RCC->APB2ENR;
     DAC->DHR12RD = DAC_ZERO << 16 | DAC_ZERO;
-    DAC->CR = DAC_CR_EN1 | DAC_CR_EN2;
+    DAC->CR = DAC_CR_EN1 | DAC_CR_BOFF1 | DAC_CR_EN2 | DAC_CR_BOFF2; /* its buffers do not reach the rails by 0.2 V */
     pin_setup(PIN('A', 4), PIN_ANALOG, PIN_FLOATING, 0);
     pin_setup(PIN('A', 5), PIN_ANALOG, PIN_FLOATING, 0);
 

@@ -82,7 +82,7 @@ enum {
 struct dac {
     reg CR, SWTRIGR, DHR12R1, DHR12L1, DHR8R1, DHR12R2, DHR12L2, DHR8R2, DHR12RD, DHR12LD, DHR8RD, DOR1, DOR2, SR;
 };
-enum { DAC_CR_EN1 = 1 << 0, DAC_CR_EN2 = 1 << 16 };
+enum { DAC_CR_EN1 = 1 << 0, DAC_CR_BOFF1 = 1 << 1, DAC_CR_EN2 = 1 << 16, DAC_CR_BOFF2 = 1 << 17 };
 
 /* RM0090 30.6 (USART) */
 struct usart {
