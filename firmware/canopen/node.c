@@ -218,6 +218,7 @@ void co_tick_ms(struct co_node *node)
     const uint16_t period_ms = node->config.od->heartbeat_producer;
     co_lss_tick_ms(node);
     flush(node);
+    co_busstate_tick_ms(node);
     co_emcy_tick_ms(node);
     if (node->state != CO_INITIALISING && period_ms != 0 && ++node->producer_ms >= period_ms) {
         send_heartbeat(node, (uint8_t)node->state);

@@ -14,6 +14,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "busstate.h"
 #include "emcy.h"
 #include "hal.h"
 #include "lss.h"
@@ -69,6 +70,7 @@ struct co_node {
     struct can_frame tx[CO_TX_FRAMES]; /* frames that the HAL had no room for, oldest first */
     uint8_t tx_count;
     struct co_emcy emcy;
+    struct co_busstate busstate;
     struct co_sdo sdo;
     struct co_lss lss;
     struct co_pdo rpdo[OD_RPDOS], tpdo[OD_TPDOS];

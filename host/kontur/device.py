@@ -466,7 +466,10 @@ EMCY_TEXT = {
     0x5530: "its stored parameters cannot be used, so it has defaults; set them again (kontur param load FILE, then "
     "kontur param save)",
     0x5400: "the amplifier or an encoder reports a fault; see its display and its cables",
+    0x8110: "frames came faster than the drive could take them and are lost",
+    0x8120: "nobody acknowledges on its CAN bus, or the bus is disturbed: check cable, termination and bit rate",
     0x8130: "the host's heartbeat ceased, so it stopped on the path and switched off; is the host overloaded?",
+    0x8140: "its CAN controller was off for too many errors, and is back: check cable, termination and bit rate",
     0x8400: "an axis was faster than limits.velocity; lower the feed, or check plant_x.encoder and plant_y.encoder",
     0x8611: "an axis was further from its reference than following_window; lower feed or acceleration, or check "
     "the force limit and whether the axis moves freely",
