@@ -305,6 +305,10 @@ class Device:
         """Latest statuswords received, each twice running."""
         return self.link.statuswords
 
+    def axis_status(self, axis: str) -> int:
+        """Latest statusword received of `axis`, "x" or "y"."""
+        return self.statuswords()[0 if axis == "x" else 1]
+
     def states(self) -> tuple[str, str]:
         """Latest states of both axes received."""
         x, y = self.statuswords()
@@ -479,6 +483,7 @@ EMCY_TEXT = {
     0x6010: "the controller was restarted by its watchdog or by a crash: see objects crash and reset_cause",
     0x6100: "servo steps take longer than the control period",
     0xFF11: "a knot lies outside position_limit; move or shrink the path",
+    0xFF12: "the path ran into a limit switch; jog off it (`kontur jog`), then move or shrink the path",
 }
 
 

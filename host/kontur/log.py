@@ -70,7 +70,8 @@ COLUMNS = (
 META = {
     "program": "name of the part program or shape",
     "controller": "track, cc, ccu, cascade or ccc",
-    "status": "complete, or interrupted: the rows end where the run did",
+    "status": "complete, interrupted, or fault: the rows end where the run did",
+    "fault": "what ended it",
     "trajectory": "SHA-256 of the knots",
     "machine": "name of the machine, or of the bus of a real drive",
     "plant": "the simulated machine's values",
@@ -88,7 +89,7 @@ META = {
     "force_step_N": "mean change of force from one control period to the next",
 }
 REQUIRED_META = ("program", "controller", "status")
-STATUS = ("complete", "interrupted")
+STATUS = ("complete", "interrupted", "fault")
 
 _FIRST_LINE = "# kontur log 1"
 _BY_NAME = {column.name: column for column in COLUMNS}

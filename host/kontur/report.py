@@ -246,7 +246,9 @@ def _table(entries: Sequence[Entry]) -> str:
 def _name_cell(entry: Entry, best: bool) -> str:
     badges = ['<span class="badge">best</span>'] if best else []
     if not _complete(entry):
-        badges.append(f'<span class="badge warn">interrupted at {entry.log.columns["time_s"][-1]:.2f} s</span>')
+        badges.append(
+            f'<span class="badge warn">{entry.log.meta["status"]} at {entry.log.columns["time_s"][-1]:.2f} s</span>'
+        )
     if not entry.summary.truth:
         badges.append('<span class="badge warn">estimate</span>')
     return (f'<th scope="row"><svg class="key" viewBox="0 0 10 10" aria-hidden="true"><circle cx="5" cy="5" r="5" '

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from kontur import scoring, wire
 from kontur.device import Device, connected, open_bus
-from kontur.errors import DeviceError
+from kontur.errors import DeviceError, EmcyError
 from kontur.faults import Faults
 from kontur.log import RunLog
 from kontur.machine import Machine
@@ -87,11 +87,15 @@ def connect(target: Target) -> Iterator[Device]:
 
 @dataclass(frozen=True)
 class RunResult:
-    """`log` of the run; `truth` at the control rate from the start of the path to its end, None on a real drive."""
+    """`log` of the run; `truth` at the control rate from the start of the path to its end, None on a real drive.
+
+    `fault`: what the drive reported, where that ended the run.
+    """
 
     log: RunLog
     truth: Truth | None
     completed: bool
+    fault: EmcyError | None = None
 
 
 def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: float | None = None) -> Limits:
@@ -118,12 +122,13 @@ def run(
     approach: Limits | None = None,
     progress: Callable[[float], None] = lambda share: None,
     stop_requested: Callable[[], bool] = lambda: False,
+    raise_fault: bool = True,
 ) -> RunResult:
     """Run `trajectory`; `parameters` are set before, by name, in their units.
 
     A real drive that does not stand at the start goes there first if `approach` gives the limits for that, else this
     is refused. `command` is kept in the log. When `stop_requested` returns True the drive stops on the path, and the
-    log ends there.
+    log ends there; so it does at a fault of the drive where `raise_fault` is False.
 
     Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError; KeyboardInterrupt when the
     stop was requested on the way to the start, where there is no log yet.
@@ -153,17 +158,24 @@ def run(
                     sim.record(True)
 
             streamed = stream(
-                device, trajectory.knots_nm, before_start=before_start, progress=progress, stop_requested=stop_requested
+                device,
+                trajectory.knots_nm,
+                before_start=before_start,
+                progress=progress,
+                stop_requested=stop_requested,
+                raise_fault=raise_fault,
             )
             truth = sim.truth() if sim is not None else None
             telemetry = device.link.recorded(start_nm)
         meta: dict[str, Any] = {
             "program": trajectory.program.name,
             "controller": controller,
-            "status": "complete" if streamed.completed else "interrupted",
+            "status": "complete" if streamed.completed else "fault" if streamed.fault else "interrupted",
             "trajectory": trajectory.digest,
             "machine": target.machine.name if sim is not None else str(bus.channel_info),
         }
+        if streamed.fault is not None:
+            meta["fault"] = str(streamed.fault)
         if sim is not None:
             meta |= {"plant": dataclasses.asdict(target.machine), "seed": target.seed}
         meta |= {
@@ -182,7 +194,7 @@ def run(
     if truth is not None:
         truth = _cut(truth, clock.start_period - recorded_from, clock.periods)
         meta |= _score(columns, truth, trajectory, clock, score_from_s)
-    return RunResult(RunLog(meta, columns), truth, streamed.completed)
+    return RunResult(RunLog(meta, columns), truth, streamed.completed, streamed.fault)
 
 
 def summary(log: RunLog) -> dict[str, Any]:

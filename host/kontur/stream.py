@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from kontur import wire
 from kontur.device import BIT_PATH_RUNS, BIT_TARGET_REACHED, ENABLE, RESEND_S, RUN_PATH, Device
-from kontur.errors import DeviceError, StreamError
+from kontur.errors import DeviceError, EmcyError, StreamError
 
 FLIGHT_MAX_S, FLIGHT_MIN_S = 0.02, 0.002
 """Time in which a knot frame is taken and its TPDO1 is back, if neither was lost: within these, by SDO round trips."""
@@ -39,9 +39,11 @@ _BEGIN_ATTEMPTS = 5
 
 @dataclass(frozen=True)
 class StreamResult:
-    """`completed`: the drive went the whole way; else it was asked to stop, and did so on the path.
+    """`completed`: the drive went the whole way; else it was asked to stop, and did so on the path, or a
+    `fault` ended it.
 
-    `start_s`, `stop_s`: time of the target when the motion was started, and when it was asked to stop.
+    `start_s`, `stop_s`: time of the target when the motion was started, and when it was asked to stop, or reported the
+    fault.
     `accepted`: knots taken by the drive; `executed`: knots passed; `retransmitted`: knot frames sent again;
     `rejected`: knot frames that the drive did not take, by reason.
     """
@@ -53,6 +55,7 @@ class StreamResult:
     executed: int
     retransmitted: int
     rejected: dict[str, int]
+    fault: EmcyError | None = None
 
 
 def stream(
@@ -62,26 +65,36 @@ def stream(
     before_start: Callable[[], None] = lambda: None,
     progress: Callable[[float], None] = lambda share: None,
     stop_requested: Callable[[], bool] = lambda: False,
+    raise_fault: bool = True,
 ) -> StreamResult:
     """Send `knots_nm` (N, 2) and let the drive follow them; returns when it stands still again.
 
     The drive must be enabled and stand at the first knot. `before_start` is called when the queue is full and motion is
     about to start; `progress` with the share of knots taken by the drive, 0..1; when `stop_requested` returns True the
-    drive stops on the path. Raises StreamError, EmcyError, NoAnswerError.
+    drive stops on the path. Raises StreamError, NoAnswerError, and EmcyError when the drive reports a fault; one during
+    the motion is returned instead where `raise_fault` is False.
     """
     sender = _Sender(device, knots_nm)
     sender.fill()
     before_start()
     start_s = _start(device)
     stop_s = None
-    while device.both_axes(BIT_PATH_RUNS) or _runs(device):
-        if stop_requested():
-            stop_s = device.link.time_s
-            if not device.insist(ENABLE, lambda: _stands(device), _STOP_TIMEOUT_S):
-                raise StreamError(f"the drive does not stop on the path, {_STOP_TIMEOUT_S:g} s waited")
-            break
-        sender.advance()
-        progress(sender.accepted / len(knots_nm))
+    fault = None
+    try:
+        while device.both_axes(BIT_PATH_RUNS) or _runs(device):
+            if stop_requested():
+                stop_s = device.link.time_s
+                if not device.insist(ENABLE, lambda: _stands(device), _STOP_TIMEOUT_S):
+                    raise StreamError(f"the drive does not stop on the path, {_STOP_TIMEOUT_S:g} s waited")
+                break
+            sender.advance()
+            progress(sender.accepted / len(knots_nm))
+    except EmcyError as error:
+        if raise_fault:
+            raise
+        fault = error
+        stop_s = device.link.time_s if stop_s is None else stop_s
+        device.link.wait(lambda: device.both_axes(BIT_PATH_RUNS, False), _STOP_TIMEOUT_S)
     device.release_path()
     result = StreamResult(
         completed=stop_s is None,
@@ -91,10 +104,11 @@ def stream(
         executed=int(device.confirmed("stream.executed")),
         retransmitted=sender.retransmitted,
         rejected={reason: int(device.confirmed(f"stream.rejected_{reason}")) for reason in ("sequence", "crc", "full")},
+        fault=fault,
     )
     if result.completed:
         _check_end(device, knots_nm)
-    else:
+    elif fault is None:
         device.write("stream.command", _ABORT)
     return result
 

@@ -31,7 +31,7 @@ def succeeds(*args: str, **env: str) -> str:
 
 def test_every_verb_has_help() -> None:
     text = succeeds("--help")
-    for verb in ("run", "sim", "experiment", "info", "param", "log", "report", "bench", "demo"):
+    for verb in ("run", "jog", "home", "sim", "experiment", "info", "param", "log", "report", "bench", "demo"):
         assert f"  {verb} " in text
         succeeds(verb, "--help")
 

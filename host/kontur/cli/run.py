@@ -154,7 +154,7 @@ def command(
 ) -> None:
     """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and tell the contour error.
 
-    Ctrl-C stops the drive on the path; the log is complete up to there.
+    Ctrl-C stops the drive on the path; the log is complete up to there, and so it is when a fault ends the run.
     """
     _check_output(log, ".csv", ".mf4")
     _check_output(report, ".html")
@@ -166,7 +166,7 @@ def command(
 
     controllers = CONTROLLERS if "all" in controller else tuple(dict.fromkeys(controller))
     runs: list[RunLog] = []
-    completed = True
+    completed, fault = True, None
     for name in controllers:
         with progress_bar(name) as progress, interruptible() as stop_requested:
             result = run(
@@ -178,11 +178,12 @@ def command(
                 approach=motion if approach else None,
                 progress=progress,
                 stop_requested=stop_requested,
+                raise_fault=False,
             )
         runs.append(result.log)
         if log is not None:
             logs.write(result.log, log_path(log, name, len(controllers) > 1))
-        completed = result.completed
+        completed, fault = result.completed, result.fault
         if not completed:
             break
     if report is not None:
@@ -195,6 +196,8 @@ def command(
         print_json({"program": program.name, "duration_s": trajectory.duration_s, "runs": rows})
     else:
         print_table(rows, f"{program.name}, {trajectory.duration_s:.2f} s: contour error")
+    if fault is not None:
+        raise fault
     if not completed:
         click.echo("Interrupted: the drive stopped on the path.", err=True)
         sys.exit(EXIT_INTERRUPTED)

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur home`: find the home point of an axis."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from kontur import axes
+from kontur.cli import EXIT_INTERRUPTED
+from kontur.cli.options import interruptible, target_options
+from kontur.cli.output import print_json
+from kontur.run import Target, connect
+
+
+@click.command(name="home")
+@click.argument("axis", type=click.Choice(axes.AXES))
+@click.option(
+    "--method",
+    type=click.Choice(list(axes.METHODS)),
+    help="Where the home point is: limit switch at the negative or positive end, index pulse, where the axis stands. "
+    "Default: as the drive's homing_method says.",
+)
+@click.option("--offset", type=float, metavar="MM", help="Position that the home point gets. Default: home_offset.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@target_options
+def command(*, target: Target, axis: str, method: str | None, offset: float | None, as_json: bool) -> None:
+    """Home AXIS, so that positions count from its home point. The other axis is held.
+
+    Speeds, acceleration and more: homing_speed, homing_acceleration (`kontur param list`). Ctrl-C stops the axis.
+    """
+    parameters: dict[str, float] = {}
+    if method is not None:
+        parameters[f"homing_method_{axis}"] = axes.METHODS[method]
+    if offset is not None:
+        parameters[f"home_offset_{axis}"] = round(offset * 1e6)
+    with connect(target) as device:
+        device.set_parameters(parameters)
+        with interruptible() as stop_requested, device.enabled():
+            homed = axes.home(device, axis, stop_requested)
+            position_m = device.position_m()[axes.AXES.index(axis)]
+    if as_json:
+        print_json({"axis": axis, "homed": homed, "position_m": position_m})
+    elif homed:
+        click.echo(f"{axis}  homed, stands at {position_m * 1e3:.6f} mm")
+    if not homed:
+        click.echo("Interrupted: the axis has slowed down and is not homed.", err=True)
+        sys.exit(EXIT_INTERRUPTED)

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur jog`: move an axis by hand."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from kontur import axes
+from kontur.cli import EXIT_INTERRUPTED
+from kontur.cli.options import interruptible, target_options
+from kontur.cli.output import print_json
+from kontur.run import Target, connect
+
+DURATION_MAX_S = 60.0
+
+
+@click.command(name="jog")
+@click.option("--x", type=float, metavar="MM_PER_S", help="Speed of x.")
+@click.option("--y", type=float, metavar="MM_PER_S", help="Speed of y.")
+@click.option(
+    "--for",
+    "duration_s",
+    type=click.FloatRange(0.0, DURATION_MAX_S, min_open=True),
+    default=1.0,
+    show_default=True,
+    metavar="SECONDS",
+    help=f"How long, at most {DURATION_MAX_S:g} s.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@target_options
+def command(*, target: Target, x: float | None, y: float | None, duration_s: float, as_json: bool) -> None:
+    """Move the axes with constant speed for a time; they end before the soft limits and at a limit switch.
+
+    Ctrl-C stops them.
+    """
+    velocity_mps = {axis: value * 1e-3 for axis, value in (("x", x), ("y", y)) if value is not None}
+    if not velocity_mps:
+        raise click.UsageError("which axis? Give a speed with --x or --y")
+    interrupted = False
+    with connect(target) as device, interruptible() as stop_requested, device.enabled():
+        before_m = device.position_m()
+        whole = axes.jog(device, velocity_mps, duration_s, stop_requested)
+        interrupted = stop_requested()
+        after_m = device.position_m()
+    if as_json:
+        print_json({"from_m": before_m, "to_m": after_m, "whole": whole})
+    else:
+        for axis, a, b in zip(axes.AXES, before_m, after_m, strict=True):
+            click.echo(f"{axis}  {a * 1e3:.6f} mm -> {b * 1e3:.6f} mm")
+        if not whole and not interrupted:
+            click.echo("Stopped by a soft limit or a limit switch.", err=True)
+    if interrupted:
+        click.echo("Interrupted: the axes have slowed down.", err=True)
+        sys.exit(EXIT_INTERRUPTED)

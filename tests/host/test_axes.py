@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Jogging and homing over CAN, against the true position of the simulated machine, which no encoder sees."""
+
+import json
+from collections.abc import Iterator
+
+import can
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from kontur import axes, machine
+from kontur.cli import main
+from kontur.device import Device
+from kontur.errors import DeviceError, EmcyError
+from kontur.link import Link
+from kontur.simlib import Sim
+
+MACHINE = machine.load()
+SWITCH_M = 0.148
+COUNT_M = 76.29e-9
+
+
+@pytest.fixture
+def start_m() -> tuple[float, float]:
+    return (0.0, 0.0)
+
+
+@pytest.fixture
+def device(start_m: tuple[float, float]) -> Iterator[Device]:
+    with can.Bus(interface="kontur", channel="sim", machine=MACHINE.starting_at(start_m), seed=1) as bus:
+        drive = Device(Link(bus, 1))
+        drive.set_parameters(MACHINE.parameters())
+        yield drive
+
+
+def sim(device: Device) -> Sim:
+    simulator: Sim = device.link.bus.sim  # type: ignore[attr-defined]
+    return simulator
+
+
+def true_m(device: Device) -> np.ndarray:
+    """Where the axes truly are, now."""
+    sim(device).record(True)
+    sim(device).run(1)
+    return sim(device).truth().pos_m[-1]
+
+
+def test_jog_moves_its_axis_with_the_speed_asked_for_and_holds_the_other(device: Device) -> None:
+    with device.enabled():
+        sim(device).record(True)
+        assert axes.jog(device, {"x": 0.05}, 0.5)
+        truth = sim(device).truth()
+    speed = truth.vel_mps[:, 0]
+    assert np.median(speed[speed > 0.025]) == pytest.approx(0.05, rel=1e-3)
+    assert speed.max() < 0.0503
+    assert np.abs(truth.pos_m[:, 1]).max() < 1e-6
+    # as long as told, at 50 mm/s, and what it takes to ask for it over the bus
+    assert truth.pos_m[-1, 0] == pytest.approx(0.025, abs=0.001)
+    acceleration = np.abs(truth.force_N[:, 0]).max() / MACHINE.x.mass_kg
+    assert acceleration < 1.0 + (MACHINE.x.coulomb_N + 0.05 * MACHINE.x.viscous_Nspm) / MACHINE.x.mass_kg + 0.3
+
+
+def test_jog_ends_before_a_soft_limit_without_a_fault(device: Device) -> None:
+    device.write("position_limit_x.max", 3_000_000)
+    with device.enabled():
+        sim(device).record(True)
+        assert not axes.jog(device, {"x": 0.1}, 5.0)
+        truth = sim(device).truth()
+        assert device.states() == ("operation enabled", "operation enabled")
+    assert truth.pos_m[-1, 0] == pytest.approx(0.003, abs=1e-6)
+    assert truth.pos_m[:, 0].max() < 0.003 + 2e-6
+
+
+@pytest.mark.parametrize("start_m", [(0.14, 0.0)])
+def test_jog_ends_on_a_limit_switch_that_comes_before_the_soft_limit(device: Device) -> None:
+    device.write("position_limit_x.max", 150_000_000)
+    with device.enabled():
+        assert not axes.jog(device, {"x": 0.02}, 5.0)
+        assert device.read("digital_inputs_x") == 2
+        assert SWITCH_M < true_m(device)[0] < SWITCH_M + 0.001
+
+
+def test_stop_request_ends_the_jog(device: Device) -> None:
+    asked = iter([False] * 20 + [True] * 1000)
+    with device.enabled():
+        assert not axes.jog(device, {"x": 0.02, "y": -0.02}, 30.0, lambda: next(asked))
+        at_m = true_m(device)
+    assert at_m[0] == pytest.approx(-at_m[1], abs=0.002)
+    assert 0.0 < at_m[0] < 0.02
+
+
+def test_jog_of_a_silent_host_stops(device: Device) -> None:
+    with device.enabled():
+        device.write("mode_x", 3)
+        device.link.wait(lambda: False, 0.01)
+        device.write("target_velocity_x", 50_000)
+        device.link.wait(lambda: False, 0.3)
+        sim(device).record(True)
+        sim(device).run(15_000)
+        truth = sim(device).truth()
+        assert np.abs(truth.force_N[-5000:]).max() == 0.0
+        assert (
+            np.abs(truth.vel_mps[-5000:]).max() < 1e-3
+        )  # where friction is nothing, noise moves a table without power
+        with pytest.raises(EmcyError, match="8130h"):
+            device.wait(lambda: False, 0.5, "waits")
+
+
+@pytest.mark.parametrize("start_m", [(-0.14, 0.135)])
+@pytest.mark.parametrize(
+    ("axis", "method", "home_m"),
+    [("x", "switch-", -SWITCH_M), ("y", "switch+", SWITCH_M), ("x", "switch-index-", -0.14), ("y", "index-", 0.13)],
+)
+def test_home_point_is_the_true_edge_of_the_switch_or_the_index(
+    device: Device, axis: str, method: str, home_m: float
+) -> None:
+    device.set_parameters({f"homing_method_{axis}": axes.METHODS[method], f"home_offset_{axis}": 7_000_000})
+    with device.enabled():
+        assert axes.home(device, axis)
+        i = axes.AXES.index(axis)
+        told_m = device.position_m()[i]
+        assert told_m - 0.007 == pytest.approx(true_m(device)[i] - home_m, abs=5 * COUNT_M)
+        assert device.states() == ("operation enabled", "operation enabled")
+    assert device.position_m()[i] == pytest.approx(told_m, abs=2e-6)  # it stays when the power goes
+
+
+def test_homing_that_finds_nothing_is_an_error_that_says_what_to_look_at(device: Device) -> None:
+    device.set_parameters({"homing_method_x": 17, "position_limit_x.min": -1e6, "position_limit_x.max": 1e6})
+    with device.enabled(), pytest.raises(DeviceError, match=r"axis x has found no home point .*digital_inputs_x"):
+        axes.home(device, "x")
+    assert abs(true_m(device)[0]) < 0.004
+
+
+def test_homing_can_be_stopped(device: Device) -> None:
+    device.set_parameters({"homing_method_x": 17})
+    asked = iter([False] * 50 + [True] * 1000)
+    with device.enabled():
+        assert not axes.home(device, "x", lambda: next(asked))
+    assert -0.02 < true_m(device)[0] < -0.001
+
+
+def test_home_and_jog_on_the_command_line() -> None:
+    def kontur(*args: str) -> dict[str, object]:
+        result = CliRunner().invoke(main, [*args, "--json"])
+        assert result.exit_code == 0, result.output
+        values: dict[str, object] = json.loads(result.stdout)
+        return values
+
+    assert kontur("home", "y", "--method", "here", "--offset", "12.5")["position_m"] == pytest.approx(0.0125, abs=1e-6)
+    jogged = kontur("jog", "--x", "10", "--for", "0.2")
+    assert jogged["whole"] is True
+    assert jogged["to_m"][0] == pytest.approx(0.002, abs=2e-4)  # type: ignore[index]
+    assert CliRunner().invoke(main, ["jog"]).exit_code == 2
