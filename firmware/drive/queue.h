@@ -3,7 +3,7 @@
  * servo tick reads the ring.
  *
  * Positions here are the user's; the ring has those of the servo, which count from power-on and never change. Between them
- * lies the origin, which homing shifts (docs/adr/0013).
+ * lies the origin, which homing shifts (docs/adr/0015).
  *
  * Nothing is taken that is out of sequence, corrupt or too much; everything refused is counted in od.stream.
  */
