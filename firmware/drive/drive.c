@@ -328,7 +328,7 @@ static bool near(const struct drive *d, struct knot start)
 static void begin_stream(struct drive *d, struct knot start, uint32_t total)
 {
     drive_begin(d, start, total);
-    d->modes.by_record = false;
+    d->modes.by_record = d->modes.by_frame = false;
     record_start(&d->modes.record, d->od->axis[0].ip_period.value, start);
 }
 
@@ -379,7 +379,9 @@ enum queue_result drive_knot(struct drive *d, const struct od_knot *frame)
         d->queue.stream->rejected_state++;
         return QUEUE_NOT_OPEN;
     }
-    return taken(d, queue_frame(&d->queue, frame));
+    const enum queue_result result = taken(d, queue_frame(&d->queue, frame));
+    d->modes.by_frame = d->modes.by_frame || result == QUEUE_TAKEN;
+    return result;
 }
 
 enum queue_result drive_push(struct drive *d, struct knot knot)

@@ -31,6 +31,7 @@ struct modes {
     bool ending;          /* ... all of it has been */
     struct record record;
     bool by_record;       /* the stream was begun by a record */
+    bool by_frame;        /* knot frames have been taken: no record is, whose checksum is that of CAN alone */
 };
 
 struct drive;

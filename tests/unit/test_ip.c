@@ -283,6 +283,23 @@ static void test_records_go_into_a_stream_that_was_begun_with_a_total(void)
     TEST_ASSERT_EQUAL_UINT32(DONE, stream(5));
 }
 
+static void test_record_between_knot_frames_is_refused(void)
+{
+    struct rig_stream s = {.count = 10};
+    rig_enable(&rig);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &s));
+    rig_knot(&rig, 0, 0, 0);
+    record(s.x, s.y); /* by a bus that corrupted the identifier of another frame: it has no checksum of its own */
+    TEST_ASSERT_EQUAL_UINT32(1, stream(7));
+    TEST_ASSERT_EQUAL_UINT32(1, stream(17));
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, rig_write(&rig, 0x68C1, 1, 4, (uint32_t)s.y));
+    rig_knot(&rig, 1, 0, 0);
+    TEST_ASSERT_EQUAL_UINT32(2, stream(7));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &s));
+    record(s.x, s.y);
+    TEST_ASSERT_EQUAL_UINT32(1, stream(7));
+}
+
 /* ---- what the drive keeps of the contour error ---- */
 
 static void test_path_error_is_kept_over_the_path_time_that_ran(void)
@@ -339,6 +356,7 @@ int main(void)
     RUN_TEST(test_buffer_is_cleared_by_60C4h);
     RUN_TEST(test_record_beyond_the_soft_limits_is_counted_and_a_fault);
     RUN_TEST(test_records_go_into_a_stream_that_was_begun_with_a_total);
+    RUN_TEST(test_record_between_knot_frames_is_refused);
     RUN_TEST(test_path_error_is_kept_over_the_path_time_that_ran);
     return UNITY_END();
 }
