@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* flash.h: the flash of hal.h in memory, whose power can be cut in the middle of any operation.
  *
- * An operation is one word written or one sector erased. The one in which the power fails leaves a random part of its work
- * (a word: some of its bits; a sector: each word old, erased or neither), and nothing is done after it until
- * sim_flash_power_on().
+ * An operation is one word written or one sector erased. The one in which the power fails leaves a random part
+ * of its work (a word: some of its bits; a sector: each word old, erased or neither), and nothing is done after
+ * it until sim_flash_power_on().
  */
 #ifndef SIM_FLASH_H
 #define SIM_FLASH_H

@@ -152,7 +152,7 @@ static void identify(struct co_node *node, unsigned step, uint32_t value)
     }
 }
 
-/* Nodes without id whose part `sub` agrees with `number` from bit `check` on answer; all at once, with the same frame. */
+/* Nodes without id whose part `sub` agrees with `number` from bit `check` on answer, all at once. */
 static void fastscan(struct co_node *node, uint32_t number, uint8_t check, uint8_t sub, uint8_t next)
 {
     struct co_lss *lss = &node->lss;

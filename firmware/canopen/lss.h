@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* lss.h: layer setting services, slave (CiA 305): node id and bit rate from the bus, by identity 1018h.
  *
- * What is configured goes to 2001h and is in effect from the next reset communication on; a bit rate also by "activate bit
- * timing", for whose two delays the node sends nothing. A node without id (OD_UNCONFIGURED) answers LSS only, until it is
- * given one and sent back to the waiting state, or reset. Background only.
+ * What is configured goes to 2001h and is in effect from the next reset communication on; a bit rate also by
+ * "activate bit timing", for whose two delays the node sends nothing. A node without id (OD_UNCONFIGURED)
+ * answers LSS only, until it is given one and sent back to the waiting state, or reset. Background only.
  */
 #ifndef CO_LSS_H
 #define CO_LSS_H

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* node.h: a CANopen device (CiA 301) on top of the generated object dictionary.
  *
- * NMT slave, heartbeat producer and consumer, SDO server (sdo.h), PDOs and SYNC (pdo.h), EMCY (emcy.h).
+ * NMT slave, heartbeat producer and consumer, SDO server (sdo.h), PDOs and SYNC (pdo.h), EMCY (emcy.h), LSS (lss.h).
  * No RTR, no node guarding.
  *
  * Use: od_init(), set the texts of the dictionary (build id, ...), fill a co_config, co_init();
@@ -22,7 +22,8 @@
 #include "pdo.h"
 #include "sdo.h"
 
-enum co_state { CO_INITIALISING = 0 /* it has no node id */, CO_STOPPED = 4, CO_OPERATIONAL = 5, CO_PRE_OPERATIONAL = 127 };
+/* Initialising: it has no node id. */
+enum co_state { CO_INITIALISING = 0, CO_STOPPED = 4, CO_OPERATIONAL = 5, CO_PRE_OPERATIONAL = 127 };
 
 /* What the application adds. Each may be NULL; all are called from co_init, co_receive, co_tick_ms. */
 struct co_hooks {
@@ -47,8 +48,8 @@ struct co_hooks {
     uint8_t (*load)(void *ctx, bool communication_only);
     /* Store 2001h (LSS). false: that failed. */
     bool (*store_node)(void *ctx);
-    /* Reset node, or reset communication only; what `load` says has been done. Stop the machine, take over the values. The
-     * boot-up message follows, then on_nmt. */
+    /* Reset node, or reset communication only; what `load` says has been done. Stop the machine, take over the values.
+     * The boot-up message follows, then on_nmt. */
     void (*on_reset)(void *ctx, bool communication_only);
 };
 

@@ -39,7 +39,7 @@
 #define SDO_ABORT_STATE 0x08000022u
 #define SDO_ABORT_NO_DATA 0x08000024u
 
-/* Of 2001h id: no id at all (CiA 305), and the largest that this device takes: PDO 5 needs two of a node's identifiers */
+/* Of 2001h id: none (CiA 305), and the largest one, since TPDO5 takes identifiers from 1C1h on. */
 enum { OD_UNCONFIGURED = 255, OD_NODE_MAX = 31 };
 
 enum od_type { OD_U8, OD_I8, OD_U16, OD_I16, OD_I24, OD_U32, OD_I32, OD_STRING };

@@ -7,7 +7,8 @@
 #include "check.h"
 #include "node.h"
 
-enum { BIT_SIZE = 0x01, BIT_EXPEDITED = 0x02, BIT_LAST = 0x01, BIT_TOGGLE = 0x10, BIT_BLOCK_STEP = 0x03, BIT_BLOCK_END = 0x01 };
+enum { BIT_SIZE = 0x01, BIT_EXPEDITED = 0x02, BIT_LAST = 0x01, BIT_TOGGLE = 0x10 };
+enum { BIT_BLOCK_STEP = 0x03, BIT_BLOCK_END = 0x01 }; /* a step after the first: of an upload, of a download */
 
 struct can_frame co_sdo_response(const struct co_node *node, unsigned command)
 {

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* sdo.h: SDO server (CiA 301, 7.2.4), one transfer at a time: expedited, segmented and block, both ways.
  *
- * A new request ends a transfer that is under way, and so does a client's silence of CO_SDO_TIMEOUT_MS. Requests that are
- * no 8 bytes long are ignored. Background only.
+ * A new request ends a transfer that is under way, and so does a client's silence of CO_SDO_TIMEOUT_MS. Requests
+ * that are no 8 bytes long are ignored. Background only.
  *
- * Block transfer (7.2.4.2.7 to .16) with CRC where the client wants it. Upload: blocks of 1..127 segments as the client says,
- * CO_SDO_SEGMENTS_PER_MS a millisecond, so that PDOs keep their place on the bus and nothing waits for a long object (a block at
- * once where time does not pass by itself, 2020h pace); an acknowledgement, also within a block, goes back to the first segment that is missing. Download: no object that can be
- * written is longer than one segment, so a block is one segment; that also tells a new request from a segment.
+ * Block transfer (7.2.4.2.7 to .16) with CRC where the client wants it. Upload: blocks of 1..127 segments as the
+ * client says, CO_SDO_SEGMENTS_PER_MS a millisecond, so that PDOs keep their place on the bus and nothing waits
+ * for a long object (a block at once where time does not pass by itself, 2020h pace); an acknowledgement, also
+ * within a block, goes back to the first segment that is missing. Download: no object that can be written is
+ * longer than one segment, so a block is one segment; that also tells a new request from a segment.
  */
 #ifndef CO_SDO_H
 #define CO_SDO_H

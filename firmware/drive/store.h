@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* store.h: values of the object dictionary in two flash sectors. Background only, and without power on an axis, since the
- * flash may stop the processor while it writes or erases.
+/* store.h: values of the object dictionary in two flash sectors. Background only, and without power on an axis,
+ * since the flash may stop the processor while it writes or erases.
  *
- * A set is written behind the last one; when a sector is full the other one is erased and goes on. Whenever the power
- * fails, the newest set that is whole is the old or the new one. Values are kept by object index and sub-index: of a set
- * written by another firmware, objects unknown here are skipped, and what is missing or out of range stays as it is.
+ * A set is written behind the last one; when a sector is full the other one is erased and goes on. Whenever the
+ * power fails, the newest set that is whole is the old or the new one. Values are kept by object index and sub-
+ * index: of a set written by another firmware, objects unknown here are skipped, and what is missing or out of
+ * range stays as it is.
  *
  * A set, in words of 32 bits as the processor keeps them (docs/adr/0013):
  *   STORE_MAGIC (its low byte is the version of this layout)
@@ -39,7 +40,8 @@ struct store {
 void store_open(struct store *s, const struct hal *hal);
 /* Put what the newest set has of `areas` into od, within the dictionary's ranges. */
 void store_load(const struct store *s, struct od_data *od, unsigned areas);
-/* Write a set: `take` these areas from od, `keep` those as they are stored, and nothing of the others. Of objects that follow
- * the node id, only those with another value than their default at node_id. false: the flash failed, the old set holds. */
+/* Write a set: `take` these areas from od, `keep` those as they are stored, and nothing of the others. Of objects that
+ * follow the node id, only those with another value than their default at node_id. false: the flash failed, the old set
+ * holds. */
 bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, unsigned take, unsigned keep);
 #endif

@@ -287,6 +287,19 @@ def test_long_upload_leaves_the_telemetry_alone(link: Link) -> None:
     assert link.status_count > before
 
 
+# ---- 1010h, 1011h by python-canopen's own means ----
+
+
+def test_store_and_restore_of_python_canopen(link: Link) -> None:
+    assert write(link, 0x2110, 1, (150_000).to_bytes(4, "little")) == OK
+    link.node.store()
+    link.node.nmt.send_command(0x81)
+    assert read(link, 0x2110, 1) == (OK, (150_000).to_bytes(4, "little"))
+    link.node.restore()
+    link.node.nmt.send_command(0x81)
+    assert read(link, 0x2110, 1) == (OK, (200_000).to_bytes(4, "little"))
+
+
 # ---- a client that falls silent ----
 
 

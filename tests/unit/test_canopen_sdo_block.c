@@ -52,7 +52,7 @@ static void test_upload_of_a_short_text_in_one_block(void)
     TEST_ASSERT_EQUAL_UINT(2, bus.count);
     bus_expect(&bus, 0, 0x585, "01 31 32 33 34 35 36 37");
     bus_expect(&bus, 1, 0x585, "82 38 39 00 00 00 00 00");
-    bus_sdo(&bus, "A2 02 7F 00 00 00 00 00", "D5 C3 31 00 00 00 00 00"); /* 5 bytes unused; 31C3h: the check value of the CRC */
+    bus_sdo(&bus, "A2 02 7F 00 00 00 00 00", "D5 C3 31 00 00 00 00 00"); /* 5 unused; 31C3h: the CRC's check value */
     give("A1 00 00 00 00 00 00 00");
     TEST_ASSERT_EQUAL(CO_SDO_IDLE, bus.node.sdo.transfer);
 }
@@ -110,7 +110,7 @@ static void test_block_goes_at_once_where_time_does_not_pass_by_itself(void)
     TEST_ASSERT_EQUAL_UINT(5, bus.count);
 }
 
-/* The client of test_lost_segments...: it takes segments in order, acknowledges at the end of a block, and reads all. */
+/* A client that takes segments in order and acknowledges at the end of a block. */
 struct client {
     char data[sizeof text + 7];
     unsigned size;

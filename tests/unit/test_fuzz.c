@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A million frames into the whole firmware: nonsense, valid requests of every service, and those with something broken. */
+/* A million frames into the whole firmware: nonsense, valid requests of every service, and broken ones. */
 #include "test_drive_rig.h"
 
 enum { FRAMES = 1000000, FRAMES_A_PERIOD = 3, FRAMES_A_CHECK = 5000, FRAMES_A_STORY = 2000 };
@@ -79,8 +79,8 @@ static uint8_t next_step(void)
 /* Any step of any transfer, of an object that there is. */
 static struct can_frame sdo(void)
 {
-    static const uint8_t commands[] = {0x40, 0x40, 0x2F, 0x2B, 0x27, 0x23, 0x22, 0x21, 0x20, 0x60, 0x70, 0x00, 0x10, 0x01,
-                                       0x80, 0xA0, 0xA4, 0xA3, 0xA2, 0xA1, 0xC0, 0xC2, 0xC6, 0x81, 0xC1, 0xCD, 0xD5};
+    static const uint8_t commands[] = {0x40, 0x40, 0x2F, 0x2B, 0x27, 0x23, 0x22, 0x21, 0x20, 0x60, 0x70, 0x00, 0x10,
+                                       0x01, 0x80, 0xA0, 0xA4, 0xA3, 0xA2, 0xA1, 0xC0, 0xC2, 0xC6, 0x81, 0xC1, 0xCD, 0xD5};
     const struct od_entry *e = &od_table[draw(od_table_len)];
     struct can_frame f = frame_of(0x600u + node_id(), 8, commands[draw(sizeof commands)]);
     co_put(&f.data[1], e->index, 2);
