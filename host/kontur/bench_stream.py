@@ -34,6 +34,7 @@ def bench(
     """Stream `knots` knots, KNOTS_MIN..KNOTS_MAX, to the drive of `target`, or to a process where it names no bus.
 
     `lost` are the knots that were not executed; `retransmitted` and `underruns` as counted on the two ends;
+    `contour_mean_um`, `contour_max_um`: the contour error that the drive has estimated (2211h).
     `checksum_ok`: the drive went through these knots, each once and in order; `error`: what it said if not. In process
     the CPU time is the drive's, too. Raises BusError, DeviceError before the stream has begun; KeyboardInterrupt when
     the stop was requested.
@@ -60,6 +61,8 @@ def bench(
             "retransmitted": retransmitted,
             "underruns": int(device.confirmed("stream.underruns")),
             "checksum_ok": device.confirmed("stream.checksum") == zlib.crc32(knots_nm.astype("<i4").tobytes()),
+            "contour_mean_um": device.confirmed("path_error.mean") * 1e6,
+            "contour_max_um": device.confirmed("path_error.max") * 1e6,
             "seconds": seconds,
             "knots_per_s": len(knots_nm) / seconds,
             "frames": frames,

@@ -57,7 +57,7 @@ def stream_command(*, knots: int, as_json: bool, target: Target) -> None:
     else:
         for name, value in result.items():
             if value is not None and not isinstance(value, dict):
-                click.echo(f"{name:<24}{f'{value:,.1f}' if isinstance(value, float) else value}")
+                click.echo(f"{name:<24}{f'{value:,.4g}' if isinstance(value, float) else value}")
     if result["error"] is not None:
         raise StreamError(result["error"])
 
