@@ -37,7 +37,7 @@ PORT     := firmware/port/stm32f405
 CHIP_SOURCES := $(filter-out %/start.c %/main.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/unit/chip.c
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
-NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden learning loop num observer params path servo spline trig uncertainty
+NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden ip learning loop modes num observer params path servo spline trig uncertainty
 # Not for the checking back end: in these an encoder jumps out of the range of `num`, where fixed point saturates and chk
 # stops; and it has no words of its own.
 NOT_CHK  := drive golden loop

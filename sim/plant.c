@@ -89,7 +89,7 @@ const char *plant_check(const struct ks_machine *m)
             {positive(m->encoder_m[i]), "encoder_m"},
             {isfinite(m->travel_min_m[i]) && fabs(m->travel_min_m[i]) <= 2.0, "travel_min_m"},
             {m->travel_max_m[i] > m->travel_min_m[i] && m->travel_max_m[i] <= 2.0, "travel_max_m"},
-            {not_negative(m->switch_m[i]) && m->switch_m[i] < (m->travel_max_m[i] - m->travel_min_m[i]) / 2.0, "switch_m"},
+            {not_negative(m->switch_m[i]) && 2.0 * m->switch_m[i] < m->travel_max_m[i] - m->travel_min_m[i], "switch_m"},
             {not_negative(m->index_m[i]), "index_m"},
             {m->start_m[i] >= m->travel_min_m[i] && m->start_m[i] <= m->travel_max_m[i], "start_m"},
             {fmax(fabs(m->travel_min_m[i]), fabs(m->travel_max_m[i])) / m->encoder_m[i] < 2147483647.0, "encoder_m"},

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* box.h: the sum of the last few values of a sequence, in integers: a moving average that loses nothing. Background only.
+/* box.h: the sum of the last few values of a sequence, in integers: an average that loses nothing. Background only.
  *
  * It rounds the ramps of jog.h and refines the records of record.h.
  */

@@ -2,8 +2,8 @@
 /* drive.h: the drive as its master sees it: two axes, one stream of knots, faults. Background only.
  *
  * In interpolated position both axes follow one path, so they stop together: path time runs only while both are in
- * operation enabled with controlword bit 4 set and halt (bit 8) clear; what stops one stops the other. For the other modes
- * see modes.h.
+ * operation enabled with controlword bit 4 set and halt (bit 8) clear; what stops one stops the other. For the other
+ * modes see modes.h.
  */
 #ifndef KONTUR_DRIVE_H
 #define KONTUR_DRIVE_H
@@ -41,7 +41,7 @@ uint32_t drive_stream_command(struct drive *d, uint8_t command);
 /* Knots may be taken; the servo is told when the stream is complete. */
 enum queue_result drive_knot(struct drive *d, const struct od_knot *frame);
 enum queue_result drive_push(struct drive *d, struct knot knot);
-/* Object 2200h total is to be written: SDO abort code, or 0. An open-ended stream that is open ends with so many knots. */
+/* Object 2200h total is to be written: SDO abort code, or 0. An open-ended stream that is open ends with so many. */
 uint32_t drive_stream_total(struct drive *d, uint32_t total);
 /* The master can stop the axes no more: stop, then power off. */
 void drive_stop(struct drive *d);

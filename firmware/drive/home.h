@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* home.h: homing of one axis (CiA 402-2, clause "Homing mode"): which way to go until its home point is found. Background only.
+/* home.h: homing of one axis (CiA 402-2, clause "Homing mode"): which way to go until its home point is found.
+ * Background only.
  *
  * | method | home point                                                                        |
  * |--------|-----------------------------------------------------------------------------------|
@@ -8,8 +9,8 @@
  * | 33, 34 | next index pulse in negative, positive direction                                  |
  * | 35, 37 | where the axis stands                                                             |
  *
- * Where a switch or a pulse came is taken from the encoder by the servo tick, so the speeds do not blur it. Going further
- * than `reach_nm` without finding what is searched, or into a switch that is not, is an error.
+ * Where a switch or a pulse came is taken from the encoder by the servo tick, so the speeds do not blur it. Going
+ * further than `reach_nm` without finding what is searched, or into a switch that is not, is an error.
  */
 #ifndef KONTUR_HOME_H
 #define KONTUR_HOME_H

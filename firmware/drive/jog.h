@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* jog.h: the way of one axis that is told a speed: one knot a millisecond, for jogging and homing. Background only.
  *
- * The speed ramps to its target with constant acceleration; the mean over JOG_ROUND milliseconds of that way is what comes
- * out, so acceleration ramps too: jerk is acceleration / JOG_ROUND. The mean moves no end point: a stop ends exactly where
- * the ramp does, JOG_ROUND milliseconds later, and never beyond a limit that the ramp keeps.
+ * The speed ramps to its target with constant acceleration; the mean over JOG_ROUND milliseconds of that way is what
+ * comes out, so acceleration ramps too: jerk is acceleration / JOG_ROUND. The mean moves no end point: a stop ends
+ * exactly where the ramp does, JOG_ROUND milliseconds later, and never beyond a limit that the ramp keeps.
  * Integers: pm and pm/ms, so that 1 um/s2 is 1 pm/ms more each millisecond and nothing is rounded but the knots.
  */
 #ifndef KONTUR_JOG_H

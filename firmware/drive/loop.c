@@ -86,7 +86,7 @@ static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struc
         if (n_lt(cfg->speed_max, n_abs(speed[i]))) {
             raise(loop, FAULT_OVERSPEED);
         }
-        /* further out than the soft limits and than its reference, which may come back from there: it has lost its path */
+        /* further out than the soft limits and than its reference, which may come back from there: lost */
         const int64_t nm = pos_to_nm(loop->servo.observer[i].pos);
         const int64_t reference = pos_to_nm(out->contour.ref.pos[i]);
         const int64_t origin = atomic_load(&loop->command.origin_nm[i]);

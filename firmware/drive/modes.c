@@ -137,8 +137,12 @@ static int32_t jogging(struct drive *d, int i, bool on)
     return speed;
 }
 
+/* On the quick-stop ramp; without power the axis coasts, and the other one's path shall be rid of it. */
 static bool quick(const struct drive *d, int i)
 {
+    if (!d->powered[i]) {
+        return true;
+    }
     const struct od_axis *od = &d->od->axis[i];
     const int16_t option = d->axis[i].quick_stop;
     if (d->axis[i].state == CIA402_QUICK_STOP_ACTIVE) {
@@ -192,7 +196,8 @@ static void make_knots(struct drive *d, const struct jog_in in[2])
         if (queue_push(&d->queue, knot) != QUEUE_TAKEN) {
             break; /* outside the limits; drive_poll() reports it */
         }
-        d->modes.ending = jog_rests(&a[0].jog) && jog_rests(&a[1].jog) && in[0].target_umps == 0 && in[1].target_umps == 0;
+        d->modes.ending = in[0].target_umps == 0 && jog_rests(&a[0].jog) &&
+                          in[1].target_umps == 0 && jog_rests(&a[1].jog);
     }
     if (d->modes.ending) {
         (void)queue_end(&d->queue, s->accepted);
@@ -225,9 +230,6 @@ void modes_poll(struct drive *d)
     bool wanted = false;
     for (int i = 0; i < 2; i++) {
         take_mode(d, i);
-        if (m->generating && !d->powered[i] && !jog_rests(&m->axis[i].jog)) {
-            jog_start(&m->axis[i].jog, i == 0 ? d->queue.stream->end_x : d->queue.stream->end_y);
-        }
         in[i] = plan(d, i);
         m->axis[i].controlword = d->axis[i].controlword;
         wanted = wanted || in[i].target_umps != 0;
@@ -265,8 +267,8 @@ static unsigned homing_status(const struct home *h, bool stands)
 static unsigned velocity_status(const struct modes_axis *a, bool generating, bool stands)
 {
     const bool reached = generating ? jog_reached(&a->jog, a->wish_umps) : a->wish_umps == 0 && stands;
-    return (reached ? SW_TARGET_REACHED : 0u) | (a->limited || (generating && a->jog.limited) ? SW_INTERNAL_LIMIT : 0u) |
-           (stands ? SW_SPEED_0 : 0u);
+    const bool limited = a->limited || (generating && a->jog.limited);
+    return (reached ? SW_TARGET_REACHED : 0u) | (limited ? SW_INTERNAL_LIMIT : 0u) | (stands ? SW_SPEED_0 : 0u);
 }
 
 uint16_t modes_status(const struct drive *d, int axis)

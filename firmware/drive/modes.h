@@ -2,8 +2,8 @@
 /* modes.h: the modes of the axes (6060h): what moves them. Background only; called by drive.c and app.c.
  *
  * 7, interpolated position: both axes follow one stream of knots or records; it moves only while both are in mode 7.
- * 3, profile velocity, and 6, homing: each axis by itself. Their ways are made here (jog.h) as knots for both axes, some
- * milliseconds ahead of path time, and go the way of all knots: same law, limits, faults, stop on the path. An axis in
+ * 3, profile velocity, and 6, homing: each axis by itself. Their ways are made here (jog.h) as knots for both axes,
+ * some milliseconds ahead of path time, and go the way of all knots: same law, limits, faults, stop on the path. An axis in
  * mode 7 beside one in mode 3 or 6 is held where it stands.
  * A mode is taken over when its axis stands; a stream that waits is forgotten then.
  */
@@ -49,7 +49,7 @@ uint16_t modes_status(const struct drive *d, int axis);
 /* A stream that records began has as many knots as keep it from starving at once: for a stop, and for a master whose
  * records come two periods and RECORD_JITTER late. */
 bool modes_may_start(const struct drive *d);
-/* A record of 60C1h for both axes: SDO abort code, or 0. The first one when no stream is open begins an open-ended one. */
+/* A record of 60C1h for both axes: SDO abort code, or 0. The first one while no stream is open begins one. */
 uint32_t modes_record(struct drive *d, struct knot record);
 /* An SDO wants to write one of the objects of this file: abort code, or 0. */
 uint32_t modes_check_write(struct drive *d, const struct od_entry *entry, int64_t value);

@@ -56,7 +56,8 @@ struct knot queue_user(const struct queue *q, struct knot servo)
 
 static struct knot to_servo(const struct queue *q, struct knot user)
 {
-    return (struct knot){{add_nm(user.nm[0], -(int64_t)q->origin_nm[0]), add_nm(user.nm[1], -(int64_t)q->origin_nm[1])}};
+    const int32_t *origin = q->origin_nm;
+    return (struct knot){{add_nm(user.nm[0], -(int64_t)origin[0]), add_nm(user.nm[1], -(int64_t)origin[1])}};
 }
 
 void queue_init(struct queue *q, struct od_stream *stream)

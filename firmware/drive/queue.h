@@ -2,8 +2,8 @@
 /* queue.h: from knot frames to the ring of knots (docs/protocol.md, "Streaming knots"). Background only, except that the
  * servo tick reads the ring.
  *
- * Positions here are the user's; the ring has those of the servo, which count from power-on and never change. Between them
- * lies the origin, which homing shifts (docs/adr/0015).
+ * Positions here are the user's; the ring has those of the servo, which count from power-on and never change. Between
+ * them lies the origin, which homing shifts (docs/adr/0015).
  *
  * Nothing is taken that is out of sequence, corrupt or too much; everything refused is counted in od.stream.
  */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* record.h: from the records of 60C1h, one each 1..20 ms, to knots, one a millisecond. Background only.
  *
- * Records are the control points of a uniform cubic B-spline over their own time, as knots are over a millisecond. The knots
- * that make the same curve: each record m times, then three moving averages over m (Lane and Riesenfeld, 1980, for m = 2).
+ * Records are the control points of a uniform cubic B-spline over their own time, as knots are over a millisecond. The
+ * knots that make the same curve: each record m times, then three moving averages over m (Lane and Riesenfeld, 1980).
  * In integers, rounded once: exact wherever the path rests.
  */
 #ifndef KONTUR_RECORD_H

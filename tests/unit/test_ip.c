@@ -219,7 +219,7 @@ static void test_records_every_ten_milliseconds_make_the_same_way(void)
             TEST_ASSERT_DOUBLE_WITHIN(2e-3, mm(0) / 2, mm(1));
         }
     }
-    TEST_ASSERT_DOUBLE_WITHIN(2e-3, 2 * 0.02 / 0.69, fastest); /* 69 records on the way, of 10 ms each; peak twice the mean */
+    TEST_ASSERT_DOUBLE_WITHIN(2e-3, 2 * 0.02 / 0.69, fastest); /* 69 records of 10 ms; peak twice the mean */
     expect_at_the_end();
     TEST_ASSERT_EQUAL_UINT32(0, stream(18));
 }

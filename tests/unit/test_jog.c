@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The way of a jogged axis, knot by knot: speed, acceleration and jerk stay within what was asked for, and it ends where it must. */
+/* The way of a jogged axis, knot by knot: speed, acceleration and jerk are what was asked for, and it ends where it must. */
 #include <stdlib.h>
 
 #include "jog.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Modes of operation on the simulated machine, frame by frame: jogging, homing, quick stop and halt by their options. */
+/* Modes of operation on the simulated machine, frame by frame: jogging, homing, quick stop and halt. */
 #include "test_drive_rig.h"
 
 enum { SHUTDOWN = 0x06, ENABLE = 0x0F, RUN = 0x1F, HALT = 0x100, QUICK_STOP = 0x0B };
@@ -456,8 +456,10 @@ static void home(int axis, int method, unsigned ms)
     TEST_ASSERT_TRUE(status(axis, TARGET_REACHED)); /* not started */
     rig_controlwords(&rig, axis == 0 ? RUN : ENABLE, axis == 1 ? RUN : ENABLE);
     rig_ms(&rig, 2);
-    for (unsigned i = 0; i < ms && !((status(axis, ATTAINED) || status(axis, HOMING_ERROR)) && status(axis, TARGET_REACHED)); i++) {
+    bool over = false;
+    for (unsigned i = 0; i < ms && !over; i++) {
         rig_ms(&rig, 1);
+        over = (status(axis, ATTAINED) || status(axis, HOMING_ERROR)) && status(axis, TARGET_REACHED);
     }
 }
 
