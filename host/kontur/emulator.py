@@ -80,7 +80,7 @@ def start(image: Path) -> Iterator[Emulator]:
         stderr = stack.enter_context(tempfile.TemporaryFile())
         arguments = [program, "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-kernel", str(image)]
         for name, listener in (("serial", serial), ("debugger", debugger)):
-            arguments += ["-chardev", f"socket,id={name},fd={listener.fileno()},server=on,wait=off"]
+            arguments += ["-chardev", f"socket,id={name},fd={listener.fileno()},server=on,wait=off,nodelay=on"]
         arguments += ["-serial", "chardev:serial", "-gdb", "chardev:debugger"]
         process = stack.enter_context(
             subprocess.Popen(

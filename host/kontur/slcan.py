@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import select
+import socket
 import time
 from collections import deque
 from contextlib import suppress
@@ -28,6 +29,9 @@ class SlcanBus(slcanBus):
         self._lines: deque[str] = deque()
         self._rest = b""
         super().__init__(*arguments, **options)
+        with suppress(OSError), socket.socket(fileno=os.dup(self.serialPortOrig.fileno())) as connection:
+            # not to hold a frame back, some 40 ms, until the one before is acknowledged; what is no socket does not
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def _read(self, timeout: float | None) -> str | None:
         end_s = None if timeout is None else time.monotonic() + timeout

@@ -117,6 +117,30 @@ def test_crashes_are_counted(emulator: Emulator) -> None:
             raise AssertionError(f"crash {count} was not counted")
 
 
+def test_time_passes_with_sync_alone_when_told_to(emulator: Emulator) -> None:
+    talk(emulator, lambda device: device.write("pace_select", 1))
+
+    def ask(device: Device) -> None:
+        assert device.link.by_device_time
+        before = device.read("clock.tick")
+        assert not device.link.wait(lambda: False, 0.1)
+        assert device.read("clock.tick") == before + 100
+        assert device.read("clock.tick") == before + 100  # and stands
+
+    talk(emulator, ask)
+
+
+def test_stored_parameters_are_in_force_after_a_crash(emulator: Emulator) -> None:
+    def change(device: Device) -> None:
+        device.write("asmc.lambda", 150.5)
+        device.link.node.sdo.download(0x1010, 1, b"save")
+
+    talk(emulator, change)
+    set_registers(emulator.gdb_port, {PC: NOWHERE})
+    crashed(emulator)
+    assert talk(emulator, lambda device: device.read("asmc.lambda")) == 150.5
+
+
 def parts_of(dfu: bytes) -> dict[int, bytes]:
     """Address and contents of the elements of a DfuSe file (UM0391)."""
     assert dfu[:6] == b"DfuSe\1"

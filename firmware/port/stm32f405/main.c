@@ -22,6 +22,7 @@ enum {
     KBITPS = 1000,
     OVERRUNS_IN_A_ROW = 3, /* one late tick is an interrupt that was in the way */
     BEHIND_MS = 50,
+    TICK_US = 1000000 / CONTROL_HZ,
 };
 
 static struct app app;
@@ -29,6 +30,7 @@ static enum hal_reset reset_cause;
 static struct hal_crash last_crash;
 static _Atomic uint32_t ticks;
 static _Atomic bool overrun;
+static uint32_t owed_us; /* time that is still to pass, where SYNC paces */
 
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
@@ -57,10 +59,39 @@ static bool send(void *ctx, const struct can_frame *frame)
     return wire_send(frame);
 }
 
+/* Paced by SYNC (2034h), where no motor is driven: the ticks that the last SYNC has let pass, up to the end of a millisecond.
+ * false: none is left. */
+static bool pass_time(void)
+{
+    const uint32_t published = atomic_load(&app.drive.loop.published);
+    if (owed_us < TICK_US) {
+        return false;
+    }
+    for (; owed_us >= TICK_US && atomic_load(&app.drive.loop.published) == published; owed_us -= TICK_US) {
+        app_tick(&app);
+    }
+    return true;
+}
+
 static bool receive(void *ctx, struct can_frame *frame)
 {
     (void)ctx;
-    return wire_receive(frame);
+    if (pass_time() || !wire_receive(frame)) {
+        return false;
+    }
+    if (app.od.clock.pace != 0 && !frame->rtr && frame->id == (app.od.sync_cob_id & 0x7FFu)) {
+        owed_us += app.od.sync_period;
+    }
+    return true;
+}
+
+static void choose_pace(void)
+{
+    const uint8_t pace = cpu_emulated() ? app.od.pace_select : 0;
+    if (pace != app.od.clock.pace) {
+        app.od.clock.pace = pace;
+        owed_us = 0;
+    }
 }
 
 static void status(void *ctx, struct hal_can_status *s)
@@ -122,7 +153,9 @@ static const struct hal hal = {
 void tick_irq(void)
 {
     static unsigned late;
-    app_tick(&app);
+    if (app.od.clock.pace == 0) {
+        app_tick(&app);
+    }
     atomic_fetch_add(&ticks, 1u);
     /* the next one is due already; in an emulator the time is the host's, and says nothing */
     late = (SCB->ICSR & SCB_ICSR_PENDSTSET) != 0 && !cpu_emulated() ? late + 1u : 0u;
@@ -159,8 +192,11 @@ int main(void)
     watchdog_start();
     for (;;) {
         app_poll(&app);
+        choose_pace();
         show_life();
         watchdog_pass(atomic_load(&ticks), atomic_load(&app.drive.loop.published) - app.ms < BEHIND_MS);
-        cpu_sleep();
+        if (owed_us < TICK_US) {
+            cpu_sleep();
+        }
     }
 }
