@@ -39,7 +39,7 @@ _DOWNLOAD, _UPLOAD = 1, 2
 _REQUESTS_BY_NAME = (_DOWNLOAD, _UPLOAD)  # command specifiers whose answers name their object
 _HEARTBEAT_OPERATIONAL = b"\x05"
 
-_TICK_OBJECT = (0x2020, 3)
+_TICK_OBJECT, _ERROR_REGISTER = (0x2020, 3), (0x1001, 0)
 _ROUND_S = 0.02  # wall clock, after which a round is taken to have lost a frame, and the drive is asked
 _SILENCE_S = 10.0  # wall clock
 _ASK_EACH = 64  # rounds: SYNCs that the bus doubled leave frames behind, which would pile up
@@ -235,11 +235,17 @@ class Link:
             self._tick_ms += self._sync_ms
 
     def _ask_tick(self) -> int | None:
-        """Tick of the drive; None when the answer is lost, or is not to be believed."""
+        """Tick of the drive; None when the answer is lost, or is not to be believed.
+
+        It is asked twice, with another question in between: a corrupted answer that is believed parts the two clocks.
+        """
         try:
-            tick_ms = int.from_bytes(self.node.sdo.upload(*_TICK_OBJECT), "little")
+            answers = [self.node.sdo.upload(*address) for address in (_TICK_OBJECT, _ERROR_REGISTER, _TICK_OBJECT)]
         except (SdoAbortedError, SdoCommunicationError):
             return None
+        if answers[0] != answers[2]:
+            return None
+        tick_ms = int.from_bytes(answers[0], "little")
         return tick_ms if 0 <= tick_ms - self._tick_ms <= _AHEAD_MS else None
 
     def _on_status(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:

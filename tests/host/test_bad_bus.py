@@ -337,6 +337,21 @@ def test_stream_description_corrupted_in_the_drive_is_noticed_before_any_motion(
         assert stream(device, knots_nm).executed == len(knots_nm)
 
 
+@pytest.mark.skipif(not simprocess.PROGRAM.exists(), reason="kontur-sim is not built; run `make lib`")
+def test_corrupted_tick_does_not_part_the_clocks_of_host_and_drive_where_time_passes_with_sync() -> None:
+    def is_tick(message: can.Message) -> bool:
+        return message.arbitration_id == SDO_RESPONSE and bytes(message.data[:4]) == b"\x43\x20\x20\x03"
+
+    with (
+        simprocess.start(slcan_tcp="0", pace="sync", machine=MACHINE) as process,
+        drive_on(bus := open_bus(process.options())) as device,
+    ):
+        receive, fault = bus.recv, first(1, is_tick, lambda m: flipped(m, 5, 0))
+        bus.recv = lambda timeout=None: (m := receive(timeout)) and fault(m)  # type: ignore[method-assign]
+        device.link.wait(lambda: False, 0.2)
+        assert device.read("clock.tick") == round(device.link.time_s * 1e3)
+
+
 # --- a host that stalls ---
 
 
