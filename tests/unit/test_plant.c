@@ -182,6 +182,47 @@ static void test_encoder_gives_the_nearest_count(void)
     TEST_ASSERT_EQUAL_INT32(-13, count[1]);
 }
 
+static void test_limit_switch_is_active_near_its_end_stop(void)
+{
+    static const struct {
+        double at_m;
+        uint8_t inputs;
+    } rows[] = {{-0.1, 1}, {-0.0951, 1}, {-0.0949, 0}, {0, 0}, {0.0949, 0}, {0.0951, 2}, {0.1, 2}};
+    for (int i = 0; i < 2; i++) {
+        machine.travel_min_m[i] = -0.1;
+        machine.travel_max_m[i] = 0.1;
+    }
+    for (unsigned k = 0; k < sizeof rows / sizeof rows[0]; k++) {
+        uint8_t inputs[2];
+        machine.switch_m[0] = 0.005; /* y has none */
+        machine.start_m[0] = machine.start_m[1] = rows[k].at_m;
+        restart();
+        plant_switches(&p, inputs);
+        TEST_ASSERT_EQUAL_UINT8(rows[k].inputs, inputs[0]);
+        TEST_ASSERT_EQUAL_UINT8(0, inputs[1]);
+    }
+}
+
+static void test_index_pulse_comes_where_the_axis_passes_it_in_either_direction(void)
+{
+    machine.encoder_m[0] = 1e-6;
+    machine.index_m[0] = 0.001;
+    machine.start_m[0] = 0.00199;
+    restart();
+    const double push[2] = {400, 400};
+    while (p.pos_m[0] < 0.0035) {
+        plant_step(&p, push);
+        TEST_ASSERT_EQUAL_UINT8(p.pos_m[0] < 0.002 ? 0 : p.pos_m[0] < 0.003 ? 1 : 2, p.index_pulses[0]);
+    }
+    TEST_ASSERT_EQUAL_INT32(3000, p.index_count[0]);
+    TEST_ASSERT_EQUAL_UINT8(0, p.index_pulses[1]);
+    const double pull[2] = {-400, -400};
+    while (p.vel_mps[0] > 0 || p.pos_m[0] > 0.0025) {
+        plant_step(&p, pull);
+    }
+    TEST_ASSERT_EQUAL_INT32(3000, p.index_count[0]);
+}
+
 static void test_end_stops_hold_the_axes(void)
 {
     p.vel_mps[0] = 5;
@@ -333,6 +374,9 @@ static void test_check_names_the_first_field_that_is_not_usable(void)
     BAD(machine.force_limit_N[0] = 0, "force_limit_N");
     BAD(machine.force_noise_N[0] = -1, "force_noise_N");
     BAD(machine.current_lag_s[0] = -1, "current_lag_s");
+    BAD(machine.switch_m[1] = -1, "switch_m");
+    BAD(machine.switch_m[0] = (machine.travel_max_m[0] - machine.travel_min_m[0]) / 2, "switch_m");
+    BAD(machine.index_m[0] = -1, "index_m");
     BAD(machine.encoder_m[0] = 0, "encoder_m");
     BAD(machine.encoder_m[0] = 1e-12, "encoder_m");
     BAD(machine.travel_min_m[0] = -3, "travel_min_m");
@@ -364,6 +408,8 @@ int main(void)
     RUN_TEST(test_force_is_clipped_at_the_amplifiers_limit);
     RUN_TEST(test_a_lagging_amplifier_reaches_its_force_with_its_time_constant);
     RUN_TEST(test_encoder_gives_the_nearest_count);
+    RUN_TEST(test_limit_switch_is_active_near_its_end_stop);
+    RUN_TEST(test_index_pulse_comes_where_the_axis_passes_it_in_either_direction);
     RUN_TEST(test_end_stops_hold_the_axes);
     RUN_TEST(test_friction_follows_the_schedule_of_32_to_the_period);
     RUN_TEST(test_the_schedule_counts_from_where_it_was_started);
