@@ -6,7 +6,8 @@
 #include "cpu.h"
 
 struct chip chip;
-uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4], chip_emulated_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
+uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4],
+    chip_emulated_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
 uint32_t kontur_stack_bottom[16];
 chip_answer *chip_waits;
 unsigned chip_waited;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* chip.h: an STM32F405 of memory, for the port's code on a host: registers keep what is written to them (regs.h), and each wait of
- * the port asks the test what the hardware does. */
+/* chip.h: an STM32F405 of memory, for the port's code on a host: registers keep what is written to them (regs.h), and
+ * each wait of the port asks the test what the hardware does. */
 #ifndef KONTUR_TEST_CHIP_H
 #define KONTUR_TEST_CHIP_H
 #include <stdbool.h>

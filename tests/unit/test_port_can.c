@@ -38,7 +38,8 @@ static void test_bit_timing_has_the_rate_and_a_sample_point_of_cia_301(void)
     for (unsigned i = 0; i < 4; i++) {
         TEST_ASSERT_TRUE(can_bitrate(rates[i], true));
         const uint32_t btr = chip.can1.BTR;
-        const uint32_t prescaler = (btr & 1023u) + 1u, before = (btr >> CAN_BTR_TS1 & 15u) + 1u, after = (btr >> CAN_BTR_TS2 & 7u) + 1u;
+        const uint32_t prescaler = (btr & 1023u) + 1u, before = (btr >> CAN_BTR_TS1 & 15u) + 1u,
+                       after = (btr >> CAN_BTR_TS2 & 7u) + 1u;
         const uint32_t quanta = 1u + before + after;
         TEST_ASSERT_EQUAL_UINT32(42000, rates[i] * prescaler * quanta);
         TEST_ASSERT_UINT32_WITHIN(20, 875, 1000u * (1u + before) / quanta);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Encoder timers of the STM32F405: counting on over 32 bits, the index pulse, and what shows that the count is wrong. */
+/* Encoder timers of the STM32F405: counting on over 32 bits, the index pulse, and what shows that the count is wrong.
+ */
 #include "chip.h"
 #include "encoder.h"
 #include "unity.h"

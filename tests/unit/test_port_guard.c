@@ -65,8 +65,8 @@ static void test_each_wire_is_the_input_of_the_pin_table(void)
         unsigned pin;
         uint8_t x, y;
     } rows[] = {
-        {'C', 0, HAL_LIMIT_MIN, 0}, {'C', 1, HAL_LIMIT_MAX, 0}, {'C', 5, HAL_AMPLIFIER_FAULT, 0},
-        {'C', 2, 0, HAL_LIMIT_MIN}, {'C', 3, 0, HAL_LIMIT_MAX}, {'B', 1, 0, HAL_AMPLIFIER_FAULT},
+        {'C', 0, HAL_LIMIT_MIN, 0},   {'C', 1, HAL_LIMIT_MAX, 0}, {'C', 5, HAL_AMPLIFIER_FAULT, 0},
+        {'C', 2, 0, HAL_LIMIT_MIN},   {'C', 3, 0, HAL_LIMIT_MAX}, {'B', 1, 0, HAL_AMPLIFIER_FAULT},
         {'C', 4, HAL_STOP, HAL_STOP},
     };
     for (unsigned i = 0; i < sizeof rows / sizeof rows[0]; i++) {

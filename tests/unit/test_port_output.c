@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Force outputs of the STM32F405: what a force becomes as analog command and as PWM, and what a coarse output does to its mean. */
+/* Force outputs of the STM32F405: what a force becomes as analog command and as PWM, and what a coarse output does to
+ * its mean. */
 #include <stdlib.h>
 
 #include "chip.h"

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* board.h: which board. A board is one header: its crystal, its pins, the levels that mean "active". What each name means stands
- * in board_kontur.h; another pinout is a copy of it, named in BOARD= of `make firmware`. */
+/* board.h: which board. A board is one header: its crystal, its pins, the levels that mean "active". What each name
+ * means stands in board_kontur.h; another pinout is a copy of it, named in BOARD= of `make firmware`. */
 #ifndef KONTUR_BOARD_H
 #define KONTUR_BOARD_H
 #include "pins.h"
 
-/* A quadrature encoder at channels 1 and 2 of a timer. The index pulse is captured by another channel of the same timer. */
+/* A quadrature encoder at channels 1 and 2 of a timer. The index pulse is captured by another channel of the same
+ * timer. */
 struct board_encoder {
     struct tim *tim;
     uint32_t apb1;         /* its clock: RCC_APB1ENR_... */
@@ -25,8 +26,8 @@ struct board_input {
 struct board_axis {
     struct board_encoder encoder;
     struct board_input limit_min, limit_max, amplifier_fault;
-    uint8_t enable;          /* output, high: power stage on. A resistor on the board pulls it low while the chip starts */
-    uint8_t pwm, direction;  /* outputs; direction is high for a negative force */
+    uint8_t enable; /* output, high: power stage on. A resistor on the board pulls it low while the chip starts */
+    uint8_t pwm, direction; /* outputs; direction is high for a negative force */
 };
 
 #ifndef BOARD_HEADER

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* board_feather.h: Adafruit's Feather STM32F405 Express on a base board with the levels and drivers that board_kontur.h has: another
- * crystal, another serial port, encoder timers of 16 bits, no index pulse, PWM out of reach (so .pwm is PIN_NONE: use the DAC).
- * Meaning of the names: board_kontur.h. Silkscreen names behind the pins.
+/* board_feather.h: Adafruit's Feather STM32F405 Express on a base board with the levels and drivers that board_kontur.h
+ * has: another crystal, another serial port, encoder timers of 16 bits, no index pulse, PWM out of reach (so .pwm is
+ * PIN_NONE: use the DAC). Meaning of the names: board_kontur.h. Silkscreen names behind the pins.
  */
 #ifndef KONTUR_BOARD_FEATHER_H
 #define KONTUR_BOARD_FEATHER_H

@@ -61,7 +61,7 @@ static const struct timing *timing_of(uint16_t kbitps)
     return NULL;
 }
 
-/* RM0090 32.4.1: settings may be written in initialisation mode only, which ends a frame that is being received first. */
+/* RM0090 32.4.1: settings may be written in initialisation mode only, which lets a frame that is being received end. */
 static bool configure(const struct timing *t)
 {
     CAN1->MCR = CAN_MCR_INRQ | CAN_MCR_TXFP | CAN_MCR_ABOM; /* wakes it as well; sends in the order of requests */
@@ -69,7 +69,8 @@ static bool configure(const struct timing *t)
         return false;
     }
     const uint32_t jump = t->after; /* as far as the part behind the sample point */
-    CAN1->BTR = (t->prescaler - 1u) | (t->before - 1u) << CAN_BTR_TS1 | (t->after - 1u) << CAN_BTR_TS2 | (jump - 1u) << CAN_BTR_SJW;
+    CAN1->BTR = (t->prescaler - 1u) | (t->before - 1u) << CAN_BTR_TS1 | (t->after - 1u) << CAN_BTR_TS2 |
+                (jump - 1u) << CAN_BTR_SJW;
     CAN1->MCR &= ~(uint32_t)CAN_MCR_INRQ; /* takes part after 11 recessive bits, for which nobody waits here */
     return true;
 }
@@ -171,7 +172,8 @@ void can_rx_irq(void)
         const struct can_mailbox *box = &CAN1->RX[0];
         const uint32_t id = box->IR, low = box->DLR, high = box->DHR;
         const uint8_t len = (uint8_t)(box->DTR & 15u);
-        struct can_frame frame = {.id = (uint16_t)(id >> CAN_IR_STID), .len = len < 8 ? len : 8, .rtr = (id & CAN_IR_RTR) != 0};
+        struct can_frame frame = {
+            .id = (uint16_t)(id >> CAN_IR_STID), .len = len < 8 ? len : 8, .rtr = (id & CAN_IR_RTR) != 0};
         for (unsigned i = 0; i < 4; i++) {
             frame.data[i] = (uint8_t)(low >> 8 * i);
             frame.data[4 + i] = (uint8_t)(high >> 8 * i);
@@ -200,10 +202,10 @@ void can_status(struct hal_can_status *status)
     const uint32_t esr = CAN1->ESR;
     const bool out = !works || (esr & CAN_ESR_BOFF) != 0 || (CAN1->MSR & CAN_MSR_INAK) != 0;
     *status = (struct hal_can_status){
-        .state = out                              ? HAL_CAN_OFF
-                 : (esr & CAN_ESR_EPVF) != 0      ? HAL_CAN_PASSIVE
-                 : (esr & CAN_ESR_EWGF) != 0      ? HAL_CAN_WARNING
-                                                  : HAL_CAN_ACTIVE,
+        .state = out                         ? HAL_CAN_OFF
+                 : (esr & CAN_ESR_EPVF) != 0 ? HAL_CAN_PASSIVE
+                 : (esr & CAN_ESR_EWGF) != 0 ? HAL_CAN_WARNING
+                                             : HAL_CAN_ACTIVE,
         .tx_errors = (uint8_t)(esr >> CAN_ESR_TEC),
         .rx_errors = (uint8_t)(esr >> CAN_ESR_REC),
         .rx_lost = atomic_load(&rx_lost),

@@ -5,10 +5,11 @@
 #include "cpu.h"
 #include "output.h"
 
-_Static_assert(BOARD_HSE_MHZ >= 4 && BOARD_HSE_MHZ <= 26 && BOARD_HSE_MHZ % 2 == 0, "the PLL wants 2 MHz (RM0090 6.3.2)");
+_Static_assert(BOARD_HSE_MHZ >= 4 && BOARD_HSE_MHZ <= 26 && BOARD_HSE_MHZ % 2 == 0,
+               "the PLL wants 2 MHz (RM0090 6.3.2)");
 
-/* Polls at 16 MHz take some 10 cycles each: HSE start-up is 2 ms typically (DS8626 table 40), the PLL locks within 300 us
- * (table 43). 150,000 polls are about 100 ms, 10,000 about 6 ms. */
+/* Polls at 16 MHz take some 10 cycles each: HSE start-up is 2 ms typically (DS8626 table 40), the PLL locks within 300
+ * us (table 43). 150,000 polls are about 100 ms, 10,000 about 6 ms. */
 enum { POLLS_HSE = 150000, POLLS = 10000, HSI_MHZ = 16 };
 
 static volatile bool degraded;
@@ -47,7 +48,8 @@ bool clock_start(void)
     PWR->CR |= PWR_CR_VOS;
     use_hsi();
     RCC->CR |= RCC_CR_HSEON;
-    bool crystal = wait_until(&RCC->CR, RCC_CR_HSERDY, RCC_CR_HSERDY, POLLS_HSE) && use_pll(BOARD_HSE_MHZ, RCC_PLLCFGR_HSE);
+    bool crystal =
+        wait_until(&RCC->CR, RCC_CR_HSERDY, RCC_CR_HSERDY, POLLS_HSE) && use_pll(BOARD_HSE_MHZ, RCC_PLLCFGR_HSE);
     if (crystal) {
         RCC->CR |= RCC_CR_CSSON;
     } else {

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* clock.h: 168 MHz out of the crystal, or out of the internal oscillator (HSI, 1 % at room temperature) when the crystal does not
- * start or stops. AHB 168 MHz, APB1 42 MHz (its timers 84), APB2 84 MHz (its timers 168).
+/* clock.h: 168 MHz out of the crystal, or out of the internal oscillator (HSI, 1 % at room temperature) when the
+ * crystal does not start or stops. AHB 168 MHz, APB1 42 MHz (its timers 84), APB2 84 MHz (its timers 168).
  *
- * Sources: RM0090 6.2 (clocks), 6.2.3 (PLL: 2 MHz in, 336 MHz VCO), 6.2.7 (clock security system), 3.5.1 (wait states), 5.1.3
- * (voltage scale 1 for more than 144 MHz).
+ * Sources: RM0090 6.2 (clocks), 6.2.3 (PLL: 2 MHz in, 336 MHz VCO), 6.2.7 (clock security system), 3.5.1 (wait
+ * states), 5.1.3 (voltage scale 1 for more than 144 MHz).
  */
 #ifndef KONTUR_CLOCK_H
 #define KONTUR_CLOCK_H
@@ -14,7 +14,8 @@
 
 /* At start-up. Takes 100 ms at most. true: on the crystal, which is watched from now on. */
 bool clock_start(void);
-/* Nonmaskable interrupt: the crystal has stopped and the chip runs on 16 MHz. Makes the outputs safe, then 168 MHz again. */
+/* Nonmaskable interrupt: the crystal has stopped and the chip runs on 16 MHz. Makes the outputs safe, then 168 MHz
+ * again. */
 void clock_failed_irq(void);
 /* Not on the crystal (false in an emulator, which has none). */
 bool clock_degraded(void);

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* cpu.h: what the core itself does: interrupts off and on, sleep, priorities. On a host, where tests run in one thread, nothing. */
+/* cpu.h: what the core itself does: interrupts off and on, sleep, priorities. On a host, where tests run in one thread,
+ * nothing. */
 #ifndef KONTUR_CPU_H
 #define KONTUR_CPU_H
 #include <stdbool.h>
 
 #include "regs.h"
 
-/* Priorities, 0 first; the chip has the upper four bits (RM0090 12.1.1). The serial line has one byte of room and so goes before
- * the servo, for some 40 instructions a byte; bxCAN has room for three frames, 140 us, and waits. */
+/* Priorities, 0 first; the chip has the upper four bits (RM0090 12.1.1). The serial line has one byte of room and so
+ * goes before the servo, for some 40 instructions a byte; bxCAN has room for three frames, 140 us, and waits. */
 enum { PRIORITY_SERIAL = 0, PRIORITY_SERVO = 1, PRIORITY_CAN = 2 };
 
 static inline void cpu_irq_enable(unsigned irq, unsigned priority)
@@ -53,7 +54,8 @@ static inline void cpu_barrier(void)
 #endif
 }
 
-/* An emulator without clock control (QEMU) reads RCC as zero; on a chip the internal oscillator runs at least until the PLL does. */
+/* An emulator without clock control (QEMU) reads RCC as zero; on a chip the internal oscillator runs at least until the
+ * PLL does. */
 static inline bool cpu_emulated(void)
 {
     return RCC->CR == 0;
@@ -69,7 +71,7 @@ static inline void clear_flags(reg *r, uint32_t flags)
 #endif
 }
 
-/* Poll until (*r & mask) == value, `polls` times at most, and not at all in an emulator that does not know the register.
- * false: it has not come. A test's own version of it (tests/unit/chip.c) plays the hardware. */
+/* Poll until (*r & mask) == value, `polls` times at most, and not at all in an emulator that does not know the
+ * register. false: it has not come. A test's own version of it (tests/unit/chip.c) plays the hardware. */
 bool wait_until(const reg *r, uint32_t mask, uint32_t value, uint32_t polls);
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* crash.h: what happens when the processor faults (DDI 0403E B1.5): outputs safe, a record kept in RAM over the reset, reset. At the
- * next start the record is object 2030h and the fault is reported; it is lost with the power. An interrupt that nobody expects
- * ends here, too: the low bits of `psr` are its number. */
+/* crash.h: what happens when the processor faults (DDI 0403E B1.5): outputs safe, a record kept in RAM over the reset,
+ * reset. At the next start the record is object 2030h and the fault is reported; it is lost with the power. An
+ * interrupt that nobody expects ends here, too: the low bits of `psr` are its number. */
 #ifndef KONTUR_CRASH_H
 #define KONTUR_CRASH_H
 #include "hal.h"

@@ -91,7 +91,8 @@ static bool follow(struct encoder *e, const struct board_encoder *board, uint32_
     e->last = now;
     e->count += (uint32_t)(e->invert ? -moved : moved);
     if (board->index != PIN_NONE && (tim->SR & (uint32_t)TIM_SR_CC1IF << (board->index_channel - 1u)) != 0) {
-        const int32_t since = difference(board, now, tim->CCR[board->index_channel - 1u]); /* reading it clears the flag */
+        const int32_t since =
+            difference(board, now, tim->CCR[board->index_channel - 1u]); /* reading it clears the flag */
         good = index_fits(e, e->count - (uint32_t)(e->invert ? -since : since)) && good;
     }
     return good;

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* encoder.h: two quadrature encoders on timers in encoder mode (RM0090 18.3.12), counted on to 32 bits. Servo interrupt:
- * encoder_read(); background: the rest.
+/* encoder.h: two quadrature encoders on timers in encoder mode (RM0090 18.3.12), counted on to 32 bits. Servo
+ * interrupt: encoder_read(); background: the rest.
  *
- * The timer counts every edge, so a line of the encoder is four counts. The index pulse captures the counter in hardware
- * (18.3.5), so its count is exact at any speed.
+ * The timer counts every edge, so a line of the encoder is four counts. The index pulse captures the counter in
+ * hardware (18.3.5), so its count is exact at any speed.
  *
- * A timer in encoder mode does not tell of an illegal transition (A and B at once): it counts wrong. What shows it is looked for
- * instead, and reported as HAL_ENCODER_FAULT of that read:
+ * A timer in encoder mode does not tell of an illegal transition (A and B at once): it counts wrong. What shows it is
+ * looked for instead, and reported as HAL_ENCODER_FAULT of that read:
  * - more counts in one control period than any movement makes (jump_counts);
- * - a count between two index pulses that is more than one line off a multiple of index_counts. A pulse is as wide as a line, and
- *   is met from either side.
+ * - a count between two index pulses that is more than one line off a multiple of index_counts. A pulse is as wide as a
+ * line, and is met from either side.
  */
 #ifndef KONTUR_ENCODER_H
 #define KONTUR_ENCODER_H

@@ -31,9 +31,9 @@ void inputs_init(void)
 void inputs_read(struct hal_drive_in *in)
 {
     for (int i = 0; i < AXES; i++) {
-        const uint8_t now =
-            (uint8_t)(active(&stop, HAL_STOP) | active(&axes[i].limit_min, HAL_LIMIT_MIN) |
-                      active(&axes[i].limit_max, HAL_LIMIT_MAX) | active(&axes[i].amplifier_fault, HAL_AMPLIFIER_FAULT));
+        const uint8_t now = (uint8_t)(active(&stop, HAL_STOP) | active(&axes[i].limit_min, HAL_LIMIT_MIN) |
+                                      active(&axes[i].limit_max, HAL_LIMIT_MAX) |
+                                      active(&axes[i].amplifier_fault, HAL_AMPLIFIER_FAULT));
         in->inputs[i] = (uint8_t)(in->inputs[i] | (now & seen[i][0] & seen[i][1]));
         seen[i][1] = seen[i][0];
         seen[i][0] = now;

@@ -18,7 +18,7 @@
 #include "watchdog.h"
 
 enum {
-    NODE_ID = 1,           /* until one is set (2001h, LSS) */
+    NODE_ID = 1, /* until one is set (2001h, LSS) */
     KBITPS = 1000,
     OVERRUNS_IN_A_ROW = 3, /* one late tick is an interrupt that was in the way */
     BEHIND_MS = 50,
@@ -59,8 +59,8 @@ static bool send(void *ctx, const struct can_frame *frame)
     return wire_send(frame);
 }
 
-/* Paced by SYNC (2034h), where no motor is driven: the ticks that the last SYNC has let pass, up to the end of a millisecond.
- * false: none is left. */
+/* Paced by SYNC (2034h), where no motor is driven: the ticks that the last SYNC has let pass, up to the end of a
+ * millisecond. false: none is left. */
 static bool pass_time(void)
 {
     const uint32_t published = atomic_load(&app.drive.loop.published);

@@ -8,7 +8,7 @@ enum { DAC_ZERO = 2048, PWM_STEPS = 4200 };
 
 struct channel {
     bool pwm, invert;
-    int32_t gain;  /* 2^32 steps of the output per mN */
+    int32_t gain; /* 2^32 steps of the output per mN */
     int32_t low, high;
     int32_t error; /* what the last step left over, 2^-16 steps */
 };
@@ -30,7 +30,8 @@ static void set_channel(struct channel *c, const struct hal_axis_cfg *cfg)
 
 void output_init(void)
 {
-    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = HAL_FULL_SCALE_MIN}, {.full_scale_mN = HAL_FULL_SCALE_MIN}};
+    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = HAL_FULL_SCALE_MIN},
+                                           {.full_scale_mN = HAL_FULL_SCALE_MIN}};
     for (int i = 0; i < AXES; i++) {
         pin_write(axes[i].enable, false);
         pin_setup(axes[i].enable, PIN_OUTPUT, PIN_PULL_DOWN, 0);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pins.h: port pins (RM0090 8.3). A pin is one byte, PIN('B', 8) for PB8. Set up in the background, read and written anywhere. */
+/* pins.h: port pins (RM0090 8.3). A pin is one byte, PIN('B', 8) for PB8. Set up in the background, read and written
+ * anywhere. */
 #ifndef KONTUR_PINS_H
 #define KONTUR_PINS_H
 #include <stdbool.h>

@@ -15,19 +15,20 @@ enum { FIRST_SECTOR = 1 };
 
 #ifdef __arm__
 #define STORE ((volatile uint32_t *)0x08004000u)
-/* QEMU's flash is read only: there the sectors lie in RAM that the image does not use, inverted, so that RAM at power-on reads as
- * erased. They last as long as QEMU runs, over resets of the processor. */
+/* QEMU's flash is read only: there the sectors lie in RAM that the image does not use, inverted, so that RAM at
+ * power-on reads as erased. They last as long as QEMU runs, over resets of the processor. */
 #define EMULATED_STORE ((volatile uint32_t *)0x20018000u)
 #else
-extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4], chip_emulated_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
+extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4],
+    chip_emulated_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
 #define STORE ((volatile uint32_t *)chip_store)
 #define EMULATED_STORE ((volatile uint32_t *)chip_emulated_store)
 #endif
 
 static bool inside(unsigned sector, uint32_t offset, uint32_t bytes)
 {
-    return sector < HAL_FLASH_SECTORS && offset <= HAL_FLASH_BYTES && bytes <= HAL_FLASH_BYTES - offset && offset % 4 == 0 &&
-           bytes % 4 == 0;
+    return sector < HAL_FLASH_SECTORS && offset <= HAL_FLASH_BYTES && bytes <= HAL_FLASH_BYTES - offset &&
+           offset % 4 == 0 && bytes % 4 == 0;
 }
 
 static volatile uint32_t *at(unsigned sector, uint32_t offset)
@@ -41,7 +42,8 @@ static uint32_t read_word(unsigned sector, uint32_t offset)
     return cpu_emulated() ? ~word : word;
 }
 
-/* Start what CR says (with a word to write, by writing it) and wait for its end. Interrupts are off: their vectors lie in flash. */
+/* Start what CR says (with a word to write, by writing it) and wait for its end. Interrupts are off: their vectors lie
+ * in flash. */
 RAM_FUNCTION static bool run(uint32_t command, volatile uint32_t *to, uint32_t word)
 {
     uint32_t polls = POLLS;

@@ -24,7 +24,8 @@ void uart_init(void)
     BOARD_UART_CLOCK();
     pin_setup(BOARD_UART_TX, PIN_ALTERNATE, PIN_PULL_UP, BOARD_UART_AF);
     pin_setup(BOARD_UART_RX, PIN_ALTERNATE, PIN_PULL_UP, BOARD_UART_AF);
-    BOARD_UART->BRR = (BOARD_UART_HZ + BOARD_UART_BAUD / 2u) / BOARD_UART_BAUD; /* 16 samples a bit: BRR counts sixteenths */
+    BOARD_UART->BRR =
+        (BOARD_UART_HZ + BOARD_UART_BAUD / 2u) / BOARD_UART_BAUD; /* 16 samples a bit: BRR counts sixteenths */
     BOARD_UART->CR1 = USART_CR1_UE | USART_CR1_RE | USART_CR1_TE | USART_CR1_RXNEIE;
     cpu_irq_enable(BOARD_UART_IRQ, PRIORITY_SERIAL);
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* uart.h: the board's serial port, 8 data bits, no parity, by interrupt through two rings (RM0090 30). From the background: all but
- * uart_irq(), which is one byte in and one byte out. */
+/* uart.h: the board's serial port, 8 data bits, no parity, by interrupt through two rings (RM0090 30). From the
+ * background: all but uart_irq(), which is one byte in and one byte out. */
 #ifndef KONTUR_UART_H
 #define KONTUR_UART_H
 #include <stdbool.h>

@@ -34,7 +34,8 @@ bool wire_receive(struct can_frame *frame)
         return true;
     }
     struct can_frame other;
-    struct can_frame *to = serial.open ? &other : frame; /* taken and dropped: its ring must not fill with what is old */
+    struct can_frame *to =
+        serial.open ? &other : frame; /* taken and dropped: its ring must not fill with what is old */
     return can_receive(to) && !serial.open;
 }
 
@@ -52,6 +53,7 @@ void wire_status(struct hal_can_status *status)
 {
     can_status(status);
     if (serial.open) {
-        *status = (struct hal_can_status){.state = HAL_CAN_ACTIVE, .rx_lost = uart_lost() + serial.refused, .bus_offs = status->bus_offs};
+        *status = (struct hal_can_status){
+            .state = HAL_CAN_ACTIVE, .rx_lost = uart_lost() + serial.refused, .bus_offs = status->bus_offs};
     }
 }
