@@ -380,9 +380,9 @@ def learned_force(friction_N: Array, mass_kg: Array, r_dot_mps: Array, r_ddot_mp
 
 
 def learn(
-    friction_N: Array, mass_kg: Array, r_dot_mps: Array, r_ddot_mps2: Array, u_N: Array, p: Params
+    friction_N: Array, mass_kg: Array, r_dot_mps: Array, r_ddot_mps2: Array, u_N: Array, dt_s: float, p: Params
 ) -> tuple[Array, Array]:
-    """One period of learning friction and mass from what the compensator added, u (decision).
+    """dt_s of learning friction and mass from what the compensator added, u (decision).
 
     The force that is missing is l sign(r') + m r''; the compensator supplies it. Gradient descent of u^2/2: dl/dt is
     proportional to u d, dm/dt to u a, the latter divided by a^2 + a_0^2 so that its speed does not depend on how hard
@@ -390,8 +390,8 @@ def learn(
     """
     direction = sat(r_dot_mps, p.friction_speed_mps)
     regressor = r_ddot_mps2 / (r_ddot_mps2**2 + p.learning_acceleration_mps2**2)
-    friction_N = friction_N + p.friction_rate_1ps * u_N * direction * p.dt_s
-    mass_kg = mass_kg + p.mass_rate_1ps * u_N * regressor * p.dt_s
+    friction_N = friction_N + p.friction_rate_1ps * u_N * direction * dt_s
+    mass_kg = mass_kg + p.mass_rate_1ps * u_N * regressor * dt_s
     return (
         np.clip(friction_N, -p.coulomb_N, 3.0 * p.coulomb_N),
         np.clip(mass_kg, -0.5 * p.mass_kg, p.mass_kg),
@@ -582,6 +582,7 @@ class State:
     learned_friction_N: Array
     learned_mass_kg: Array
     saturated: bool = False
+    turn: int = 0
     controller: str | None = None
     enabled: bool = False
 
@@ -639,7 +640,9 @@ class Servo:
         p, s = self.p, self.state
         s.observer, acceleration = observe(s.observer, measured_m, s.last[1].force - s.last[1].balance, p, self.gains)
         q, q_dot = s.observer[0], s.observer[1]
-        s.energy_J = s.energy_J + power(q_dot, acceleration, p) * p.dt_s
+        s.turn = 1 - s.turn  # energy and learning: one axis a period, for two
+        turn = np.arange(2) == s.turn
+        s.energy_J = s.energy_J + np.where(turn, power(q_dot, acceleration, p) * 2.0 * p.dt_s, 0.0)
         c = contour_error(self.knots_m, self.start_m, t_s, rate, rate_dot_1ps, q, q_dot, p)
         self.contour = c
 
@@ -698,9 +701,12 @@ class Servo:
         s.mu = adapt_mu(s.mu, surface_s, p)
         learned = learned_force(s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, p)
         if not s.saturated:  # a force that was not given teaches nothing
-            s.learned_friction_N, s.learned_mass_kg = learn(
-                s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, compensator, p
+            turn = np.arange(2) == s.turn
+            friction_N, mass_kg = learn(
+                s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, compensator, 2.0 * p.dt_s, p
             )
+            s.learned_friction_N = np.where(turn, friction_N, s.learned_friction_N)
+            s.learned_mass_kg = np.where(turn, mass_kg, s.learned_mass_kg)
         return u + compensator + learned, balance + learned, linear
 
 

@@ -10,10 +10,13 @@ struct surface {
 /* (11) and its derivative; beyond e_max psi is constant */
 static struct surface surface(const struct asmc_cfg *cfg, num e, num e_dot)
 {
-    const bool inside = !n_lt(cfg->e_max, n_abs(e));
-    const num x = n_mul(cfg->k_bar, n_clamp(e, n_neg(cfg->e_max), cfg->e_max));
+    num x = n_mul(cfg->k_bar, e);
+    num x_dot = n_mul(cfg->k_bar, e_dot);
+    if (n_lt(cfg->e_max, n_abs(e))) {
+        x = n_mul(cfg->k_bar, n_lt(e, NUM(0)) ? n_neg(cfg->e_max) : cfg->e_max);
+        x_dot = NUM(0);
+    }
     const struct trig_cosh h = trig_cosh(x);
-    const num x_dot = inside ? n_mul(cfg->k_bar, e_dot) : NUM(0);
     num psi, psi_dot;
     if (cfg->psi_printed) {
         psi = n_mul(cfg->beta, h.cosh_x);
@@ -38,9 +41,9 @@ static void adapt(const struct asmc_cfg *cfg, acc_t *k_hat, num s_bar, num dt)
     *k_hat = acc_clamp(acc_mad(*k_hat, rate, dt), NUM(0), cfg->k_max);
 }
 
-vec2 asmc_friction(const struct plant_cfg *plant, num friction_speed, vec2 r_dot)
+vec2 asmc_direction(num friction_speed, vec2 r_dot)
 {
-    return v2_mul(plant->coulomb, v2(n_sat(r_dot.x, friction_speed), n_sat(r_dot.y, friction_speed)));
+    return v2(n_sat(r_dot.x, friction_speed), n_sat(r_dot.y, friction_speed));
 }
 
 void asmc_reset(const struct asmc_cfg *cfg, struct asmc_state *state)
@@ -66,7 +69,7 @@ void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct
     a = v2_mad(a, n_mul(w, w), in->e_w);
     a = v2_mad(a, n_neg(n_mul(NUM(2), w)), v2_ie(in->e_w_dot));
     out->u_linear = v2_add(v2_mul(plant->mass, a), v2_mul(plant->viscous, in->q_dot));
-    out->u_friction = asmc_friction(plant, cfg->friction_speed, in->r_dot);
+    out->u_friction = v2_mul(plant->coulomb, in->direction);
 
     adapt(cfg, &state->k_hat[0], out->s_bar.x, dt);
     adapt(cfg, &state->k_hat[1], out->s_bar.y, dt);

@@ -54,7 +54,7 @@ struct asmc_in {
     vec2 e, e_dot;        /* in the frame */
     vec2 r_ddot;          /* of the reference the errors refer to */
     vec2 q_dot;
-    vec2 r_dot;           /* programmed velocity: its sign drives the friction term */
+    vec2 direction;       /* asmc_direction() of the programmed velocity: it drives the friction term */
 };
 
 struct asmc_out {
@@ -68,6 +68,6 @@ void asmc_reset(const struct asmc_cfg *cfg, struct asmc_state *state);
 /* One control period of length dt (T0). */
 void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct asmc_state *state,
                const struct asmc_in *in, num dt, struct asmc_out *out);
-/* L sat(r_dot / friction_speed), shared by all controllers */
-vec2 asmc_friction(const struct plant_cfg *plant, num friction_speed, vec2 r_dot);
+/* sign(r_dot) with a boundary layer: sat(r_dot / friction_speed). Friction acts along it, for all controllers. */
+vec2 asmc_direction(num friction_speed, vec2 r_dot);
 #endif

@@ -3,7 +3,7 @@
 
 static num integrate(num integral, num x, num dt, num limit)
 {
-    return n_state(n_clamp(n_mad(integral, x, dt), n_neg(limit), limit));
+    return n_state(n_within(n_mad(integral, x, dt), limit));
 }
 
 /* K_v (x + K_i integral x) */

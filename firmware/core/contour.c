@@ -1,9 +1,49 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "contour.h"
 
-static vec2 difference(const pos_t a[2], const pos_t b[2])
+/* What a step needs of the curve near the axes: mostly all three points lie on one piece. Actual positions count from
+ * its first knot, so that each is subtracted once. */
+struct near {
+    const struct spline_ring *ring;
+    uint32_t count;
+    const pos_t *axes;
+    struct spline_piece piece;
+    vec2 q; /* from piece.pos */
+    num u;  /* path time of the point, knots from piece.begin */
+};
+
+static void take_piece(struct near *at, path_t s)
 {
-    return v2(pos_sub(a[0], b[0]), pos_sub(a[1], b[1]));
+    at->u = spline_piece_at(at->ring, at->count, s, &at->piece);
+    at->q = v2(pos_sub(at->axes[0], at->piece.pos[0]), pos_sub(at->axes[1], at->piece.pos[1]));
+}
+
+static inline path_t path_time(const struct near *at)
+{
+    return at->piece.begin + n_to_q32(at->u) / 8 * (PATH_ONE / (1 << 29));
+}
+
+/* On by t_T0, but not to before the beginning of the path. */
+static inline void shift(struct near *at, num t_T0)
+{
+    at->u = n_mad(at->u, NUM(SPLINE_PER_T0), t_T0);
+    if (n_lt(at->u, NUM(0)) || !n_lt(at->u, NUM(1))) {
+        const path_t s = path_time(at);
+        take_piece(at, s > 0 ? s : 0);
+    }
+}
+
+/* A point of the curve, and its distance to the axes. */
+struct foot {
+    vec2 e; /* q - r */
+    vec2 d1, d2, d3;
+};
+
+static inline struct foot foot_at(const struct near *at)
+{
+    const struct spline_local p = spline_on(&at->piece, at->u);
+    const struct foot f = {v2_sub(at->q, p.way), p.d1, p.d2, p.d3};
+    return f;
 }
 
 /* Direction and derivatives at a point, divided by the speed |r'|: squares of um/T0 would leave the range of num.
@@ -15,67 +55,62 @@ struct frame {
     vec2 d2, d3; /* second and third derivative / |r'| */
 };
 
-static struct frame frame_at(const struct contour_cfg *cfg, const struct spline_point *p)
+static inline vec2 over(vec2 a, num speed)
 {
-    const num speed = v2_norm(p->d1);
+    return v2(n_div(a.x, speed), n_div(a.y, speed));
+}
+
+static inline struct frame frame_at(const struct contour_cfg *cfg, vec2 d1, vec2 d2, vec2 d3)
+{
+    const num speed = v2_norm(d1);
     if (!n_lt(NUM(CONTOUR_STILL), speed)) {
         const struct frame still = {.still = true, .t = {NUM(1), NUM(0)}};
         return still;
     }
     const struct frame f = {
-        .t = v2(n_div(p->d1.x, speed), n_div(p->d1.y, speed)),
+        .t = over(d1, speed),
         .speed = speed,
         .drag = n_mul(n_div(cfg->v_min, speed), cfg->v_min),
-        .d2 = v2(n_div(p->d2.x, speed), n_div(p->d2.y, speed)),
-        .d3 = v2(n_div(p->d3.x, speed), n_div(p->d3.y, speed)),
+        .d2 = over(d2, speed),
+        .d3 = over(d3, speed),
     };
     return f;
 }
 
-static path_t path_shift(path_t s, num t_T0)
-{
-    const path_t p = s + n_to_q32(t_T0) / 8 * (SPLINE_PER_T0 * PATH_ONE / (1 << 29));
-    return p > 0 ? p : 0;
-}
-
 /* (|r'|^2 - (q - r) . r'') / |r'|: the slope of the foot-point condition with its sign turned. It vanishes where the axes
  * stand at the centre of curvature, and there no foot point exists: kept positive. */
-static num foot_slope(const struct frame *f, vec2 e)
+static inline num foot_slope(const struct frame *f, vec2 e)
 {
     const num slope = n_sub(f->speed, v2_dot(e, f->d2));
     return n_add(n_max(slope, n_mul(NUM(0.25), f->speed)), f->drag);
 }
 
-static num clamp_lag(const struct contour_cfg *cfg, num t_T0)
-{
-    return n_clamp(t_T0, n_neg(cfg->lag_max), cfg->lag_max);
-}
-
 /* (3)-(6): errors at r(s), delay, foot point; returns the frame there */
-static struct frame find_foot(const struct contour_cfg *cfg, const struct spline_ring *ring,
-                              const struct path_state *path, const pos_t q[2], struct spline_point *foot,
-                              struct contour_out *o)
+static inline struct frame find_foot(const struct contour_cfg *cfg, struct near *at, struct foot *foot,
+                                     struct contour_out *o)
 {
-    const struct frame ref = frame_at(cfg, &o->ref);
-    o->e_w = difference(q, o->ref.pos);  /* (3) */
+    const vec2 none = {NUM(0), NUM(0)};
+    const struct frame ref = frame_at(cfg, o->ref.d1, none, none);
     o->e_l = v2_to_frame(ref.t, o->e_w); /* (4) */
-    o->t_d = ref.still ? NUM(0) : clamp_lag(cfg, n_div(n_neg(o->e_l.x), n_add(ref.speed, ref.drag))); /* (5) */
-    o->tau = path_shift(path->s, n_neg(o->t_d));
-    spline_at(ring, path->count, o->tau, foot); /* (6) */
+    o->t_d = ref.still ? NUM(0) : n_within(n_div(n_neg(o->e_l.x), n_add(ref.speed, ref.drag)), cfg->lag_max); /* (5) */
+    shift(at, n_neg(o->t_d));
+    *foot = foot_at(at); /* (6) */
 
-    struct frame f = frame_at(cfg, foot);
-    if (cfg->newton && !f.still) {
-        const vec2 e = difference(q, foot->pos);
-        o->tau = path_shift(o->tau, clamp_lag(cfg, n_div(v2_dot(e, f.t), foot_slope(&f, e))));
-        spline_at(ring, path->count, o->tau, foot);
-        f = frame_at(cfg, foot);
+    if (cfg->newton) {
+        const struct frame f = frame_at(cfg, foot->d1, foot->d2, none);
+        if (!f.still) {
+            const num step = n_div(v2_dot(foot->e, f.t), foot_slope(&f, foot->e));
+            shift(at, n_within(step, cfg->lag_max));
+            *foot = foot_at(at);
+        }
     }
-    return f;
+    o->tau = path_time(at);
+    return frame_at(cfg, foot->d1, foot->d2, foot->d3);
 }
 
 /* Rates of the frame, which moves with nu. */
-static void frame_rates(const struct path_state *path, const struct frame *f, vec2 e_a, vec2 q_dot,
-                        struct contour_out *o)
+static inline void frame_rates(const struct path_state *path, const struct frame *f, vec2 e_a, vec2 q_dot,
+                               struct contour_out *o)
 {
     if (f->still) {
         o->nu = path->rate;
@@ -87,7 +122,7 @@ static void frame_rates(const struct path_state *path, const struct frame *f, ve
     const num theta_2 =
         n_mul(k, n_sub(v2_cross(f->t, f->d3), n_mul(n_mul(NUM(2), theta_1), v2_dot(f->t, f->d2))));
     const num nu = n_div(n_mad(v2_dot(q_dot, f->t), f->drag, path->rate), foot_slope(f, e_a));
-    o->nu = n_clamp(nu, NUM(-4), NUM(4));
+    o->nu = n_within(nu, NUM(4));
     o->theta_dot = n_mul(theta_1, o->nu);
     o->theta_ddot = n_mul(theta_2, n_mul(o->nu, o->nu));
 }
@@ -102,11 +137,11 @@ static void keep_reference(vec2 q_dot, struct contour_out *o)
 }
 
 /* (7), (8): r_n = r + f n with f = n . (r_a - r), and its derivatives */
-static void adjust_reference(const struct spline_point *foot, const pos_t q[2], vec2 q_dot, struct contour_out *o)
+static inline void adjust_reference(const struct foot *foot, vec2 q_dot, struct contour_out *o)
 {
     const vec2 t = o->t;
     const vec2 n = v2_normal(t);
-    const vec2 d = difference(foot->pos, o->ref.pos);
+    const vec2 d = v2_sub(o->e_w, foot->e); /* r_a - r */
     const num w = o->theta_dot;
     const num f = v2_dot(n, d);
     const num g = v2_dot(t, d);
@@ -126,24 +161,36 @@ static void adjust_reference(const struct spline_point *foot, const pos_t q[2], 
     o->e_wn = v2_mad(o->e_w, n_neg(f), n);
     o->e_wn_dot = v2_sub(q_dot, o->rn_dot);
     /* e_n.y = n . (q - r_a): taken from the foot point itself, where the difference is smallest */
-    o->e_n = v2(v2_dot(t, o->e_w), v2_dot(n, difference(q, foot->pos)));
+    o->e_n = v2(v2_dot(t, o->e_w), v2_dot(n, foot->e));
     o->e_n_dot = v2_to_frame(t, v2_mad(o->e_wn_dot, w, v2_ie(o->e_wn))); /* (9) */
 }
 
 void contour_step(const struct contour_cfg *cfg, const struct spline_ring *ring, const struct path_state *path,
                   const pos_t q[2], vec2 q_dot, struct contour_out *out)
 {
-    struct spline_point foot;
-    spline_at(ring, path->count, path->s, &out->ref);
-    out->r_dot = v2_scale(path->rate, out->ref.d1);
-    out->r_ddot = v2_mad(v2_scale(n_mul(path->rate, path->rate), out->ref.d2), path->rate_dot, out->ref.d1);
-    const struct frame f = find_foot(cfg, ring, path, q, &foot, out);
+    struct near at;
+    at.ring = ring;
+    at.count = path->count;
+    at.axes = q;
+    take_piece(&at, path->s);
+    const struct spline_local ref = spline_on(&at.piece, at.u);
+    out->ref.pos[0] = pos_add(at.piece.pos[0], ref.way.x);
+    out->ref.pos[1] = pos_add(at.piece.pos[1], ref.way.y);
+    out->ref.d1 = ref.d1;
+    out->ref.d2 = ref.d2;
+    out->ref.d3 = ref.d3;
+    out->r_dot = v2_scale(path->rate, ref.d1);
+    out->r_ddot = v2_mad(v2_scale(n_mul(path->rate, path->rate), ref.d2), path->rate_dot, ref.d1);
+    out->e_w = v2_sub(at.q, ref.way); /* (3) */
+    out->e_w_dot = v2_sub(q_dot, out->r_dot);
+
+    struct foot foot;
+    const struct frame f = find_foot(cfg, &at, &foot, out);
     out->t = f.t;
-    frame_rates(path, &f, difference(q, foot.pos), q_dot, out);
+    frame_rates(path, &f, foot.e, q_dot, out);
     if (f.still) {
         keep_reference(q_dot, out);
     } else {
-        adjust_reference(&foot, q, q_dot, out);
+        adjust_reference(&foot, q_dot, out);
     }
-    out->e_w_dot = v2_sub(q_dot, out->r_dot);
 }

@@ -14,7 +14,7 @@ struct energy_cfg {
     num back_emf;       /* K_E, V per um/T0 */
     num power_factor;   /* P_f */
     num sign_speed;     /* boundary layer of sign(v), um/T0 */
-    num dt_ms;          /* control period in ms: W ms = mJ */
+    num dt_ms;          /* time between two steps in ms: W ms = mJ */
 };
 
 struct energy_state {
@@ -23,7 +23,7 @@ struct energy_state {
 };
 
 void energy_reset(struct energy_state *state);
-/* One control period at velocity v (um/T0), acceleration a (um/T0^2), nominal mass, viscous, coulomb (core units).
+/* dt_ms at velocity v (um/T0), acceleration a (um/T0^2), nominal mass, viscous, coulomb (core units).
  * Returns the power in W. */
 num energy_step(const struct energy_cfg *cfg, struct energy_state *state, num mass, num viscous, num coulomb, num v,
                 num a);

@@ -27,9 +27,9 @@ struct learning_state {
 };
 
 void learning_reset(struct learning_state *state);
-/* The force learned so far for a reference that moves with r_dot and r_ddot. */
-vec2 learning_force(const struct learning_state *state, num friction_speed, vec2 r_dot, vec2 r_ddot);
-/* One control period in which the compensator added `u` (N). */
+/* The force learned so far for a reference that moves in `direction` (asmc_direction) with r_ddot. */
+vec2 learning_force(const struct learning_state *state, vec2 direction, vec2 r_ddot);
+/* dt (T0) in which the compensator added `u` (N), for one axis: 0 x, 1 y. */
 void learning_step(const struct learning_cfg *cfg, const struct plant_cfg *plant, struct learning_state *state,
-                   num friction_speed, vec2 r_dot, vec2 r_ddot, vec2 u, num dt);
+                   int axis, vec2 direction, vec2 r_ddot, vec2 u, num dt);
 #endif

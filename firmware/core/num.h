@@ -18,12 +18,13 @@
  * A back end defines: num, NUM(c) for a literal constant c, and
  *   n_add n_sub n_mul n_div (divisor not 0) n_neg n_lt n_sqrt (of >= 0) n_hypot
  *   n_ratio(n, d)      n/d from integers, d > 0
- *   n_to_q32(x)        round(x * 2^32) as int64, for |x| < 4096
- *   pos_sub(a, b)      (a - b) in um;   pos_add(p, x)   p + x um
+ *   n_to_q32(x)        x * 2^32 as int64, to one step, for |x| < 4096
+ *   pos_sub(a, b)      (a - b) in um;   pos_add(p, x)   p + x um, to one step
  *   n_to_scaled(x, k)  round(x * k) as int32, saturated: for telemetry
  *   n_state(x)         x, kept to the next period: the checking back end starts a new shadow, so that what it checks is a period
- *   acc_t              an accumulator for slow integrals, 2^-48: what a step adds to it may be far below the resolution of
- *                      a num. acc_from(num), acc_to(acc), acc_mad(acc, a, b): acc + a b / ACC_GAIN, so that
+ *   n_abs(x)           where that is not n_neg() or x; then NUM_ABS is defined
+ *   acc_t              an accumulator for slow integrals, to 2^-48: what a step adds to it may be far below the resolution
+ *                      of a num. acc_from(num), acc_to(acc), acc_mad(acc, a, b): acc + a b / ACC_GAIN, so that
  *                      rates below the resolution of a num can be given ACC_GAIN times larger. acc_state(acc) is n_state()
  */
 #ifndef KONTUR_NUM_H
@@ -60,10 +61,12 @@ static inline int32_t pos_to_nm(pos_t p)
 #endif
 #endif
 
+#ifndef NUM_ABS
 static inline num n_abs(num a)
 {
     return n_lt(a, NUM(0)) ? n_neg(a) : a;
 }
+#endif
 
 static inline num n_min(num a, num b)
 {
@@ -81,6 +84,12 @@ static inline num n_clamp(num a, num lo, num hi)
     return n_max(lo, n_min(a, hi));
 }
 
+/* a within -max..max, max >= 0 */
+static inline num n_within(num a, num max)
+{
+    return n_lt(max, n_abs(a)) ? (n_lt(a, NUM(0)) ? n_neg(max) : max) : a;
+}
+
 /* a within lo..hi */
 static inline acc_t acc_clamp(acc_t a, num lo, num hi)
 {
@@ -91,11 +100,8 @@ static inline acc_t acc_clamp(acc_t a, num lo, num hi)
 /* sat(x / width): the sign function with a boundary layer, width > 0 */
 static inline num n_sat(num x, num width)
 {
-    if (!n_lt(x, width)) {
-        return NUM(1);
-    }
-    if (!n_lt(n_neg(width), x)) {
-        return NUM(-1);
+    if (!n_lt(n_abs(x), width)) {
+        return n_lt(x, NUM(0)) ? NUM(-1) : NUM(1);
     }
     return n_div(x, width);
 }

@@ -4,8 +4,11 @@
 #define KONTUR_NUM_F32_H
 
 typedef float num;
-typedef int64_t acc_t;
+typedef struct {
+    num sum, rest; /* rest: what rounding has kept out of the sum so far */
+} acc_t;
 #define NUM_NAME "f32"
+#define NUM_ABS
 #define NUM(c) ((num)(c))
 
 static inline num n_add(num a, num b)
@@ -33,6 +36,11 @@ static inline num n_neg(num a)
     return -a;
 }
 
+static inline num n_abs(num a)
+{
+    return __builtin_fabsf(a);
+}
+
 static inline bool n_lt(num a, num b)
 {
     return a < b;
@@ -54,19 +62,48 @@ static inline num n_state(num a)
     return a;
 }
 
-static inline num n_ratio(int64_t n, int64_t d)
+/* ---- int64 and float32. A Cortex-M4F converts 32 bits in one instruction; what the compiler's library does for 64 takes a
+ * hundred and more. Results are those of C's conversions, so the same bits on every machine. ---- */
+
+static inline num n_from_bits(uint32_t bits)
 {
-    return (num)n / (num)d;
+    union {
+        uint32_t bits;
+        num x;
+    } u = {.bits = bits};
+    return u.x;
 }
 
-/* Clamped first: an out-of-range conversion differs between machines. */
+static inline uint32_t n_bits(num x)
+{
+    union {
+        num x;
+        uint32_t bits;
+    } u = {.x = x};
+    return u.bits;
+}
+
+/* The nearest num, halves to even. */
+num n_from_wide(int64_t i);
+static inline num n_from_i64(int64_t i)
+{
+    return i == (int32_t)i ? (num)(int32_t)i : i == (uint32_t)i ? (num)(uint32_t)i : n_from_wide(i);
+}
+
+/* The integer next to x towards 0; saturated at 4e18, where an out-of-range conversion would differ between machines. */
+int64_t n_to_wide(num x);
 static inline int64_t n_to_i64(num x)
 {
-    const num limit = 4.0e18f;
-    const num y = x < -limit ? -limit : x > limit ? limit : x == x ? x : 0.0f;
-    const int64_t whole = (int64_t)y;
-    const num rest = y - (num)whole; /* exact; y + 0.5 is not, just below 0.5 and above 2^23 */
-    return rest >= 0.5f ? whole + 1 : rest <= -0.5f ? whole - 1 : whole;
+    const num size = __builtin_fabsf(x);
+    if (size < 2147483648.0f) {
+        return (int32_t)x;
+    }
+    return size < 274877906944.0f ? (int64_t)(int32_t)(x * (1.0f / 128)) * 128 : n_to_wide(x); /* 24 bits: nothing is cut */
+}
+
+static inline num n_ratio(int64_t n, int64_t d)
+{
+    return n_from_i64(n) / n_from_i64(d);
 }
 
 static inline int64_t n_to_q32(num x)
@@ -76,7 +113,7 @@ static inline int64_t n_to_q32(num x)
 
 static inline num pos_sub(pos_t a, pos_t b)
 {
-    return (num)(a - b) * (1.0f / 65536000.0f);
+    return n_from_i64(a - b) * (1.0f / 65536000.0f);
 }
 
 static inline pos_t pos_add(pos_t p, num x)
@@ -84,20 +121,26 @@ static inline pos_t pos_add(pos_t p, num x)
     return p + n_to_i64(x * 65536000.0f);
 }
 
+/* Halves to even */
+int32_t n_to_wide_scaled(num y);
 static inline int32_t n_to_scaled(num x, int32_t k)
 {
-    const int64_t y = n_to_i64(x * (num)k);
-    return y > INT32_MAX ? INT32_MAX : y < INT32_MIN ? INT32_MIN : (int32_t)y;
+    const num y = x * (num)k;
+    if (__builtin_fabsf(y) < 4194304.0f) { /* 2^22: the last bit of 1.5 * 2^23 + y stands for 1 */
+        return (int32_t)(n_bits(y + 12582912.0f) - 0x4B400000u);
+    }
+    return n_to_wide_scaled(y);
 }
 
 static inline acc_t acc_from(num x)
 {
-    return n_to_i64(x * 281474976710656.0f);
+    const acc_t a = {x, 0.0f};
+    return a;
 }
 
 static inline num acc_to(acc_t a)
 {
-    return (num)a * (1.0f / 281474976710656.0f);
+    return a.sum;
 }
 
 static inline acc_t acc_state(acc_t a)
@@ -105,8 +148,14 @@ static inline acc_t acc_state(acc_t a)
     return a;
 }
 
+/* Compensated: the error of a sum is exact in float32 (D. E. Knuth, The Art of Computer Programming 2, 4.2.2, theorem B) and
+ * goes into the next one, so the accumulator resolves 2^-48 of its value. */
 static inline acc_t acc_mad(acc_t a, num x, num y)
 {
-    return a + n_to_i64(x * y * 274877906944.0f);
+    const num add = x * y * (1.0f / ACC_GAIN) + a.rest;
+    const num sum = a.sum + add;
+    const num added = sum - a.sum;
+    const acc_t r = {sum, (a.sum - (sum - added)) + (add - added)};
+    return r;
 }
 #endif

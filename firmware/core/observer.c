@@ -30,10 +30,10 @@ void observer_step(const struct observer_cfg *cfg, struct observer_state *state,
     const num explained = n_div(n_sub(force, n_mul(viscous, state->vel)), mass);
     state->acc = n_add(explained, state->disturbance);
     const num dv = n_mul(state->acc, cfg->dt);
-    const pos_t predicted = pos_add(state->pos, n_mul(n_mad(state->vel, NUM(0.5), dv), cfg->dt));
-    const num innovation = pos_sub(measured, predicted);
+    const num way = n_mul(n_mad(state->vel, NUM(0.5), dv), cfg->dt);
+    const num innovation = n_sub(pos_sub(measured, state->pos), way);
 
-    state->pos = pos_add(predicted, n_mul(cfg->gain_pos, innovation));
+    state->pos = pos_add(state->pos, n_mad(way, cfg->gain_pos, innovation));
     state->vel = n_state(n_mad(n_add(state->vel, dv), cfg->gain_vel, innovation));
     state->disturbance = n_state(n_mad(state->disturbance, cfg->gain_acc, innovation));
 }

@@ -15,8 +15,10 @@ static void observe(const struct servo_cfg *cfg, struct servo_state *state, cons
         q[i] = ob[i].pos;
     }
     *q_dot = v2(ob[0].vel, ob[1].vel);
-    energy_step(&cfg->energy[0], &state->energy[0], p->mass.x, p->viscous.x, p->coulomb.x, ob[0].vel, ob[0].acc);
-    energy_step(&cfg->energy[1], &state->energy[1], p->mass.y, p->viscous.y, p->coulomb.y, ob[1].vel, ob[1].acc);
+    const bool y = state->turn == 1;
+    const struct observer_state *turn = &ob[state->turn];
+    energy_step(&cfg->energy[state->turn], &state->energy[state->turn], y ? p->mass.y : p->mass.x,
+                y ? p->viscous.y : p->viscous.x, y ? p->coulomb.y : p->coulomb.x, turn->vel, turn->acc);
 }
 
 static void reset_laws(const struct servo_cfg *cfg, struct servo_state *state, const pos_t q[2], vec2 q_dot)
@@ -32,11 +34,14 @@ static struct servo_history law(const struct servo_cfg *cfg, struct servo_state 
                                 const pos_t q[2], struct servo_out *out)
 {
     const struct contour_out *c = &out->contour;
+    const vec2 direction = asmc_direction(cfg->asmc.friction_speed, c->r_dot);
     struct servo_history h;
     if (controller == CONTROLLER_CASCADE || controller == CONTROLLER_CCC) {
-        h.balance = asmc_friction(&cfg->plant, cfg->asmc.friction_speed, c->r_dot);
+        h.balance = v2_mul(cfg->plant.coulomb, direction);
         h.model = cascade_step(&cfg->cascade, &cfg->plant, &state->cascade, c, controller == CONTROLLER_CCC, cfg->dt);
         h.force = v2_add(h.model, h.balance);
+        out->asmc = (struct asmc_out){.k_hat = ZERO};
+        out->uncertainty = (struct uncertainty_out){.mu = ZERO};
         return h;
     }
 
@@ -49,7 +54,7 @@ static struct servo_history law(const struct servo_cfg *cfg, struct servo_state 
                          .e_dot = c->e_n_dot,
                          .r_ddot = c->rn_ddot,
                          .q_dot = out->velocity,
-                         .r_dot = c->r_dot};
+                         .direction = direction};
     if (controller == CONTROLLER_TRACK) { /* R = I, r_n = r */
         in.t = v2(NUM(1), NUM(0));
         in.theta_dot = in.theta_ddot = NUM(0);
@@ -64,14 +69,15 @@ static struct servo_history law(const struct servo_cfg *cfg, struct servo_state 
     if (controller == CONTROLLER_CCU) {
         uncertainty_step(&cfg->uncertainty, &cfg->plant, &state->uncertainty, q, out->velocity, c->t, c->theta_dot,
                          cfg->dt, &out->uncertainty);
-        const num friction_speed = cfg->asmc.friction_speed;
-        const vec2 learned = learning_force(&state->learning, friction_speed, c->r_dot, c->r_ddot);
+        const vec2 learned = learning_force(&state->learning, direction, c->r_ddot);
         h.balance = v2_add(h.balance, learned);
         h.force = v2_add(h.force, v2_add(out->uncertainty.u, learned));
         if (!state->saturated) { /* a force that was not given teaches nothing */
-            learning_step(&cfg->learning, &cfg->plant, &state->learning, friction_speed, c->r_dot, c->r_ddot,
-                          out->uncertainty.u, cfg->dt);
+            learning_step(&cfg->learning, &cfg->plant, &state->learning, state->turn, direction, c->r_ddot,
+                          out->uncertainty.u, n_add(cfg->dt, cfg->dt));
         }
+    } else {
+        out->uncertainty = (struct uncertainty_out){.mu = ZERO};
     }
     return h;
 }
@@ -85,7 +91,7 @@ static vec2 where_enabled(const bool enabled[2], vec2 v)
 static vec2 limit(const struct plant_cfg *plant, vec2 force)
 {
     const vec2 max = plant->force_max;
-    return v2(n_clamp(force.x, n_neg(max.x), max.x), n_clamp(force.y, n_neg(max.y), max.y));
+    return v2(n_within(force.x, max.x), n_within(force.y, max.y));
 }
 
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2])
@@ -103,11 +109,12 @@ void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const st
                 struct servo_out *out)
 {
     pos_t q[2];
-    *out = (struct servo_out){.force = ZERO};
+    state->turn = 1 - state->turn;
     observe(cfg, state, in, q, &out->velocity);
     struct servo_history now = {ZERO, ZERO, ZERO};
     const bool fresh = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
     if (!in->enabled[0] && !in->enabled[1]) { /* no reference: where the axes stand */
+        *out = (struct servo_out){.velocity = out->velocity};
         out->contour.ref.pos[0] = q[0];
         out->contour.ref.pos[1] = q[1];
     } else {

@@ -67,6 +67,7 @@ struct servo_state {
     enum controller controller;
     vec2 offset;
     bool saturated; /* in the last period */
+    int turn;       /* axis of which energy and learning take their turn in this period, two periods' worth */
     struct servo_history last[2]; /* of the last period, and of the one before: that one's force has just acted */
 };
 

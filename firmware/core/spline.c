@@ -10,40 +10,51 @@ static const struct knot *knot_at(const struct spline_ring *ring, uint32_t count
     return &ring->knot[(i > (int64_t)last ? last : (uint32_t)i) % SPLINE_RING];
 }
 
-static num um(int64_t nm)
+static num um(uint32_t nm)
 {
-    return n_ratio(nm, 1000);
+    return n_ratio((int32_t)nm, 1000);
 }
 
-/* One axis as a Taylor polynomial in u = fraction of the knot interval: differences of knots are exact
- * integers, so nothing cancels in floating point. */
-static void axis_at(const int64_t c[4], num u, pos_t *pos, num *d1, num *d2, num *d3)
+num spline_piece_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_piece *piece)
 {
-    const num a0 = um(c[0] - 2 * c[1] + c[2]); /* second differences */
-    const num a1 = um(c[1] - 2 * c[2] + c[3]);
-    const num v = n_mul(NUM(0.5), um(c[2] - c[0]));
-    const num jerk = n_sub(a1, a0);
-    const num acc = n_mad(a0, u, jerk);
-    const num half_u = n_mul(NUM(0.5), u);
-
-    /* r = c1 + a0/6 + u (v + u/2 (a0 + u/3 jerk)) */
-    const num inner = n_mad(v, half_u, n_mad(a0, u, n_mul(jerk, NUM(1.0 / 3))));
-    *pos = pos_add(pos_from_nm(c[1]), n_mad(n_mul(a0, NUM(1.0 / 6)), u, inner));
-    *d1 = n_mul(NUM(SPLINE_PER_T0), n_mad(v, half_u, n_add(a0, acc)));
-    *d2 = n_mul(NUM(SPLINE_PER_T0 * SPLINE_PER_T0), acc);
-    *d3 = n_mul(NUM(SPLINE_PER_T0 * SPLINE_PER_T0 * SPLINE_PER_T0), jerk);
+    uint32_t rest;
+    const uint32_t knot = path_knots(s, &rest);
+    const struct knot *c[4];
+    if (knot >= 1u && (uint64_t)knot + 2u < count) {
+        for (uint32_t k = 0; k < 4; k++) {
+            c[k] = &ring->knot[(knot - 1u + k) % SPLINE_RING];
+        }
+    } else {
+        for (int k = 0; k < 4; k++) {
+            c[k] = knot_at(ring, count, (int64_t)knot - 1 + k);
+        }
+    }
+    num half[2], first[2], jerk[2];
+    for (int i = 0; i < 2; i++) {
+        const uint32_t d0 = (uint32_t)c[1]->nm[i] - (uint32_t)c[0]->nm[i];
+        const uint32_t d1 = (uint32_t)c[2]->nm[i] - (uint32_t)c[1]->nm[i];
+        const uint32_t d2 = (uint32_t)c[3]->nm[i] - (uint32_t)c[2]->nm[i];
+        piece->pos[i] = pos_from_nm(c[1]->nm[i]);
+        half[i] = n_mul(NUM(0.5), um(d0 + d1));
+        first[i] = um(d1 - d0);
+        jerk[i] = n_sub(um(d2 - d1), first[i]);
+    }
+    piece->begin = s - rest;
+    piece->half = v2(half[0], half[1]);
+    piece->first = v2(first[0], first[1]);
+    piece->jerk = v2(jerk[0], jerk[1]);
+    piece->first_6 = v2_scale(NUM(1.0 / 6), piece->first);
+    piece->jerk_3 = v2_scale(NUM(1.0 / 3), piece->jerk);
+    return n_ratio(rest, PATH_ONE);
 }
 
 void spline_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_point *out)
 {
-    const int64_t i = s / PATH_ONE;
-    const num u = n_ratio(s - i * PATH_ONE, PATH_ONE);
-    int64_t c[2][4];
-    for (int k = 0; k < 4; k++) {
-        const struct knot *knot = knot_at(ring, count, i - 1 + k);
-        c[0][k] = knot->nm[0];
-        c[1][k] = knot->nm[1];
-    }
-    axis_at(c[0], u, &out->pos[0], &out->d1.x, &out->d2.x, &out->d3.x);
-    axis_at(c[1], u, &out->pos[1], &out->d1.y, &out->d2.y, &out->d3.y);
+    struct spline_piece piece;
+    const struct spline_local at = spline_on(&piece, spline_piece_at(ring, count, s, &piece));
+    out->pos[0] = pos_add(piece.pos[0], at.way.x);
+    out->pos[1] = pos_add(piece.pos[1], at.way.y);
+    out->d1 = at.d1;
+    out->d2 = at.d2;
+    out->d3 = at.d3;
 }

@@ -31,11 +31,62 @@ struct spline_ring {
 typedef int64_t path_t;
 #define PATH_ONE ((path_t)5 << 29)
 
+/* Knots passed at path time s >= 0; `rest`: path time since the last of them. No 64-bit division. */
+static inline uint32_t path_knots(path_t s, uint32_t *rest)
+{
+    const uint64_t fifths = (uint64_t)s >> 29;
+    const uint32_t high = (uint32_t)(fifths >> 32);
+    const uint32_t low = (uint32_t)fifths;
+    uint32_t knots = low / 5u;
+    uint32_t left = low % 5u;
+    if (high != 0) { /* 2^32 = 5 * 858993459 + 1 */
+        knots += high * 858993459u + (left + high) / 5u;
+        left = (left + high) % 5u;
+    }
+    *rest = left << 29 | ((uint32_t)s & 0x1FFFFFFFu);
+    return knots;
+}
+
 struct spline_point {
     pos_t pos[2];
     vec2 d1, d2, d3;  /* derivatives by path time: um/T0, um/T0^2, um/T0^3 */
 };
 
-/* The curve at path time s >= 0. `count` knots are valid (a snapshot of ring->count). */
+/* The curve from one knot to the next as a polynomial: differences of knots are exact integers, so nothing cancels in
+ * floating point. All in um and knots. */
+struct spline_piece {
+    path_t begin;   /* path time of its first knot */
+    pos_t pos[2];   /* control point of that knot: what `way` of a point counts from */
+    vec2 half;      /* half the way from the control point before to the one after */
+    vec2 first;     /* second difference there */
+    vec2 jerk;      /* third difference */
+    vec2 first_6, jerk_3; /* a sixth and a third of these */
+};
+
+/* A point of a piece. */
+struct spline_local {
+    vec2 way;        /* from piece->pos, um */
+    vec2 d1, d2, d3; /* as in spline_point */
+};
+
+/* The piece that path time s >= 0 lies in; returns the path time, in knots, from its beginning to s. `count` knots are
+ * valid (a snapshot of ring->count), and second differences below 2.1 m. */
+num spline_piece_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_piece *piece);
+/* The curve there. */
 void spline_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_point *out);
+
+/* r = c1 + a0/6 + u (v + u/2 (a0 + u/3 jerk)) at path time u after piece->begin, 0..1 knot */
+static inline struct spline_local spline_on(const struct spline_piece *p, num u)
+{
+    const num half_u = n_mul(NUM(0.5), u);
+    const vec2 acc = v2_mad(p->first, u, p->jerk);
+    const vec2 inner = v2_mad(p->half, half_u, v2_mad(p->first, u, p->jerk_3));
+    const struct spline_local at = {
+        .way = v2_mad(p->first_6, u, inner),
+        .d1 = v2_scale(NUM(SPLINE_PER_T0), v2_mad(p->half, half_u, v2_add(p->first, acc))),
+        .d2 = v2_scale(NUM(SPLINE_PER_T0 * SPLINE_PER_T0), acc),
+        .d3 = v2_scale(NUM(SPLINE_PER_T0 * SPLINE_PER_T0 * SPLINE_PER_T0), p->jerk),
+    };
+    return at;
+}
 #endif

@@ -1,17 +1,28 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "trig.h"
 
-/* Taylor series at x/8 (|x/8| <= 1/2: the first term left out is below 1e-9), then three doublings:
- * sinh 2a = 2 sinh a cosh a, cosh 2a = 1 + 2 sinh^2 a. */
-struct trig_cosh trig_cosh(num x)
+#define SMALL NUM(0.5)
+
+/* |a| <= 1/2: sinh by its Taylor series, the first term left out is below 1e-9; cosh from it. */
+static struct trig_cosh small(num a)
 {
-    const num a = n_mul(n_clamp(x, NUM(-TRIG_COSH_MAX), NUM(TRIG_COSH_MAX)), NUM(0.125));
     const num a2 = n_mul(a, a);
     num s = n_mad(NUM(1), a2, NUM(1.0 / 72));
     s = n_mad(NUM(1), n_mul(a2, NUM(1.0 / 42)), s);
     s = n_mad(NUM(1), n_mul(a2, NUM(1.0 / 20)), s);
     s = n_mad(NUM(1), n_mul(a2, NUM(1.0 / 6)), s);
-    struct trig_cosh r = {n_sqrt(n_mad(NUM(1), n_mul(a, s), n_mul(a, s))), n_mul(a, s)};
+    const num sinh = n_mul(a, s);
+    const struct trig_cosh r = {n_sqrt(n_mad(NUM(1), sinh, sinh)), sinh};
+    return r;
+}
+
+/* Beyond, from x/8 by three doublings: sinh 2a = 2 sinh a cosh a, cosh 2a = 1 + 2 sinh^2 a. */
+struct trig_cosh trig_cosh(num x)
+{
+    if (!n_lt(SMALL, n_abs(x))) {
+        return small(x);
+    }
+    struct trig_cosh r = small(n_mul(n_within(x, NUM(TRIG_COSH_MAX)), NUM(0.125)));
     for (int i = 0; i < 3; i++) {
         const num s2 = n_mul(r.sinh_x, r.sinh_x);
         r.sinh_x = n_mul(NUM(2), n_mul(r.sinh_x, r.cosh_x));

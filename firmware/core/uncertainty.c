@@ -23,10 +23,11 @@ static void adapt(const struct uncertainty_cfg *cfg, acc_t *mu, num s, num dt)
 /* Follow z with the model where it exceeds the limit. */
 static num hold_within(num z, num limit, pos_t q, pos_t *q_bar)
 {
-    const num held = n_clamp(z, n_neg(limit), limit);
-    if (n_lt(held, z) || n_lt(z, held)) {
-        *q_bar = pos_add(q, n_neg(held));
+    if (!n_lt(limit, n_abs(z))) {
+        return z;
     }
+    const num held = n_lt(z, NUM(0)) ? n_neg(limit) : limit;
+    *q_bar = pos_add(q, n_neg(held));
     return held;
 }
 

@@ -3,9 +3,10 @@
 
 #include <stddef.h>
 
-static struct loop_cfg loop_cfg(const struct od_data *od)
+struct loop_cfg drive_loop_cfg(const struct od_data *od)
 {
     struct loop_cfg c = {.servo = params_to_cfg(od),
+                         .machine = params_to_machine(od),
                          .speed_max = n_ratio(od->limits.velocity, 200),
                          .stop_time = n_ratio(od->limits.path_stop_time, 1)};
     for (int i = 0; i < 2; i++) {
@@ -49,7 +50,7 @@ void drive_configure(struct drive *d)
 {
     const uint8_t next = 1u - atomic_load(&d->loop.command.cfg_index);
     d->configured_at = atomic_load(&d->loop.published);
-    d->loop.cfg[next] = loop_cfg(d->od);
+    d->loop.cfg[next] = drive_loop_cfg(d->od);
     atomic_store(&d->loop.command.cfg_index, next);
     configure_hal(d->od, d->loop.hal);
     for (int i = 0; i < 2; i++) {
@@ -73,13 +74,13 @@ void drive_fault(struct drive *d, enum fault f)
     }
 }
 
-struct knot drive_position(const struct drive *d)
+struct knot drive_position(struct drive *d)
 {
     const struct loop_snapshot *s = loop_snapshot(&d->loop);
     return queue_user(&d->queue, (struct knot){{s->position_nm[0], s->position_nm[1]}});
 }
 
-struct knot drive_reference(const struct drive *d)
+struct knot drive_reference(struct drive *d)
 {
     const struct loop_snapshot *s = loop_snapshot(&d->loop);
     const struct knot at = {{s->reference_nm[0], s->reference_nm[1]}};
@@ -266,7 +267,7 @@ static void follow_stream(struct drive *d)
 }
 
 /* A stream has run into a limit switch; who jogs or homes stops there without a fault. */
-static bool on_switch(const struct drive *d)
+static bool on_switch(struct drive *d)
 {
     const struct loop_snapshot *s = loop_snapshot(&d->loop);
     return modes_follows_stream(d) && !drive_stands(d) &&
@@ -312,7 +313,7 @@ static enum queue_result taken(struct drive *d, enum queue_result result)
 }
 
 /* A stream may begin, and does so where the axes are held. */
-static bool near(const struct drive *d, struct knot start)
+static bool near(struct drive *d, struct knot start)
 {
     const struct knot now = drive_reference(d);
     const int64_t window = d->od->limits.start_window;

@@ -24,6 +24,8 @@ struct drive {
     bool starved;
 };
 
+/* The servo tick's configuration that parameters which fit make. */
+struct loop_cfg drive_loop_cfg(const struct od_data *od);
 /* Power-on, before the first tick. */
 void drive_init(struct drive *d, struct od_data *od, const struct hal *hal);
 /* As at power-on, while the tick goes on: power off at once, no stream, no fault. Position and time are kept. */
@@ -46,7 +48,7 @@ uint32_t drive_stream_total(struct drive *d, uint32_t total);
 /* The master can stop the axes no more: stop, then power off. */
 void drive_stop(struct drive *d);
 /* Where the axes are, nm. */
-struct knot drive_position(const struct drive *d);
+struct knot drive_position(struct drive *d);
 /* An axis is in operation enabled or stopping: parameters must not change. */
 bool drive_powered(const struct drive *d);
 
@@ -56,7 +58,7 @@ bool drive_stands(const struct drive *d);
 /* The tick has seen the last stream begin: what it says of the path is about this one. */
 bool drive_in_step(const struct drive *d);
 /* Where the path stands, nm. */
-struct knot drive_reference(const struct drive *d);
+struct knot drive_reference(struct drive *d);
 /* Forget the stream; stand where the powered axes are held, and where the others are. */
 void drive_hold(struct drive *d);
 /* Open the queue; path time starts anew. */

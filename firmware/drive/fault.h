@@ -33,4 +33,8 @@ struct fault_row {
 extern const struct fault_row fault_table[FAULTS];
 
 #define FAULT_BIT(f) (1u << (f))
+/* Those of REACT_DISABLE, for the servo tick, which does not wait for the background. */
+#define FAULTS_CUT_OFF \
+    (FAULT_BIT(FAULT_FOLLOWING) | FAULT_BIT(FAULT_OVERSPEED) | FAULT_BIT(FAULT_TRAVEL) | FAULT_BIT(FAULT_INPUT) | \
+     FAULT_BIT(FAULT_CLOCK) | FAULT_BIT(FAULT_RESTART) | FAULT_BIT(FAULT_OVERRUN))
 #endif

@@ -3,6 +3,11 @@
 
 #define TICKS_PER_MS (CONTROL_HZ / 1000u)
 
+/* The tick interrupts the background on the same core (or both run in one thread): its own loads and stores need no
+ * barrier, and the fences in loop_tick() keep the compiler from moving them out of it. */
+#define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
+#define STORE(x, value) atomic_store_explicit(&(x), value, memory_order_relaxed)
+
 static void raise(struct loop *loop, enum fault f)
 {
     atomic_fetch_or(&loop->faults, FAULT_BIT(f));
@@ -11,60 +16,88 @@ static void raise(struct loop *loop, enum fault f)
 /* Faults after which the power stage is off at once, without waiting for the background. */
 static bool cut_off(uint32_t faults)
 {
-    for (unsigned f = 0; f < FAULTS; f++) {
-        if ((faults & FAULT_BIT(f)) != 0 && fault_table[f].reaction == REACT_DISABLE) {
-            return true;
-        }
-    }
-    return false;
+    return (faults & FAULTS_CUT_OFF) != 0;
 }
 
-/* `count` counts of `length` 10 fm each: times 65536 / 100000 = 2048 / 3125, in two parts so that nothing overflows. */
-static pos_t position(int64_t count, uint32_t length)
+/* The machine at the connector, or the simulated one, which leaves the outputs off. */
+static void read_machine(struct loop *loop, const struct loop_cfg *cfg, struct hal_drive_in *in)
 {
-    const int64_t x = count * (int64_t)length;
-    return x / 3125 * 2048 + x % 3125 * 2048 / 3125;
+    loop->hal->drive_read(loop->hal->ctx, in);
+    if (cfg->machine.simulated != loop->simulated) {
+        loop->simulated = cfg->machine.simulated;
+        machine_reset(&cfg->machine, &loop->machine);
+    }
+    if (loop->simulated) {
+        machine_read(&loop->machine, in);
+    }
 }
 
-/* Encoder counts since power-on to positions; the counter wraps, the position does not. */
-static void measure(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_in *in, pos_t measured[2])
+static void write_machine(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_out *out)
+{
+    static const struct hal_drive_out off;
+    loop->hal->drive_write(loop->hal->ctx, loop->simulated ? &off : out);
+    if (loop->simulated) {
+        machine_step(&cfg->machine, &loop->machine, out);
+    }
+}
+
+/* Encoder counts since power-on to positions; the counter wraps, the position does not. What a count adds is kept to
+ * 2^-48 nm, so that no error adds up. */
+static void measure(struct loop *loop, const struct hal_drive_in *in, pos_t measured[2])
 {
     for (int i = 0; i < 2; i++) {
-        loop->count[i] += (int32_t)((uint32_t)in->count[i] - (uint32_t)loop->last_count[i]);
-        loop->last_count[i] = in->count[i];
-        measured[i] = position(loop->count[i], cfg->encoder_10fm[i]);
+        struct loop_encoder *e = &loop->encoder[i];
+        const int32_t moved = (int32_t)((uint32_t)in->count[i] - (uint32_t)e->last);
+        const int64_t rest = (int64_t)moved * (int64_t)e->length_rest + (int64_t)e->rest;
+        e->last = in->count[i];
+        e->rest = (uint32_t)rest;
+        e->pos += (int64_t)moved * (int64_t)e->length + (rest >> 32);
+        e->count += moved;
+        measured[i] = e->pos;
     }
+}
+
+/* One count is `length` 10 fm: times 65536 / 100000 = 2048 / 3125. Both parts of the position follow from the count. */
+static void scale_encoder(struct loop_encoder *e, uint32_t length)
+{
+    const uint64_t x = (uint64_t)length * 2048u;
+    e->length = (uint32_t)(x / 3125u);
+    e->length_rest = (uint32_t)((x % 3125u << 32) / 3125u);
+    const int64_t low = (e->count & 0xFFFF) * (int64_t)e->length_rest;
+    const int64_t high = (e->count >> 16) * (int64_t)e->length_rest + (low >> 16);
+    e->pos = e->count * (int64_t)e->length + (high >> 16);
+    e->rest = (uint32_t)((uint64_t)high << 16) | ((uint32_t)low & 0xFFFFu);
 }
 
 /* Returns whether the path runs or stands; keeps `standing`, `at_end`, `executed` up to date. */
 static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
 {
-    const uint32_t begin = atomic_load(&loop->command.begin);
-    if (begin != atomic_load(&loop->begun)) {
+    const uint32_t begin = LOAD(loop->command.begin);
+    if (begin != LOAD(loop->begun)) {
         path_reset(&loop->path);
         loop->error = (struct loop_error){0};
     }
     /* `complete` is read before the count: a stream that completes in between counts as not complete yet */
-    const bool complete = atomic_load(&loop->command.complete);
+    const bool complete = LOAD(loop->command.complete);
     const struct path_in in = {
         .complete = complete,
-        .count = atomic_load(&loop->ring->count),
-        .run = atomic_load(&loop->command.run),
+        .count = LOAD(loop->ring->count),
+        .run = LOAD(loop->command.run),
         .stop_time = cfg->stop_time,
         .step = PATH_ONE / TICKS_PER_MS,
     };
-    const bool rest = atomic_load(&loop->command.rest);
+    const bool rest = LOAD(loop->command.rest);
     const enum path_event event = path_step(&loop->path, &in);
     if (event == PATH_UNDERRUN && !rest) {
         raise(loop, FAULT_UNDERRUN);
     }
     const bool standing = !n_lt(NUM(0), loop->path.at.rate);
     const bool slowed = in.run && !standing && n_lt(loop->path.at.rate, NUM(1));
-    atomic_store(&loop->starved, !rest && (event == PATH_STARVED || (slowed && atomic_load(&loop->starved))));
-    atomic_store(&loop->at_end, event == PATH_AT_END || (event == PATH_UNDERRUN && rest));
-    atomic_store(&loop->standing, standing);
-    atomic_store(&loop->executed, path_executed(&loop->path));
-    atomic_store(&loop->begun, begin);
+    STORE(loop->starved, !rest && (event == PATH_STARVED || (slowed && LOAD(loop->starved))));
+    STORE(loop->at_end, event == PATH_AT_END || (event == PATH_UNDERRUN && rest));
+    STORE(loop->standing, standing);
+    STORE(loop->executed, path_executed(&loop->path));
+    STORE(loop->begun, begin);
 }
 
 static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_in *in,
@@ -72,10 +105,10 @@ static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struc
 {
     const num e_w[2] = {out->contour.e_w.x, out->contour.e_w.y};
     const num speed[2] = {out->velocity.x, out->velocity.y};
+    if (((in->inputs[0] | in->inputs[1]) & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) != 0) {
+        raise(loop, FAULT_INPUT);
+    }
     for (int i = 0; i < 2; i++) {
-        if ((in->inputs[i] & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) != 0) {
-            raise(loop, FAULT_INPUT);
-        }
         loop->late[i] = powered[i] && n_lt(cfg->following_max[i], n_abs(e_w[i])) ? loop->late[i] + 1u : 0u;
         if (!powered[i]) {
             continue;
@@ -87,12 +120,9 @@ static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struc
             raise(loop, FAULT_OVERSPEED);
         }
         /* further out than the soft limits and than its reference, which may come back from there: lost */
-        const int64_t nm = pos_to_nm(loop->servo.observer[i].pos);
-        const int64_t reference = pos_to_nm(out->contour.ref.pos[i]);
-        const int64_t origin = atomic_load(&loop->command.origin_nm[i]);
-        const int64_t slack = n_to_scaled(cfg->following_max[i], 1000);
-        if ((nm < cfg->min_nm[i] - origin - slack && nm < reference - slack) ||
-            (nm > cfg->max_nm[i] - origin + slack && nm > reference + slack)) {
+        const pos_t user = loop->servo.observer[i].pos + pos_from_nm(LOAD(loop->command.origin_nm[i]));
+        if ((user < loop->lowest[i] && n_lt(e_w[i], n_neg(cfg->following_max[i]))) ||
+            (user > loop->highest[i] && n_lt(cfg->following_max[i], e_w[i]))) {
             raise(loop, FAULT_TRAVEL);
         }
     }
@@ -117,45 +147,88 @@ static void add_error(struct loop_error *error, int32_t e_n2_nm)
     error->samples++;
 }
 
-static void publish(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_in *in,
-                    const struct servo_out *out, enum controller controller)
+/* Copied as it is: to scale it for the wire is the background's. */
+static void publish(struct loop *loop, const struct hal_drive_in *in, const struct servo_out *out,
+                    enum controller controller)
 {
-    const uint32_t n = atomic_load(&loop->published) + 1u;
-    struct loop_snapshot *s = &loop->snapshot[n % 2u];
-    const num v[2] = {out->velocity.x, out->velocity.y};
-    const num e_w[2] = {out->contour.e_w.x, out->contour.e_w.y};
-    const num e_n[2] = {out->contour.e_n.x, out->contour.e_n.y};
-    const num force[2] = {out->force.x, out->force.y};
-    const num k_hat[2] = {out->asmc.k_hat.x, out->asmc.k_hat.y};
-    const num mu[2] = {out->uncertainty.mu.x, out->uncertainty.mu.y};
-    const num friction[2] = {acc_to(loop->servo.learning.friction[0]), acc_to(loop->servo.learning.friction[1])};
-    const num mass[2] = {acc_to(loop->servo.learning.mass[0]), acc_to(loop->servo.learning.mass[1])};
-    s->ms = n;
+    const uint32_t n = LOAD(loop->published) + 1u;
+    struct loop_record *r = &loop->record[n % 2u];
+    r->ms = n;
     for (int i = 0; i < 2; i++) {
-        s->position_nm[i] = pos_to_nm(loop->servo.observer[i].pos);
-        s->reference_nm[i] = pos_to_nm(out->contour.ref.pos[i]);
+        r->position[i] = loop->servo.observer[i].pos;
+        r->reference[i] = out->contour.ref.pos[i];
+        r->energy_mJ[i] = loop->servo.energy[i].mJ;
+        r->friction[i] = acc_to(loop->servo.learning.friction[i]);
+        r->mass[i] = acc_to(loop->servo.learning.mass[i]);
+        r->measured[i] = loop->encoder[i].pos;
+        r->since_index[i] = (int32_t)((uint32_t)in->count[i] - (uint32_t)in->index_count[i]);
+        r->index_pulses[i] = in->index_pulses[i];
+        r->inputs[i] = in->inputs[i];
+        r->edge_nm[i] = loop->edge_nm[i];
+    }
+    if (!LOAD(loop->standing)) {
+        add_error(&loop->error, n_to_scaled(out->contour.e_n.y, 1000));
+    }
+    r->error = loop->error;
+    r->velocity = out->velocity;
+    r->e_w = out->contour.e_w;
+    r->e_n = out->contour.e_n;
+    r->force = out->force;
+    r->k_hat = out->asmc.k_hat;
+    r->mu = out->uncertainty.mu;
+    r->rate = loop->path.at.rate;
+    r->controller = (uint8_t)controller;
+    atomic_signal_fence(memory_order_release);
+    STORE(loop->published, n);
+}
+
+static void scale(struct loop *loop, const struct loop_record *r)
+{
+    struct loop_snapshot *s = &loop->snapshot;
+    const num v[2] = {r->velocity.x, r->velocity.y};
+    const num e_w[2] = {r->e_w.x, r->e_w.y};
+    const num e_n[2] = {r->e_n.x, r->e_n.y};
+    const num force[2] = {r->force.x, r->force.y};
+    const num k_hat[2] = {r->k_hat.x, r->k_hat.y};
+    const num mu[2] = {r->mu.x, r->mu.y};
+    s->ms = r->ms;
+    for (int i = 0; i < 2; i++) {
+        s->position_nm[i] = pos_to_nm(r->position[i]);
+        s->reference_nm[i] = pos_to_nm(r->reference[i]);
         s->velocity_umps[i] = n_to_scaled(v[i], 200);
         s->following_nm[i] = n_to_scaled(e_w[i], 1000);
         s->e_n_nm[i] = n_to_scaled(e_n[i], 1000);
         s->force_dN[i] = n_to_scaled(force[i], 10);
         s->k_hat[i] = n_to_scaled(k_hat[i], 2000);
         s->mu[i] = n_to_scaled(mu[i], 40);
-        s->energy_mJ[i] = loop->servo.energy[i].mJ;
-        s->learned_mN[i] = n_to_scaled(friction[i], 1000);
-        s->learned_g[i] = n_to_scaled(mass[i], 25000);
-        const int32_t since_index = (int32_t)((uint32_t)in->count[i] - (uint32_t)in->index_count[i]);
-        s->index_nm[i] = pos_to_nm(position(loop->count[i] - since_index, cfg->encoder_10fm[i]));
-        s->index_pulses[i] = in->index_pulses[i];
-        s->inputs[i] = in->inputs[i];
-        s->edge_nm[i] = loop->edge_nm[i];
+        s->energy_mJ[i] = r->energy_mJ[i];
+        s->learned_mN[i] = n_to_scaled(r->friction[i], 1000);
+        s->learned_g[i] = n_to_scaled(r->mass[i], 25000);
+        const struct loop_encoder *e = &loop->encoder[i];
+        const int64_t since_index = r->since_index[i];
+        s->index_nm[i] = pos_to_nm(r->measured[i] - since_index * (int64_t)e->length -
+                                   (since_index * (int64_t)e->length_rest >> 32));
+        s->index_pulses[i] = r->index_pulses[i];
+        s->inputs[i] = r->inputs[i];
+        s->edge_nm[i] = r->edge_nm[i];
     }
-    if (!atomic_load(&loop->standing)) {
-        add_error(&loop->error, s->e_n_nm[1]);
+    s->error = r->error;
+    s->rate = n_to_scaled(r->rate, 1000);
+    s->controller = r->controller;
+}
+
+/* A configuration is taken over, which happens without power only. */
+static void configure(struct loop *loop, const struct loop_cfg *cfg, pos_t measured[2])
+{
+    for (int i = 0; i < 2; i++) {
+        scale_encoder(&loop->encoder[i], cfg->encoder_10fm[i]);
+        measured[i] = loop->encoder[i].pos;
     }
-    s->error = loop->error;
-    s->rate = n_to_scaled(loop->path.at.rate, 1000);
-    s->controller = (uint8_t)controller;
-    atomic_store(&loop->published, n);
+    servo_reset(&cfg->servo, &loop->servo, measured);
+    for (int i = 0; i < 2; i++) {
+        loop->lowest[i] = pos_add(pos_from_nm(cfg->min_nm[i]), n_neg(cfg->following_max[i]));
+        loop->highest[i] = pos_add(pos_from_nm(cfg->max_nm[i]), cfg->following_max[i]);
+    }
 }
 
 void loop_init(struct loop *loop, const struct hal *hal, const struct spline_ring *ring)
@@ -164,8 +237,8 @@ void loop_init(struct loop *loop, const struct hal *hal, const struct spline_rin
     *loop = (struct loop){.hal = hal, .ring = ring};
     hal->drive_read(hal->ctx, &in);
     for (int i = 0; i < 2; i++) {
-        loop->last_count[i] = in.count[i];
-        loop->count[i] = in.count[i];
+        loop->encoder[i].last = in.count[i];
+        loop->encoder[i].count = in.count[i];
     }
     loop->cfg_used = UINT8_MAX; /* the first tick resets the servo */
     atomic_store(&loop->standing, true);
@@ -173,38 +246,41 @@ void loop_init(struct loop *loop, const struct hal *hal, const struct spline_rin
 
 void loop_tick(struct loop *loop)
 {
-    const uint8_t index = atomic_load(&loop->command.cfg_index);
+    atomic_signal_fence(memory_order_acquire);
+    const uint8_t index = LOAD(loop->command.cfg_index);
     const struct loop_cfg *cfg = &loop->cfg[index];
     struct hal_drive_in in;
-    struct servo_in servo = {.ring = loop->ring};
+    struct servo_in servo;
     struct servo_out out;
 
     /* read */
-    loop->hal->drive_read(loop->hal->ctx, &in);
-    measure(loop, cfg, &in, servo.measured);
+    read_machine(loop, cfg, &in);
+    measure(loop, &in, servo.measured);
     watch_switches(loop, &in, servo.measured);
-    if (index != loop->cfg_used) { /* configured anew, which happens without power only */
+    if (index != loop->cfg_used) {
         loop->cfg_used = index;
-        servo_reset(&cfg->servo, &loop->servo, servo.measured);
+        configure(loop, cfg, servo.measured);
     }
-    if (atomic_exchange(&loop->command.energy_reset, false)) {
+    if (LOAD(loop->command.energy_reset)) {
+        STORE(loop->command.energy_reset, false);
         energy_reset(&loop->servo.energy[0]);
         energy_reset(&loop->servo.energy[1]);
     }
 
     /* reference, law */
     follow_path(loop, cfg);
-    const bool cut = cut_off(atomic_load(&loop->faults));
+    const bool cut = cut_off(LOAD(loop->faults));
     for (int i = 0; i < 2; i++) {
-        servo.enabled[i] = !cut && atomic_load(&loop->command.powered[i]);
+        servo.enabled[i] = !cut && LOAD(loop->command.powered[i]);
     }
-    servo.controller = (enum controller)atomic_load(&loop->command.controller);
+    servo.controller = (enum controller)LOAD(loop->command.controller);
     servo.path = loop->path.at;
+    servo.ring = loop->ring;
     servo_step(&cfg->servo, &loop->servo, &servo, &out);
 
     /* limits */
     supervise(loop, cfg, &in, servo.enabled, &out);
-    if (cut_off(atomic_load(&loop->faults))) {
+    if (cut_off(LOAD(loop->faults))) {
         servo.enabled[0] = servo.enabled[1] = false;
         out.force = v2(NUM(0), NUM(0));
     }
@@ -214,14 +290,18 @@ void loop_tick(struct loop *loop)
         .force_mN = {n_to_scaled(out.force.x, 1000), n_to_scaled(out.force.y, 1000)},
         .enable = {servo.enabled[0], servo.enabled[1]},
     };
-    loop->hal->drive_write(loop->hal->ctx, &drive);
+    write_machine(loop, cfg, &drive);
 
     if (++loop->ticks % TICKS_PER_MS == 0) {
-        publish(loop, cfg, &in, &out, servo.controller);
+        publish(loop, &in, &out, servo.controller);
     }
 }
 
-const struct loop_snapshot *loop_snapshot(const struct loop *loop)
+const struct loop_snapshot *loop_snapshot(struct loop *loop)
 {
-    return &loop->snapshot[atomic_load(&loop->published) % 2u];
+    const uint32_t published = atomic_load(&loop->published);
+    if (published != loop->snapshot.ms) {
+        scale(loop, &loop->record[published % 2u]);
+    }
+    return &loop->snapshot;
 }

@@ -5,7 +5,8 @@
  * - struct loop_command: single words, background writes;
  * - two configurations, of which `cfg_index` names the one in use;
  * - the ring of knots (one writer, one reader);
- * - two snapshots, published once a millisecond; and `faults`, bits that the tick sets and the background clears.
+ * - two records, published once a millisecond, which the background scales to a snapshot; and `faults`, bits that the
+ *   tick sets and the background clears.
  */
 #ifndef KONTUR_LOOP_H
 #define KONTUR_LOOP_H
@@ -13,6 +14,7 @@
 
 #include "fault.h"
 #include "hal.h"
+#include "machine.h"
 #include "params.h"
 #include "path.h"
 
@@ -24,6 +26,7 @@ struct loop_cfg {
     num speed_max;              /* um/T0 */
     int32_t min_nm[2], max_nm[2]; /* user's positions */
     num stop_time;              /* knots (ms) */
+    struct machine_cfg machine;
 };
 
 struct loop_command {
@@ -67,6 +70,22 @@ struct loop_snapshot {
     uint8_t controller;
 };
 
+/* The same as the tick leaves it, in core units: two of them, the newest in `published % 2`. */
+struct loop_record {
+    uint32_t ms;
+    pos_t position[2], reference[2];
+    vec2 velocity, e_w, e_n, force, k_hat, mu;
+    int32_t energy_mJ[2];
+    num friction[2], mass[2];
+    pos_t measured[2];
+    int32_t since_index[2]; /* counts */
+    int32_t edge_nm[2];
+    uint8_t index_pulses[2], inputs[2];
+    struct loop_error error;
+    num rate;
+    uint8_t controller;
+};
+
 struct loop {
     const struct hal *hal;
     const struct spline_ring *ring;
@@ -78,14 +97,23 @@ struct loop {
     _Atomic bool at_end;        /* ... since it has reached the end of a complete stream, or of one that may rest */
     _Atomic bool starved;       /* path time is slowed for want of knots */
     _Atomic uint32_t executed;  /* knots passed */
-    _Atomic uint32_t published; /* snapshots so far: one a millisecond */
-    struct loop_snapshot snapshot[2];
+    _Atomic uint32_t published; /* records so far: one a millisecond */
+    struct loop_record record[2];
+    struct loop_snapshot snapshot; /* the background's own */
 
     /* the tick's own */
     struct servo_state servo;
     struct path path;
-    int32_t last_count[2];
-    int64_t count[2];
+    struct machine machine;     /* in place of the real one while cfg.machine.simulated */
+    bool simulated;
+    struct loop_encoder {
+        int32_t last;                  /* as read */
+        int64_t count;                 /* since power-on */
+        pos_t pos;                     /* count times the length of one, and 2^-32 of its unit */
+        uint32_t rest;
+        uint32_t length, length_rest;  /* of one count, in the same way */
+    } encoder[2];
+    pos_t lowest[2], highest[2]; /* user's positions beyond which an axis may trip: the soft limits and following_max */
     uint32_t late[2];           /* periods since the following error is too large */
     uint8_t inputs[2];          /* of the last period */
     int32_t edge_nm[2];
@@ -97,6 +125,6 @@ struct loop {
 /* A configuration must be set up before the first tick. Positions are encoder counts times their length. */
 void loop_init(struct loop *loop, const struct hal *hal, const struct spline_ring *ring);
 void loop_tick(struct loop *loop);
-/* The newest snapshot. */
-const struct loop_snapshot *loop_snapshot(const struct loop *loop);
+/* The newest snapshot. Background only. */
+const struct loop_snapshot *loop_snapshot(struct loop *loop);
 #endif

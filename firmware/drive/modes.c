@@ -56,7 +56,7 @@ static void take_mode(struct drive *d, int i)
 
 /* ---- homing ---- */
 
-static struct home_in home_in(const struct drive *d, int i)
+static struct home_in home_in(struct drive *d, int i)
 {
     const struct loop_snapshot *s = loop_snapshot(&d->loop);
     const struct od_axis *od = &d->od->axis[i];
@@ -107,7 +107,7 @@ static void shift_origin(struct drive *d, int i)
 /* ---- jogging ---- */
 
 /* The limit switch that stops an axis with this speed */
-static bool switch_ahead(const struct drive *d, int i, int64_t speed)
+static bool switch_ahead(struct drive *d, int i, int64_t speed)
 {
     const uint8_t inputs = loop_snapshot(&d->loop)->inputs[i];
     return (speed > 0 && (inputs & HAL_LIMIT_MAX) != 0) || (speed < 0 && (inputs & HAL_LIMIT_MIN) != 0);
@@ -138,7 +138,7 @@ static int32_t jogging(struct drive *d, int i, bool on)
 }
 
 /* On the quick-stop ramp; without power the axis coasts, and the other one's path shall be rid of it. */
-static bool quick(const struct drive *d, int i)
+static bool quick(struct drive *d, int i)
 {
     if (!d->powered[i]) {
         return true;

@@ -58,7 +58,7 @@ static struct energy_cfg energy(const struct od_motor *m, num sign_speed)
         .back_emf = n_ratio(m->back_emf, 5000000),
         .power_factor = milli(m->power_factor),
         .sign_speed = sign_speed,
-        .dt_ms = n_ratio(1000, CONTROL_HZ),
+        .dt_ms = n_ratio(2 * 1000, CONTROL_HZ), /* each axis in every other period */
     };
     return e;
 }
@@ -73,7 +73,9 @@ bool params_fit(const struct od_data *od)
             return false;
         }
     }
-    return damping_range <= (uint64_t)TRIG_COSH_MAX * 1000000000u && a->k_0 <= a->k_max && u->mu_0 <= u->mu_max;
+    const struct od_machine *m = &od->machine;
+    return damping_range <= (uint64_t)TRIG_COSH_MAX * 1000000000u && a->k_0 <= a->k_max && u->mu_0 <= u->mu_max &&
+           m->viscous_x / CONTROL_HZ <= m->mass_x && m->viscous_y / CONTROL_HZ <= m->mass_y;
 }
 
 struct servo_cfg params_to_cfg(const struct od_data *od)
@@ -124,4 +126,37 @@ struct servo_cfg params_to_cfg(const struct od_data *od)
                     .integral_max = NUM(1000)},
         .energy = {energy(&od->axis[0].motor, friction_speed), energy(&od->axis[1].motor, friction_speed)},
     };
+}
+
+/* A length in nm in encoder counts of `length` 10 fm each: nearest */
+static int32_t counts(int32_t nm, uint32_t length)
+{
+    const int64_t half = nm < 0 ? -(int64_t)(length / 2) : (int64_t)(length / 2);
+    const int64_t n = ((int64_t)nm * 100000 + half) / (int64_t)length;
+    return n > INT32_MAX ? INT32_MAX : n < INT32_MIN ? INT32_MIN : (int32_t)n;
+}
+
+struct machine_cfg params_to_machine(const struct od_data *od)
+{
+    const struct od_machine *m = &od->machine;
+    const uint32_t length[2] = {od->axis[0].plant.encoder, od->axis[1].plant.encoder};
+    struct machine_cfg cfg = {
+        .simulated = m->simulated != 0,
+        .dt = n_ratio(200, CONTROL_HZ),
+        .seed = m->seed,
+        .axis = {{.mass = n_ratio(m->mass_x, 25000),
+                  .viscous = n_ratio(m->viscous_x, 5000000),
+                  .coulomb = milli(m->coulomb_x),
+                  .counts = n_ratio(100000000, length[0]),
+                  .noise = milli(m->noise_x),
+                  .start = counts(m->start_x, length[0])},
+                 {.mass = n_ratio(m->mass_y, 25000),
+                  .viscous = n_ratio(m->viscous_y, 5000000),
+                  .coulomb = milli(m->coulomb_y),
+                  .counts = n_ratio(100000000, length[1]),
+                  .noise = milli(m->noise_y),
+                  .start = counts(m->start_y, length[1])}},
+    };
+    machine_design(&cfg);
+    return cfg;
 }

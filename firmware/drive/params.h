@@ -2,6 +2,7 @@
 /* params.h: from the object dictionary (integers in wire units) to the servo's configuration (core units). */
 #ifndef KONTUR_PARAMS_H
 #define KONTUR_PARAMS_H
+#include "machine.h"
 #include "od.h"
 #include "servo.h"
 
@@ -11,8 +12,9 @@
 #endif
 
 /* Whether parameters fit together, each within the dictionary's range: k_bar e_max <= 4, k_0 <= k_max, mu_0 <= mu_max,
- * 607Dh min <= max. */
+ * 607Dh min <= max, and viscous friction of the simulated machine that does not stop it within a control period. */
 bool params_fit(const struct od_data *od);
 /* The configuration that parameters which fit make. */
 struct servo_cfg params_to_cfg(const struct od_data *od);
+struct machine_cfg params_to_machine(const struct od_data *od);
 #endif

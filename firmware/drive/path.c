@@ -18,7 +18,7 @@ static struct motion steady(num rate)
 static num knots(path_t a, path_t b)
 {
     const path_t d = b - a;
-    return d <= 0 ? NUM(0) : d > 1000 * PATH_ONE ? NUM(1000) : n_ratio(d, PATH_ONE);
+    return d <= 0 ? NUM(0) : d > 1000 * PATH_ONE ? NUM(1000) : n_ratio(d >> 12, PATH_ONE >> 12);
 }
 
 /* Largest slope from which sigma can still land `distance` further on. */
@@ -31,6 +31,9 @@ static num landing(num distance)
 static struct motion moved(const struct motion *m, bool up, num period)
 {
     const num before = acc_to(m->rate);
+    if (up && !n_lt(before, NUM(1))) {
+        return *m; /* as it mostly is */
+    }
     const acc_t slope = acc_clamp(acc_mad(m->slope, up ? JERK : n_neg(JERK), period), n_neg(landing(before)),
                                   landing(n_sub(NUM(1), before)));
     const acc_t rate = acc_mad(m->rate, acc_to(slope), period);
@@ -47,6 +50,9 @@ static struct motion moved(const struct motion *m, bool up, num period)
  * SLOPE_MAX. peak: the sigma from which a stop that began at slope 0 would pass through m. */
 static num stopping(const struct motion *m)
 {
+    if (!n_lt(acc_to(m->rate), NUM(1))) {
+        return n_add(NUM(0.5), ROUNDING); /* as it mostly is */
+    }
     const num slope = acc_to(m->slope);
     const num square = n_mul(slope, slope);
     const num peak = n_mad(acc_to(m->rate), NUM(3.0 / 32), square);
@@ -62,7 +68,8 @@ void path_reset(struct path *p)
 
 uint32_t path_executed(const struct path *p)
 {
-    return p->at.s == 0 ? 0 : (uint32_t)(p->at.s / PATH_ONE) + 1u;
+    uint32_t rest;
+    return p->at.s == 0 ? 0 : path_knots(p->at.s, &rest) + 1u;
 }
 
 enum path_event path_step(struct path *p, const struct path_in *in)
@@ -70,9 +77,9 @@ enum path_event path_step(struct path *p, const struct path_in *in)
     /* s may go to `last`: the last knot of a complete stream, else as far as all four knots of an interval are there */
     const uint32_t margin = in->complete ? 1u : 3u;
     const path_t last = in->count < margin ? 0 : (path_t)(in->count - margin) * PATH_ONE;
-    const num period = n_div(n_ratio(in->step * ACC_GAIN, PATH_ONE), in->stop_time);
+    const num period = n_div(n_ratio(in->step >> 19, (PATH_ONE >> 19) / ACC_GAIN), in->stop_time);
 
-    p->at.s += n_to_q32(p->at.rate) / 16 * in->step / (1 << 28);
+    p->at.s += n_lt(p->at.rate, NUM(1)) ? n_to_q32(p->at.rate) / 16 * in->step / (1 << 28) : in->step;
     p->at.count = in->count;
     if (in->complete && p->at.s >= last) {
         p->motion = steady(NUM(0));
@@ -83,9 +90,7 @@ enum path_event path_step(struct path *p, const struct path_in *in)
     const struct motion faster = start ? steady(NUM(1)) : moved(&p->motion, true, period);
     const num step = n_mul(acc_to(faster.rate), n_ratio(in->step, PATH_ONE));
     const bool room = in->complete || !n_lt(knots(p->at.s, last), n_mad(step, in->stop_time, stopping(&faster)));
-    const struct motion slower = start ? steady(NUM(0)) : moved(&p->motion, false, period);
-
-    const struct motion next = in->run && room ? faster : slower;
+    const struct motion next = in->run && room ? faster : start ? steady(NUM(0)) : moved(&p->motion, false, period);
     p->motion = (struct motion){acc_state(next.rate), acc_state(next.slope)};
     p->at.rate = acc_to(p->motion.rate);
     p->at.rate_dot = n_mul(acc_to(p->motion.slope), n_div(NUM(SPLINE_PER_T0), in->stop_time));

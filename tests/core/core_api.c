@@ -130,7 +130,7 @@ static struct servo_cfg config(const struct api_params *p)
                                           .back_emf = mk(p->back_emf[i] * MPS),
                                           .power_factor = mk(p->power_factor),
                                           .sign_speed = mk(p->friction_speed / MPS),
-                                          .dt_ms = mk(p->dt * 1e3)};
+                                          .dt_ms = mk(2 * p->dt * 1e3)};
     }
     return c;
 }
@@ -219,7 +219,7 @@ void api_law(const api_drive *d, const struct api_frame *frame, const struct api
                               .e_dot = in2(in->e_dot, MPS),
                               .r_ddot = in2(in->r_ddot, MPS2),
                               .q_dot = in2(in->q_dot, MPS),
-                              .r_dot = in2(in->r_dot, MPS)};
+                              .direction = asmc_direction(d->cfg.asmc.friction_speed, in2(in->r_dot, MPS))};
     struct asmc_state state = {.k_hat = {acc_from(mk(k_hat[0] * T0)), acc_from(mk(k_hat[1] * T0))}};
     struct asmc_out o;
     asmc_step(&d->cfg.asmc, &d->cfg.plant, &state, &x, d->cfg.dt, &o);

@@ -61,15 +61,22 @@ static inline num n_neg(num a)
     return (num){-a.d, a.e};
 }
 
+/* Nothing of an unbounded error is no error. */
+static inline double bound_share(double x, double e)
+{
+    return x == 0.0 || e == 0.0 ? 0.0 : fabs(x) * e;
+}
+
 static inline num n_mul(num a, num b)
 {
-    return (num){a.d * b.d, fabs(a.d) * b.e + fabs(b.d) * a.e + a.e * b.e + BOUND(a.d * b.d, 1)};
+    return (num){a.d * b.d,
+                 bound_share(a.d, b.e) + bound_share(b.d, a.e) + bound_share(a.e, b.e) + BOUND(a.d * b.d, 1)};
 }
 
 static inline num n_div(num a, num b)
 {
     const double q = a.d / b.d;
-    return (num){q, (a.e + fabs(q) * b.e) / fmax(fabs(b.d) - b.e, 0.0) + BOUND(q, 1)};
+    return (num){q, (a.e + bound_share(q, b.e)) / fmax(fabs(b.d) - b.e, 0.0) + BOUND(q, 1)};
 }
 
 static inline bool n_lt(num a, num b)

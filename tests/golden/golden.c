@@ -33,6 +33,14 @@ static void put(num x)
     word(w);
 }
 
+static void put_acc(acc_t a)
+{
+    int64_t x;
+    _Static_assert(sizeof a == sizeof x, "an accumulator is two words");
+    memcpy(&x, &a, sizeof x);
+    put64(x);
+}
+
 static void put2(vec2 v)
 {
     put(v.x);
@@ -163,14 +171,14 @@ static void modules(const struct servo_cfg *c)
         a.e_dot = in2(50000);
         a.r_ddot = in2(60000);
         a.q_dot = in2(500000);
-        a.r_dot = in2(400);
+        a.direction = asmc_direction(c->asmc.friction_speed, in2(400));
         struct asmc_out o;
         asmc_step(&c->asmc, &c->plant, &law, &a, c->dt, &o);
         put2(o.s_bar);
         put2(o.u_linear);
         put2(o.u_friction);
-        put64(law.k_hat[0]);
-        put64(law.k_hat[1]);
+        put_acc(law.k_hat[0]);
+        put_acc(law.k_hat[1]);
     }
     vector = "uncertainty";
     struct uncertainty_state u;
@@ -191,7 +199,7 @@ static void modules(const struct servo_cfg *c)
         put2(u.q_bar_dot);
         for (int k = 0; k < 2; k++) {
             put64(u.q_bar[k]);
-            put64(u.mu[k]);
+            put_acc(u.mu[k]);
         }
     }
     vector = "learning";
@@ -200,8 +208,11 @@ static void modules(const struct servo_cfg *c)
     for (int i = 0; i < 8; i++) {
         const vec2 r_dot = in2(400);
         const vec2 r_ddot = in2(60000);
-        learning_step(&c->learning, &c->plant, &l, c->asmc.friction_speed, r_dot, r_ddot, in2(50000), c->dt);
-        put2(learning_force(&l, c->asmc.friction_speed, r_dot, r_ddot));
+        const vec2 direction = asmc_direction(c->asmc.friction_speed, r_dot);
+        const vec2 added = in2(50000);
+        learning_step(&c->learning, &c->plant, &l, 0, direction, r_ddot, added, c->dt);
+        learning_step(&c->learning, &c->plant, &l, 1, direction, r_ddot, added, c->dt);
+        put2(learning_force(&l, direction, r_ddot));
     }
     vector = "cascade";
     struct cascade_state pi;

@@ -14,10 +14,14 @@ static inline vec2 mk2(double x, double y)
     return v2(mk(x), mk(y));
 }
 
-/* To 2^-32, |x| < 4096 in every back end. */
+/* In fixed point for |x| < 4096. */
 static inline double val(num x)
 {
+#if defined(KONTUR_NUM_FIX) || defined(KONTUR_NUM_CHK) || defined(KONTUR_NUM_HEADER)
     return (double)n_to_q32(x) / 4294967296.0;
+#else
+    return (double)x;
+#endif
 }
 
 static inline double acc_val(acc_t a)

@@ -23,13 +23,15 @@ void tearDown(void) {}
 static void learn(int periods, vec2 r_dot, vec2 r_ddot, double ux, double uy)
 {
     for (int i = 0; i < periods; i++) {
-        learning_step(&cfg, &plant, &state, mk(SPEED), r_dot, r_ddot, mk2(ux, uy), mk(DT));
+        for (int axis = 0; axis < 2; axis++) {
+            learning_step(&cfg, &plant, &state, axis, asmc_direction(mk(SPEED), r_dot), r_ddot, mk2(ux, uy), mk(DT));
+        }
     }
 }
 
 static void test_nothing_is_fed_forward_before_anything_is_learned(void)
 {
-    const vec2 f = learning_force(&state, mk(SPEED), mk2(100, -100), mk2(50, 50));
+    const vec2 f = learning_force(&state, asmc_direction(mk(SPEED), mk2(100, -100)), mk2(50, 50));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(f.x));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(f.y));
 }
@@ -72,7 +74,7 @@ static void test_force_is_friction_that_turns_with_the_motion_and_mass_times_acc
     state.friction[1] = acc_from(mk(5));
     state.mass[0] = acc_from(mk(0.5));
     state.mass[1] = acc_from(mk(-0.25));
-    const vec2 f = learning_force(&state, mk(SPEED), mk2(100, -100), mk2(8, 16));
+    const vec2 f = learning_force(&state, asmc_direction(mk(SPEED), mk2(100, -100)), mk2(8, 16));
     TEST_ASSERT_EQUAL_DOUBLE(3 + 0.5 * 8, val(f.x));
     TEST_ASSERT_EQUAL_DOUBLE(-5 - 0.25 * 16, val(f.y));
 }
@@ -103,7 +105,7 @@ static void test_it_converges_to_the_friction_and_mass_that_are_missing(void)
         const double w = 0.1 * DT * i;
         const vec2 r_dot = mk2(400 * cos(w), 0);
         const vec2 r_ddot = mk2(-40 * sin(w), 0);
-        const double fed = val(learning_force(&state, mk(SPEED), r_dot, r_ddot).x);
+        const double fed = val(learning_force(&state, asmc_direction(mk(SPEED), r_dot), r_ddot).x);
         learn(1, r_dot, r_ddot, 6 * (val(r_dot.x) > 0 ? 1 : -1) + 1.5 * val(r_ddot.x) - fed, 0);
     }
     TEST_ASSERT_DOUBLE_WITHIN(0.1, 6, acc_val(state.friction[0]));

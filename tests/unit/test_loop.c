@@ -491,6 +491,15 @@ static void test_want_of_knots_is_told_until_the_path_is_at_full_rate_again(void
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_UNDERRUN), atomic_load(&loop.faults));
 }
 
+/* The tick knows by a mask which faults cut off; the table says what each of them does. */
+static void test_the_faults_that_cut_off_are_those_of_the_table(void)
+{
+    for (unsigned f = 0; f < FAULTS; f++) {
+        const bool cuts_off = (FAULTS_CUT_OFF & FAULT_BIT(f)) != 0;
+        TEST_ASSERT_EQUAL(fault_table[f].reaction == REACT_DISABLE, cuts_off);
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -521,5 +530,6 @@ int main(void)
     RUN_TEST(test_begin_starts_path_time_anew);
     RUN_TEST(test_end_of_a_complete_stream_is_told_from_a_stop);
     RUN_TEST(test_want_of_knots_is_told_until_the_path_is_at_full_rate_again);
+    RUN_TEST(test_the_faults_that_cut_off_are_those_of_the_table);
     return UNITY_END();
 }

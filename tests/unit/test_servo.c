@@ -305,7 +305,7 @@ static void test_what_is_learned_is_added_to_the_force_and_is_no_part_of_the_mod
     state.learning.mass[1] = acc_from(mk(0.25));
     step(20, 4);
     const vec2 learned =
-        learning_force(&state.learning, cfg.asmc.friction_speed, out.contour.r_dot, out.contour.r_ddot);
+        learning_force(&state.learning, asmc_direction(cfg.asmc.friction_speed, out.contour.r_dot), out.contour.r_ddot);
     ASSERT_NEAR(val(out.asmc.u_friction.x) + val(learned.x), val(state.last[0].balance.x), 100);
     ASSERT_NEAR(val(out.asmc.u_friction.y) + val(learned.y), val(state.last[0].balance.y), 100);
     ASSERT_NEAR(val(out.asmc.u_linear.x) + val(out.asmc.u_friction.x) + val(out.uncertainty.u.x) + val(learned.x),

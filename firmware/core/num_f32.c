@@ -1,0 +1,44 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "num.h"
+
+#ifdef NUM_ABS
+num n_from_wide(int64_t i)
+{
+    const uint64_t size = i < 0 ? 0u - (uint64_t)i : (uint64_t)i;
+    const uint32_t high = (uint32_t)(size >> 32);
+    if (high == 0) {
+        return i < 0 ? -(num)(uint32_t)size : (num)(uint32_t)size;
+    }
+    /* 32 leading bits, the last of them for all that are cut off: they round as all would */
+    const uint32_t shift = (uint32_t)__builtin_clz(high);
+    const uint64_t left = size << shift;
+    const uint32_t leading = (uint32_t)(left >> 32) | ((uint32_t)left != 0 ? 1u : 0u);
+    const num x = (num)leading * n_from_bits((127u + 32u - shift) << 23);
+    return i < 0 ? -x : x;
+}
+
+int64_t n_to_wide(num x)
+{
+    const uint32_t bits = n_bits(x);
+    const uint32_t exponent = (bits >> 23) & 0xFFu;
+    const uint64_t mantissa = (bits & 0x7FFFFFu) | 0x800000u;
+    if (exponent == 0xFFu && (bits & 0x7FFFFFu) != 0) { /* no number */
+        return 0;
+    }
+    const uint32_t size = bits & 0x7FFFFFFFu;
+    const int64_t whole = size > n_bits(4.0e18f) ? (int64_t)4.0e18f : (int64_t)(mantissa << (exponent - 150u));
+    return (bits >> 31) != 0 ? -whole : whole;
+}
+
+int32_t n_to_wide_scaled(num y)
+{
+    if (!(__builtin_fabsf(y) < 2147483648.0f)) {
+        return y > 0.0f ? INT32_MAX : y < 0.0f ? INT32_MIN : 0;
+    }
+    const int32_t whole = (int32_t)y;
+    const num rest = y - (num)whole; /* 0 or a half */
+    return rest != 0.0f ? whole + whole % 2 : whole;
+}
+#else
+typedef int num_f32_is_not_used; /* ISO C knows no empty translation unit */
+#endif

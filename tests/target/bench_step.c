@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Instructions of a complete servo tick, encoder counts to force words, under each controller: JSON. */
+#include <stdio.h>
+
+#include "rig.h"
+#include "target.h"
+
+#ifndef STEPS
+#define STEPS 20000
+#endif
+
+static void step(enum controller controller, const char *name, const char *separator)
+{
+    static struct rig r;
+    uint32_t worst = 0;
+    uint64_t sum = 0;
+    rig_init(&r, controller);
+    const uint32_t begin = count_now();
+    const uint32_t reading = count_now() - begin; /* of the counter itself */
+    for (uint32_t i = 0; i < STEPS; i++) {
+        rig_feed(&r);
+        const uint32_t from = count_now();
+        loop_tick(&r.loop);
+        const uint32_t n = count_now() - from - reading;
+        rig_move(&r);
+        sum += n;
+        worst = n > worst ? n : worst;
+    }
+    printf("%s\"%s\": {\"mean\": %lu, \"worst\": %lu, \"faults\": %lu}", separator, name, (unsigned long)(sum / STEPS),
+           (unsigned long)worst, (unsigned long)r.loop.faults);
+}
+
+int main(void)
+{
+    static const char *const name[CONTROLLERS] = {"track", "cc", "ccu", "cascade", "ccc"};
+    count_start();
+    for (unsigned c = 0; c < CONTROLLERS; c++) {
+#ifdef ONLY
+        if (c != ONLY) {
+            continue;
+        }
+#endif
+        step((enum controller)c, name[c], c == 0 ? "{" : ", ");
+    }
+    printf("}\n");
+    return 0;
+}

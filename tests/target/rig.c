@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "rig.h"
+
+#include "part_knots.h"
+
+enum { AHEAD = 200 }; /* knots kept in the ring */
+
+static void drive_read(void *ctx, struct hal_drive_in *in)
+{
+    const struct rig *r = ctx;
+    machine_read(&r->machine, in);
+}
+
+static void drive_write(void *ctx, const struct hal_drive_out *out)
+{
+    struct rig *r = ctx;
+    r->out = *out;
+}
+
+void rig_feed(struct rig *r)
+{
+    uint32_t count = r->ring.count;
+    const uint32_t wanted = atomic_load(&r->loop.executed) + AHEAD;
+    for (; count < wanted && count < PART_KNOTS; count++) {
+        r->ring.knot[count % SPLINE_RING] = (struct knot){{part_knots[count][0], part_knots[count][1]}};
+    }
+    r->ring.count = count;
+}
+
+void rig_move(struct rig *r)
+{
+    machine_step(&r->machine_cfg, &r->machine, &r->out);
+}
+
+void rig_init(struct rig *r, enum controller controller)
+{
+    static struct od_data od;
+    od_init(&od, 1);
+    od.machine.start_x = part_knots[0][0];
+    od.machine.start_y = part_knots[0][1];
+    *r = (struct rig){.hal = {.ctx = r, .drive_read = drive_read, .drive_write = drive_write},
+                      .machine_cfg = params_to_machine(&od),
+                      .ring = {.start = {{part_knots[0][0], part_knots[0][1]}}}};
+    machine_reset(&r->machine_cfg, &r->machine);
+    loop_init(&r->loop, &r->hal, &r->ring);
+    r->loop.cfg[0] = drive_loop_cfg(&od);
+    for (int i = 0; i < 2; i++) {
+        atomic_store(&r->loop.command.powered[i], true);
+    }
+    atomic_store(&r->loop.command.controller, (uint8_t)controller);
+    atomic_store(&r->loop.command.run, true);
+    rig_feed(r);
+}
