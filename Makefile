@@ -26,6 +26,8 @@ NUMS     := f32 fix chk
 fix_FLAGS := -DKONTUR_NUM_FIX
 chk_FLAGS := -DKONTUR_NUM_CHK
 NO_FLOAT := -mgeneral-regs-only
+# The control core and the servo tick for a microcontroller: optimised as a whole
+TICK_FLAGS := -O3 -flto
 
 GENERATED := build/gen/od_gen.c
 FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c) $(GENERATED)
@@ -35,6 +37,8 @@ PORT_SOURCES := firmware/port/slcan.c firmware/port/linux/pace.c firmware/port/l
 PORT     := firmware/port/stm32f405
 # What of the STM32F405's port a host can run, on the registers of tests/unit/chip.c
 CHIP_SOURCES := $(filter-out %/start.c %/main.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/unit/chip.c
+# Tests that need the host: a simulated chip's registers, more memory than a chip has
+HOST_TESTS := can_errors chk fuzz pace port_can port_clock port_encoder port_guard port_output sim slcan
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
 NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden ip learning loop modes num observer params path servo spline trig uncertainty
@@ -52,7 +56,7 @@ export MPLBACKEND := Agg
 .DELETE_ON_ERROR:
 .SECONDARY:
 .DEFAULT_GOAL := help
-.PHONY: help firmware flash flash-dfu golden demo paper test test-c test-host lint bench lib setup clean FORCE
+.PHONY: help test-target firmware flash flash-dfu golden demo paper test test-c test-host lint bench lib setup clean FORCE
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -63,7 +67,7 @@ demo: setup lib  ## cut examples/part.ngc under five controllers: table, build/d
 paper: setup lib  ## run the paper again: docs/paper.md and its pictures (some minutes)
 	$(KONTUR) experiment paper-page docs/paper.md
 
-test: setup test-c test-host lint  ## all tests: C (Unity, with sanitizers), Python (pytest), lint
+test: setup test-c test-target test-host lint  ## all tests: C (Unity, with sanitizers), Python (pytest), lint
 
 test-c: $(TEST_PROGRAMS)  ## the C tests alone
 	@failed=0; for t in $^; do \
@@ -240,6 +244,67 @@ $(IMAGE).hex: $(IMAGE).elf
 $(IMAGE).dfu: $(IMAGE).elf $(PORT)/dfuse.py
 	$(Q)$(PY) $(PORT)/dfuse.py $< $@ --tools $(ARM)
 
+# --- tests on the target ----------------------------------------------------------------------------------------------
+# The unit tests, the golden vectors and the closed loop as programs for a Cortex-M in QEMU, with output and exit code by
+# semihosting: float32 on the STM32F405 (M4F), fixed point there and on the STM32F205 (M3, no FPU).
+TARGETS  := m4-f32 m4-fix m3-fix
+m4_CPU   := $(ARM_CPU)
+m3_CPU   := -mcpu=cortex-m3 -mthumb
+m4_BOARD := netduinoplus2
+m3_BOARD := netduino2
+cpu       = $(firstword $(subst -, ,$(1)))
+back_end_of = $(lastword $(subst -, ,$(1)))
+QEMU     := qemu-system-arm -nographic -monitor none -serial none -icount shift=0,sleep=off -semihosting-config enable=on,target=native
+# What needs the host: registers of a simulated chip, processes, more memory than there is
+NOT_TARGET := $(HOST_TESTS)
+TARGET_TESTS := $(foreach t,$(filter-out $(NOT_TARGET),$(TESTS)),m4-f32/test_$(t)) \
+	$(foreach t,$(filter-out chk $(NOT_TARGET),$(NUM_TESTS)),m4-fix/test_$(t) m3-fix/test_$(t))
+target_objects = $(patsubst %.c,build/target/$(1)/%.o,$(FIRMWARE) sim/flash.c sim/plant.c tests/golden/golden.c tests/target/rig.c)
+TARGET_INCLUDE := $(INCLUDE) $(TEST_INCLUDE) -Itests/target -Ibuild/target
+
+build/target/part_knots.h: tests/target/part_knots.py examples/part.ngc $(wildcard host/kontur/*.py) | $(VENV)/stamp
+	@mkdir -p $(@D); echo "  GEN $@"
+	$(Q)$(PY) tests/target/part_knots.py examples/part.ngc >$@
+
+define on_target
+build/target/$(1)/%.o: %.c build/target/part_knots.h | build/arm.stamp $(GENERATED)
+	@mkdir -p $$(@D); echo "  ARM $$< ($(1))"
+	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) $$(CFLAGS) $$(TICK_FLAGS) $($(call back_end_of,$(1))_FLAGS) -ffunction-sections -fdata-sections $$(TARGET_INCLUDE) -MMD -MP -c $$< -o $$@
+
+build/target/$(1)/semihost.o: tests/target/semihost.c | build/arm.stamp
+	@mkdir -p $$(@D)
+	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) $$(CFLAGS) -Itests/target -c $$< -o $$@
+
+build/target/$(1)/unity.o: $(UNITY_DIR)/unity.c | build/arm.stamp
+	@mkdir -p $$(@D)
+	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) -std=c11 -O1 -g $(UNITY) -c $$< -o $$@
+
+build/target/$(1)/test_%.elf: tests/unit/test_%.c build/target/$(1)/unity.o build/target/$(1)/semihost.o $(call target_objects,$(1)) tests/target/semihost.ld
+	@echo "  ARM $$< ($(1))"
+	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) $$(CFLAGS) $$(TICK_FLAGS) $($(call back_end_of,$(1))_FLAGS) $$(TARGET_INCLUDE) $(UNITY) -MMD -MP -MF $$@.d $$(filter %.c %.o,$$^) $$(TARGET_LINK) -lm -o $$@
+
+build/target/$(1)/%.elf: tests/target/%.c build/target/$(1)/semihost.o $(call target_objects,$(1)) tests/target/semihost.ld
+	@echo "  ARM $$< ($(1))"
+	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) $$(CFLAGS) $$(TICK_FLAGS) $($(call back_end_of,$(1))_FLAGS) $$(TARGET_INCLUDE) -MMD -MP -MF $$@.d $$(filter %.c %.o,$$^) $$(TARGET_LINK) -o $$@
+endef
+TARGET_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -T tests/target/semihost.ld
+$(foreach n,$(TARGETS),$(eval $(call on_target,$(n))))
+
+# The closed loop of the target on the host, to compare with
+$(foreach n,f32 fix,build/target/host-$(n)/hash): build/target/host-%/hash: build/target/part_knots.h $(GENERATED) tests/target/hash.c tests/target/rig.c $(FIRMWARE)
+	@mkdir -p $(@D); echo "  CC  tests/target/hash.c ($*)"
+	$(Q)$(CC) $(CFLAGS) $($*_FLAGS) $(TARGET_INCLUDE) $(filter %.c,$^) -o $@
+
+test-target: $(TARGET_TESTS:%=build/target/%.elf) $(TARGETS:%=build/target/%/hash.elf) build/target/host-f32/hash build/target/host-fix/hash build/qemu.stamp  ## the C tests and the closed loop on a Cortex-M in QEMU
+	@failed=0; run() { m=$(m4_BOARD); case $$1 in */m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $$1; }; \
+	for t in $(TARGET_TESTS); do e=build/target/$$t; \
+	  if run $$e.elf >$$e.log 2>&1; then printf '%-32s %s\n' $$t "$$(grep -aE '^[0-9]+ Tests' $$e.log)"; \
+	  else failed=1; printf '%-32s FAILED\n' $$t; grep -av ':PASS' $$e.log; fi; done; \
+	for n in $(TARGETS); do h=$$(build/target/host-$${n#*-}/hash); t=$$(run build/target/$$n/hash.elf); \
+	  if [ -n "$$h" ] && [ "$$h" = "$$t" ]; then echo "closed loop on $$n: $$t, as on the host"; \
+	  else failed=1; echo "closed loop on $$n: $$t, on the host: $$h: DIFFERENT"; fi; done; \
+	if [ $$failed = 0 ]; then echo "target tests: $(words $(TARGET_TESTS)) programs passed"; else echo "target tests: FAILED"; exit 1; fi
+
 # --- C tests ----------------------------------------------------------------------------------------------------------
 build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
 	@mkdir -p build/unity; echo "Fetching Unity (see $<)"
@@ -253,4 +318,5 @@ build/unit/unity.o: $(UNITY_DIR)/unity.c
 
 -include $(LINUX:%.o=%.d) $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)) $(call objects,build/unit,$(n)))) $(TEST_PROGRAMS:%=%.d) \
 	$(foreach n,$(NUMS),$(PORT_SOURCES:%.c=build/unit/$(n)/%.d)) $(CHIP_SOURCES:%.c=build/unit/f32/%.d) \
-	build/unit/f32/tests/golden/golden.d build/unit/fix/tests/golden/golden.d $(IMAGE_OBJECTS:%.o=%.d)
+	build/unit/f32/tests/golden/golden.d build/unit/fix/tests/golden/golden.d $(IMAGE_OBJECTS:%.o=%.d) \
+	$(foreach n,$(TARGETS),$(patsubst %.o,%.d,$(call target_objects,$(n)))) $(TARGET_TESTS:%=build/target/%.elf.d)

@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* 100,000 periods of a part in closed loop under ccu, and a hash of all that the servo keeps and puts out: the same words
+ * on the host and on every target. */
+#include <stdio.h>
+
+#include "rig.h"
+
+enum { STEPS = 100000 };
+
+/* FNV-1a, of things without padding, least significant byte first */
+static void mix(uint32_t *hash, const void *data, uint32_t size)
+{
+    const uint8_t *bytes = data;
+    for (uint32_t i = 0; i < size; i++) {
+        *hash = (*hash ^ bytes[i]) * 16777619u;
+    }
+}
+
+static void mix_servo(uint32_t *hash, const struct servo_state *s)
+{
+    for (int i = 0; i < 2; i++) {
+        mix(hash, &s->observer[i].pos, sizeof s->observer[i].pos);
+        mix(hash, &s->observer[i].vel, sizeof s->observer[i].vel);
+        mix(hash, &s->observer[i].disturbance, sizeof s->observer[i].disturbance);
+        mix(hash, &s->energy[i], sizeof s->energy[i]);
+    }
+    mix(hash, &s->asmc, sizeof s->asmc);
+    mix(hash, &s->uncertainty.q_bar, sizeof s->uncertainty.q_bar);
+    mix(hash, &s->uncertainty.q_bar_dot, sizeof s->uncertainty.q_bar_dot);
+    mix(hash, &s->uncertainty.mu, sizeof s->uncertainty.mu);
+    mix(hash, &s->learning, sizeof s->learning);
+    mix(hash, &s->offset, sizeof s->offset);
+    mix(hash, s->last, sizeof s->last);
+}
+
+int main(void)
+{
+    static struct rig r;
+    uint32_t hash = 2166136261u;
+    rig_init(&r, CONTROLLER_CCU);
+    for (uint32_t i = 0; i < STEPS; i++) {
+        rig_feed(&r);
+        loop_tick(&r.loop);
+        rig_move(&r);
+        mix(&hash, r.out.force_mN, sizeof r.out.force_mN);
+        mix_servo(&hash, &r.loop.servo);
+        for (int k = 0; k < 2; k++) {
+            mix(&hash, &r.machine.axis[k].pos, sizeof r.machine.axis[k].pos);
+            mix(&hash, &r.machine.axis[k].vel, sizeof r.machine.axis[k].vel);
+        }
+    }
+    const struct loop_snapshot *s = loop_snapshot(&r.loop);
+    printf("%08lX at (%ld, %ld) nm, faults %lX\n", (unsigned long)hash, (long)s->position_nm[0], (long)s->position_nm[1],
+           (unsigned long)r.loop.faults);
+    return r.loop.faults == 0 ? 0 : 1;
+}
