@@ -35,8 +35,8 @@ struct co_hooks {
     void (*on_write)(void *ctx, const struct od_entry *entry);
     /* An SDO is about to read: bring the field up to date. */
     void (*before_read)(void *ctx, const struct od_entry *entry);
-    /* RPDO `number` (1...) takes effect: its fields are stored, without a range check. Called for every
-     * frame before the next one is looked at. co_rpdo_carries() tells what is mapped into it. */
+    /* RPDO `number` (1...) takes effect: its fields are stored. Called for every frame before the next one
+     * is looked at. co_rpdo_carries() tells what is mapped into it. */
     void (*on_rpdo)(void *ctx, unsigned number);
     /* The NMT state has changed. */
     void (*on_nmt)(void *ctx, enum co_state state);

@@ -85,9 +85,27 @@ void co_pdo_start(struct co_node *node)
 
 /* ---- received ---- */
 
+/* All values are within the ranges of their objects. */
+static bool in_range(const struct co_pdo *pdo, const uint8_t *data)
+{
+    for (unsigned k = 0; k < pdo->count; k++) {
+        const struct od_entry *e = pdo->entry[k];
+        if (e->index > DUMMY_LAST && od_check(e, od_decode(e, data)) != SDO_OK) {
+            return false;
+        }
+        data += od_size(e);
+    }
+    return true;
+}
+
+/* All of it or nothing. */
 static void store(struct co_node *node, unsigned i, const uint8_t *data)
 {
     const struct co_pdo *pdo = &node->rpdo[i];
+    if (!in_range(pdo, data)) {
+        node->config.od->stream.rejected_range++;
+        return;
+    }
     for (unsigned k = 0; k < pdo->count; k++) {
         const struct od_entry *e = pdo->entry[k];
         if (e->index > DUMMY_LAST) {

@@ -93,6 +93,22 @@ static void test_rpdo_with_gaps_stores_what_is_around_them(void)
     TEST_ASSERT_FALSE(co_rpdo_carries(&bus.node, 1, 0x6040));
 }
 
+static void test_rpdo_with_a_value_out_of_its_range_is_not_taken(void)
+{
+    open_mapping(RPDO1);
+    TEST_ASSERT_EQUAL_HEX32(0, map(RPDO1, 1, 0x60400010)); /* controlword x */
+    TEST_ASSERT_EQUAL_HEX32(0, map(RPDO1, 2, 0x60600008)); /* mode x: 3..7 */
+    close_mapping(RPDO1, 2);
+    bus_give(&bus, 0x205, "0F 00 08");
+    TEST_ASSERT_EQUAL_UINT(0, bus.rpdos[1]);
+    TEST_ASSERT_EQUAL_HEX16(0, bus.od.axis[AXIS_X].controlword);
+    TEST_ASSERT_EQUAL_INT8(7, bus.od.axis[AXIS_X].mode);
+    TEST_ASSERT_EQUAL_UINT32(1, bus.od.stream.rejected_range);
+    bus_give(&bus, 0x205, "0F 00 03");
+    TEST_ASSERT_EQUAL_UINT(1, bus.rpdos[1]);
+    TEST_ASSERT_EQUAL_INT8(3, bus.od.axis[AXIS_X].mode);
+}
+
 static void test_mapping_is_changed_only_out_of_use_and_when_it_is_empty(void)
 {
     TEST_ASSERT_EQUAL_HEX32(STATE, count(TPDO5, 0));
@@ -214,6 +230,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_tpdo_with_another_mapping_sends_it);
     RUN_TEST(test_rpdo_with_gaps_stores_what_is_around_them);
+    RUN_TEST(test_rpdo_with_a_value_out_of_its_range_is_not_taken);
     RUN_TEST(test_mapping_is_changed_only_out_of_use_and_when_it_is_empty);
     RUN_TEST(test_operational_changes_no_pdo);
     RUN_TEST(test_object_that_does_not_exist_cannot_be_mapped);
