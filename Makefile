@@ -36,9 +36,9 @@ chk_SOURCES := sim/chk_fail.c
 PORT_SOURCES := firmware/port/slcan.c firmware/port/linux/pace.c firmware/port/linux/can_errors.c  # not in the library, but tested with it
 PORT     := firmware/port/stm32f405
 # What of the STM32F405's port a host can run, on the registers of tests/unit/chip.c
-CHIP_SOURCES := $(filter-out %/start.c %/main.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/unit/chip.c
+CHIP_SOURCES := $(filter-out %/start.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/unit/chip.c
 # Tests that need the host: a simulated chip's registers, more memory than a chip has
-HOST_TESTS := can_errors chk fuzz pace port_can port_clock port_encoder port_guard port_output sim slcan
+HOST_TESTS := can_errors chk fuzz pace port_can port_clock port_encoder port_guard port_output port_run sim slcan
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
 NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden ip learning loop modes num observer params path servo spline trig uncertainty

@@ -16,7 +16,7 @@ extern unsigned chip_waited;
 
 extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
 
-/* All registers zero but what an emulator is known by, and the part of main() that a test of one driver needs not. */
+/* All registers zero but what an emulator is known by; an erased store; hardware that gets ready when it is waited for. */
 void chip_reset(void);
 /* The level that the port drives at a pin. */
 bool chip_pin(char port, unsigned number);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* start.c: vector table and the way from reset to main() (DDI 0403E B1.5; RM0090 table 61). */
+/* start.c: vector table and the way from reset to run_start() (DDI 0403E B1.5; RM0090 table 61). */
 #include <stdint.h>
 
 #include "board.h"
@@ -7,15 +7,17 @@
 #include "clock.h"
 #include "cpu.h"
 #include "crash.h"
-#include "interrupts.h"
+#include "run.h"
 #include "uart.h"
 
 /* kontur.ld */
 extern uint32_t kontur_stack_top[], kontur_data[], kontur_data_end[], kontur_bss[], kontur_bss_end[];
 extern const uint32_t kontur_data_load[];
 
-/* All of RAM before main() holds nothing but what this writes, so no function of the library may be called. */
-__attribute__((optimize("no-tree-loop-distribute-patterns"))) void reset_irq(void)
+_Noreturn void reset_irq(void);
+
+/* RAM holds nothing but what this writes, so no function of the library may be called. */
+__attribute__((optimize("no-tree-loop-distribute-patterns"))) _Noreturn void reset_irq(void)
 {
     SCB->CPACR |= SCB_CPACR_FPU;
     SCB->CCR |= SCB_CCR_DIV_0_TRP;
@@ -27,8 +29,10 @@ __attribute__((optimize("no-tree-loop-distribute-patterns"))) void reset_irq(voi
     for (uint32_t *to = kontur_bss; to < kontur_bss_end; to++) {
         *to = 0;
     }
-    main();
-    crash_irq(); /* never: main() does not return */
+    run_start();
+    for (;;) {
+        run_pass();
+    }
 }
 
 typedef void (*vector)(void);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* main.c: the HAL of the STM32F405, its servo tick and its background loop. */
+#include "run.h"
+
 #include <stdatomic.h>
 
 #include "app.h"
@@ -12,7 +13,6 @@
 #include "encoder.h"
 #include "sectors.h"
 #include "inputs.h"
-#include "interrupts.h"
 #include "output.h"
 #include "params.h"
 #include "watchdog.h"
@@ -177,7 +177,7 @@ static void show_life(void)
     pin_write(BOARD_LED, (app.ms & 512u) != 0);
 }
 
-int main(void)
+void run_start(void)
 {
     output_init();
     (void)clock_start();
@@ -190,13 +190,15 @@ int main(void)
     app_init(&app, &hal, NODE_ID);
     tick_start();
     watchdog_start();
-    for (;;) {
-        app_poll(&app);
-        choose_pace();
-        show_life();
-        watchdog_pass(atomic_load(&ticks), atomic_load(&app.drive.loop.published) - app.ms < BEHIND_MS);
-        if (owed_us < TICK_US) {
-            cpu_sleep();
-        }
+}
+
+void run_pass(void)
+{
+    app_poll(&app);
+    choose_pace();
+    show_life();
+    watchdog_pass(atomic_load(&ticks), atomic_load(&app.drive.loop.published) - app.ms < BEHIND_MS);
+    if (owed_us < TICK_US) {
+        cpu_sleep();
     }
 }
