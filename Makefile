@@ -207,7 +207,7 @@ IMAGE_OBJECTS := $(IMAGE_SOURCES:%.c=$(VARIANT)/%.o)
 
 firmware: $(IMAGE).elf $(IMAGE).bin $(IMAGE).hex $(IMAGE).dfu  ## the image for an STM32F405: build/firmware/kontur.elf .bin .hex .dfu
 	@for f in elf bin hex dfu; do cp $(IMAGE).$$f build/firmware/; done
-	$(Q)$(PY) $(PORT)/check_image.py $(IMAGE).elf --map $(IMAGE).map --tools $(ARM) --allow double
+	$(Q)$(PY) $(PORT)/check_image.py $(IMAGE).elf --map $(IMAGE).map --tools $(ARM)
 
 flash: firmware build/openocd.stamp  ## write it to a board by ST-Link (OpenOCD); parameters stay
 	openocd -f interface/stlink.cfg -f target/stm32f4x.cfg -c 'program $(IMAGE).elf verify reset exit'

@@ -53,18 +53,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("elf", type=Path)
     parser.add_argument("--map", type=Path, required=True)
-    parser.add_argument("--allow", action="append", default=[], help="findings printed only as a count")
     parser.add_argument("--tools", default="arm-none-eabi-", help="prefix of the binutils")
     options = parser.parse_args()
     sizes = section_sizes(options.elf, options.tools)
     flash = sum(sizes.get(name, 0) for name in (".boot", ".text", ".data"))
     ram = sum(sizes.get(name, 0) for name in (".stack", ".noinit", ".data", ".bss"))
     found = findings(options.elf, options.map.read_text(), options.tools)
-    for kind in options.allow:
-        allowed = [line for line in found if line.startswith(kind)]
-        found = [line for line in found if line not in allowed]
-        if allowed:
-            print(f"{kind}: {len(allowed)}, allowed for now")
     for what, size, limit in (("flash", flash, FLASH_MAX), ("RAM", ram, RAM_MAX)):
         if size > limit:
             found.append(f"{what}: {size} bytes, more than {limit}")
