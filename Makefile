@@ -56,7 +56,7 @@ export MPLBACKEND := Agg
 .DELETE_ON_ERROR:
 .SECONDARY:
 .DEFAULT_GOAL := help
-.PHONY: help test-target firmware flash flash-dfu golden demo paper test test-c test-host lint bench lib setup clean FORCE
+.PHONY: help test-target firmware flash flash-dfu golden demo paper test test-c test-host test-hil lint bench lib setup clean FORCE
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -67,7 +67,7 @@ demo: setup lib  ## cut examples/part.ngc under five controllers: table, build/d
 paper: setup lib  ## run the paper again: docs/paper.md and its pictures (some minutes)
 	$(KONTUR) experiment paper-page docs/paper.md
 
-test: setup test-c test-target test-host lint  ## all tests: C (Unity, with sanitizers), Python (pytest), lint
+test: setup test-c test-target test-host test-hil lint  ## all tests: C (Unity, with sanitizers), Python (pytest), over the bus, lint
 
 test-c: $(TEST_PROGRAMS)  ## the C tests alone
 	@failed=0; for t in $^; do \
@@ -77,6 +77,13 @@ test-c: $(TEST_PROGRAMS)  ## the C tests alone
 
 test-host: setup lib firmware build/qemu.stamp  ## the Python tests alone, those of the image in QEMU among them
 	$(PY) -m pytest
+
+# On each target in turn; a real drive: make test-hil TARGET=can0 NO_MOTION=1, and then without NO_MOTION.
+HIL      := $(or $(TARGET),inproc slcan vcan)
+test-hil: setup lib $(if $(filter vcan,$(HIL)),build/uml.stamp)  ## the drive over its bus: TARGET=inproc, slcan, vcan (default: all), can0
+	@for target in $(HIL); do echo "Drive over its bus: $$target"; \
+	  case $$target in vcan) vcan="$(PY) tests/hil/vcan.py";; *) vcan=;; esac; \
+	  $$vcan $(PY) -m pytest tests/hil --target $$target $(if $(NO_MOTION),--no-motion) || exit 1; done
 
 lint: setup lib  ## ruff (style and format) and mypy --strict
 	$(VENV)/bin/ruff check host tests firmware
@@ -222,6 +229,10 @@ build/openocd.stamp:
 	$(Q)$(call debian,openocd,openocd)
 build/dfu-util.stamp:
 	$(Q)$(call debian,dfu-util,dfu-util)
+# Where this kernel has no vcan, User-Mode Linux has.
+build/uml.stamp: $(VENV)/stamp
+	$(Q)if $(PY) tests/hil/vcan.py --here; then mkdir -p build; touch $@; \
+	else $(call debian,linux.uml,user-mode-linux kmod iproute2); fi
 build/qemu.stamp:
 	$(Q)$(call debian,qemu-system-arm,qemu-system-arm)
 

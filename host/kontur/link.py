@@ -164,6 +164,14 @@ class Link:
             self._network.notify(message.arbitration_id, message.data, message.timestamp)
         return True
 
+    def catch_up(self) -> None:
+        """Handle the frames that have come already: after a pause of the host they say what was true long ago."""
+        if self.by_device_time:
+            return  # the drive waits for the host
+        end_s = time.monotonic() + HEARTBEAT_S
+        while self._take(0.0) and time.monotonic() < end_s:
+            pass
+
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Pump until `condition` holds; False when it does not within `timeout_s`."""
         end_s = self._clock() + timeout_s

@@ -204,6 +204,7 @@ class _Sender:
             self._sent = i + 1
         self._ever_sent = max(self._ever_sent, self._sent)
         link.pump(1e-3 if self._sent < limit else FLIGHT_MAX_S)
+        link.catch_up()  # an old status would tell of knots that are not there yet, and they would be sent again
         device.check()
         if link.status_count != self._seen:
             self._seen = link.status_count

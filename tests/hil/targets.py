@@ -57,6 +57,7 @@ class Target(ABC):
     """`outlives_host`: the drive is no part of the host's process, which may be killed."""
 
     outlives_host = True
+    simulated = True
 
     @abstractmethod
     def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> AbstractContextManager[Drive]:
@@ -96,7 +97,7 @@ class Process(Target):
     def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> Iterator[Drive]:
         with tempfile.TemporaryDirectory() as folder, ExitStack() as running:
             record = Path(folder) / "truth"
-            sim = running.enter_context(simprocess.start(**self.bus, machine=plant, record=record))
+            sim = running.enter_context(simprocess.start(**self.bus, pace=pace, machine=plant, record=record))
 
             def truth_m() -> Metres:
                 running.close()
@@ -104,6 +105,7 @@ class Process(Target):
 
             yield Drive(
                 sim.options(),
+                stepped=pace != "clock",
                 listeners=self.is_vcan,
                 truth_m=truth_m,
                 unplug=self._link_down if self.is_vcan else _hung_up,
@@ -131,6 +133,8 @@ def _hung_up(bus: can.BusABC) -> Iterator[None]:
 
 class RealDrive(Target):
     """A drive on the bench; what keeps its table safe is in rig.py."""
+
+    simulated = False
 
     def __init__(self, options: dict[str, Any], node_id: int) -> None:
         self.options, self.node_id = options, node_id
