@@ -153,7 +153,7 @@ def test_ctrl_c_on_the_command_line_stops_on_the_path(target: Target, tmp_path: 
             rig.circle(1.0)
         program = tmp_path / "circles.ngc"
         turn = f"G3 X{x_m * 1e3:.6f} Y{y_m * 1e3:.6f} I{-rig.radius_m * 1e3:g} J0\n"
-        program.write_text(f"F{rig.feed_mps * 60e3:g}\nG0 X{x_m * 1e3:.6f} Y{y_m * 1e3:.6f}\n" + 16 * turn)
+        program.write_text(f"F{rig.feed_mps * 60e3:g}\nG0 X{x_m * 1e3:.6f} Y{y_m * 1e3:.6f}\n" + 40 * turn)
         bus = command_line(drive.bus_options) if target.outlives_host else []
         status, shown = interrupted_at(
             25, [sys.executable, "-m", "kontur.cli", "run", str(program), "--approach", *bus]
