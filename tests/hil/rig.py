@@ -149,6 +149,12 @@ class Rig:
         return values
 
 
+def moving(position_m: Metres, step_s: float) -> NDArray[np.intp]:
+    """The rows of positions (n, 2), `step_s` apart, where they move faster than STANDS_MPS, over 1 ms."""
+    window = round(1e-3 / step_s)
+    return np.flatnonzero(np.hypot(*(position_m[window:] - position_m[:-window]).T) > STANDS_MPS * window * step_s)
+
+
 def checksum(knots_nm: Knots) -> int:
     """What 2200h checksum must be after these knots."""
     return zlib.crc32(np.ascontiguousarray(knots_nm, dtype="<i4").tobytes())

@@ -4,7 +4,7 @@
 import dataclasses
 
 import pytest
-from rig import Rig, checksum
+from rig import Rig, checksum, moving
 from targets import MACHINE, Target
 
 from kontur.faults import Faults, FaultyBus
@@ -14,8 +14,8 @@ pytestmark = pytest.mark.motion
 
 MIX = Faults(drop=0.02, duplicate=0.01, reorder=0.01, flip=0.005, seed=1)
 WORSE = dataclasses.replace(MIX, delay=0.01, burst=0.0005, burst_frames=3, seed=2)
-LAPS = 16.0
-START_S = 5.0
+LAPS = 6.0
+START_S = 3.0
 # Without noise its error is the same at any time.
 QUIET = dataclasses.replace(
     MACHINE, **{axis: dataclasses.replace(getattr(MACHINE, axis), force_noise_N=0.0) for axis in "xy"}
@@ -46,7 +46,9 @@ def errors_of_circle(target: Target, faults: Faults) -> tuple[float, float] | No
         if not drive.stepped:
             return None
         position_m, step_s = rig.positions_m()
-        off_m = rig.off_circle_m(position_m[round(START_S / step_s) :])
+        position_m = position_m[round(START_S / step_s) :]
+        position_m = position_m[: moving(position_m, step_s)[-1]]  # to the end of the path, whenever power went
+        off_m = rig.off_circle_m(position_m[moving(position_m, step_s)[0] :])
         return float(off_m.max()), float(off_m.mean())
 
 
