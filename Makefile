@@ -29,7 +29,7 @@ NO_FLOAT := -mgeneral-regs-only
 # The control core and the servo tick for a microcontroller: optimised as a whole
 TICK_FLAGS := -O3 -flto
 
-GENERATED := build/gen/od_gen.c
+GENERATED := build/gen/od_gen.c build/gen/signal_gen.c
 FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c) $(GENERATED)
 SOURCES  := $(FIRMWARE) sim/flash.c sim/kontur_sim.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
@@ -41,7 +41,7 @@ CHIP_SOURCES := $(filter-out %/start.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/u
 HOST_TESTS := can_errors chk fuzz pace port_can port_clock port_encoder port_guard port_output port_run sim slcan
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
-NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden ip learning loop modes num observer params path servo spline trig uncertainty
+NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden ip learning loop modes num observer params path scope servo spline trig uncertainty
 # Not for the checking back end: in these an encoder jumps out of the range of `num`, where fixed point saturates and chk
 # stops; and it has no words of its own.
 NOT_CHK  := drive golden loop
@@ -141,12 +141,16 @@ define debian
 endef
 
 # --- library ----------------------------------------------------------------------------------------------------------
-$(GENERATED): firmware/canopen/objects.toml $(wildcard firmware/canopen/*.py) | $(VENV)/stamp
+build/gen/od_gen.c: firmware/canopen/objects.toml $(wildcard firmware/canopen/*.py) | $(VENV)/stamp
 	@echo "  GEN objects.toml"
 	$(Q)$(PY) firmware/canopen/generate.py build/gen --eds host/kontur/kontur.eds --dbc host/kontur/kontur.dbc --docs docs/objects.md
 
-# Made by the same command; without this rule make would not see in the same run that it has changed.
-$(GENERATED:.c=.h): $(GENERATED) ;
+build/gen/signal_gen.c: firmware/drive/signals.toml firmware/drive/signals.py | $(VENV)/stamp
+	@echo "  GEN signals.toml"
+	$(Q)$(PY) firmware/drive/signals.py build/gen --docs docs/signals.md --json host/kontur/signals.json
+
+# Made by the same commands; without this rule make would not see in the same run that it has changed.
+$(GENERATED:.c=.h): %.h: %.c ;
 
 # The build id is compiled into one file, again when it has changed.
 build/build_id: FORCE

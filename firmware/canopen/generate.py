@@ -25,6 +25,7 @@ AREAS = (
     (0x1000, "Communication (CiA 301)"),
     (0x2000, "Kontur: control"),
     (0x2200, "Kontur: stream and telemetry"),
+    (0x2300, "Kontur: scope"),
     (0x2800, "Kontur: control, axis y"),
     (0x6000, "Axes (CiA 402)"),
 )
@@ -112,8 +113,14 @@ def eds_value(e: Entry) -> str:
 
 
 def eds_entry(e: Entry, object_description: str = "") -> list[str]:
-    lines = [f"ParameterName={e.name}", "ObjectType=0x7", f"DataType=0x{e.type.code:04X}", f"AccessType={e.access}"]
-    if e.access != "wo":
+    object_type = 2 if e.type.name == "domain" else 7
+    lines = [
+        f"ParameterName={e.name}",
+        f"ObjectType=0x{object_type:X}",
+        f"DataType=0x{e.type.code:04X}",
+        f"AccessType={e.access}",
+    ]
+    if e.access != "wo" and e.type.name != "domain":
         lines.append(f"DefaultValue={eds_value(e)}")
     if e.limited and e.access != "const":
         lines += [f"LowLimit={e.low}", f"HighLimit={e.high}"]

@@ -35,6 +35,10 @@ struct co_hooks {
     void (*on_write)(void *ctx, const struct od_entry *entry);
     /* An SDO is about to read: bring the field up to date. */
     void (*before_read)(void *ctx, const struct od_entry *entry);
+    /* An SDO reads a domain: how many bytes there are, 0 none. */
+    uint32_t (*domain_size)(void *ctx, const struct od_entry *entry);
+    /* Put `count` of these bytes, from `at` on; the same ones may be asked for again. false: they are gone. */
+    bool (*domain_read)(void *ctx, const struct od_entry *entry, uint32_t at, uint8_t *to, uint32_t count);
     /* RPDO `number` (1...) takes effect: its fields are stored. Called for every frame before the next one
      * is looked at. co_rpdo_carries() tells what is mapped into it. */
     void (*on_rpdo)(void *ctx, unsigned number);

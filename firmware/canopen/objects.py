@@ -32,7 +32,7 @@ class ObjectsError(Exception):
 
 @dataclass(frozen=True)
 class Type:
-    """A CANopen data type: name in objects.toml, code (CiA 301, table 44), C type, bits (0: string), sign."""
+    """A CANopen data type: name in objects.toml, code (CiA 301, table 44), C type, bits (0: string, domain), sign."""
 
     name: str
     code: int
@@ -60,6 +60,7 @@ TYPES = {
         Type("u32", 0x07, "uint32_t", 32, False),
         Type("string", 0x09, "const char *", 0, False),
         Type("i24", 0x10, "int32_t", 24, True),
+        Type("domain", 0x0F, "", 0, False),
     )
 }
 
@@ -72,7 +73,7 @@ class Entry:
     sub: int
     name: str
     field: str
-    """place in struct od_data; empty for constants, which have none"""
+    """place in struct od_data; empty for constants and domains, which have none"""
     type: Type
     access: str
     default: int | str
@@ -197,7 +198,12 @@ def _object(name: str, c_name: str, index: int, axis: int | None, source: dict[s
             first = _entry(index, 0, HIGHEST_SUB, f"{place}_count", axis, keys_0, name)
         entries = [first]
         for i in range(count):
-            entries.append(_entry(index, i + 1, f"entry_{i + 1}", f"{place}[{i}]", axis, keys, name))
+            keys_i = keys
+            if axis is None and isinstance(keys.get("default"), list):
+                if len(keys["default"]) != count:
+                    raise ObjectsError(f"{name}: a list of defaults needs {count} values")
+                keys_i = {**keys, "default": keys["default"][i]}
+            entries.append(_entry(index, i + 1, f"entry_{i + 1}", f"{place}[{i}]", axis, keys_i, name))
         return Object(index, name, "array", description, tuple(entries), c_name, axis, counted)
     entry = _entry(index, 0, name, place, axis, keys, name)
     return Object(index, name, "var", description, (entry,), c_name, axis, False)
@@ -244,13 +250,15 @@ def _entry(index: int, sub: int, name: str, field: str, axis: int | None, source
             raise ObjectsError(f"{where}: default {default} is outside {low}..{high} (wire units)")
     elif not isinstance(default, str) or access == "wo" or access == "rw":
         raise ObjectsError(f"{where}: a string has a text as default and cannot be written")
+    elif kind.name == "domain" and (default or access == "const"):
+        raise ObjectsError(f"{where}: a domain has no default, and is made while it is read")
     else:
         low = high = 0
     return Entry(
         index=index,
         sub=sub,
         name=name,
-        field="" if access == "const" else field,
+        field="" if access == "const" or kind.name == "domain" else field,
         type=kind,
         access=access,
         default=default,

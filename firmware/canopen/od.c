@@ -66,6 +66,7 @@ uint8_t od_size(const struct od_entry *entry)
 {
     static const uint8_t bytes[] = {
         [OD_U8] = 1, [OD_I8] = 1, [OD_U16] = 2, [OD_I16] = 2, [OD_I24] = 3, [OD_U32] = 4, [OD_I32] = 4, [OD_STRING] = 0,
+        [OD_DOMAIN] = 0,
     };
     return bytes[entry->type];
 }

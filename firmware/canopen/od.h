@@ -42,7 +42,7 @@
 /* Of 2001h id: none (CiA 305), and the largest one, since TPDO5 takes identifiers from 1C1h on. */
 enum { OD_UNCONFIGURED = 255, OD_NODE_MAX = 31 };
 
-enum od_type { OD_U8, OD_I8, OD_U16, OD_I16, OD_I24, OD_U32, OD_I32, OD_STRING };
+enum od_type { OD_U8, OD_I8, OD_U16, OD_I16, OD_I24, OD_U32, OD_I32, OD_STRING, OD_DOMAIN };
 
 enum od_flag {
     OD_READ = 1,
@@ -73,7 +73,7 @@ void od_restore(struct od_data *od, uint8_t node_id, uint16_t first, uint16_t la
 
 /* NULL, and why in *abort (SDO_ABORT_NO_OBJECT or _NO_SUB), when there is no such entry. */
 const struct od_entry *od_find(uint16_t index, uint8_t sub, uint32_t *abort);
-/* Bytes on the wire, 1..4; 0 for a string. */
+/* Bytes on the wire, 1..4; 0 for a string or a domain, which has no field. */
 uint8_t od_size(const struct od_entry *entry);
 /* A number. */
 int64_t od_read(const struct od_data *od, const struct od_entry *entry);

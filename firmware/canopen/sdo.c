@@ -150,6 +150,11 @@ uint32_t co_sdo_prepare(struct co_node *node, const struct od_entry *entry)
         hooks->before_read(hooks->ctx, entry);
     }
     *sdo = (struct co_sdo){.entry = entry, .data = sdo->buffer, .size = od_size(entry)};
+    if (entry->type == OD_DOMAIN) {
+        sdo->data = NULL;
+        sdo->size = hooks->domain_size != NULL ? hooks->domain_size(hooks->ctx, entry) : 0u;
+        return sdo->size != 0 ? SDO_OK : SDO_ABORT_NO_DATA;
+    }
     if (entry->type == OD_STRING) {
         const char *text = od_text(od, entry);
         sdo->data = (const uint8_t *)text;
@@ -160,19 +165,25 @@ uint32_t co_sdo_prepare(struct co_node *node, const struct od_entry *entry)
     return SDO_OK;
 }
 
-void co_sdo_bytes(const struct co_sdo *sdo, uint32_t at, uint8_t *to, uint32_t count)
+bool co_sdo_bytes(const struct co_node *node, uint32_t at, uint8_t *to, uint32_t count)
 {
+    const struct co_sdo *sdo = &node->sdo;
+    const struct co_hooks *hooks = &node->config.hooks;
+    if (sdo->entry->type == OD_DOMAIN) {
+        return hooks->domain_read(hooks->ctx, sdo->entry, at, to, count);
+    }
     memcpy(to, &sdo->data[at], count);
+    return true;
 }
 
 void co_sdo_upload(struct co_node *node)
 {
     struct co_sdo *sdo = &node->sdo;
-    const bool expedited = sdo->entry->type != OD_STRING;
+    const bool expedited = od_size(sdo->entry) != 0;
     const unsigned how = expedited ? BIT_EXPEDITED | (unsigned)(4 - sdo->size) << 2 : 0u;
     struct can_frame frame = co_sdo_object_response(node, SCS_UPLOAD | BIT_SIZE | how, sdo->entry);
     if (expedited) {
-        co_sdo_bytes(sdo, 0, &frame.data[4], sdo->size);
+        (void)co_sdo_bytes(node, 0, &frame.data[4], sdo->size);
     } else {
         co_put(&frame.data[4], sdo->size, 4);
         sdo->transfer = CO_SDO_UPLOAD;
@@ -198,7 +209,10 @@ static void upload_segment(struct co_node *node, const uint8_t *request)
     const bool last = count == left;
     struct can_frame frame = co_sdo_response(
         node, SCS_UPLOAD_SEGMENT | (request[0] & BIT_TOGGLE) | (CO_SDO_SEGMENT - count) << 1 | (last ? BIT_LAST : 0u));
-    co_sdo_bytes(sdo, sdo->at, &frame.data[1], count);
+    if (!co_sdo_bytes(node, sdo->at, &frame.data[1], count)) {
+        abort_transfer(node, SDO_ABORT_STATE);
+        return;
+    }
     sdo->at += count;
     sdo->toggle = !sdo->toggle;
     if (last) {

@@ -57,7 +57,7 @@ struct co_sdo {
     bool toggle;          /* of the next segment */
     uint16_t silent_ms;   /* since the last step of the transfer */
     uint32_t at;          /* bytes transferred; block upload: acknowledged, as a multiple of a segment */
-    const uint8_t *data;  /* upload: the bytes, */
+    const uint8_t *data;  /* upload: the bytes (NULL: a domain), */
     uint32_t size;        /* and how many */
     uint8_t buffer[CO_SDO_SEGMENT]; /* a number on its way */
     bool crc_wanted;
@@ -83,8 +83,8 @@ uint32_t co_sdo_check_length(const struct od_entry *entry, uint32_t size);
 uint32_t co_sdo_store(struct co_node *node, const struct od_entry *entry, const uint8_t *data);
 /* Make the value ready to be sent: entry, data and size of node->sdo. SDO_OK, or why there is none. */
 uint32_t co_sdo_prepare(struct co_node *node, const struct od_entry *entry);
-/* `count` bytes of it. A type that is made while it is read would be read here. */
-void co_sdo_bytes(const struct co_sdo *sdo, uint32_t at, uint8_t *to, uint32_t count);
+/* `count` bytes of it; false: they are gone (of a domain). */
+bool co_sdo_bytes(const struct co_node *node, uint32_t at, uint8_t *to, uint32_t count);
 /* Answer an upload whose value is prepared: expedited, or its first segment. */
 void co_sdo_upload(struct co_node *node);
 

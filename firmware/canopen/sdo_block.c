@@ -181,7 +181,10 @@ static bool send_segment(struct co_node *node)
     const bool last = bytes_left(sdo) - ahead == CO_SDO_SEGMENT;
     const uint32_t count = last ? sdo->size - at : CO_SDO_SEGMENT;
     struct can_frame frame = co_sdo_response(node, (sdo->sent + 1u) | (last ? (unsigned)BIT_LAST : 0u));
-    co_sdo_bytes(sdo, at, &frame.data[1], count);
+    if (!co_sdo_bytes(node, at, &frame.data[1], count)) {
+        fail(node, SDO_ABORT_STATE);
+        return false;
+    }
     if (!co_transmit(node, &frame)) {
         return false;
     }

@@ -21,6 +21,7 @@
  *   n_to_q32(x)        x * 2^32 as int64, to one step, for |x| < 4096
  *   pos_sub(a, b)      (a - b) in um;   pos_add(p, x)   p + x um, to one step
  *   n_to_scaled(x, k)  round(x * k) as int32, saturated: for telemetry
+ *   n_word(x)          the value as 32 bits, for the scope; n_of_word(w) back
  *   n_state(x)         x, kept to the next period: the checking back end starts a new shadow, so that what it checks is a period
  *   n_abs(x)           where that is not n_neg() or x; then NUM_ABS is defined
  *   acc_t              an accumulator for slow integrals, to 2^-48: what a step adds to it may be far below the resolution

@@ -128,6 +128,16 @@ static inline num n_state(num a)
     return (num){a.v, a.v / 524288.0};
 }
 
+static inline uint32_t n_word(num a)
+{
+    return (uint32_t)a.v;
+}
+
+static inline num n_of_word(uint32_t word)
+{
+    return (num){(int32_t)word, (int32_t)word / 524288.0};
+}
+
 static inline bool n_lt(num a, num b)
 {
     return a.v < b.v;

@@ -106,6 +106,24 @@ static inline num n_ratio(int64_t n, int64_t d)
     return n_from_i64(n) / n_from_i64(d);
 }
 
+static inline uint32_t n_word(num x)
+{
+    union {
+        num x;
+        uint32_t word;
+    } u = {.x = x};
+    return u.word;
+}
+
+static inline num n_of_word(uint32_t word)
+{
+    union {
+        uint32_t word;
+        num x;
+    } u = {.word = word};
+    return u.x;
+}
+
 static inline int64_t n_to_q32(num x)
 {
     return n_to_i64(x * 4294967296.0f);

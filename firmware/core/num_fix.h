@@ -23,6 +23,8 @@ typedef int64_t acc_t;
 #define pos_sub fix_pos_sub
 #define pos_add fix_pos_add
 #define n_state(x) (x)
+#define n_word(x) ((uint32_t)(x))
+#define n_of_word(w) ((num)(w))
 #define acc_state(a) (a)
 #define acc_from fix_acc_from
 #define acc_to fix_acc_to

@@ -170,9 +170,47 @@ static uint32_t check_settings(struct app *app, const struct od_entry *entry, in
     return settings_command(&app->settings, entry, value, app->node.config.node_id);
 }
 
+static bool is_signal(uint32_t number)
+{
+    return number < SIGNALS && (number == 0 || scope_signals[number].kind != SCOPE_NONE);
+}
+
+static uint32_t check_scope(struct app *app, const struct od_entry *entry, int64_t value)
+{
+    if (entry->index == 0x2301 || entry->sub == 5) {
+        return is_signal((uint32_t)value) ? SDO_OK : SDO_ABORT_VALUE;
+    }
+    return entry->sub == 1 ? drive_scope_command(&app->drive, (uint8_t)value) : SDO_OK;
+}
+
+static uint32_t domain_size(void *ctx, const struct od_entry *entry)
+{
+    struct app *app = ctx;
+    (void)entry; /* there is one */
+    return scope_size(&app->drive.loop.scope);
+}
+
+static bool domain_read(void *ctx, const struct od_entry *entry, uint32_t at, uint8_t *to, uint32_t count)
+{
+    const struct app *app = ctx;
+    (void)entry;
+    return scope_read(&app->drive.loop.scope, at, to, count, app->drive.queue.origin_nm);
+}
+
+static void before_read(void *ctx, const struct od_entry *entry)
+{
+    struct app *app = ctx;
+    if (entry->index == 0x2300) {
+        scope_report(&app->drive.loop.scope, &app->od);
+    }
+}
+
 static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
     struct app *app = ctx;
+    if (entry->index == 0x2300 || entry->index == 0x2301) {
+        return check_scope(app, entry, value);
+    }
     if (entry->index == 0x1010 || entry->index == 0x1011 || entry->index == 0x2001) {
         return check_settings(app, entry, value);
     }
@@ -294,6 +332,9 @@ void app_init(struct app *app, const struct hal *hal, uint8_t node_id)
         .hooks = {.ctx = app,
                   .check_write = check_write,
                   .on_write = on_write,
+                  .before_read = before_read,
+                  .domain_size = domain_size,
+                  .domain_read = domain_read,
                   .on_rpdo = on_rpdo,
                   .on_nmt = on_nmt,
                   .on_heartbeat_lost = on_heartbeat_lost,

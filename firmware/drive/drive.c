@@ -68,6 +68,7 @@ void drive_fault(struct drive *d, enum fault f)
 {
     const bool stop_first = fault_table[f].reaction == REACT_PATH_STOP;
     d->faults |= FAULT_BIT(f);
+    scope_fault(&d->loop.scope, FAULT_BIT(f));
     for (int i = 0; i < 2; i++) {
         cia402_fault(&d->axis[i], stop_first);
         d->od->axis[i].error_code = fault_table[f].emcy;
@@ -123,6 +124,18 @@ void drive_shift_origin(struct drive *d, int axis, int32_t origin_nm)
     queue_hold(&d->queue, queue_user(&d->queue, servo));
     d->od->axis[axis].position_actual = drive_position(d).nm[axis]; /* what was told before is no more */
     restart(d);
+}
+
+uint32_t drive_scope_command(struct drive *d, uint8_t command)
+{
+    if (command == SCOPE_COMMAND_OFF) {
+        scope_off(&d->loop.scope);
+        return SDO_OK;
+    }
+    if (command == SCOPE_COMMAND_DEFAULTS) {
+        od_restore(d->od, 0, 0x2300, 0x2301);
+    }
+    return scope_arm(&d->loop.scope, d->od, d->queue.origin_nm) ? SDO_OK : SDO_ABORT_INCOMPATIBLE;
 }
 
 bool drive_in_step(const struct drive *d)
@@ -192,6 +205,9 @@ void drive_command(struct drive *d)
     if (d->axis[0].state != CIA402_FAULT && d->axis[1].state != CIA402_FAULT && !drive_powered(d)) {
         d->faults = 0;
         atomic_store(&d->loop.faults, 0u);
+        if (scope_holds_fault(&d->loop.scope)) { /* it is cleared, and so is its capture */
+            (void)scope_arm(&d->loop.scope, d->od, d->queue.origin_nm);
+        }
     }
     apply(d);
 }
@@ -220,6 +236,7 @@ void drive_reset(struct drive *d)
     d->queue.origin_nm[1] = origin_nm[1];
     drive_configure(d);
     drive_hold(d);
+    (void)scope_arm(&d->loop.scope, d->od, origin_nm);
 }
 
 void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)

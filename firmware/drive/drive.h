@@ -40,6 +40,8 @@ uint32_t drive_poll(struct drive *d);
 void drive_fault(struct drive *d, enum fault f);
 /* Object 2200h command: SDO abort code, or 0. */
 uint32_t drive_stream_command(struct drive *d, uint8_t command);
+/* Object 2300h command, enum scope_command: SDO abort code, or 0. */
+uint32_t drive_scope_command(struct drive *d, uint8_t command);
 /* Knots may be taken; the servo is told when the stream is complete. */
 enum queue_result drive_knot(struct drive *d, const struct od_knot *frame);
 enum queue_result drive_push(struct drive *d, struct knot knot);

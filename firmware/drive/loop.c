@@ -291,6 +291,7 @@ void loop_tick(struct loop *loop)
         .enable = {servo.enabled[0], servo.enabled[1]},
     };
     write_machine(loop, cfg, &drive);
+    scope_step(&loop->scope, (const void *const[SCOPE_BASES]){loop, &out}, loop->ticks, LOAD(loop->faults));
 
     if (++loop->ticks % TICKS_PER_MS == 0) {
         publish(loop, &in, &out, servo.controller);

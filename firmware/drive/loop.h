@@ -17,6 +17,7 @@
 #include "machine.h"
 #include "params.h"
 #include "path.h"
+#include "scope.h"
 
 struct loop_cfg {
     struct servo_cfg servo;
@@ -120,6 +121,7 @@ struct loop {
     struct loop_error error;
     uint32_t ticks;
     uint8_t cfg_used;
+    struct scope scope;         /* last: the largest */
 };
 
 /* A configuration must be set up before the first tick. Positions are encoder counts times their length. */

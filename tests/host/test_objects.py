@@ -106,7 +106,7 @@ def test_eds_describes_every_object_and_entry_as_cia_306_wants(sections: configp
             continue
         section = sections[name]
         assert section["ParameterName"]
-        if section["ObjectType"] == "0x7":
+        if section["ObjectType"] in ("0x2", "0x7"):  # a domain, a variable
             assert section["AccessType"] in ("ro", "wo", "rw", "const"), name
             assert section["PDOMapping"] in ("0", "1"), name
             assert int(section["DataType"], 16) in range(1, 0x1C), name

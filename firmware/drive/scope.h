@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* scope.h: up to SCOPE_CHANNELS signals of the servo, each control period or each so many, around a trigger.
+ *
+ * scope_step() runs in the servo tick, everything else in the background, which the tick interrupts and never the other
+ * way round. `state` says whose the rest is: the tick's while WAITING or TRIGGERED, the background's while OFF or DONE.
+ * The background may take it at any time, by making it OFF.
+ *
+ * Frames go round in `sample` until the trigger, and then on until those before it are the share asked for. A fault
+ * triggers always, whatever else is waited for, and a level only once the frames before it are there. Armed for faults
+ * at power-on (2300h, 2301h as they are by default: 500 ms before, 130 ms after), and again when a fault whose capture
+ * it holds is reset. docs/scope.md has the layout of what is read.
+ */
+#ifndef KONTUR_SCOPE_H
+#define KONTUR_SCOPE_H
+#include <stdatomic.h>
+
+#include "num.h"
+#include "od.h"
+#include "signal_gen.h"
+
+enum { SCOPE_SAMPLES = 4096, SCOPE_CHANNELS = 8, SCOPE_HEADER = 32, SCOPE_VERSION = 1 };
+
+enum scope_state { SCOPE_OFF, SCOPE_WAITING, SCOPE_TRIGGERED, SCOPE_DONE };        /* 2300h:2 */
+enum scope_trigger { SCOPE_NOW, SCOPE_FAULT, SCOPE_RISING, SCOPE_FALLING };        /* 2300h:4 */
+enum scope_command { SCOPE_COMMAND_ARM = 1, SCOPE_COMMAND_DEFAULTS, SCOPE_COMMAND_OFF }; /* 2300h:1 */
+
+/* Where a signal is in the tick, and what it is: one row of signals.toml. */
+enum scope_base { SCOPE_LOOP, SCOPE_OUT, SCOPE_BASES };
+enum scope_kind { SCOPE_NONE, SCOPE_NUM, SCOPE_ACC, SCOPE_POS, SCOPE_PATH, SCOPE_I32, SCOPE_U8 };
+struct scope_signal {
+    uint8_t kind, base, axis;
+    uint16_t offset;
+    int32_t scale; /* counts of one unit of the core: num, acc */
+};
+extern const struct scope_signal scope_signals[SIGNALS];
+
+struct scope {
+    _Atomic uint8_t state;
+    _Atomic uint32_t told;      /* faults that the background has raised */
+    uint32_t faults;            /* of the last period: the tick's in every state */
+
+    /* set while OFF */
+    struct scope_signal signal[SCOPE_CHANNELS], source;
+    uint8_t number[SCOPE_CHANNELS];
+    uint8_t channels, trigger;
+    uint16_t periods;           /* from frame to frame */
+    uint32_t capacity, before;  /* frames in all, wanted before the trigger */
+    uint32_t level;             /* as `source` is sampled */
+    uint32_t serial;            /* captures so far */
+    uint32_t reading;           /* ... the one that is being read */
+
+    /* the tick's */
+    uint16_t wait;              /* periods until the next frame */
+    bool primed, above;         /* a level has been compared, and how */
+    uint32_t next, filled;      /* frame to write, frames written: at most capacity */
+    uint32_t after;             /* frames since the trigger, its own one included */
+    uint32_t last_tick, trigger_tick; /* control periods since power-on */
+    uint32_t cause;             /* faults that triggered; 0: something else */
+    uint32_t sample[SCOPE_SAMPLES];
+};
+
+/* In the servo tick, last. base: struct loop, struct servo_out; tick: number of the control period; faults: FAULT_BIT()s. */
+void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t tick, uint32_t faults);
+
+/* Start anew with what 2300h and 2301h say; what was captured is gone. origin_nm: 2300h level of a position less the
+ * servo's. false: no channel, or no source of a level. */
+bool scope_arm(struct scope *s, const struct od_data *od, const int32_t origin_nm[2]);
+void scope_off(struct scope *s);
+/* The background has raised these faults. */
+void scope_fault(struct scope *s, uint32_t faults);
+/* It holds, or is about to hold, what led to a fault. */
+bool scope_holds_fault(const struct scope *s);
+/* What 2300h tells of it. */
+void scope_report(const struct scope *s, struct od_data *od);
+/* Bytes of 2302h; 0 while there is no capture. Reading begins. */
+uint32_t scope_size(struct scope *s);
+/* `count` of them from `at` on; false when the capture that scope_size() told of is gone. origin_nm: user's positions
+ * less the servo's. */
+bool scope_read(const struct scope *s, uint32_t at, uint8_t *to, uint32_t count, const int32_t origin_nm[2]);
+#endif
