@@ -13,7 +13,7 @@ import io
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -192,25 +192,36 @@ def _csv_row(line: str, names: list[str], path: Path, number: int) -> list[float
 
 
 def _mf4_bytes(run: RunLog) -> bytes:
+    columns = [Mf4Channel(n, _BY_NAME[n].unit, _BY_NAME[n].what, v) for n, v in run.columns.items() if n != "time_s"]
+    return mf4_bytes("log", run.meta, "telemetry", run.columns["time_s"], columns)
+
+
+@dataclass(frozen=True)
+class Mf4Channel:
+    """A signal on its way to an MF4 file."""
+
+    name: str
+    unit: str
+    what: str
+    values: Array
+
+
+def mf4_bytes(kind: str, meta: Mapping[str, Any], group: str, time_s: Array, channels: Sequence[Mf4Channel]) -> bytes:
+    """An MF4 file of one group of `channels` over `time_s`; `meta` is its comment. Equal contents give equal bytes."""
     from asammdf import MDF, Signal  # takes half a second: only who uses MF4 pays
     from asammdf.blocks.v4_blocks import FileHistory
 
     mdf = MDF(version="4.10")
     try:
         mdf.start_time = _EPOCH
-        mdf.header.comment = f"<HDcomment><TX>{escape(json.dumps(run.meta), quote=False)}</TX></HDcomment>"
+        mdf.header.comment = f"<HDcomment><TX>{escape(json.dumps(meta), quote=False)}</TX></HDcomment>"
         history = FileHistory()
         history.time_stamp = _EPOCH
-        history.comment = "<FHcomment><TX>kontur log 1</TX><tool_id>kontur</tool_id></FHcomment>"
+        history.comment = f"<FHcomment><TX>kontur {kind} 1</TX><tool_id>kontur</tool_id></FHcomment>"
         mdf.file_history.append(history)
-        time_s = run.columns["time_s"]
         mdf.append(
-            [
-                Signal(values, time_s, name=name, unit=_BY_NAME[name].unit, comment=_BY_NAME[name].what)
-                for name, values in run.columns.items()
-                if name != "time_s"
-            ],
-            acq_name="telemetry",
+            [Signal(c.values, time_s, name=c.name, unit=c.unit, comment=c.what) for c in channels],
+            acq_name=group,
             common_timebase=True,
         )
         out = io.BytesIO()

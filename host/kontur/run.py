@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kontur import scope as scopes
 from kontur import scoring, wire
 from kontur.device import Device, connected, open_bus
 from kontur.errors import DeviceError, EmcyError
@@ -89,13 +90,15 @@ def connect(target: Target) -> Iterator[Device]:
 class RunResult:
     """`log` of the run; `truth` at the control rate from the start of the path to its end, None on a real drive.
 
-    `fault`: what the drive reported, where that ended the run.
+    `fault`: what the drive reported, where that ended the run. `capture`: what its scope recorded, where that was asked
+    for and triggered, or where a fault ended the run.
     """
 
     log: RunLog
     truth: Truth | None
     completed: bool
     fault: EmcyError | None = None
+    capture: scopes.Capture | None = None
 
 
 def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: float | None = None) -> Limits:
@@ -123,12 +126,14 @@ def run(
     progress: Callable[[float], None] = lambda share: None,
     stop_requested: Callable[[], bool] = lambda: False,
     raise_fault: bool = True,
+    scope: scopes.Setup | None = None,
 ) -> RunResult:
     """Run `trajectory`; `parameters` are set before, by name, in their units.
 
     A real drive that does not stand at the start goes there first if `approach` gives the limits for that, else this
     is refused. `command` is kept in the log. When `stop_requested` returns True the drive stops on the path, and the
-    log ends there; so it does at a fault of the drive where `raise_fault` is False.
+    log ends there; so it does at a fault of the drive where `raise_fault` is False. `scope` is armed just
+    before the start.
 
     Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError; KeyboardInterrupt when the
     stop was requested on the way to the start, where there is no log yet.
@@ -151,6 +156,8 @@ def run(
 
             def before_start() -> None:
                 nonlocal recorded_from
+                if scope is not None:
+                    scopes.arm(device, scope)
                 device.link.record()
                 if sim is not None:
                     recorded_from = sim.tick
@@ -167,6 +174,9 @@ def run(
             )
             truth = sim.truth() if sim is not None else None
             telemetry = device.link.recorded(start_nm)
+        capture = scopes.held(device, progress) if scope is not None or streamed.fault is not None else None
+        if scope is not None and streamed.fault is None:
+            scopes.release(device)
         meta: dict[str, Any] = {
             "program": trajectory.program.name,
             "controller": controller,
@@ -194,7 +204,7 @@ def run(
     if truth is not None:
         truth = _cut(truth, clock.start_period - recorded_from, clock.periods)
         meta |= _score(columns, truth, trajectory, clock, score_from_s)
-    return RunResult(RunLog(meta, columns), truth, streamed.completed, streamed.fault)
+    return RunResult(RunLog(meta, columns), truth, streamed.completed, streamed.fault, capture)
 
 
 def summary(log: RunLog) -> dict[str, Any]:

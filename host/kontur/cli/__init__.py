@@ -11,7 +11,7 @@ import click
 from kontur import __version__
 from kontur.errors import KonturError
 
-_VERBS = ("run", "jog", "home", "sim", "experiment", "info", "param", "log", "report", "bench", "demo")
+_VERBS = ("run", "jog", "home", "sim", "experiment", "info", "param", "scope", "log", "report", "bench", "demo")
 EXIT_INTERRUPTED = 130
 
 

@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -16,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from kontur import machine as machines
-from kontur.errors import ParameterError
+from kontur.errors import FileError, ParameterError
 from kontur.faults import FAULT_NAMES, Faults
 from kontur.run import Target
 
@@ -155,6 +156,16 @@ def _bus_config(
             f"{', '.join(given)}: which interface? Name it with -i, or give none to simulate the drive"
         )
     return None
+
+
+def check_output(file: Path | None, *suffixes: str) -> None:
+    """Before anything moves. Raises FileError: another suffix, or no folder to write to."""
+    if file is None:
+        return
+    if file.suffix.lower() not in suffixes:
+        raise FileError(file, f"must end in {' or '.join(suffixes)}")
+    if not file.parent.is_dir():
+        raise FileError(file, f"there is no folder {file.parent}; make it, or give another one")
 
 
 def parameter_values(pairs: tuple[tuple[str, str], ...]) -> dict[str, float]:

@@ -14,15 +14,17 @@ from click.core import ParameterSource
 
 from kontur import log as logs
 from kontur import programs, shapes
+from kontur import scope as scopes
 from kontur.cli import EXIT_INTERRUPTED
-from kontur.cli.options import KEY_VALUE, interruptible, parameter_values, progress_bar, target_options
+from kontur.cli.options import KEY_VALUE, check_output, interruptible, parameter_values, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.device import CONTROLLERS
 from kontur.errors import FileError
 from kontur.log import RunLog
 from kontur.path import Program
 from kontur.planner import plan
-from kontur.run import Target, limits, run, summary
+from kontur.run import RunResult, Target, limits, run, summary
+from kontur.scope import Setup
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -34,7 +36,7 @@ SHAPES: dict[str, dict[str, float]] = {
     "square": {"side": 40.0, "corner_radius": 5.0},
     "spiral": {"inner": 0.0, "outer": 20.0, "pitch": 5.0},
 }
-_NOT_IN_COMMAND = ("log", "report", "as_json", "controller")
+_NOT_IN_COMMAND = ("log", "report", "as_json", "controller", "scope_out")
 
 
 def _shape_option(name: str, text: str) -> Callable[[F], F]:
@@ -89,14 +91,27 @@ def log_path(path: Path, controller: str, several: bool) -> Path:
     return path.with_name(f"{path.stem}-{controller}{path.suffix}") if several else path
 
 
-def _check_output(file: Path | None, *suffixes: str) -> None:
-    """Before anything moves. Raises FileError: another suffix, or no folder to write to."""
-    if file is None:
+def _scope_setup(signals: str | None, trigger: str | None, pre: float, divider: int, out: Path | None) -> Setup | None:
+    """Raises ParameterError; UsageError when only one of --scope and --scope-out is there."""
+    if (signals is None) != (out is None):
+        raise click.UsageError("--scope says what to record and --scope-out where it goes: give both")
+    if signals is None:
+        return None
+    return Setup(scopes.names(signals), scopes.trigger(trigger or "now"), pre, divider)
+
+
+def _save_capture(result: RunResult, controller: str, several: bool, log: Path | None, out: Path | None) -> None:
+    """To where it was asked for, or beside the log where a fault left it."""
+    if result.capture is None:
+        if out is not None:
+            click.echo("The scope has not been triggered in the run.", err=True)
         return
-    if file.suffix.lower() not in suffixes:
-        raise FileError(file, f"must end in {' or '.join(suffixes)}")
-    if not file.parent.is_dir():
-        raise FileError(file, f"there is no folder {file.parent}; make it, or give another one")
+    if out is not None:
+        scopes.save(result.capture, log_path(out, controller, several))
+    elif log is not None:
+        beside = log_path(log, controller, several)
+        for suffix in (".csv", ".png"):
+            scopes.save(result.capture, beside.with_name(f"{beside.stem}-fault{suffix}"))
 
 
 @click.command(name="run")
@@ -132,6 +147,16 @@ def _check_output(file: Path | None, *suffixes: str) -> None:
 )
 @click.option("--log", type=click.Path(dir_okay=False, path_type=Path), help="Log to this .csv or .mf4 file.")
 @click.option("--report", type=click.Path(dir_okay=False, path_type=Path), help="Write an HTML report to this file.")
+@click.option(
+    "--scope", "scope_signals", metavar="NAME,...", help="Record these signals of the servo (see kontur scope)."
+)
+@click.option("--scope-trigger", metavar="now|fault|NAME>LEVEL|NAME<LEVEL",
+              help="Around what (default: now, the start of the path).")  # fmt: skip
+@click.option("--scope-pre", type=float, default=0.5, show_default=True, help="Share of it before the trigger.")
+@click.option("--scope-divider", type=click.IntRange(1, 10_000), default=1, show_default=True,
+              help="Control periods from frame to frame.")  # fmt: skip
+@click.option("--scope-out", type=click.Path(dir_okay=False, path_type=Path),
+              help="Save what was recorded to this .png, .svg, .csv or .mf4 file.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 @click.pass_context
@@ -149,15 +174,23 @@ def command(
     approach: bool,
     log: Path | None,
     report: Path | None,
+    scope_signals: str | None,
+    scope_trigger: str | None,
+    scope_pre: float,
+    scope_divider: int,
+    scope_out: Path | None,
     as_json: bool,
     **sizes: float | None,
 ) -> None:
     """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and tell the contour error.
 
-    Ctrl-C stops the drive on the path; the log is complete up to there, and so it is when a fault ends the run.
+    Ctrl-C stops the drive on the path; the log is complete up to there, and so it is when a fault ends the run:
+    what the drive recorded of the 500 ms before is put beside the log then (LOG-fault.csv, .png).
     """
-    _check_output(log, ".csv", ".mf4")
-    _check_output(report, ".html")
+    check_output(log, ".csv", ".mf4")
+    check_output(report, ".html")
+    check_output(scope_out, *scopes.SUFFIXES)
+    setup = _scope_setup(scope_signals, scope_trigger, scope_pre, scope_divider, scope_out)
     values = parameter_values(parameters)
     program = _program(source, feed, sizes)
     motion = limits(target.machine, accel, jerk)
@@ -179,10 +212,12 @@ def command(
                 progress=progress,
                 stop_requested=stop_requested,
                 raise_fault=False,
+                scope=setup,
             )
         runs.append(result.log)
         if log is not None:
             logs.write(result.log, log_path(log, name, len(controllers) > 1))
+        _save_capture(result, name, len(controllers) > 1, log, scope_out)
         completed, fault = result.completed, result.fault
         if not completed:
             break

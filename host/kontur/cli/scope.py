@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur scope`: signals of the servo at the control rate, around a trigger, out of the drive's memory."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from kontur import scope
+from kontur.cli import EXIT_INTERRUPTED
+from kontur.cli.options import check_output, interruptible, progress_bar, target_options
+from kontur.cli.output import print_json, print_table
+from kontur.device import Device, describe_emcy
+from kontur.errors import DeviceError
+from kontur.run import Target, connect
+from kontur.scope import Capture, Setup
+
+
+@click.command(name="scope")
+@click.option("--signals", default=",".join(scope.DEFAULT_SIGNALS), show_default=True, metavar="NAME,...",
+              help=f"What to record, {scope.CHANNELS} at most; --list tells what there is.")  # fmt: skip
+@click.option("--trigger", default="fault", show_default=True, metavar="now|fault|NAME>LEVEL|NAME<LEVEL",
+              help="What the capture is around; LEVEL in the signal's unit. A fault triggers always.")  # fmt: skip
+@click.option("--pre", type=float, default=0.5, show_default=True, help="Share of the capture before the trigger.")
+@click.option("--divider", type=click.IntRange(1, 10_000), default=1, show_default=True,
+              help="Control periods from frame to frame.")  # fmt: skip
+@click.option("--wait", "wait_s", type=float, default=60.0, show_default=True, metavar="SECONDS",
+              help="How long to wait for the trigger.")  # fmt: skip
+@click.option("--last", is_flag=True, help="Arm nothing: read the capture that the drive holds, e.g. of a fault.")
+@click.option("-o", "--output", "outputs", multiple=True, type=click.Path(dir_okay=False, path_type=Path),
+              help="Save as picture (.png, .svg) or table (.csv, .mf4); may be given several times.")  # fmt: skip
+@click.option("--list", "list_signals", is_flag=True, help="List all signals.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@target_options
+def command(
+    *,
+    target: Target,
+    signals: str,
+    trigger: str,
+    pre: float,
+    divider: int,
+    wait_s: float,
+    last: bool,
+    outputs: tuple[Path, ...],
+    list_signals: bool,
+    as_json: bool,
+) -> None:
+    """Record signals of the servo at the control rate around a trigger, read them out, save and show them.
+
+    The drive keeps what led to a fault until the fault is reset: --last reads that. To record during a run, use
+    `kontur run --scope`.
+    """
+    if list_signals:
+        rows = [{"name": s.name, "unit": s.unit, "": s.description} for s in scope.SIGNALS.values()]
+        print_json(rows) if as_json else print_table(rows)
+        return
+    for path in outputs:
+        check_output(path, *scope.SUFFIXES)
+    setup = Setup(scope.names(signals), scope.trigger(trigger), pre, divider)
+    with connect(target) as device:
+        capture = _last(device) if last else _record(device, setup, wait_s)
+    for path in outputs:
+        scope.save(capture, path)
+    show(capture, as_json)
+
+
+def _last(device: Device) -> Capture:
+    with progress_bar("reading") as progress:
+        capture = scope.held(device, progress)
+    if capture is None:
+        raise DeviceError(
+            "the drive holds no capture: nothing has triggered its scope since power-on or the last fault reset"
+        )
+    return capture
+
+
+def _record(device: Device, setup: Setup, wait_s: float) -> Capture:
+    scope.arm(device, setup)
+    try:
+        with interruptible() as stop_requested:
+            done = scope.wait(device, wait_s, stop_requested)
+            if not done and stop_requested():
+                click.echo("Interrupted: the trigger has not come.", err=True)
+                sys.exit(EXIT_INTERRUPTED)
+        if not done:
+            raise DeviceError(
+                f"the trigger ({setup.trigger}) has not come within {wait_s:g} s; "
+                "wait longer (--wait), or check the level"
+            )
+        with progress_bar("reading") as progress:
+            return scope.read(device, progress)
+    finally:
+        if int(device.read("error_code_x")) == 0:  # a fault keeps its capture
+            scope.release(device)
+
+
+def show(capture: Capture, as_json: bool) -> None:
+    """The range of each signal, and where the trigger was."""
+    at = min(capture.trigger_frame, len(capture.values) - 1)
+    rows: list[dict[str, Any]] = [
+        {
+            "signal": s.name,
+            "unit": s.unit,
+            "min": float(capture[s.name].min()),
+            "at trigger": float(capture[s.name][at]),
+            "max": float(capture[s.name].max()),
+        }
+        for s in capture.signals
+    ]
+    facts = {
+        "frames": len(capture.values),
+        "interval_s": capture.periods / capture.control_hz,
+        "trigger_frame": capture.trigger_frame,
+        "trigger_period": capture.trigger_period,
+        "fault": f"{capture.fault:04X}h" if capture.fault else None,
+    }
+    if as_json:
+        print_json({**facts, "signals": rows})
+        return
+    span = f"{capture.time_s[0] * 1e3:.1f} to {capture.time_s[-1] * 1e3:.1f} ms"
+    print_table(rows, f"{facts['frames']} frames, {span} from the trigger")
+    if capture.fault:
+        click.echo(f"Triggered by fault {describe_emcy(capture.fault)}.")
