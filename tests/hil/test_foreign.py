@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Other people's tools on the drive: python-canopen alone, cantools with the DBC."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cantools
+import pytest
+from rig import Rig
+from targets import Target
+
+from kontur import wire
+
+ROOT = Path(__file__).resolve().parents[2]
+DBC = ROOT / "host" / "kontur" / "kontur.dbc"
+EXAMPLE = ROOT / "examples" / "canopen_only.py"
+_EXAMPLE_S, _LISTEN_S = 180.0, 10.0
+
+
+@pytest.mark.motion
+def test_python_canopen_alone_drives_circles_by_records_and_by_knots(target: Target) -> None:
+    if not target.simulated:
+        pytest.skip("needs more room than the 2 mm of this suite: run examples/canopen_only.py by hand")
+    with target.power_on(pace="clock") as drive:
+        interface = {"kontur-slcan": "slcan"}.get(drive.bus_options["interface"], drive.bus_options["interface"])
+        bus = ["-i", interface, "-c", str(drive.bus_options["channel"])]
+        done = subprocess.run([sys.executable, EXAMPLE, *bus], capture_output=True, text=True, timeout=_EXAMPLE_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    lines = done.stdout.splitlines()
+    assert "both axes: operation enabled" in lines
+    assert [line.split(":")[0] for line in lines if "done" in line] == ["circle by 60C1h/68C1h", "circle by knots"]
+    assert lines[-3:] == ["both axes: switch on disabled", "EMCY received: none", "EMCY history:  none"]
+
+
+def test_cantools_reads_the_frames_by_the_dbc(clock_rig: Rig) -> None:
+    if clock_rig.drive.node_id != 1:
+        pytest.skip("the DBC is that of node 1")
+    database = cantools.database.load_file(DBC, strict=True)
+    clock_rig.nmt(1)
+    wanted = {wire.TPDO1 + 1, wire.HEARTBEAT + 1}
+    end_s = time.monotonic() + _LISTEN_S
+    while wanted and time.monotonic() < end_s:
+        message = clock_rig.bus.recv(0.1)
+        if message is None or message.is_error_frame:
+            continue
+        signals = database.decode_message(message.arbitration_id, message.data, decode_choices=False)
+        if message.arbitration_id == wire.TPDO1 + 1:
+            status = wire.unpack_status(bytes(message.data))
+            assert list(signals.values()) == [*status.statusword, status.free, status.accepted]
+        wanted.discard(message.arbitration_id)
+    assert not wanted
