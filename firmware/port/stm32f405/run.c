@@ -59,17 +59,26 @@ static bool send(void *ctx, const struct can_frame *frame)
     return wire_send(frame);
 }
 
+/* Ticks up to the end of a millisecond, `most` at most; returns how many. */
+static unsigned tick_to_ms(unsigned most)
+{
+    const uint32_t published = atomic_load(&app.drive.loop.published);
+    unsigned n = 0;
+    while (n < most && atomic_load(&app.drive.loop.published) == published) {
+        app_tick(&app);
+        n++;
+    }
+    return n;
+}
+
 /* Paced by SYNC (2034h), where no motor is driven: the ticks that the last SYNC has let pass, up to the end of a
  * millisecond. false: none is left. */
 static bool pass_time(void)
 {
-    const uint32_t published = atomic_load(&app.drive.loop.published);
     if (owed_us < TICK_US) {
         return false;
     }
-    for (; owed_us >= TICK_US && atomic_load(&app.drive.loop.published) == published; owed_us -= TICK_US) {
-        app_tick(&app);
-    }
+    owed_us -= TICK_US * tick_to_ms(owed_us / TICK_US);
     return true;
 }
 
@@ -91,6 +100,9 @@ static void choose_pace(void)
     if (pace != app.od.clock.pace) {
         app.od.clock.pace = pace;
         owed_us = 0;
+        if (pace != 0) {
+            (void)tick_to_ms(CONTROL_HZ / 1000u); /* so that from now on each SYNC finds a whole millisecond */
+        }
     }
 }
 
