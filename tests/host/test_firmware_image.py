@@ -10,11 +10,16 @@ import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from gdb import PC, SP, set_registers
 
+from kontur import machine as machines
+from kontur import shapes
 from kontur.device import Device, connected, open_bus
 from kontur.emulator import PROGRAM, Emulator, start
+from kontur.planner import plan
+from kontur.run import Target, limits, run
 
 ROOT = Path(__file__).parents[2]
 IMAGE = ROOT / "build/firmware/kontur.elf"
@@ -129,6 +134,20 @@ def test_time_passes_with_sync_alone_when_told_to(emulator: Emulator) -> None:
         assert device.read("clock.tick") == before + 100  # and stands
 
     talk(emulator, ask)
+
+
+def test_circle_runs_on_the_simulated_machine_of_the_image(emulator: Emulator) -> None:
+    talk(emulator, lambda device: device.write("pace_select", 1))
+    machine = machines.load()
+    there = {"machine.start_x": 0.004, "machine.simulated": 1}
+    trajectory = plan(shapes.circle(0.004, 0.1), limits(machine))
+    target = Target(machine, bus=emulator.options(), place_at_start=False)
+    log = run(trajectory, "ccu", target, parameters=there).log
+    assert log.meta["frames_lost"] == 0
+    assert np.abs(log.columns["e_n2_um"]).max() < 1.5
+    in_process = run(trajectory, "ccu", Target(machine)).log
+    assert len(log.columns["tick"]) == len(in_process.columns["tick"])
+    assert np.array_equal(log.columns["reference_x_mm"], in_process.columns["reference_x_mm"])
 
 
 def test_stored_parameters_are_in_force_after_a_crash(emulator: Emulator) -> None:
