@@ -23,6 +23,7 @@ from kontur.link import Link
 from kontur.run import Target, limits, run
 from kontur.scope import Capture, Setup, Trigger
 from kontur.simbus import KonturBus
+from kontur.simprocess import start as start_process
 from kontur.stream import _Sender
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -319,6 +320,33 @@ def test_run_that_ends_in_a_fault_leaves_its_capture_beside_the_log(tmp_path: Pa
     assert "8400h" in result.stderr
     assert '# fault: "8400h"' in (tmp_path / "f-fault.csv").read_text()
     assert (tmp_path / "f-fault.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_last_capture_outlives_the_master_that_was_there_at_the_fault(tmp_path: Path) -> None:
+    """As in docs/scope.md, at 10 kHz: one command runs into a fault, another one fetches its picture."""
+    path = tmp_path / "last.png"
+    with start_process(slcan_tcp="0", pace="sync") as process:
+        bus = ["-i", process.interface, "-c", process.channel]
+        args = ["run", "circle", "--radius", "20", "--feed", "100", "--approach", "--set", "limits.velocity=0.09", *bus]
+        scope_args = [
+            "--scope",
+            "e_n2,force_x,force_y",
+            "--scope-trigger",
+            "fault",
+            "--scope-out",
+            str(tmp_path / "a.csv"),
+        ]
+        result = CliRunner().invoke(main, [*args, *scope_args])
+        assert result.exit_code == 1
+        assert "8400h" in result.stderr
+        for _ in range(2):
+            result = CliRunner().invoke(main, ["scope", "--last", "--json", "-o", str(path), *bus])
+            assert result.exit_code == 0, result.output
+            told = json.loads(result.output)
+            assert [row["signal"] for row in told["signals"]] == ["e_n2", "force_x", "force_y"]
+            assert (told["fault"], told["interval_s"], told["frames"]) == ("8400h", 1e-4, 1365)
+            assert told["trigger_frame"] == 682
+    assert path.read_bytes().startswith(b"\x89PNG")
 
 
 def test_run_records_around_a_level(tmp_path: Path) -> None:

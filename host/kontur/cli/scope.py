@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import check_output, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.device import Device, describe_emcy
-from kontur.errors import DeviceError
+from kontur.errors import DeviceError, KonturError
 from kontur.run import Target, connect
 from kontur.scope import Capture, Setup
 
@@ -93,8 +94,9 @@ def _record(device: Device, setup: Setup, wait_s: float) -> Capture:
         with progress_bar("reading") as progress:
             return scope.read(device, progress)
     finally:
-        if int(device.read("error_code_x")) == 0:  # a fault keeps its capture
-            scope.release(device)
+        with suppress(KonturError):  # what happened first is what is told
+            if not device.read("error_code_x"):  # a fault keeps its capture
+                scope.release(device)
 
 
 def show(capture: Capture, as_json: bool) -> None:
