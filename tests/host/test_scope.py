@@ -328,15 +328,8 @@ def test_last_capture_outlives_the_master_that_was_there_at_the_fault(tmp_path: 
     with start_process(slcan_tcp="0", pace="sync") as process:
         bus = ["-i", process.interface, "-c", process.channel]
         args = ["run", "circle", "--radius", "20", "--feed", "100", "--approach", "--set", "limits.velocity=0.09", *bus]
-        scope_args = [
-            "--scope",
-            "e_n2,force_x,force_y",
-            "--scope-trigger",
-            "fault",
-            "--scope-out",
-            str(tmp_path / "a.csv"),
-        ]
-        result = CliRunner().invoke(main, [*args, *scope_args])
+        scope_args = ["--scope", "e_n2,force_x,force_y", "--scope-trigger", "fault", "--scope-pre", "0.25"]
+        result = CliRunner().invoke(main, [*args, *scope_args, "--scope-out", str(tmp_path / "a.csv")])
         assert result.exit_code == 1
         assert "8400h" in result.stderr
         for _ in range(2):
@@ -345,7 +338,7 @@ def test_last_capture_outlives_the_master_that_was_there_at_the_fault(tmp_path: 
             told = json.loads(result.output)
             assert [row["signal"] for row in told["signals"]] == ["e_n2", "force_x", "force_y"]
             assert (told["fault"], told["interval_s"], told["frames"]) == ("8400h", 1e-4, 1365)
-            assert told["trigger_frame"] == 682
+            assert told["trigger_frame"] == 341
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
