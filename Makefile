@@ -38,10 +38,10 @@ PORT     := firmware/port/stm32f405
 # What of the STM32F405's port a host can run, on the registers of tests/unit/chip.c
 CHIP_SOURCES := $(filter-out %/start.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/unit/chip.c
 # Tests that need the host: a simulated chip's registers, more memory than a chip has
-HOST_TESTS := can_errors chk fuzz pace port_can port_clock port_encoder port_guard port_output port_run sim slcan
+HOST_TESTS := app can_errors chk fuzz machine_file pace port_can port_clock port_encoder port_guard port_output port_run sim slcan store
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
-NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden ip learning loop modes num observer params path scope servo spline trig uncertainty
+NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden ip learning loop machine modes num observer params path scope servo spline trig uncertainty
 # Not for the checking back end: in these an encoder jumps out of the range of `num`, where fixed point saturates and chk
 # stops; and it has no words of its own.
 NOT_CHK  := drive golden loop
@@ -294,9 +294,13 @@ build/target/$(1)/unity.o: $(UNITY_DIR)/unity.c | build/arm.stamp
 	@mkdir -p $$(@D)
 	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) -std=c11 -O1 -g $(UNITY) -c $$< -o $$@
 
-build/target/$(1)/test_%.elf: tests/unit/test_%.c build/target/$(1)/unity.o build/target/$(1)/semihost.o $(call target_objects,$(1)) tests/target/semihost.ld
+build/target/$(1)/firmware.o: $(call target_objects,$(1))
+	@echo "  LD  $$@"
+	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) $$(CFLAGS) $$(TICK_FLAGS) -r -nostdlib -flinker-output=nolto-rel -ffunction-sections -fdata-sections $$^ -o $$@
+
+build/target/$(1)/test_%.elf: tests/unit/test_%.c build/target/$(1)/unity.o build/target/$(1)/semihost.o build/target/$(1)/firmware.o tests/target/semihost.ld
 	@echo "  ARM $$< ($(1))"
-	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) $$(CFLAGS) $$(TICK_FLAGS) $($(call back_end_of,$(1))_FLAGS) $$(TARGET_INCLUDE) $(UNITY) -MMD -MP -MF $$@.d $$(filter %.c %.o,$$^) $$(TARGET_LINK) -lm -o $$@
+	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) $$(CFLAGS) $($(call back_end_of,$(1))_FLAGS) $$(TARGET_INCLUDE) $(UNITY) -MMD -MP -MF $$@.d $$(filter %.c %.o,$$^) $$(TARGET_LINK) -lm -o $$@
 
 build/target/$(1)/%.elf: tests/target/%.c build/target/$(1)/semihost.o $(call target_objects,$(1)) tests/target/semihost.ld
 	@echo "  ARM $$< ($(1))"

@@ -1,0 +1,175 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "machine.h"
+
+#include <math.h>
+
+#include "num_test.h"
+#include "unity.h"
+
+#define DT 0.02     /* T0 */
+#define MASS 3.5232 /* 88.08 kg */
+#define VISCOUS 0.09344
+#define COULOMB 45.5
+
+static struct machine_cfg cfg;
+static struct machine machine;
+
+void setUp(void)
+{
+    cfg = (struct machine_cfg){.simulated = true, .dt = mk(DT), .seed = 1};
+    for (int i = 0; i < AXES; i++) {
+        cfg.axis[i] = (struct machine_axis_cfg){
+            .mass = mk(MASS), .viscous = mk(VISCOUS), .coulomb = mk(COULOMB), .counts = mk(10)};
+    }
+    machine_design(&cfg);
+    machine_reset(&cfg, &machine);
+}
+void tearDown(void) {}
+
+static void step(int32_t x_mN)
+{
+    const struct hal_drive_out out = {.force_mN = {x_mN, 0}, .enable = {true, true}};
+    machine_step(&cfg, &machine, &out);
+}
+
+static double um(void)
+{
+    return (double)machine.axis[0].pos / 4294967296.0 / 10.0;
+}
+
+static void test_force_acts_a_period_after_it_was_written(void)
+{
+    step(100000);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(machine.axis[0].vel));
+    step(0);
+    TEST_ASSERT_TRUE(val(machine.axis[0].vel) > 0);
+}
+
+static void test_axis_at_rest_sticks_below_friction_and_goes_beyond_it(void)
+{
+    for (int i = 0; i < 100; i++) {
+        step(45400);
+    }
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(machine.axis[0].vel));
+    TEST_ASSERT_TRUE(machine.axis[0].pos == 0);
+    step(-46000);
+    step(0);
+    TEST_ASSERT_TRUE(val(machine.axis[0].vel) < 0);
+}
+
+/* v = w/C (1 - exp(-C t/M)), x its integral */
+static void test_motion_under_a_constant_force_is_the_exact_one(void)
+{
+    step(145500);
+    for (int i = 0; i < 1000; i++) {
+        step(145500);
+    }
+    const double t = 1000 * DT;
+    const double rate = VISCOUS / MASS;
+    const double speed = (145.5 - COULOMB) / VISCOUS;
+    const double v = speed * (1 - exp(-rate * t));
+    const double x = speed * t - v / rate;
+    TEST_ASSERT_DOUBLE_WITHIN(NUM_FIXED ? 0.05 : 1e-3, v, val(machine.axis[0].vel));
+    TEST_ASSERT_DOUBLE_WITHIN(NUM_FIXED ? 0.5 : 2e-2, x, um());
+}
+
+static void test_moving_axis_stops_within_a_period_and_stays(void)
+{
+    machine.axis[0].vel = mk(0.1);
+    step(0);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(machine.axis[0].vel));
+    const double stopped = um();
+    /* v^2 / 2 a with a = (L + C v) / M */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 0.1 * 0.1 / 2 * MASS / COULOMB, stopped);
+    step(0);
+    TEST_ASSERT_EQUAL_DOUBLE(stopped, um());
+}
+
+static void test_force_beyond_friction_turns_an_axis_round_within_a_period(void)
+{
+    machine.axis[0].vel = mk(0.5);
+    step(-300000);
+    step(0);
+    TEST_ASSERT_TRUE(val(machine.axis[0].vel) < 0);
+    /* from rest at 0.5 / 98.06 T0 on: (300 - 45.5) / M */
+    const double deceleration = (300.0 + COULOMB) / MASS;
+    const double first = 0.5 - COULOMB / MASS * DT; /* the first period has no force but friction */
+    const double left = DT - first / deceleration;
+    TEST_ASSERT_DOUBLE_WITHIN(2e-3, -left * (300.0 - COULOMB) / MASS, val(machine.axis[0].vel));
+}
+
+static void test_axis_without_power_gets_no_force_and_no_noise(void)
+{
+    cfg.axis[0].noise = mk(500);
+    const struct hal_drive_out off = {.force_mN = {500000, 0}};
+    machine_step(&cfg, &machine, &off);
+    machine_step(&cfg, &machine, &off);
+    TEST_ASSERT_TRUE(machine.axis[0].pos == 0);
+    TEST_ASSERT_EQUAL_UINT32(1, machine.random);
+}
+
+static void test_noise_has_no_mean_and_the_deviation_asked_for(void)
+{
+    double sum = 0, squares = 0;
+    cfg.axis[0].coulomb = cfg.axis[0].viscous = mk(0);
+    cfg.axis[0].noise = mk(20);
+    machine_design(&cfg);
+    double before = 0;
+    for (int i = 0; i < 20000; i++) {
+        step(0);
+        const double v = val(machine.axis[0].vel);
+        const double force = (v - before) / DT * MASS;
+        before = v;
+        sum += force;
+        squares += force * force;
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(1, 0, sum / 20000);
+    TEST_ASSERT_DOUBLE_WITHIN(0.5, 20, sqrt(squares / 20000));
+}
+
+static void test_the_same_seed_gives_the_same_motion_and_another_one_does_not(void)
+{
+    int64_t pos[3];
+    cfg.axis[0].noise = mk(2);
+    for (int run = 0; run < 3; run++) {
+        cfg.seed = run == 2 ? 2 : 1;
+        machine_reset(&cfg, &machine);
+        for (int i = 0; i < 100; i++) {
+            step(100000);
+        }
+        pos[run] = machine.axis[0].pos;
+    }
+    TEST_ASSERT_TRUE(pos[0] == pos[1]);
+    TEST_ASSERT_TRUE(pos[0] != pos[2]);
+}
+
+static void test_encoder_tells_the_nearest_count_from_the_start_on(void)
+{
+    struct hal_drive_in in;
+    cfg.axis[0].start = -1234;
+    machine_reset(&cfg, &machine);
+    machine_read(&machine, &in);
+    TEST_ASSERT_EQUAL_INT32(-1234, in.count[0]);
+    machine.axis[0].pos += ((int64_t)1 << 31) - 1;
+    machine_read(&machine, &in);
+    TEST_ASSERT_EQUAL_INT32(-1234, in.count[0]);
+    machine.axis[0].pos += 1;
+    machine_read(&machine, &in);
+    TEST_ASSERT_EQUAL_INT32(-1233, in.count[0]);
+    TEST_ASSERT_EQUAL_UINT8(0, in.inputs[0]);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_force_acts_a_period_after_it_was_written);
+    RUN_TEST(test_axis_at_rest_sticks_below_friction_and_goes_beyond_it);
+    RUN_TEST(test_motion_under_a_constant_force_is_the_exact_one);
+    RUN_TEST(test_moving_axis_stops_within_a_period_and_stays);
+    RUN_TEST(test_force_beyond_friction_turns_an_axis_round_within_a_period);
+    RUN_TEST(test_axis_without_power_gets_no_force_and_no_noise);
+    RUN_TEST(test_noise_has_no_mean_and_the_deviation_asked_for);
+    RUN_TEST(test_the_same_seed_gives_the_same_motion_and_another_one_does_not);
+    RUN_TEST(test_encoder_tells_the_nearest_count_from_the_start_on);
+    return UNITY_END();
+}
