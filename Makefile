@@ -27,7 +27,8 @@ fix_FLAGS := -DKONTUR_NUM_FIX
 chk_FLAGS := -DKONTUR_NUM_CHK
 NO_FLOAT := -mgeneral-regs-only
 # The control core and the servo tick for a microcontroller: optimised as a whole
-TICK_FLAGS := -O3 -flto
+TICK_FLAGS := -O3 -flto=auto
+TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/drive/,loop.c path.c machine.c)
 
 GENERATED := build/gen/od_gen.c build/gen/signal_gen.c
 FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c) $(GENERATED)
@@ -56,7 +57,7 @@ export MPLBACKEND := Agg
 .DELETE_ON_ERROR:
 .SECONDARY:
 .DEFAULT_GOAL := help
-.PHONY: help test-target firmware flash flash-dfu golden demo paper test test-c test-host test-hil lint bench lib setup clean FORCE
+.PHONY: help test-target cost firmware flash flash-dfu golden demo paper test test-c test-host test-hil lint bench lib setup clean FORCE
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -246,9 +247,11 @@ $(VARIANT)/%.o: %.c | build/arm.stamp $(GENERATED)
 
 $(VARIANT)/firmware/drive/app.o: build/build_id
 
+$(TICK_SOURCES:%.c=$(VARIANT)/%.o): ARM_FLAGS += $(TICK_FLAGS)
+
 $(IMAGE).elf: $(IMAGE_OBJECTS) $(PORT)/kontur.ld
 	@echo "  LD  $@"
-	$(Q)$(ARM)gcc $(ARM_CPU) -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-warnings -Wl,-Map=$(IMAGE).map -T $(PORT)/kontur.ld \
+	$(Q)$(ARM)gcc $(ARM_FLAGS) $(TICK_FLAGS) -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-warnings -Wl,-Map=$(IMAGE).map -T $(PORT)/kontur.ld \
 	  $(IMAGE_OBJECTS) -o $@
 
 # Between the two parts of the image lie the parameters: the .bin has FFh there, and flashing it erases them.
@@ -263,13 +266,14 @@ $(IMAGE).dfu: $(IMAGE).elf $(PORT)/dfuse.py
 # The unit tests, the golden vectors and the closed loop as programs for a Cortex-M in QEMU, with output and exit code by
 # semihosting: float32 on the STM32F405 (M4F), fixed point there and on the STM32F205 (M3, no FPU).
 TARGETS  := m4-f32 m4-fix m3-fix
+COST     := $(TARGETS:%=build/target/%/cost.json)
 m4_CPU   := $(ARM_CPU)
 m3_CPU   := -mcpu=cortex-m3 -mthumb
 m4_BOARD := netduinoplus2
 m3_BOARD := netduino2
 cpu       = $(firstword $(subst -, ,$(1)))
 back_end_of = $(lastword $(subst -, ,$(1)))
-QEMU     := qemu-system-arm -nographic -monitor none -serial none -icount shift=0,sleep=off -semihosting-config enable=on,target=native
+QEMU     := qemu-system-arm -display none -monitor none -serial none -icount shift=0,sleep=off -semihosting-config enable=on,target=native
 # What needs the host: registers of a simulated chip, processes, more memory than there is
 NOT_TARGET := $(HOST_TESTS)
 TARGET_TESTS := $(foreach t,$(filter-out $(NOT_TARGET),$(TESTS)),m4-f32/test_$(t)) \
@@ -282,9 +286,11 @@ build/target/part_knots.h: tests/target/part_knots.py examples/part.ngc $(wildca
 	$(Q)$(PY) tests/target/part_knots.py examples/part.ngc >$@
 
 define on_target
+$(TICK_SOURCES:%.c=build/target/$(1)/%.o): CFLAGS += $(TICK_FLAGS)
+
 build/target/$(1)/%.o: %.c build/target/part_knots.h | build/arm.stamp $(GENERATED)
 	@mkdir -p $$(@D); echo "  ARM $$< ($(1))"
-	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) $$(CFLAGS) $$(TICK_FLAGS) $($(call back_end_of,$(1))_FLAGS) -ffunction-sections -fdata-sections $$(TARGET_INCLUDE) -MMD -MP -c $$< -o $$@
+	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) $$(CFLAGS) $($(call back_end_of,$(1))_FLAGS) -ffunction-sections -fdata-sections $$(TARGET_INCLUDE) -MMD -MP -c $$< -o $$@
 
 build/target/$(1)/semihost.o: tests/target/semihost.c | build/arm.stamp
 	@mkdir -p $$(@D)
@@ -314,15 +320,22 @@ $(foreach n,f32 fix,build/target/host-$(n)/hash): build/target/host-%/hash: buil
 	@mkdir -p $(@D); echo "  CC  tests/target/hash.c ($*)"
 	$(Q)$(CC) $(CFLAGS) $($*_FLAGS) $(TARGET_INCLUDE) $(filter %.c,$^) -o $@
 
-test-target: $(TARGET_TESTS:%=build/target/%.elf) $(TARGETS:%=build/target/%/hash.elf) build/target/host-f32/hash build/target/host-fix/hash build/qemu.stamp  ## the C tests and the closed loop on a Cortex-M in QEMU
-	@failed=0; run() { m=$(m4_BOARD); case $$1 in */m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $$1; }; \
+test-target: $(TARGET_TESTS:%=build/target/%.elf) $(TARGETS:%=build/target/%/hash.elf) build/target/host-f32/hash build/target/host-fix/hash $(COST) build/qemu.stamp  ## the C tests and the closed loop on a Cortex-M in QEMU
+	@failed=0; run() { m=$(m4_BOARD); case $$1 in */m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $$1 </dev/null 2>&1; }; \
 	for t in $(TARGET_TESTS); do e=build/target/$$t; \
 	  if run $$e.elf >$$e.log 2>&1; then printf '%-32s %s\n' $$t "$$(grep -aE '^[0-9]+ Tests' $$e.log)"; \
 	  else failed=1; printf '%-32s FAILED\n' $$t; grep -av ':PASS' $$e.log; fi; done; \
 	for n in $(TARGETS); do h=$$(build/target/host-$${n#*-}/hash); t=$$(run build/target/$$n/hash.elf); \
 	  if [ -n "$$h" ] && [ "$$h" = "$$t" ]; then echo "closed loop on $$n: $$t, as on the host"; \
 	  else failed=1; echo "closed loop on $$n: $$t, on the host: $$h: DIFFERENT"; fi; done; \
+	$(PY) tests/target/cost.py $(foreach n,$(TARGETS),$(n)=build/target/$(n)/cost.json) || failed=1; \
 	if [ $$failed = 0 ]; then echo "target tests: $(words $(TARGET_TESTS)) programs passed"; else echo "target tests: FAILED"; exit 1; fi
+
+build/target/%/cost.json: build/target/%/bench_step.elf build/qemu.stamp
+	$(Q)m=$(m4_BOARD); case $* in m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $< </dev/null >$@ 2>&1
+
+cost: $(COST)  ## write the instructions of a servo tick down: tests/target/cost.json, docs/performance.md
+	$(PY) tests/target/cost.py --write $(foreach n,$(TARGETS),$(n)=build/target/$(n)/cost.json)
 
 # --- C tests ----------------------------------------------------------------------------------------------------------
 build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
