@@ -211,7 +211,13 @@ static void record(ks *s)
         s->truth_room = room;
     }
     struct ks_truth *row = &s->truth[s->truth_count++];
+    const struct loop *loop = &s->app.drive.loop;
     for (int i = 0; i < 2; i++) {
+        if (loop->simulated) {
+            row->pos_m[i] = (double)loop->machine.axis[i].pos * 0x1p-32 * s->plant.machine.encoder_m[i];
+            row->vel_mps[i] = (double)n_to_q32(loop->machine.axis[i].vel) * 0x1p-32 * 2e-4; /* um/T0 */
+            continue;
+        }
         row->pos_m[i] = s->plant.pos_m[i];
         row->vel_mps[i] = s->plant.vel_mps[i];
     }
@@ -231,6 +237,10 @@ static void period(ks *s)
         struct ks_truth *row = &s->truth[s->truth_count - 1];
         memcpy(row->force_N, s->force_N, sizeof row->force_N);
         memcpy(row->friction_N, s->plant.friction_N, sizeof row->friction_N);
+        for (int i = 0; s->app.drive.loop.simulated && i < 2; i++) {
+            row->force_N[i] = (double)n_to_q32(s->app.drive.loop.machine.axis[i].force) * 0x1p-32;
+            row->friction_N[i] = 0.0; /* not told by this model */
+        }
     }
 }
 

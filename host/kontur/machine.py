@@ -20,6 +20,8 @@ else:
 MACHINES = Path(__file__).with_name("machines")
 DEFAULT = MACHINES / "table1.toml"
 SCHEDULE_ROWS_MAX = 16
+ON_CHIP = "on_chip"
+MODELS = ("full", ON_CHIP)
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,8 @@ class Machine:
     centripetal_step_mps2: float
     friction_schedule: tuple[tuple[float, float], ...] = ()
     friction_repeat_s: float = 0.0
+    model: str = "full"
+    """"full": the simulator's, in double precision; "on_chip": the one that the drive itself has (object 2103h)."""
 
     @property
     def axes(self) -> tuple[Axis, Axis]:
@@ -105,8 +109,11 @@ class Machine:
             "schedule_repeat_s": [self.friction_repeat_s],
         }
 
-    def parameters(self) -> dict[str, float]:
-        """The drive's parameters that describe this machine, by their names and in their units (docs/objects.md)."""
+    def parameters(self, seed: int = 1) -> dict[str, float]:
+        """The drive's parameters that describe this machine, by their names and in their units (docs/objects.md).
+
+        With the model "on_chip" the drive simulates it, from `start_m` and `seed` on.
+        """
         values: dict[str, float] = {}
         for name, axis in (("x", self.x), ("y", self.y)):
             values |= {
@@ -118,6 +125,16 @@ class Machine:
                 f"position_limit_{name}.min": axis.soft_limit_m[0] * 1e9,
                 f"position_limit_{name}.max": axis.soft_limit_m[1] * 1e9,
             }
+        if self.model == ON_CHIP:
+            for name, axis in (("x", self.x), ("y", self.y)):
+                values |= {
+                    f"machine.mass_{name}": axis.mass_kg,
+                    f"machine.viscous_{name}": axis.viscous_Nspm,
+                    f"machine.coulomb_{name}": axis.coulomb_N,
+                    f"machine.noise_{name}": axis.force_noise_N,
+                    f"machine.start_{name}": round(axis.start_m * 1e9) * 1e-9,
+                }
+            values |= {"machine.seed": seed, "machine.simulated": 1}  # last: it starts with all that stands before
         return values
 
 
@@ -167,12 +184,15 @@ class _Reader:
 
     def machine(self, table: dict[str, Any]) -> Machine:
         self.keys(
-            "", table, {"name", "x", "y", "delay_periods", "substeps", "centripetal_step_mps2"}, {"friction_schedule"}
+            "",
+            table,
+            {"name", "x", "y", "delay_periods", "substeps", "centripetal_step_mps2"},
+            {"friction_schedule", "model"},
         )
         if not isinstance(table["name"], str):
             raise self.problem("name", "must be text")
         rows, repeat_s = self.schedule(table.get("friction_schedule", {"rows": []}))
-        return Machine(
+        machine = Machine(
             name=table["name"],
             x=self.axis("x", table["x"]),
             y=self.axis("y", table["y"]),
@@ -181,7 +201,28 @@ class _Reader:
             centripetal_step_mps2=self.number("centripetal_step_mps2", table["centripetal_step_mps2"], 0.0, 1e3, False),
             friction_schedule=rows,
             friction_repeat_s=repeat_s,
+            model=self.model(table.get("model", "full")),
         )
+        if machine.model == ON_CHIP:
+            self.check_on_chip(machine)
+        return machine
+
+    def model(self, value: Any) -> str:
+        if value not in MODELS:
+            raise self.problem("model", f"must be one of {', '.join(MODELS)}, is {value!r}")
+        return str(value)
+
+    def check_on_chip(self, machine: Machine) -> None:
+        """The drive's own model has less than the simulator's."""
+        for name, axis in (("x", machine.x), ("y", machine.y)):
+            if axis.breakaway != 1.0:
+                raise self.problem(f"{name}.breakaway", f"must be 1 with model {ON_CHIP!r}")
+            if axis.current_lag_s != 0.0:
+                raise self.problem(f"{name}.current_lag_s", f"must be 0 with model {ON_CHIP!r}")
+        if machine.delay_periods != 1:
+            raise self.problem("delay_periods", f"must be 1 with model {ON_CHIP!r}")
+        if machine.friction_schedule:
+            raise self.problem("friction_schedule", f"must be left out with model {ON_CHIP!r}")
 
     def axis(self, name: str, table: Any) -> Axis:
         fields = dataclasses.fields(Axis)

@@ -82,7 +82,7 @@ def connect(target: Target) -> Iterator[Device]:
     """
     with connected(open_bus(target.options()), target.node_id) as device:
         if simulated(device.link.bus):
-            device.set_parameters(target.machine.parameters())
+            device.set_parameters(target.machine.parameters(target.seed))
         yield device
 
 

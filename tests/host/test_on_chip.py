@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The machine that the drive simulates by itself against the simulator's, and what a file may ask of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kontur import machine, shapes
+from kontur.errors import MachineError
+from kontur.machine import MACHINES, Machine
+from kontur.planner import plan
+from kontur.run import Target, limits, run
+
+FILE = MACHINES / "table1_on_chip.toml"
+
+
+def quiet(m: Machine) -> Machine:
+    return replace(m, x=replace(m.x, force_noise_N=0.0), y=replace(m.y, force_noise_N=0.0))
+
+
+def circle(m: Machine, seed: int = 1) -> np.ndarray:
+    """True positions (n, 2) in m of 20 mm/s around 4 mm."""
+    truth = run(plan(shapes.circle(0.004, 0.02), limits(m)), "ccu", Target(m, seed=seed)).truth
+    assert truth is not None
+    return truth.pos_m
+
+
+def test_position_is_that_of_the_double_precision_plant_within_50_nm() -> None:
+    chip = quiet(machine.load(FILE))
+    apart_m = np.abs(circle(chip) - circle(replace(chip, model="full")))
+    assert np.max(apart_m) < 50e-9
+    assert np.mean(apart_m) < 5e-9
+
+
+def test_a_seed_gives_the_same_run_again_and_another_one_another() -> None:
+    chip = machine.load(FILE)
+    first = circle(chip)
+    np.testing.assert_array_equal(first, circle(chip))
+    assert not np.array_equal(first, circle(chip, seed=2))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('model = "on_chip"', 'model = "chip"', "model: must be one of full, on_chip, is 'chip'"),
+        ("breakaway = 1.0", "breakaway = 1.5", "x.breakaway: must be 1 with model 'on_chip'"),
+        ("current_lag_s = 0.0", "current_lag_s = 0.001", "x.current_lag_s: must be 0 with model 'on_chip'"),
+        ("delay_periods = 1", "delay_periods = 2", "delay_periods: must be 1 with model 'on_chip'"),
+    ],
+)
+def test_what_the_drives_own_model_does_not_have_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    file = tmp_path / "machine.toml"
+    file.write_text(FILE.read_text().replace(old, new))
+    with pytest.raises(MachineError, match=message):
+        machine.load(file)
