@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
+import os
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import can
@@ -281,9 +283,9 @@ def test_files_hold_time_from_the_trigger_values_and_units(tmp_path: Path) -> No
     assert list(rows[0]) == ["period", "time_s", "e_n2_um", "force_x_N"]
     assert rows[3] == {"period": "1006", "time_s": "0.000100", "e_n2_um": "1.50000", "force_x_N": "-300.0000"}
     with MDF(tmp_path / "c.mf4") as mdf:
-        signal = mdf.get("force_x")
-        assert (signal.unit, list(signal.samples)) == ("N", list(made()["force_x"]))
-        assert np.allclose(signal.timestamps, made().time_s)
+        force = mdf.get("force_x")
+        assert (force.unit, list(force.samples)) == ("N", list(made()["force_x"]))
+        assert np.allclose(force.timestamps, made().time_s)
     assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
     assert "8611h" in (tmp_path / "c.svg").read_text()
 
@@ -296,6 +298,25 @@ def test_command_records_at_once_and_saves(tmp_path: Path) -> None:
     assert told["frames"] == 2048
     assert [row["signal"] for row in told["signals"]] == ["e_n2", "count_x"]
     assert len((tmp_path / "c.csv").read_text().splitlines()) > 2048
+
+
+def test_ctrl_c_ends_the_wait_and_leaves_the_drive_armed_for_faults(monkeypatch: pytest.MonkeyPatch) -> None:
+    released: list[int] = []
+
+    def interrupt(device: Device, timeout_s: float, stop_requested: Callable[[], bool]) -> bool:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop_requested()
+        return False
+
+    def release(device: Device) -> None:
+        released.append(int(device.read("scope.trigger")))
+
+    monkeypatch.setattr(scope, "wait", interrupt)
+    monkeypatch.setattr(scope, "release", release)
+    result = CliRunner().invoke(main, ["scope", "--trigger", "e_n2>5"])
+    assert result.exit_code == 130
+    assert "Interrupted: the trigger has not come." in result.stderr
+    assert released == [2]
 
 
 def test_command_tells_what_keeps_it(tmp_path: Path) -> None:

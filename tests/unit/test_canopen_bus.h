@@ -24,6 +24,7 @@ struct bus {
     enum co_state state;
     uint32_t refuse;                 /* what check_write answers */
     struct od_knot knots[8];         /* as stored at each RPDO2 */
+    const char *domain;              /* contents of 2302h; NULL: none */
 };
 
 static inline bool bus_can_send(void *ctx, const struct can_frame *frame)
@@ -70,6 +71,22 @@ static inline void bus_before_read(void *ctx, const struct od_entry *entry)
     if (entry->index == 0x2020 && entry->sub == 3) {
         bus->od.clock.tick = 0x01020304;
     }
+}
+
+static inline uint32_t bus_domain_size(void *ctx, const struct od_entry *entry)
+{
+    const struct bus *bus = ctx;
+    return bus->domain != NULL && entry->index == 0x2302 ? (uint32_t)strlen(bus->domain) : 0u;
+}
+
+static inline bool bus_domain_read(void *ctx, const struct od_entry *entry, uint32_t at, uint8_t *to, uint32_t count)
+{
+    const struct bus *bus = ctx;
+    (void)entry;
+    if (bus->domain != NULL) {
+        memcpy(to, &bus->domain[at], count);
+    }
+    return bus->domain != NULL;
 }
 
 static inline void bus_on_rpdo(void *ctx, unsigned number)
@@ -121,6 +138,8 @@ static inline void bus_start(struct bus *bus)
                   .check_write = bus_check_write,
                   .on_write = bus_on_write,
                   .before_read = bus_before_read,
+                  .domain_size = bus_domain_size,
+                  .domain_read = bus_domain_read,
                   .on_rpdo = bus_on_rpdo,
                   .on_nmt = bus_on_nmt,
                   .on_heartbeat_lost = bus_on_heartbeat_lost,

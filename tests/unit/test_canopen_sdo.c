@@ -63,6 +63,36 @@ static void test_string_comes_in_segments_with_its_length_first(void)
     bus_sdo(&bus, "70 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05"); /* it is over */
 }
 
+static void test_domain_comes_in_segments(void)
+{
+    bus.domain = "12345678";
+    bus_sdo(&bus, "40 02 23 00 00 00 00 00", "41 02 23 00 08 00 00 00");
+    bus_sdo(&bus, "60 00 00 00 00 00 00 00", "00 31 32 33 34 35 36 37");
+    bus_sdo(&bus, "70 00 00 00 00 00 00 00", "1D 38 00 00 00 00 00 00");
+}
+
+static void test_domain_without_contents_is_refused_and_so_is_its_rest_when_it_is_gone(void)
+{
+    bus_sdo(&bus, "40 02 23 00 00 00 00 00", "80 02 23 00 24 00 00 08");
+    bus.domain = "12345678";
+    bus_sdo(&bus, "40 02 23 00 00 00 00 00", "41 02 23 00 08 00 00 00");
+    bus.domain = NULL;
+    bus_sdo(&bus, "60 00 00 00 00 00 00 00", "80 02 23 00 22 00 00 08");
+    bus_sdo(&bus, "60 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05"); /* it is over */
+}
+
+static void test_domain_cannot_be_written(void)
+{
+    bus_sdo(&bus, "2F 02 23 00 01 00 00 00", "80 02 23 00 02 00 01 06");
+}
+
+static void test_node_without_the_hook_has_no_domain(void)
+{
+    bus.domain = "1";
+    bus.node.config.hooks.domain_size = NULL;
+    bus_sdo(&bus, "40 02 23 00 00 00 00 00", "80 02 23 00 24 00 00 08");
+}
+
 static void test_string_of_seven_and_of_no_characters(void)
 {
     bus.od.num_backend = "seven..";
@@ -356,6 +386,10 @@ int main(void)
     RUN_TEST(test_cob_ids_contain_the_node_id);
     RUN_TEST(test_value_is_refreshed_before_it_is_read);
     RUN_TEST(test_string_comes_in_segments_with_its_length_first);
+    RUN_TEST(test_domain_comes_in_segments);
+    RUN_TEST(test_domain_without_contents_is_refused_and_so_is_its_rest_when_it_is_gone);
+    RUN_TEST(test_domain_cannot_be_written);
+    RUN_TEST(test_node_without_the_hook_has_no_domain);
     RUN_TEST(test_string_of_seven_and_of_no_characters);
     RUN_TEST(test_wrong_toggle_ends_an_upload);
     RUN_TEST(test_download_stores_and_tells_the_application);

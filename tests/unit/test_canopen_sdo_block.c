@@ -57,6 +57,26 @@ static void test_upload_of_a_short_text_in_one_block(void)
     TEST_ASSERT_EQUAL(CO_SDO_IDLE, bus.node.sdo.transfer);
 }
 
+static void test_domain_comes_by_block_until_it_is_gone(void)
+{
+    bus.domain = "123456789";
+    bus_sdo(&bus, "A4 02 23 00 7F 00 00 00", "C6 02 23 00 09 00 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus_run_ms(&bus, 5);
+    TEST_ASSERT_EQUAL_UINT(2, bus.count);
+    bus_expect(&bus, 1, 0x585, "82 38 39 00 00 00 00 00");
+    bus_sdo(&bus, "A2 02 7F 00 00 00 00 00", "D5 C3 31 00 00 00 00 00");
+    give("A1 00 00 00 00 00 00 00");
+
+    bus_sdo(&bus, "A4 02 23 00 7F 00 00 00", "C6 02 23 00 09 00 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus.domain = NULL;
+    bus_run_ms(&bus, 5);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    bus_expect(&bus, 0, 0x585, "80 02 23 00 22 00 00 08");
+    TEST_ASSERT_EQUAL(CO_SDO_IDLE, bus.node.sdo.transfer);
+}
+
 static void test_upload_without_crc_has_none(void)
 {
     bus.od.build_id = "123456789";
@@ -383,6 +403,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_upload_of_a_short_text_in_one_block);
+    RUN_TEST(test_domain_comes_by_block_until_it_is_gone);
     RUN_TEST(test_upload_without_crc_has_none);
     RUN_TEST(test_number_and_empty_text_go_by_block_too);
     RUN_TEST(test_segments_are_paced_and_wait_for_room);

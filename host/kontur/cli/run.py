@@ -96,6 +96,8 @@ def _scope_setup(signals: str | None, trigger: str | None, pre: float, divider: 
     if (signals is None) != (out is None):
         raise click.UsageError("--scope says what to record and --scope-out where it goes: give both")
     if signals is None:
+        if trigger is not None:
+            raise click.UsageError("--scope-trigger is for what --scope records: give it, too")
         return None
     return Setup(scopes.names(signals), scopes.trigger(trigger or "now"), pre, divider)
 

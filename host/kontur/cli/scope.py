@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -61,11 +62,22 @@ def command(
     for path in outputs:
         check_output(path, *scope.SUFFIXES)
     setup = Setup(scope.names(signals), scope.trigger(trigger), pre, divider)
-    with connect(target) as device:
+    with connect(target) as device, _armed_at_the_end(device):
         capture = _last(device) if last else _record(device, setup, wait_s)
-    for path in outputs:
-        scope.save(capture, path)
+        for path in outputs:
+            scope.save(capture, path)
     show(capture, as_json)
+
+
+@contextmanager
+def _armed_at_the_end(device: Device) -> Iterator[None]:
+    """For faults, as at power-on; but a fault that is there keeps its capture."""
+    try:
+        yield
+    finally:
+        with suppress(KonturError):  # what happened first is what is told
+            if not device.read("error_code_x"):
+                scope.release(device)
 
 
 def _last(device: Device) -> Capture:
@@ -80,23 +92,17 @@ def _last(device: Device) -> Capture:
 
 def _record(device: Device, setup: Setup, wait_s: float) -> Capture:
     scope.arm(device, setup)
-    try:
-        with interruptible() as stop_requested:
-            done = scope.wait(device, wait_s, stop_requested)
-            if not done and stop_requested():
-                click.echo("Interrupted: the trigger has not come.", err=True)
-                sys.exit(EXIT_INTERRUPTED)
-        if not done:
-            raise DeviceError(
-                f"the trigger ({setup.trigger}) has not come within {wait_s:g} s; "
-                "wait longer (--wait), or check the level"
-            )
-        with progress_bar("reading") as progress:
-            return scope.read(device, progress)
-    finally:
-        with suppress(KonturError):  # what happened first is what is told
-            if not device.read("error_code_x"):  # a fault keeps its capture
-                scope.release(device)
+    with interruptible() as stop_requested:
+        done = scope.wait(device, wait_s, stop_requested)
+        if not done and stop_requested():
+            click.echo("Interrupted: the trigger has not come.", err=True)
+            sys.exit(EXIT_INTERRUPTED)
+    if not done:
+        raise DeviceError(
+            f"the trigger ({setup.trigger}) has not come within {wait_s:g} s; wait longer (--wait), or check the level"
+        )
+    with progress_bar("reading") as progress:
+        return scope.read(device, progress)
 
 
 def show(capture: Capture, as_json: bool) -> None:
