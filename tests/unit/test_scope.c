@@ -212,6 +212,16 @@ static void test_falling_level_of_a_number_triggers(void)
     TEST_ASSERT_EQUAL_UINT32(crossing, read.trigger_tick);
 }
 
+static void test_signal_that_is_above_the_level_from_the_start_does_not_rise_above_it(void)
+{
+    od.scope.source = SIGNAL_E_N2;
+    od.scope.level = 100;
+    out.contour.e_n.y = NUM(1);
+    arm(SCOPE_RISING, 0, 0);
+    steps(50);
+    TEST_ASSERT_EQUAL(SCOPE_WAITING, atomic_load(&loop.scope.state));
+}
+
 static void test_level_waits_for_the_frames_before_it(void)
 {
     od.scope.source = SIGNAL_E_N2;
@@ -389,6 +399,7 @@ int main(void)
     RUN_TEST(test_level_triggers_in_the_period_that_crosses_it);
     RUN_TEST(test_trigger_between_two_frames_is_known_to_its_period);
     RUN_TEST(test_falling_level_of_a_number_triggers);
+    RUN_TEST(test_signal_that_is_above_the_level_from_the_start_does_not_rise_above_it);
     RUN_TEST(test_level_waits_for_the_frames_before_it);
     RUN_TEST(test_level_of_a_position_is_the_users);
     RUN_TEST(test_by_default_a_fault_leaves_the_500_ms_before_it);
