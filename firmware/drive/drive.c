@@ -59,6 +59,11 @@ void drive_configure(struct drive *d)
     }
 }
 
+static bool both_enabled(const struct drive *d)
+{
+    return cia402_enabled(&d->axis[0]) && cia402_enabled(&d->axis[1]);
+}
+
 bool drive_powered(const struct drive *d)
 {
     return cia402_powered(&d->axis[0]) || cia402_powered(&d->axis[1]);
@@ -162,10 +167,42 @@ static bool run_wanted(const struct drive *d)
             return false;
         }
     }
-    return d->queue.stream->state != STREAM_IDLE;
+    return d->queue.stream->state != STREAM_IDLE && !d->queue.suspended;
 }
 
-/* Power and path as the axes' states want them. An axis that gets power starts from where it stands. */
+static bool within_start_window(const struct drive *d, struct knot a, struct knot b)
+{
+    const int64_t window = d->od->limits.start_window;
+    for (int i = 0; i < 2; i++) {
+        const int64_t distance = (int64_t)a.nm[i] - b.nm[i];
+        if (distance > window || -distance > window) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* The axes get power. They are held where they stand, but on a path that can go on, where that stands. */
+static void take_up(struct drive *d)
+{
+    const bool may_go_on = d->queue.suspended && d->queue.stream->state == STREAM_STOPPED;
+    if (!may_go_on || !within_start_window(d, drive_position(d), d->left_at)) {
+        drive_hold(d);
+    }
+}
+
+/* They lose it: a path that stands may go on later. */
+static void let_go(struct drive *d)
+{
+    if (drive_stands(d) && drive_in_step(d)) {
+        d->left_at = d->queue.suspended ? d->left_at : drive_reference(d);
+        queue_suspend(&d->queue);
+    } else {
+        queue_close(&d->queue);
+    }
+}
+
+/* Power and path as the axes' states want them. */
 static void apply(struct drive *d)
 {
     bool off = false;
@@ -176,15 +213,16 @@ static void apply(struct drive *d)
         on = on || (!d->powered[i] && powered);
     }
     if (on) {
-        drive_hold(d);
+        take_up(d);
     }
     if (off && !d->modes.generating) {
-        queue_close(&d->queue);
+        let_go(d);
     }
     for (int i = 0; i < 2; i++) {
         d->powered[i] = cia402_powered(&d->axis[i]);
         atomic_store(&d->loop.command.powered[i], d->powered[i]);
     }
+    atomic_store(&d->loop.command.rate, d->modes.generating ? 1000u : d->od->feed_override);
     atomic_store(&d->loop.command.run, run_wanted(d));
 }
 
@@ -332,15 +370,7 @@ static enum queue_result taken(struct drive *d, enum queue_result result)
 /* A stream may begin, and does so where the axes are held. */
 static bool near(struct drive *d, struct knot start)
 {
-    const struct knot now = drive_reference(d);
-    const int64_t window = d->od->limits.start_window;
-    for (int i = 0; i < 2; i++) {
-        const int64_t distance = (int64_t)start.nm[i] - now.nm[i];
-        if (!cia402_enabled(&d->axis[i]) || distance > window || -distance > window) {
-            return false;
-        }
-    }
-    return modes_follows_stream(d);
+    return both_enabled(d) && within_start_window(d, start, drive_reference(d)) && modes_follows_stream(d);
 }
 
 static void begin_stream(struct drive *d, struct knot start, uint32_t total)
@@ -348,6 +378,16 @@ static void begin_stream(struct drive *d, struct knot start, uint32_t total)
     drive_begin(d, start, total);
     d->modes.by_record = d->modes.by_frame = false;
     record_start(&d->modes.record, d->od->axis[0].ip_period.value, start);
+}
+
+/* Command 3. Bit 4 must be clear: it is what starts the motion. */
+static uint32_t resume_stream(struct drive *d)
+{
+    const unsigned bits = d->axis[0].controlword | d->axis[1].controlword;
+    if (!both_enabled(d) || !modes_follows_stream(d) || (bits & CW_ENABLE_IP) != 0 || !queue_resume(&d->queue)) {
+        return SDO_ABORT_STATE;
+    }
+    return SDO_OK;
 }
 
 uint32_t drive_stream_command(struct drive *d, uint8_t command)
@@ -360,6 +400,9 @@ uint32_t drive_stream_command(struct drive *d, uint8_t command)
     if (command == 2) {
         drive_hold(d);
         return SDO_OK;
+    }
+    if (command == 3) {
+        return resume_stream(d);
     }
     if (!near(d, start) || s->total == 1 || s->total == 2) {
         return SDO_ABORT_STATE;

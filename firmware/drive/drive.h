@@ -22,6 +22,7 @@ struct drive {
     bool powered[2];
     uint32_t configured_at; /* snapshots published by then */
     bool starved;
+    struct knot left_at; /* where a suspended path stands, nm */
 };
 
 /* The servo tick's configuration that parameters which fit make. */

@@ -69,7 +69,18 @@ static void scale_encoder(struct loop_encoder *e, uint32_t length)
     e->rest = (uint32_t)((uint64_t)high << 16) | ((uint32_t)low & 0xFFFFu);
 }
 
-/* Returns whether the path runs or stands; keeps `standing`, `at_end`, `executed` up to date. */
+/* sigma that the path may run at: a quotient only when it changes */
+static num wanted_rate(struct loop *loop)
+{
+    const uint16_t permille = LOAD(loop->command.rate);
+    if (permille != loop->permille) {
+        loop->permille = permille;
+        loop->rate = n_ratio(permille, 1000);
+    }
+    return loop->rate;
+}
+
+/* Keeps `standing`, `at_end`, `executed` up to date. */
 static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
 {
     const uint32_t begin = LOAD(loop->command.begin);
@@ -82,7 +93,7 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
     const struct path_in in = {
         .complete = complete,
         .count = LOAD(loop->ring->count),
-        .run = LOAD(loop->command.run),
+        .rate = LOAD(loop->command.run) ? wanted_rate(loop) : NUM(0),
         .stop_time = cfg->stop_time,
         .step = PATH_ONE / TICKS_PER_MS,
     };
@@ -92,7 +103,7 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
         raise(loop, FAULT_UNDERRUN);
     }
     const bool standing = !n_lt(NUM(0), loop->path.at.rate);
-    const bool slowed = in.run && !standing && n_lt(loop->path.at.rate, NUM(1));
+    const bool slowed = !standing && n_lt(loop->path.at.rate, in.rate);
     STORE(loop->starved, !rest && (event == PATH_STARVED || (slowed && LOAD(loop->starved))));
     STORE(loop->at_end, event == PATH_AT_END || (event == PATH_UNDERRUN && rest));
     STORE(loop->standing, standing);
@@ -240,6 +251,7 @@ void loop_init(struct loop *loop, const struct hal *hal, const struct spline_rin
         loop->encoder[i].last = in.count[i];
         loop->encoder[i].count = in.count[i];
     }
+    atomic_store(&loop->command.rate, 1000u);
     loop->cfg_used = UINT8_MAX; /* the first tick resets the servo */
     atomic_store(&loop->standing, true);
 }

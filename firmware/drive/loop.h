@@ -33,6 +33,7 @@ struct loop_cfg {
 struct loop_command {
     _Atomic bool powered[2];   /* power stage on, law active */
     _Atomic bool run;          /* path time may run */
+    _Atomic uint16_t rate;     /* ... at this rate, 1/1000, up to 1000 PATH_RATE_MAX; 0: it stands */
     _Atomic bool complete;     /* all knots of the stream are in the ring */
     _Atomic bool rest;         /* not known to be complete, but it may end where its knots do: they stand */
     _Atomic uint8_t controller;
@@ -105,6 +106,8 @@ struct loop {
     /* the tick's own */
     struct servo_state servo;
     struct path path;
+    num rate;                   /* command.rate of the last period, as a num */
+    uint16_t permille;          /* ... as it was given */
     struct machine machine;     /* in place of the real one while cfg.machine.simulated */
     bool simulated;
     struct loop_encoder {

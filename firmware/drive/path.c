@@ -3,15 +3,27 @@
 
 /* Units here: sigma, and stop_time for time. The slope of sigma lies within +-SLOPE_MAX and changes by at most JERK in
  * a stop_time: a stop from sigma = 1 takes a quarter of stop_time to reach SLOPE_MAX, a half at it, a quarter to leave. */
-#define SLOPE_MAX NUM(4.0 / 3)
-#define JERK NUM(16.0 / 3)
-#define RATE_SMALL NUM(2e-5) /* so close to 0 or 1 sigma is there */
+#define SLOPE_MAX NUM(PATH_SLOPE_MAX)
+#define JERK NUM(PATH_JERK_MAX)
+#define RATE_SMALL NUM(5e-6)       /* so close to where it goes sigma is there */
+#define SLOPE_SMALL NUM(1.0 / 128) /* with so small a slope, which ends there */
+
+#define CRAWL NUM(0.01) /* slower than this sigma goes on only if there are as many knots more than a stop needs: */
+#define CRAWL_SPARE NUM(0.25)
 
 #define ROUNDING NUM(1e-5) /* what five roundings make of the way of a stop, in fixed point */
 
 static struct motion steady(num rate)
 {
     return (struct motion){acc_from(rate), acc_from(NUM(0))};
+}
+
+/* sigma is and stays `rate` */
+static bool is_steady(const struct motion *m, num rate)
+{
+    const num now = acc_to(m->rate);
+    const num slope = acc_to(m->slope);
+    return !n_lt(now, rate) && !n_lt(rate, now) && !n_lt(slope, NUM(0)) && !n_lt(NUM(0), slope);
 }
 
 /* Knots from a to b; 1000 stands for more, where it limits nothing. */
@@ -21,36 +33,40 @@ static num knots(path_t a, path_t b)
     return d <= 0 ? NUM(0) : d > 1000 * PATH_ONE ? NUM(1000) : n_ratio(d >> 12, PATH_ONE >> 12);
 }
 
-/* Largest slope from which sigma can still land `distance` further on. */
-static num landing(num distance)
+/* Largest slope from which sigma can still land `distance` further on, if the slope falls by 2 `half` each period. */
+static num landing(num distance, num half)
 {
-    return n_min(SLOPE_MAX, n_sqrt(n_mul(NUM(32.0 / 3), n_max(distance, NUM(0)))));
+    const num root = n_sqrt(n_mad(n_mul(half, half), NUM(2 * PATH_JERK_MAX), distance));
+    return n_min(SLOPE_MAX, n_max(n_sub(root, half), NUM(0)));
 }
 
-/* One control period, ACC_GAIN times given, on, towards sigma = 1, which never stands, or 0. */
-static struct motion moved(const struct motion *m, bool up, num period)
+/* One control period, ACC_GAIN times given, on, towards sigma = goal; it never stands on its way to one above 0. */
+static struct motion moved(const struct motion *m, num goal, num period)
 {
-    const num before = acc_to(m->rate);
-    if (up && !n_lt(before, NUM(1))) {
+    if (is_steady(m, goal)) {
         return *m; /* as it mostly is */
     }
-    const acc_t slope = acc_clamp(acc_mad(m->slope, up ? JERK : n_neg(JERK), period), n_neg(landing(before)),
-                                  landing(n_sub(NUM(1), before)));
+    const num gap = n_sub(goal, acc_to(m->rate));
+    const num half = n_mul(NUM(PATH_JERK_MAX / 2 / ACC_GAIN), period);
+    const num wanted = n_lt(gap, NUM(0)) ? n_neg(landing(n_neg(gap), half)) : landing(gap, half);
+    const acc_t least = acc_mad(m->slope, n_neg(JERK), period);
+    const acc_t most = acc_mad(m->slope, JERK, period);
+    const acc_t slope = n_lt(wanted, acc_to(least)) ? least : n_lt(acc_to(most), wanted) ? most : acc_from(wanted);
     const acc_t rate = acc_mad(m->rate, acc_to(slope), period);
-    if (up && n_lt(n_sub(NUM(1), RATE_SMALL), acc_to(rate))) {
-        return steady(NUM(1));
+    const num left = n_sub(goal, acc_to(rate));
+    const bool there = n_lt(n_abs(left), RATE_SMALL) || n_lt(gap, NUM(0)) != n_lt(left, NUM(0));
+    if (there && n_lt(n_abs(acc_to(slope)), n_max(SLOPE_SMALL, n_add(half, half)))) {
+        return steady(goal);
     }
-    if (!up && n_lt(acc_to(rate), RATE_SMALL)) {
-        return steady(NUM(0));
-    }
-    return (struct motion){acc_clamp(rate, up ? RATE_SMALL : NUM(0), NUM(1)), slope};
+    return (struct motion){acc_clamp(rate, n_min(goal, RATE_SMALL), NUM(PATH_RATE_MAX)), slope};
 }
 
 /* Way of a stop from m, in knots times stop_time; a little more than that where the slope does not get as far as
- * SLOPE_MAX. peak: the sigma from which a stop that began at slope 0 would pass through m. */
+ * SLOPE_MAX. peak: the sigma from which a stop that began at slope 0 would pass through m, or which is reached before the
+ * slope is 0. */
 static num stopping(const struct motion *m)
 {
-    if (!n_lt(acc_to(m->rate), NUM(1))) {
+    if (is_steady(m, NUM(1))) {
         return n_add(NUM(0.5), ROUNDING); /* as it mostly is */
     }
     const num slope = acc_to(m->slope);
@@ -79,23 +95,25 @@ enum path_event path_step(struct path *p, const struct path_in *in)
     const path_t last = in->count < margin ? 0 : (path_t)(in->count - margin) * PATH_ONE;
     const num period = n_div(n_ratio(in->step >> 19, (PATH_ONE >> 19) / ACC_GAIN), in->stop_time);
 
-    p->at.s += n_lt(p->at.rate, NUM(1)) ? n_to_q32(p->at.rate) / 16 * in->step / (1 << 28) : in->step;
+    p->at.s += is_steady(&p->motion, NUM(1)) ? in->step : n_to_q32(p->at.rate) / 16 * in->step / (1 << 28);
     p->at.count = in->count;
     if (in->complete && p->at.s >= last) {
         p->motion = steady(NUM(0));
         p->at = (struct path_state){.s = last, .rate = NUM(0), .rate_dot = NUM(0), .count = in->count};
         return PATH_AT_END;
     }
+    const bool run = n_lt(NUM(0), in->rate);
     const bool start = p->at.s == 0; /* the path itself starts from rest */
-    const struct motion faster = start ? steady(NUM(1)) : moved(&p->motion, true, period);
+    const struct motion faster = start ? steady(in->rate) : moved(&p->motion, in->rate, period);
     const num step = n_mul(acc_to(faster.rate), n_ratio(in->step, PATH_ONE));
-    const bool room = in->complete || !n_lt(knots(p->at.s, last), n_mad(step, in->stop_time, stopping(&faster)));
-    const struct motion next = in->run && room ? faster : start ? steady(NUM(0)) : moved(&p->motion, false, period);
+    const num spare = n_lt(acc_to(faster.rate), CRAWL) ? n_add(step, CRAWL_SPARE) : step;
+    const bool room = in->complete || !n_lt(knots(p->at.s, last), n_mad(spare, in->stop_time, stopping(&faster)));
+    const struct motion next = room ? faster : start ? steady(NUM(0)) : moved(&p->motion, NUM(0), period);
     p->motion = (struct motion){acc_state(next.rate), acc_state(next.slope)};
     p->at.rate = acc_to(p->motion.rate);
     p->at.rate_dot = n_mul(acc_to(p->motion.slope), n_div(NUM(SPLINE_PER_T0), in->stop_time));
     if (!n_lt(NUM(0), p->at.rate)) {
-        return in->run && !room && !start ? PATH_UNDERRUN : PATH_STANDS;
+        return run && !room && !start ? PATH_UNDERRUN : PATH_STANDS;
     }
-    return in->run && !room ? PATH_STARVED : PATH_NOTHING;
+    return run && !room ? PATH_STARVED : PATH_NOTHING;
 }

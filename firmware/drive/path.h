@@ -1,21 +1,28 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* path.h: path time. Servo tick only.
  *
- * Path time s runs over the knots at rate sigma; slowing it stops both axes *on the curve*. sigma changes without a step
- * in its slope: a stop from rate 1 takes stop_time and half as many knots (slope 0 .. -4/3 .. 0 over stop_time), so does
- * the way back. sigma is only ever raised if a stop from there still ends within the knots that are there, unless the
- * stream is complete: an underrun is a stop on the path by construction.
+ * Path time s runs over the knots at rate sigma; slowing it stops both axes *on the curve*. sigma goes to where it is
+ * wanted, 1 or the feed override, without a step in its slope: a stop from rate 1 takes stop_time and half as many knots
+ * (slope 0 .. -4/3 .. 0 over stop_time), so does the way back. Whatever is wanted when, slope and its change are limited.
+ * sigma is only ever raised if a stop from there still ends within the knots that are there, unless the stream is
+ * complete: an underrun is a stop on the path by construction.
+ *
+ * Along the path at programmed speed v and acceleration a: sigma v, and sigma^2 a + v d sigma/dt, where
+ * |d sigma/dt| <= PATH_SLOPE_MAX / stop_time. At sigma = 1.2 the programmed acceleration counts 1.44 times, the jerk 1.73.
  */
 #ifndef KONTUR_PATH_H
 #define KONTUR_PATH_H
 #include "contour.h"
 
-#define PATH_STOP_TIME_MAX 1000 /* ms: a stop needs half as many knots, which must fit the queue */
+#define PATH_STOP_TIME_MAX 1000 /* ms: a stop from PATH_RATE_MAX needs 0.69 as many knots, which must fit the queue */
+#define PATH_RATE_MAX 1.2       /* feed override 120 % */
+#define PATH_SLOPE_MAX (4.0 / 3) /* of sigma, per stop_time */
+#define PATH_JERK_MAX (16.0 / 3) /* change of the slope, per stop_time squared */
 
 struct path_in {
     uint32_t count;     /* knots there */
     bool complete;      /* no more will come: the path's own end is at rest */
-    bool run;           /* false: slow down to a stop */
+    num rate;           /* sigma to go to, 0..PATH_RATE_MAX; 0: slow down to a stop */
     num stop_time;      /* knots (ms) from rate 1 to 0, 1..PATH_STOP_TIME_MAX */
     path_t step;        /* path time of one control period at rate 1 */
 };

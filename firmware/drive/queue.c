@@ -73,7 +73,7 @@ void queue_hold(struct queue *q, struct knot start)
     q->ring.count = 0;
     q->ring.start = to_servo(q, start);
     q->still = 0;
-    q->open = q->outside = false;
+    q->open = q->outside = q->suspended = false;
     s->end_x = start.nm[0];
     s->end_y = start.nm[1];
     s->accepted = s->executed = s->checksum = 0;
@@ -118,6 +118,22 @@ bool queue_rests(const struct queue *q)
 void queue_close(struct queue *q)
 {
     q->open = false;
+}
+
+void queue_suspend(struct queue *q)
+{
+    q->suspended = q->suspended || (q->open && !q->outside);
+    q->open = false;
+}
+
+bool queue_resume(struct queue *q)
+{
+    if (!q->suspended || q->stream->state != STREAM_STOPPED) {
+        return false;
+    }
+    q->suspended = false;
+    q->open = true;
+    return true;
 }
 
 bool queue_complete(const struct queue *q)

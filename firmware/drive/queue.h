@@ -27,6 +27,7 @@ struct queue {
     int32_t origin_nm[2];         /* user's position less the servo's */
     uint32_t still;               /* knots at the end that are equal */
     bool open;                    /* knots are taken */
+    bool suspended;               /* closed, but its path may go on */
     bool outside;                 /* one was refused as beyond the soft limits: none is taken any more */
 };
 
@@ -46,6 +47,10 @@ bool queue_rests(const struct queue *q);
 struct knot queue_user(const struct queue *q, struct knot servo);
 /* Take no more knots. */
 void queue_close(struct queue *q);
+/* Take none until queue_resume(). A stream with a refused knot is closed for good. */
+void queue_suspend(struct queue *q);
+/* Take knots again. false: there is no suspended stream that was stopped. */
+bool queue_resume(struct queue *q);
 /* One knot frame as it came from the wire. */
 enum queue_result queue_frame(struct queue *q, const struct od_knot *frame);
 /* Take a knot by its absolute position, without sequence and CRC. */

@@ -250,9 +250,9 @@ static void modules(const struct servo_cfg *c)
     vector = "path";
     struct path path;
     path_reset(&path);
-    struct path_in p = {.count = 500, .run = true, .stop_time = NUM(20), .step = PATH_ONE / 10};
+    struct path_in p = {.count = 500, .rate = NUM(1), .stop_time = NUM(20), .step = PATH_ONE / 10};
     for (int i = 0; i < 600; i++) {
-        p.run = i < 100 || i > 350;
+        p.rate = i < 100 ? NUM(1) : i < 350 ? NUM(0) : i < 500 ? NUM(1.2) : NUM(0.7);
         path_step(&path, &p);
         if (i % 25 == 0) {
             put64(path.at.s);
@@ -298,7 +298,7 @@ static void closed_loop(const struct servo_cfg *c)
     path_reset(&path);
     for (int i = 0; i < 4000; i++) {
         const struct path_in in = {
-            .count = ring.count, .run = i < 2500 || i > 3200, .stop_time = NUM(50), .step = PATH_ONE / 10};
+            .count = ring.count, .rate = i < 2500 || i > 3200 ? NUM(1) : NUM(0), .stop_time = NUM(50), .step = PATH_ONE / 10};
         path_step(&path, &in);
         for (int k = 0; k < 2; k++) {
             servo.measured[k] = axis[k].pos / count * count;
