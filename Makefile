@@ -331,8 +331,11 @@ test-target: $(TARGET_TESTS:%=build/target/%.elf) $(TARGETS:%=build/target/%/has
 	$(PY) tests/target/cost.py $(foreach n,$(TARGETS),$(n)=build/target/$(n)/cost.json) || failed=1; \
 	if [ $$failed = 0 ]; then echo "target tests: $(words $(TARGET_TESTS)) programs passed"; else echo "target tests: FAILED"; exit 1; fi
 
+PRINTED_IN_QEMU = m=$(m4_BOARD); case $* in m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $< </dev/null >$@ 2>&1
 build/target/%/cost.json: build/target/%/bench_step.elf build/qemu.stamp
-	$(Q)m=$(m4_BOARD); case $* in m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $< </dev/null >$@ 2>&1
+	$(Q)$(PRINTED_IN_QEMU)
+build/target/%/cost_scope.json: build/target/%/bench_scope.elf build/qemu.stamp
+	$(Q)$(PRINTED_IN_QEMU)
 
 cost: $(COST)  ## write the instructions of a servo tick down: tests/target/cost.json, docs/performance.md
 	$(PY) tests/target/cost.py --write $(foreach n,$(TARGETS),$(n)=build/target/$(n)/cost.json)
