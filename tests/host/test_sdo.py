@@ -96,8 +96,8 @@ def expected(name: str, entry: objects.Entry, value: int) -> int:
         return VALUE  # 0 clears it
     if name in ("position_limit_x", "position_limit_y") and (entry.name, value) == ("min", entry.high):
         return INCOMPATIBLE
-    if (name, entry.name, value) == ("stream", "command", 1) or (name == "ip_record_y" and entry.sub):
-        return STATE  # begin: no axis is enabled
+    if (name, entry.name) == ("stream", "command") or (name == "ip_record_y" and entry.sub):
+        return STATE  # begin, resume: no axis is enabled
     return OK
 
 
