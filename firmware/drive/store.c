@@ -40,7 +40,11 @@ static uint32_t end_of_set(const struct hal *hal, unsigned sector, uint32_t begi
     if (begin + 2 * PAIR > HAL_FLASH_BYTES || word_at(hal, sector, begin) != STORE_MAGIC) {
         return 0;
     }
-    uint32_t crc = crc32(crc32(ERASED, STORE_MAGIC), word_at(hal, sector, begin + WORD));
+    const uint32_t sequence = word_at(hal, sector, begin + WORD);
+    if (sequence == ERASED) { /* nothing could be newer */
+        return 0;
+    }
+    uint32_t crc = crc32(crc32(ERASED, STORE_MAGIC), sequence);
     uint32_t pairs = 0;
     for (uint32_t at = begin + PAIR; at + PAIR <= HAL_FLASH_BYTES; at += PAIR, pairs++) {
         const uint32_t key = word_at(hal, sector, at), value = word_at(hal, sector, at + WORD);
@@ -58,7 +62,6 @@ static uint32_t end_of_set(const struct hal *hal, unsigned sector, uint32_t begi
 
 void store_open(struct store *s, const struct hal *hal)
 {
-    bool empty = true;
     *s = (struct store){.hal = hal};
     for (unsigned sector = 0; sector < HAL_FLASH_SECTORS; sector++) {
         uint32_t begin = 0, end;
@@ -73,9 +76,10 @@ void store_open(struct store *s, const struct hal *hal)
             }
             begin = end;
         }
-        empty = empty && is_erased(hal, sector, 0, HAL_FLASH_BYTES);
     }
-    s->damaged = !s->found && !empty;
+    for (unsigned sector = 0; sector < HAL_FLASH_SECTORS; sector++) {
+        s->damaged = s->damaged || (!s->found && !is_erased(hal, sector, 0, HAL_FLASH_BYTES));
+    }
 }
 
 /* 0: not kept */

@@ -258,6 +258,20 @@ static void test_flash_full_of_nonsense_is_damage(void)
     TEST_ASSERT_TRUE(store.damaged);
 }
 
+/* Numbers rise by one a set: before the last one is reached a flash is worn out a thousand times. */
+static void test_last_sequence_number_is_no_set_since_none_could_be_newer(void)
+{
+    const uint32_t pair[] = {0x211001, 123456};
+    make_set(STORE_MAGIC, pair, 1);
+    flash.word[1][1] = UINT32_MAX;
+    flash.word[1][5] = crc32_of(flash.word[1], 5);
+    power_on();
+    TEST_ASSERT_TRUE(store.damaged);
+    TEST_ASSERT_TRUE(save(1));
+    power_on();
+    TEST_ASSERT_TRUE(is_set(&od, 1));
+}
+
 /* ---- wear and failure ---- */
 
 static void test_a_sector_is_erased_once_for_many_sets_and_both_are_used(void)
@@ -439,6 +453,7 @@ int main(void)
     RUN_TEST(test_set_of_another_firmware_gives_what_is_known_and_in_range);
     RUN_TEST(test_unknown_layout_or_a_wrong_crc_is_damage_and_can_be_saved_over);
     RUN_TEST(test_flash_full_of_nonsense_is_damage);
+    RUN_TEST(test_last_sequence_number_is_no_set_since_none_could_be_newer);
     RUN_TEST(test_a_sector_is_erased_once_for_many_sets_and_both_are_used);
     RUN_TEST(test_failing_flash_is_told_and_the_old_set_holds);
     RUN_TEST(test_set_that_cannot_be_read_back_is_told);
