@@ -86,10 +86,11 @@ test-hil: setup lib $(if $(filter vcan,$(HIL)),build/uml.stamp)  ## the drive ov
 	  case $$target in vcan) vcan="$(PY) tests/hil/vcan.py";; *) vcan=;; esac; \
 	  $$vcan $(PY) -m pytest tests/hil --target $$target $(if $(NO_MOTION),--no-motion) || exit 1; done
 
-lint: setup lib  ## ruff (style and format) and mypy --strict
+lint: setup lib build/debian.stamp $(GENERATED)  ## ruff, mypy --strict; clang-tidy, gcc -fanalyzer, cppcheck with MISRA C:2012
 	$(VENV)/bin/ruff check host tests firmware
 	$(VENV)/bin/ruff format --check host tests firmware
 	$(VENV)/bin/mypy host/kontur
+	$(Q)$(MAKE) --no-print-directory -j$(shell nproc) lint-c
 
 golden: build/unit/f32/write_golden build/unit/fix/write_golden  ## write the golden vectors anew (tests/golden/README.md)
 	build/unit/f32/write_golden >tests/golden/golden_f32.h
@@ -339,6 +340,32 @@ build/target/%/cost_scope.json: build/target/%/bench_scope.elf build/qemu.stamp
 
 cost: $(COST)  ## write the instructions of a servo tick down: tests/target/cost.json, docs/performance.md
 	$(PY) tests/target/cost.py --write $(foreach n,$(TARGETS),$(n)=build/target/$(n)/cost.json)
+
+# --- static analysis --------------------------------------------------------------------------------------------------
+# Deviations stand in firmware/deviations.txt. Files are looked at again when they or a header have changed.
+LINT_SOURCES := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c firmware/port/*.c firmware/port/linux/*.c $(PORT)/*.c)
+LINT_FLAGS := -std=c11 -D_GNU_SOURCE $(INCLUDE) -I$(PORT) -DBOARD_HEADER='"board_kontur.h"' -DCONTROL_HZ=10000u \
+	-DKONTUR_BUILD_ID='""' -DKONTUR_VERSION='""'
+LINT_AGAIN := $(wildcard firmware/*/*.h firmware/port/*/*.h sim/*.h)
+CPPCHECK := $(VENV)/bin/cppcheck -q --error-exitcode=1 --cppcheck-build-dir=build/lint/cppcheck --std=c11 -D__GNUC__ \
+	--enable=warning,style,performance,portability --suppressions-list=firmware/deviations.txt --suppress=missingIncludeSystem \
+	--template='{file}:{line}: {id}: {message}' $(filter-out -std=c11,$(LINT_FLAGS))
+build/lint/firmware/port/linux/machine_file.ok: ANALYZER_FLAGS := -Wno-analyzer-file-leak -Wno-analyzer-malloc-leak
+
+build/lint/%.ok: %.c $(LINT_AGAIN) .clang-tidy
+	@mkdir -p $(@D); echo "  LINT $<"
+	$(Q)$(CC) $(CFLAGS) -fanalyzer $(ANALYZER_FLAGS) $(LINT_FLAGS) -c $< -o /dev/null
+	$(Q)$(VENV)/bin/clang-tidy --quiet $< -- $(LINT_FLAGS) 2>$@.log || { cat $@.log; exit 1; }
+	@touch $@
+
+build/lint/misra.ok: $(LINT_SOURCES) $(LINT_AGAIN) firmware/deviations.txt
+	@mkdir -p build/lint/cppcheck; echo "  MISRA firmware"
+	$(Q)$(CPPCHECK) -D__arm__ --addon=misra --suppress='*:build/gen/*' $(filter-out firmware/port/linux/%,$(LINT_SOURCES))
+	$(Q)$(CPPCHECK) $(filter firmware/port/linux/%,$(LINT_SOURCES))
+	@touch $@
+
+lint-c: $(LINT_SOURCES:%.c=build/lint/%.ok) build/lint/misra.ok
+.PHONY: lint-c
 
 # --- C tests ----------------------------------------------------------------------------------------------------------
 build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp

@@ -8,7 +8,7 @@
 void co_emcy_refresh(struct co_node *node)
 {
     node->emcy.inhibit_left_ms = 0;
-    if (node->config.od->emcy_cob_id & COB_UNUSED) {
+    if ((node->config.od->emcy_cob_id & COB_UNUSED) != 0) {
         node->emcy.waiting_count = 0;
     }
 }
@@ -70,7 +70,7 @@ static unsigned inhibit_ms(const struct co_node *node)
 static void report(struct co_node *node, uint16_t code, uint32_t msef)
 {
     struct co_emcy *emcy = &node->emcy;
-    if (node->config.od->emcy_cob_id & COB_UNUSED) {
+    if ((node->config.od->emcy_cob_id & COB_UNUSED) != 0) {
         return;
     }
     for (unsigned i = 0; emcy->waiting_count == CO_EMCY_WAITING; i++) {

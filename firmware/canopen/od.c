@@ -24,7 +24,7 @@ void od_init(struct od_data *od, uint8_t node_id)
 {
     *od = od_defaults;
     for (uint16_t i = 0; i < od_table_len; i++) {
-        if (od_table[i].flags & OD_NODE_ID) {
+        if ((od_table[i].flags & OD_NODE_ID) != 0) {
             restore(od, node_id, &od_table[i]);
         }
     }
@@ -34,7 +34,7 @@ void od_restore(struct od_data *od, uint8_t node_id, uint16_t first, uint16_t la
 {
     for (uint16_t i = 0; i < od_table_len; i++) {
         const struct od_entry *e = &od_table[i];
-        if ((e->flags & (OD_WRITE | OD_NODE_ID)) && e->index >= first && e->index <= last) {
+        if ((e->flags & (OD_WRITE | OD_NODE_ID)) != 0 && e->index >= first && e->index <= last) {
             restore(od, node_id, e);
         }
     }
@@ -73,7 +73,7 @@ uint8_t od_size(const struct od_entry *entry)
 
 int64_t od_read(const struct od_data *od, const struct od_entry *entry)
 {
-    if (entry->flags & OD_CONST) {
+    if ((entry->flags & OD_CONST) != 0) {
         return entry->min;
     }
     const void *p = const_place(od, entry);

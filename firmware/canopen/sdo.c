@@ -107,7 +107,7 @@ static void download_segment(struct co_node *node, const uint8_t *request)
     }
     memcpy(&sdo->buffer[sdo->at], &request[1], count);
     sdo->at += count;
-    if (request[0] & BIT_LAST) {
+    if ((request[0] & BIT_LAST) != 0) {
         uint32_t code = co_sdo_check_length(sdo->entry, sdo->at);
         if (code == SDO_OK) {
             code = co_sdo_store(node, sdo->entry, sdo->buffer);
@@ -172,7 +172,7 @@ bool co_sdo_bytes(const struct co_node *node, uint32_t at, uint8_t *to, uint32_t
     if (sdo->entry->type == OD_DOMAIN) {
         return hooks->domain_read(hooks->ctx, sdo->entry, at, to, count);
     }
-    memcpy(to, &sdo->data[at], count);
+    memcpy(to, &sdo->data[at], count); /* NOLINT(clang-analyzer-core.NonNullParamChecker) */
     return true;
 }
 
@@ -225,7 +225,7 @@ static void upload_segment(struct co_node *node, const uint8_t *request)
 
 static void segment(struct co_node *node, enum co_sdo_transfer wanted, const uint8_t *request)
 {
-    struct co_sdo *sdo = &node->sdo;
+    const struct co_sdo *sdo = &node->sdo;
     if (sdo->transfer != wanted) {
         abort_transfer(node, SDO_ABORT_COMMAND);
     } else if (((request[0] & BIT_TOGGLE) != 0) != sdo->toggle) {
@@ -272,14 +272,14 @@ void co_sdo_receive(struct co_node *node, const struct can_frame *frame)
     case CCS_DOWNLOAD:
     case CCS_UPLOAD: initiate(node, command, request); break;
     case CCS_BLOCK_DOWNLOAD:
-        if (request[0] & BIT_BLOCK_END) {
+        if ((request[0] & BIT_BLOCK_END) != 0) {
             co_sdo_block_download_end(node, request);
         } else {
             initiate(node, command, request);
         }
         break;
     case CCS_BLOCK_UPLOAD:
-        if (request[0] & BIT_BLOCK_STEP) {
+        if ((request[0] & BIT_BLOCK_STEP) != 0) {
             co_sdo_block_upload_step(node, request);
         } else {
             initiate(node, command, request);

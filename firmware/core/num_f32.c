@@ -26,6 +26,7 @@ int64_t n_to_wide(num x)
         return 0;
     }
     const uint32_t size = bits & 0x7FFFFFFFu;
+    /* NOLINTNEXTLINE(clang-analyzer-core.BitwiseShift) */
     const int64_t whole = size > n_bits(4.0e18f) ? (int64_t)4.0e18f : (int64_t)(mantissa << (exponent - 150u));
     return (bits >> 31) != 0 ? -whole : whole;
 }

@@ -51,7 +51,8 @@ num spline_piece_at(const struct spline_ring *ring, uint32_t count, path_t s, st
 void spline_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_point *out)
 {
     struct spline_piece piece;
-    const struct spline_local at = spline_on(&piece, spline_piece_at(ring, count, s, &piece));
+    const num u = spline_piece_at(ring, count, s, &piece);
+    const struct spline_local at = spline_on(&piece, u);
     out->pos[0] = pos_add(piece.pos[0], at.way.x);
     out->pos[1] = pos_add(piece.pos[1], at.way.y);
     out->d1 = at.d1;

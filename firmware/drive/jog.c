@@ -64,7 +64,7 @@ int32_t jog_step(struct jog *j, const struct jog_in *in)
     }
     j->pos_pm += j->vel_pmpms;
     j->settling = (uint8_t)(j->vel_pmpms != before ? JOG_SETTLE : j->settling > 0 ? j->settling - 1 : 0);
-    return (int32_t)box_round(box_step(&j->box, j->pos_pm), JOG_ROUND * PM);
+    return (int32_t)box_round(box_step(&j->box, j->pos_pm), (int64_t)JOG_ROUND * PM);
 }
 
 bool jog_rests(const struct jog *j)

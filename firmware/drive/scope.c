@@ -53,7 +53,7 @@ static bool triggers(struct scope *s, const void *const base[], uint32_t raised)
 
 static void take_frame(struct scope *s, const void *const base[], uint32_t tick)
 {
-    uint32_t *to = &s->sample[s->next * s->channels];
+    uint32_t *to = &s->sample[(size_t)s->next * s->channels];
     for (unsigned i = 0; i < s->channels; i++) {
         to[i] = sample(&s->signal[i], base);
     }
@@ -178,7 +178,7 @@ static uint32_t word_at(const struct scope *s, uint32_t i, const int32_t origin_
     case 5: return s->cause;
     case 6:
     case 7: {
-        const uint8_t *n = &s->number[4 * (i - 6)];
+        const uint8_t *n = &s->number[4 * (size_t)(i - 6)];
         return n[0] | (uint32_t)n[1] << 8 | (uint32_t)n[2] << 16 | (uint32_t)n[3] << 24;
     }
     default: break;

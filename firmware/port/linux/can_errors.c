@@ -17,7 +17,7 @@ static uint32_t state_of(uint8_t control, uint32_t now)
     if (control & (CAN_ERR_CRTL_RX_WARNING | CAN_ERR_CRTL_TX_WARNING)) {
         return KS_CAN_WARNING;
     }
-    return control & CAN_ERR_CRTL_ACTIVE ? KS_CAN_ACTIVE : now;
+    return (control & CAN_ERR_CRTL_ACTIVE) != 0 ? KS_CAN_ACTIVE : now;
 }
 
 bool can_errors_apply(const struct can_frame *frame, struct ks_can_status *status)

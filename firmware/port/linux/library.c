@@ -23,7 +23,7 @@ void library_load(struct library *library, const char *num)
     char program[PATH_MAX];
     const ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
     program[length < 0 ? 0 : length] = '\0';
-    char *slash = strrchr(program, '/');
+    const char *slash = strrchr(program, '/');
     const int folder = slash == NULL ? 0 : (int)(slash - program);
 
     if (strcmp(num, "f32") != 0 && strcmp(num, "fix") != 0 && strcmp(num, "chk") != 0) {

@@ -10,7 +10,7 @@
     F(ks_set_can_status) F(ks_flash) F(ks_power_on_with) F(ks_set_paced) F(ks_sync_id) F(ks_sync_us)                   \
     F(ks_record) F(ks_record_count) F(ks_record_data)
 
-#define LIBRARY_POINTER(name) __typeof__(name) *name;
+#define LIBRARY_POINTER(name) __typeof__(name) *name; /* NOLINT(bugprone-macro-parentheses) */
 struct library {
     void *handle;
     LIBRARY_FUNCTIONS(LIBRARY_POINTER)

@@ -235,8 +235,8 @@ void bus_open_slcan_tcp(struct bus *bus, const char *address)
     }
     const int on = 1;
     const int listener = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-    setsockopt(listener, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-    if (listener < 0 || bind(listener, found->ai_addr, found->ai_addrlen) != 0 || listen(listener, 4) != 0) {
+    if (listener < 0 || setsockopt(listener, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) != 0 ||
+        bind(listener, found->ai_addr, found->ai_addrlen) != 0 || listen(listener, 4) != 0) {
         switch (errno) {
         case EADDRINUSE: die("port %s is in use: end what uses it, take another one, or 0 for any that is free", port);
         case EACCES: die("port %s: no permission; take one above 1023, or 0 for any that is free", port);

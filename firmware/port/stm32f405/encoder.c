@@ -85,7 +85,7 @@ static bool index_fits(struct encoder *e, uint32_t count)
 /* Returns whether it can be believed. `now`: the timer's counter. */
 static bool follow(struct encoder *e, const struct board_encoder *board, uint32_t now)
 {
-    struct tim *tim = board->tim;
+    const struct tim *tim = board->tim;
     const int32_t moved = difference(board, now, e->last);
     bool good = magnitude(moved) <= e->jump_counts;
     e->last = now;
