@@ -256,6 +256,9 @@ static void on_write(void *ctx, const struct od_entry *entry)
         drive_command(&app->drive);
         follow(app);
         break;
+    case 0x2131:
+        follow(app);
+        break;
     case 0x2000:
         atomic_store(&app->drive.loop.command.controller, app->od.controller.select);
         break;

@@ -20,6 +20,7 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from kontur import wire
 from kontur.errors import BusError, DeviceError, EmcyError, KonturError, NoAnswerError, ParameterError
 from kontur.link import Link
+from kontur.pathtime import RATE_MAX
 
 CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 
@@ -67,7 +68,15 @@ BIT_TARGET_REACHED, BIT_PATH_RUNS = 1 << 10, 1 << 12
 _BIT_FAULT = 1 << 3
 
 # Objects that are read back when they are written, besides the parameters.
-_READ_BACK = ("stream.total", "stream.start_x", "stream.start_y", "controller.select", "mode_x", "mode_y")
+_READ_BACK = (
+    "stream.total",
+    "stream.start_x",
+    "stream.start_y",
+    "controller.select",
+    "feed_override",
+    "mode_x",
+    "mode_y",
+)
 
 
 @dataclass(frozen=True)
@@ -256,6 +265,25 @@ class Device:
         if name not in CONTROLLERS:
             raise ParameterError(f"controller {name!r} is unknown; there are {', '.join(CONTROLLERS)}")
         self.write("controller.select", CONTROLLERS.index(name))
+
+    # --- feed ---
+
+    def override_feed(self, rate: float) -> None:
+        """Let streams run at `rate` of the programmed speed, 0 to 1.2, from now on; 0 holds them on their path.
+
+        Above 1 the accelerations grow with the square of it, beyond what was planned. Raises ParameterError.
+        """
+        if not 0.0 <= rate <= RATE_MAX:
+            raise ParameterError(f"feed override {rate * 100:g} % is out of range; it must be 0..{RATE_MAX * 100:g} %")
+        self.write("feed_override", rate * 100.0)
+
+    def hold(self) -> None:
+        """Feed hold: stop on the path and stay there, enabled, until resume()."""
+        self.override_feed(0.0)
+
+    def resume(self, rate: float = 1.0) -> None:
+        """Go on after hold()."""
+        self.override_feed(rate)
 
     # --- state machine ---
 

@@ -11,33 +11,35 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+_Floats = NDArray[np.float64]
+
 RATE_MAX = 1.2
 _SLOPE_MAX, _JERK_MAX = 4.0 / 3.0, 16.0 / 3.0  # of the rate, in stop times
 _RATE_SMALL, _SLOPE_SMALL = 5e-6, 1.0 / 128.0
 
 
-def rates(wanted: Sequence[tuple[int, float]], periods: int, stop_periods: float) -> NDArray[np.float64]:
-    """Rate (periods,) of path time in each control period, the first one of the motion being 0.
+def curve(wanted: Sequence[tuple[int, float]], end: int, stop_periods: float) -> tuple[_Floats, _Floats]:
+    """Points (n,) of path time over time, both in control periods, from 0 to `end`; straight between them.
 
-    `wanted`: from which period on which rate was asked for, 0 to RATE_MAX, in order, the first one from period 0; a rate
-    of 0 before the motion has begun is not meant. `stop_periods`: path_stop_time in control periods.
+    `wanted`: from which period on which rate was asked for, 0 to RATE_MAX, in order, the first one from period 0; 0
+    before the motion has begun is not meant. `stop_periods`: path_stop_time.
     """
-    result = np.empty(periods)
-    rate, slope, step = wanted[0][1], 0.0, 1.0 / stop_periods
-    ends = [period for period, _ in wanted[1:]] + [periods]
-    for (begin, goal), end in zip(wanted, ends, strict=True):
-        for period in range(min(begin, periods), min(end, periods)):
+    rate, slope, path = wanted[0][1], 0.0, 0.0
+    time, paths = [0], [0.0]
+    until = [period for period, _ in wanted[1:]] + [end]
+    for (begin, goal), next_ in zip(wanted, until, strict=True):
+        now = min(begin, end)
+        while now < min(next_, end):
             if rate == goal and slope == 0.0:
-                result[period : min(end, periods)] = rate
-                break
-            rate, slope = _moved(rate, slope, goal, step)
-            result[period] = rate
-    return result
-
-
-def path_time_s(rate: NDArray[np.float64], control_hz: int) -> NDArray[np.float64]:
-    """Path time (n + 1,) in s at the beginning of each control period, and at the end of the last one."""
-    return np.concatenate([[0.0], np.cumsum(rate)]) / control_hz
+                passed = min(next_, end) - now
+            else:
+                rate, slope = _moved(rate, slope, goal, 1.0 / stop_periods)
+                passed = 1
+            now += passed
+            path += rate * passed
+            time.append(now)
+            paths.append(path)
+    return np.array(time, dtype=np.float64), np.array(paths)
 
 
 def _moved(rate: float, slope: float, goal: float, step: float) -> tuple[float, float]:

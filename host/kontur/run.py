@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kontur import pathtime, scoring, wire
 from kontur import scope as scopes
-from kontur import scoring, wire
 from kontur.device import Device, connected, open_bus
 from kontur.errors import DeviceError, EmcyError
 from kontur.faults import Faults
@@ -125,6 +125,7 @@ def run(
     approach: Limits | None = None,
     progress: Callable[[float], None] = lambda share: None,
     stop_requested: Callable[[], bool] = lambda: False,
+    rate: Callable[[], float] = lambda: 1.0,
     raise_fault: bool = True,
     scope: scopes.Setup | None = None,
 ) -> RunResult:
@@ -132,8 +133,8 @@ def run(
 
     A real drive that does not stand at the start goes there first if `approach` gives the limits for that, else this
     is refused. `command` is kept in the log. When `stop_requested` returns True the drive stops on the path, and the
-    log ends there; so it does at a fault of the drive where `raise_fault` is False. `scope` is armed just
-    before the start.
+    log ends there; so it does at a fault of the drive where `raise_fault` is False. `rate` tells the feed override,
+    0 to 1.2, 0 to hold, which may change at any time. `scope` is armed just before the start.
 
     Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError; KeyboardInterrupt when the
     stop was requested on the way to the start, where there is no log yet.
@@ -170,6 +171,7 @@ def run(
                 before_start=before_start,
                 progress=progress,
                 stop_requested=stop_requested,
+                rate=rate,
                 raise_fault=raise_fault,
             )
             truth = sim.truth() if sim is not None else None
@@ -233,23 +235,28 @@ def _go_to_start(
 
 
 class _PathClock:
-    """Time since the path was started, and how far path time came by then: the same, but for a stop on the path."""
+    """Time since the path was started, and how far path time came by then, at the rates asked for."""
 
     def __init__(self, trajectory: Trajectory, streamed: StreamResult, control_hz: int, stop_time_s: float) -> None:
         self.control_hz = control_hz
         self.start_period = round(streamed.start_s * control_hz)
-        self._duration_s = trajectory.duration_s
-        self._stop_s = math.inf if streamed.stop_s is None else streamed.stop_s - streamed.start_s
-        self._stop_time_s = stop_time_s
-        self.end_s = min(self._duration_s, self._stop_s + stop_time_s)
-        self.periods = round(self.end_s * control_hz)
+        stop = round(stop_time_s * control_hz)
+        wanted = [(round((at_s - streamed.start_s) * control_hz), rate) for at_s, rate in streamed.rates]
+        if streamed.stop_s is not None:
+            wanted.append((round((streamed.stop_s - streamed.start_s) * control_hz), 0.0))
+        way = round(trajectory.duration_s * control_hz)
+        last, rate = wanted[-1]
+        horizon = last + round(pathtime.RATE_MAX * stop) + (math.ceil(way / rate) if rate > 0.0 else 0)
+        self._periods, path = pathtime.curve(wanted, horizon, stop)
+        self._path, self._way = path, way
+        ends = float(np.interp(way, path, self._periods))  # there, or where it stands
+        self.periods = round(ends) if path[-1] >= way else last + stop
+        self.end_s = self.periods / control_hz
 
     def path_time(self, time_s: Floats) -> Floats:
-        """Path time (n,) in s: at rate 1, and along a stop on the path (docs/protocol.md) half as far as it takes."""
-        u: Floats = np.clip((time_s - self._stop_s) / self._stop_time_s, 0.0, 1.0)
-        way = np.where(u < 0.75, 7.0 / 6.0 * u - 2.0 / 3.0 * u**2 - 1.0 / 72.0, 0.5 - 8.0 / 9.0 * (1.0 - u) ** 3)
-        slowing_s = self._stop_time_s * np.where(u < 0.25, u - 8.0 / 9.0 * u**3, way)
-        return np.asarray(np.clip(np.minimum(time_s, self._stop_s) + slowing_s, 0.0, self._duration_s))
+        """Path time (n,) in s."""
+        path = np.interp(time_s * self.control_hz, self._periods, self._path)
+        return np.asarray(np.minimum(path, self._way) / self.control_hz)
 
     def of_ticks(self, tick: NDArray[np.int64], by_device_time: bool) -> Floats:
         """Time (n,) in s of telemetry rows. The row of tick i was taken in control period `i ms - 1`, counted from 0.

@@ -32,8 +32,8 @@ _NUMBERS = 256
 _BURST = 16
 _SILENCE_S = 2.0  # longer than a bus is off before it recovers: then the drive tells what it did meanwhile
 _START_TIMEOUT_S, _STOP_TIMEOUT_S = 0.5, 5.0
-_BEGIN, _ABORT = 1, 2
-_STATE_IDLE, _STATE_FILLING, _STATE_RUNNING, _STATE_STOPPING, _STATE_DONE = range(5)
+_BEGIN, _ABORT, _RESUME = 1, 2, 3
+_STATE_IDLE, _STATE_FILLING, _STATE_RUNNING, _STATE_STOPPING, _STATE_DONE, _STATE_STOPPED = range(6)
 _BEGIN_ATTEMPTS = 5
 
 
@@ -45,7 +45,8 @@ class StreamResult:
     `start_s`, `stop_s`: time of the target when the motion was started, and when it was asked to stop, or reported the
     fault.
     `accepted`: knots taken by the drive; `executed`: knots passed; `retransmitted`: knot frames sent again;
-    `rejected`: knot frames that the drive did not take, by reason.
+    `rejected`: knot frames that the drive did not take, by reason. `rates`: from which time on which rate was asked for
+    (feed override), the first one from the start.
     """
 
     completed: bool
@@ -55,6 +56,7 @@ class StreamResult:
     executed: int
     retransmitted: int
     rejected: dict[str, int]
+    rates: tuple[tuple[float, float], ...] = ()
     fault: EmcyError | None = None
 
 
@@ -65,23 +67,41 @@ def stream(
     before_start: Callable[[], None] = lambda: None,
     progress: Callable[[float], None] = lambda share: None,
     stop_requested: Callable[[], bool] = lambda: False,
+    rate: Callable[[], float] = lambda: 1.0,
+    resume: bool = False,
     raise_fault: bool = True,
 ) -> StreamResult:
     """Send `knots_nm` (N, 2) and let the drive follow them; returns when it stands still again.
 
     The drive must be enabled and stand at the first knot. `before_start` is called when the queue is full and motion is
     about to start; `progress` with the share of knots taken by the drive, 0..1; when `stop_requested` returns True the
-    drive stops on the path. Raises StreamError, NoAnswerError, and EmcyError when the drive reports a fault; one during
-    the motion is returned instead where `raise_fault` is False.
+    drive stops on the path. `rate` tells the feed override, 0 to 1.2, 0 to hold, and may change at any time.
+
+    `resume`: go on with these knots, all of them as they were, where the drive stopped on the path before it was
+    switched off, by a fault or by its master; the axes must not have been moved since.
+
+    Raises StreamError, NoAnswerError, and EmcyError when the drive reports a fault; one during the motion is returned
+    instead where `raise_fault` is False.
     """
-    sender = _Sender(device, knots_nm)
+    sender = _Sender(device, knots_nm, resume)
     sender.fill()
+    while (now := rate()) == 0.0 and not stop_requested():
+        sender.advance()
+    now = now or 1.0
+    device.override_feed(now)
     before_start()
     start_s = _start(device)
+    rates = [(start_s, now)]
     stop_s = None
     fault = None
     try:
-        while device.both_axes(BIT_PATH_RUNS) or _runs(device):
+        while now == 0.0 or device.both_axes(BIT_PATH_RUNS) or _runs(device):
+            if (wanted := rate()) != now:
+                rates.append((device.link.time_s, wanted))
+                device.override_feed(wanted)
+                if now == 0.0:
+                    device.link.wait(lambda: _started(device), _START_TIMEOUT_S)
+                now = wanted
             if stop_requested():
                 stop_s = device.link.time_s
                 if not device.insist(ENABLE, lambda: _stands(device), _STOP_TIMEOUT_S):
@@ -104,6 +124,7 @@ def stream(
         executed=int(device.confirmed("stream.executed")),
         retransmitted=sender.retransmitted,
         rejected={reason: int(device.confirmed(f"stream.rejected_{reason}")) for reason in ("sequence", "crc", "full")},
+        rates=tuple(rates),
         fault=fault,
     )
     if result.completed:
@@ -136,19 +157,38 @@ def begin(device: Device, knots_nm: NDArray[np.int32]) -> None:
     raise StreamError("the drive does not open its queue for the path; does the bus corrupt frames?")
 
 
+def resume_stream(device: Device, knots_nm: NDArray[np.int32]) -> int:
+    """Open the drive's queue again for what is left of `knots_nm` (N, 2); returns how many knots it has.
+
+    Raises StreamError: the path that the drive has left is another one, or it cannot go on.
+    """
+    if device.confirmed("stream.state") != _STATE_STOPPED:
+        raise StreamError(
+            "the drive cannot go on with the path: it did not stop on it, or the axes were moved since; plan anew from "
+            "where they stand"
+        )
+    accepted, executed = (int(device.confirmed(f"stream.{name}")) for name in ("accepted", "executed"))
+    total, checksum = (int(device.confirmed(f"stream.{name}")) for name in ("total", "checksum"))
+    known = zlib.crc32(np.ascontiguousarray(knots_nm[:executed], dtype="<i4").tobytes())
+    if total != len(knots_nm) or accepted > total or checksum != known:
+        raise StreamError(f"the drive has left another path than this one, at knot {executed} of {total}")
+    device.write("stream.command", _RESUME)
+    return accepted
+
+
 def _start(device: Device) -> float:
     """Let path time run; returns when it was told to."""
-
-    def started() -> bool:
-        device.check()
-        return device.both_axes(BIT_PATH_RUNS) or device.both_axes(BIT_TARGET_REACHED)
-
     begin_s = start_s = device.link.time_s
     while start_s - begin_s < _START_TIMEOUT_S:
-        if device.insist(RUN_PATH, started, RESEND_S):
+        if device.insist(RUN_PATH, lambda: _started(device), RESEND_S):
             return start_s
         start_s = device.link.time_s
     raise StreamError(f"the drive does not start the path, {_START_TIMEOUT_S:g} s waited")
+
+
+def _started(device: Device) -> bool:
+    device.check()
+    return device.both_axes(BIT_PATH_RUNS) or device.both_axes(BIT_TARGET_REACHED)
 
 
 def _runs(device: Device) -> bool:
@@ -165,27 +205,28 @@ def _stands(device: Device) -> bool:
 class _Sender:
     """Keeps the drive's queue filled. `accepted`: knots known to be taken; `_sent`: the next knot to send."""
 
-    def __init__(self, device: Device, knots_nm: NDArray[np.int32]) -> None:
+    def __init__(self, device: Device, knots_nm: NDArray[np.int32], resume: bool = False) -> None:
         self.device = device
-        self.accepted = 0
+        self.accepted = resume_stream(device, knots_nm) if resume else 0
         self.retransmitted = 0
         self._knots_nm = knots_nm
         self._frames = wire.pack_knots(knots_nm, _start_nm(knots_nm))
         self._total = len(knots_nm)
-        self._sent = self._ever_sent = 0
+        self._sent = self._ever_sent = self.accepted
         self._sent_s = [0.0] * _NUMBERS  # of the knots on their way, by number
         self._end_checked = False
         self._cob_id = wire.RPDO2 + device.link.node_id
-        begin(device, knots_nm)
+        if not resume:
+            begin(device, knots_nm)
         self._room = int(device.confirmed("stream.free"))
-        self._credit = min(self._room, WINDOW)
+        self._credit = self.accepted + min(self._room, WINDOW)
         self._flight_s = min(FLIGHT_MAX_S, FLIGHT_MIN_S + 2.0 * device.link.round_trip_s)
         self._seen = device.link.status_count
         self._heard_s = self._taken_s = device.link.time_s
 
     def fill(self) -> None:
         """Send until the queue is full or everything is there."""
-        goal = min(self._room, self._total)
+        goal = min(self.accepted + self._room, self._total)
         while self.accepted < goal:
             self.advance()
             if self.device.link.time_s - self._taken_s > _SILENCE_S:

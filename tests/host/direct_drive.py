@@ -20,7 +20,7 @@ _DONE = 4
 
 
 class Drive:
-    """The drive of a Sim, enabled and on its way from the first tick on; frames go in by hand, knots by function call."""
+    """The drive of a Sim, enabled and on its way from the first tick on."""
 
     def __init__(self, trajectory: Trajectory, seed: int = 1) -> None:
         self._knots_nm = trajectory.knots_nm

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Feed hold at 200 random moments of the demo part and of a circle of 4 mm at 100 mm/s, measured by where the machine was.
+"""Feed hold at 200 random moments of the demo part and of a circle of 4 mm at 100 mm/s, measured by the true position.
 
 Each stop has a run of its own, from power-on to the end of the path.
 """
@@ -68,18 +68,17 @@ class Case:
             drive.command(RUN_PATH if rate else HALT)
             done = period
         drive.run(periods + 2 * STOP - done)
-        rates = pathtime.rates(wanted, periods + STOP, STOP)
-        path_s = pathtime.path_time_s(rates, 10_000)
+        path_s = np.interp(np.arange(periods + STOP + 1), *pathtime.curve(wanted, periods + STOP, STOP)) * 1e-4
         rows = np.union1d(np.arange(0, periods + STOP, KNOT), np.arange(*closely))
         knot_s = np.arange(len(self.trajectory.path_s_m)) * 1e-3
         expected_m = np.interp(path_s[rows], knot_s, self.trajectory.path_s_m)
         error = scoring.contour_error(self.trajectory.program, drive.finish()[rows], expected_m)
-        return Run(rows, np.abs(error.normal_m) * 1e6, (rates[rows] > 0.0) & (path_s[rows] < knot_s[-1]))
+        return Run(rows, np.abs(error.normal_m) * 1e6, (np.diff(path_s)[rows] > 0.0) & (path_s[rows] < knot_s[-1]))
 
 
 def test_stop_at_200_moments_of_the_part_stays_on_it_and_the_part_is_finished_as_well() -> None:
-    """The whole motion has the mean error of the run without a stop, to a tenth of an encoder count: as much as friction,
-    which steps by the clock and now finds the axes elsewhere on the path, makes of it."""
+    """The whole motion has the mean error of the run without a stop, to a tenth of an encoder count: as much as
+    friction makes of it, which steps by the clock and now finds the axes elsewhere on the path."""
     case = Case(programs.load(PART))
     before = case.undisturbed
     for moment in case.moments():
@@ -89,8 +88,8 @@ def test_stop_at_200_moments_of_the_part_stays_on_it_and_the_part_is_finished_as
 
 
 def test_stop_at_200_moments_of_a_circle_stays_on_it_and_what_is_left_is_as_good_as_without() -> None:
-    """This path is so short that starting out of stiction again, beside a reversal of an axis, is a part of its mean: the
-    mean counts from a stop time after the rate is 1 again, over the same way."""
+    """This path is so short that starting out of stiction again, beside a reversal of an axis, is a part of its mean:
+    the mean counts from a stop time after the rate is 1 again, over the same way."""
     case = Case(shapes.circle(0.004, 0.100, duration_s=1.0))
     before = case.undisturbed
     judged = 0

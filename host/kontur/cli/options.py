@@ -213,6 +213,26 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
 
 
 @contextmanager
+def held_by_signals() -> Iterator[Callable[[], bool]]:
+    """SIGUSR1 asks for feed hold (the function yielded says so), SIGUSR2 takes it back."""
+    held = False
+
+    def ask(number: int, _frame: FrameType | None) -> None:
+        nonlocal held
+        held = number == signal.SIGUSR1
+
+    if not hasattr(signal, "SIGUSR1"):  # Windows
+        yield lambda: False
+        return
+    before = [(number, signal.signal(number, ask)) for number in (signal.SIGUSR1, signal.SIGUSR2)]
+    try:
+        yield lambda: held
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)
+
+
+@contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
     """The first Ctrl-C only asks to stop (the function yielded says so), a second one interrupts at once."""
     asked = False

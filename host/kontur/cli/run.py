@@ -16,7 +16,15 @@ from kontur import log as logs
 from kontur import programs, shapes
 from kontur import scope as scopes
 from kontur.cli import EXIT_INTERRUPTED
-from kontur.cli.options import KEY_VALUE, check_output, interruptible, parameter_values, progress_bar, target_options
+from kontur.cli.options import (
+    KEY_VALUE,
+    check_output,
+    held_by_signals,
+    interruptible,
+    parameter_values,
+    progress_bar,
+    target_options,
+)
 from kontur.cli.output import print_json, print_table
 from kontur.device import CONTROLLERS
 from kontur.errors import FileError
@@ -145,6 +153,14 @@ def _save_capture(result: RunResult, controller: str, several: bool, log: Path |
     "--set", "parameters", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Set a parameter before."
 )
 @click.option(
+    "--override",
+    type=click.FloatRange(0.1, 120.0),
+    default=100.0,
+    show_default=True,
+    metavar="PERCENT",
+    help="Feed override, to 120; above 100 accelerations grow with its square, beyond what was planned.",
+)
+@click.option(
     "--approach", is_flag=True, help="Let a real drive go to the start of the path first, in a straight line."
 )
 @click.option("--log", type=click.Path(dir_okay=False, path_type=Path), help="Log to this .csv or .mf4 file.")
@@ -173,6 +189,7 @@ def command(
     accel: float | None,
     jerk: float | None,
     parameters: tuple[tuple[str, str], ...],
+    override: float,
     approach: bool,
     log: Path | None,
     report: Path | None,
@@ -186,8 +203,9 @@ def command(
 ) -> None:
     """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and tell the contour error.
 
-    Ctrl-C stops the drive on the path; the log is complete up to there, and so it is when a fault ends the run:
-    what the drive recorded of the 500 ms before is put beside the log then (LOG-fault.csv, .png).
+    SIGUSR1 holds the drive on the path, SIGUSR2 lets it go on. Ctrl-C stops it there; the log is complete up to there,
+    and so it is when a fault ends the run: what the drive recorded of the 500 ms before is put beside the log then
+    (LOG-fault.csv, .png).
     """
     check_output(log, ".csv", ".mf4")
     check_output(report, ".html")
@@ -203,7 +221,7 @@ def command(
     runs: list[RunLog] = []
     completed, fault = True, None
     for name in controllers:
-        with progress_bar(name) as progress, interruptible() as stop_requested:
+        with progress_bar(name) as progress, interruptible() as stop_requested, held_by_signals() as held:
             result = run(
                 trajectory,
                 name,
@@ -213,6 +231,7 @@ def command(
                 approach=motion if approach else None,
                 progress=progress,
                 stop_requested=stop_requested,
+                rate=lambda held=held: 0.0 if held() else override / 100.0,  # type: ignore[misc]
                 raise_fault=False,
                 scope=setup,
             )
