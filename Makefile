@@ -30,7 +30,7 @@ NO_FLOAT := -mgeneral-regs-only
 TICK_FLAGS := -O3 -flto=auto
 TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/drive/,loop.c path.c machine.c)
 
-GENERATED := build/gen/od_gen.c build/gen/signal_gen.c
+GENERATED := build/gen/od_gen.c build/gen/signal_gen.c build/gen/fault_gen.c
 FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c) $(GENERATED)
 SOURCES  := $(FIRMWARE) sim/flash.c sim/kontur_sim.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
@@ -150,6 +150,10 @@ build/gen/od_gen.c: firmware/canopen/objects.toml $(wildcard firmware/canopen/*.
 build/gen/signal_gen.c: firmware/drive/signals.toml firmware/drive/signals.py | $(VENV)/stamp
 	@echo "  GEN signals.toml"
 	$(Q)$(PY) firmware/drive/signals.py build/gen --docs docs/signals.md --json host/kontur/signals.json
+
+build/gen/fault_gen.c: firmware/drive/faults.toml firmware/drive/generate_faults.py | $(VENV)/stamp
+	@echo "  GEN faults.toml"
+	$(Q)$(PY) firmware/drive/generate_faults.py build/gen --docs docs/faults.md --json host/kontur/fault_table.json
 
 # Made by the same commands; without this rule make would not see in the same run that it has changed.
 $(GENERATED:.c=.h): %.h: %.c ;

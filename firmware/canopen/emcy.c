@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "emcy.h"
 
-#include <stdbool.h>
-
 #include "node.h"
 
 void co_emcy_refresh(struct co_node *node)
@@ -17,6 +15,18 @@ static bool in_effect(const struct co_emcy *emcy, uint16_t code)
 {
     for (unsigned i = 0; i < emcy->count; i++) {
         if (emcy->code[i] == code) {
+            return true;
+        }
+    }
+    return false;
+}
+
+bool co_emcy_of_node(const struct co_node *node)
+{
+    static const uint16_t codes[] = {CO_EMCY_PDO_SHORT, CO_EMCY_PDO_LONG, CO_EMCY_SYNC_LENGTH,
+                                     CO_EMCY_PASSIVE,   CO_EMCY_WAS_OFF,  CO_EMCY_OVERRUN};
+    for (unsigned i = 0; i < sizeof codes / sizeof codes[0]; i++) {
+        if (in_effect(&node->emcy, codes[i])) {
             return true;
         }
     }

@@ -9,6 +9,7 @@
  */
 #ifndef CO_EMCY_H
 #define CO_EMCY_H
+#include <stdbool.h>
 #include <stdint.h>
 
 /* Bits of the error register */
@@ -50,6 +51,9 @@ struct co_node;
 void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t msef);
 /* It ends; nothing happens when it is not in effect. */
 void co_emcy_reset(struct co_node *node, uint16_t code);
+
+/* An error that the node raises itself is in effect. */
+bool co_emcy_of_node(const struct co_node *node);
 
 /* For node.c: */
 void co_emcy_refresh(struct co_node *node); /* 1014h, 1015h have changed */

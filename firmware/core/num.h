@@ -107,6 +107,12 @@ static inline num n_sat(num x, num width)
     return n_div(x, width);
 }
 
+/* Neither NaN nor infinite, which fixed point never is */
+static inline bool n_finite(num a)
+{
+    return n_lt(n_sub(a, a), NUM(1));
+}
+
 /* a + b c */
 static inline num n_mad(num a, num b, num c)
 {

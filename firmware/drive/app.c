@@ -77,17 +77,27 @@ static void report(struct app *app, const struct loop_snapshot *s)
     t->energy = energy < 0 ? 0 : (uint32_t)energy;
 }
 
-/* Faults and statuswords on their way out. */
-static void announce(struct app *app, uint32_t new_faults)
+static void announce_fault(struct app *app, unsigned f, bool in_effect)
 {
-    for (unsigned f = 0; f < FAULTS; f++) {
-        const struct fault_row *row = &fault_table[f];
-        if ((new_faults & FAULT_BIT(f)) != 0) {
-            co_emcy_set(&app->node, row->emcy, row->reg, f);
-        } else if ((app->drive.faults & FAULT_BIT(f)) == 0) {
-            co_emcy_reset(&app->node, row->emcy);
+    if (in_effect) {
+        co_emcy_set(&app->node, fault_table[f].emcy, fault_table[f].reg, f);
+    } else {
+        co_emcy_reset(&app->node, fault_table[f].emcy);
+    }
+}
+
+/* Faults, the first of several first, and statuswords on their way out. */
+static void announce(struct app *app)
+{
+    const uint32_t now = app->drive.faults | app->drive.warnings;
+    const uint32_t changes = now ^ app->announced;
+    for (unsigned i = 0; i < FAULTS && changes != 0; i++) {
+        const unsigned f = (app->drive.first + i) % FAULTS;
+        if ((changes & FAULT_BIT(f)) != 0) {
+            announce_fault(app, f, (now & FAULT_BIT(f)) != 0);
         }
     }
+    app->announced = now;
     bool changed = false;
     for (int i = 0; i < 2; i++) {
         changed = changed || app->statusword[i] != app->od.axis[i].statusword;
@@ -112,7 +122,8 @@ static void check_health(struct app *app)
     app->hal->health(app->hal->ctx, &h);
     for (unsigned i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         if ((h.bits & ~(unsigned)app->health & rows[i].bit) != 0) {
-            atomic_fetch_or(&app->drive.loop.faults, FAULT_BIT(rows[i].fault));
+            const bool brown_out = rows[i].bit == HAL_RESET && h.reset == HAL_RESET_BROWN_OUT;
+            loop_raise(&app->drive.loop, brown_out ? FAULT_BROWN_OUT : rows[i].fault);
         }
     }
     app->health = h.bits;
@@ -128,7 +139,10 @@ static void check_health(struct app *app)
 
 static void follow(struct app *app)
 {
-    announce(app, drive_poll(&app->drive));
+    app->drive.store_lost = settings_lost(&app->settings);
+    app->drive.node_warns = co_emcy_of_node(&app->node);
+    drive_poll(&app->drive);
+    announce(app);
 }
 
 static void on_rpdo(void *ctx, unsigned number)
@@ -165,6 +179,7 @@ static uint32_t fits(struct od_data *od, const struct od_entry *entry, int64_t v
 static uint32_t check_settings(struct app *app, const struct od_entry *entry, int64_t value)
 {
     if (drive_powered(&app->drive)) {
+        watch_event(&app->drive.watch, FAULT_CONFIG_ENABLED);
         return SDO_ABORT_STATE;
     }
     return settings_command(&app->settings, entry, value, app->node.config.node_id);
@@ -219,7 +234,11 @@ static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t val
         return code;
     }
     if ((entry->flags & OD_CONFIG) != 0) {
-        return drive_powered(&app->drive) ? SDO_ABORT_STATE : fits(&app->od, entry, value);
+        if (drive_powered(&app->drive)) {
+            watch_event(&app->drive.watch, FAULT_CONFIG_ENABLED);
+            return SDO_ABORT_STATE;
+        }
+        return fits(&app->od, entry, value);
     }
     if (entry->index == 0x2200 && entry->sub == 1) {
         return drive_stream_command(&app->drive, (uint8_t)value);
@@ -228,15 +247,6 @@ static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t val
         return drive_stream_total(&app->drive, (uint32_t)value);
     }
     return SDO_OK;
-}
-
-static void announce_settings(struct app *app)
-{
-    if (settings_lost(&app->settings)) {
-        co_emcy_set(&app->node, SETTINGS_EMCY, CO_REG_MANUFACTURER, 0);
-    } else {
-        co_emcy_reset(&app->node, SETTINGS_EMCY);
-    }
 }
 
 static void on_write(void *ctx, const struct od_entry *entry)
@@ -249,7 +259,6 @@ static void on_write(void *ctx, const struct od_entry *entry)
     case 0x1010:
     case 0x1011: /* a command; what is read tells what can be done */
         od_write(&app->od, entry, od_read(&od_defaults, entry));
-        announce_settings(app);
         break;
     case 0x6040:
     case 0x6840:
@@ -276,9 +285,6 @@ static void on_nmt(void *ctx, enum co_state state)
     if (state != CO_OPERATIONAL) { /* no PDO can stop the axes any more */
         drive_stop(&app->drive);
     }
-    if (state == CO_PRE_OPERATIONAL) {
-        announce_settings(app);
-    }
 }
 
 static uint8_t load(void *ctx, bool communication_only)
@@ -297,9 +303,8 @@ static void on_heartbeat_lost(void *ctx)
 {
     struct app *app = ctx;
     if (drive_powered(&app->drive)) {
-        const bool is_new = (app->drive.faults & FAULT_BIT(FAULT_HEARTBEAT)) == 0;
         drive_fault(&app->drive, FAULT_HEARTBEAT);
-        announce(app, is_new ? FAULT_BIT(FAULT_HEARTBEAT) : 0u);
+        announce(app);
     }
 }
 
@@ -318,6 +323,7 @@ static void on_reset(void *ctx, bool communication_only)
     struct app *app = ctx;
     if (!communication_only) {
         drive_reset(&app->drive);
+        app->announced = 0; /* the node has forgotten its errors */
     }
 }
 

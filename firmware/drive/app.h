@@ -16,6 +16,7 @@ struct app {
     const struct hal *hal;
     uint32_t ms;            /* snapshots handled */
     uint16_t statusword[2]; /* last sent */
+    uint32_t announced;     /* FAULT_BIT()s told by EMCY */
     uint8_t health;         /* enum hal_health_bit, last seen */
 };
 

@@ -109,6 +109,13 @@ bool cia402_enabled(const struct cia402 *c)
     return c->state == CIA402_OPERATION_ENABLED && c->leave_to == CIA402_OPERATION_ENABLED;
 }
 
+bool cia402_waits(const struct cia402 *c)
+{
+    const unsigned enable = CW_SWITCH_ON | CW_ENABLE_VOLTAGE | CW_QUICK_STOP | CW_ENABLE_OPERATION;
+    return (c->controlword & enable) == enable &&
+           (c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON);
+}
+
 uint16_t cia402_statusword(const struct cia402 *c)
 {
     static const uint16_t bits[] = {

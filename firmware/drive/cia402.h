@@ -31,6 +31,7 @@ enum {
 
 /* Statusword 6041h: what is added to the state's own bits */
 enum {
+    SW_WARNING = 1u << 7,
     SW_TARGET_REACHED = 1u << 10,
     SW_INTERNAL_LIMIT = 1u << 11,
     SW_IP_ACTIVE = 1u << 12,
@@ -59,6 +60,8 @@ void cia402_fault(struct cia402 *c, bool stop_first);
 bool cia402_powered(const struct cia402 *c);
 /* Operation enabled and to stay so. */
 bool cia402_enabled(const struct cia402 *c);
+/* It is to be enabled, and is not yet. */
+bool cia402_waits(const struct cia402 *c);
 /* The state's bits of 6041h, with bits 4 (voltage enabled) and 9 (remote). */
 uint16_t cia402_statusword(const struct cia402 *c);
 #endif

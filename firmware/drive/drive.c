@@ -3,12 +3,21 @@
 
 #include <stddef.h>
 
+/* A speed of four times what the drive trips at is no movement; 100 counts of slack for coarse speeds. */
+static uint32_t jump_counts(const struct od_data *od, const struct od_axis *a)
+{
+    const uint64_t counts = (uint64_t)od->limits.velocity * 4u * 100000000u / CONTROL_HZ / a->plant.encoder;
+    return counts + 100u < INT32_MAX ? (uint32_t)counts + 100u : INT32_MAX;
+}
+
 struct loop_cfg drive_loop_cfg(const struct od_data *od)
 {
     struct loop_cfg c = {.servo = params_to_cfg(od),
                          .machine = params_to_machine(od),
                          .speed_max = n_ratio(od->limits.velocity, 200),
-                         .stop_time = n_ratio(od->limits.path_stop_time, 1)};
+                         .stop_time = n_ratio(od->limits.path_stop_time, 1),
+                         .cut = fault_mask(od, REACT_DISABLE),
+                         .stop = fault_mask(od, REACT_PATH_STOP)};
     for (int i = 0; i < 2; i++) {
         const struct od_axis *a = &od->axis[i];
         c.encoder_10fm[i] = a->plant.encoder;
@@ -16,15 +25,9 @@ struct loop_cfg drive_loop_cfg(const struct od_data *od)
         c.following_ticks[i] = a->following_timeout * (CONTROL_HZ / 1000u);
         c.min_nm[i] = a->position_limit.min;
         c.max_nm[i] = a->position_limit.max;
+        c.jump_counts[i] = jump_counts(od, a);
     }
     return c;
-}
-
-/* A speed of four times what the drive trips at is no movement; 100 counts of slack for coarse speeds. */
-static uint32_t jump_counts(const struct od_data *od, const struct od_axis *a)
-{
-    const uint64_t counts = (uint64_t)od->limits.velocity * 4u * 100000000u / CONTROL_HZ / a->plant.encoder;
-    return counts + 100u < INT32_MAX ? (uint32_t)counts + 100u : INT32_MAX;
 }
 
 static void configure_hal(const struct od_data *od, const struct hal *hal)
@@ -71,12 +74,14 @@ bool drive_powered(const struct drive *d)
 
 void drive_fault(struct drive *d, enum fault f)
 {
-    const bool stop_first = fault_table[f].reaction == REACT_PATH_STOP;
+    const bool stop_first = fault_reaction(d->od, f) == REACT_PATH_STOP;
+    d->first = d->faults == 0 ? (uint8_t)f : d->first;
     d->faults |= FAULT_BIT(f);
     scope_fault(&d->loop.scope, FAULT_BIT(f));
     for (int i = 0; i < 2; i++) {
+        struct od_axis *axis = &d->od->axis[i];
         cia402_fault(&d->axis[i], stop_first);
-        d->od->axis[i].error_code = fault_table[f].emcy;
+        axis->error_code = axis->error_code == 0 ? fault_table[f].emcy : axis->error_code;
     }
 }
 
@@ -226,16 +231,32 @@ static void apply(struct drive *d)
     atomic_store(&d->loop.command.run, run_wanted(d));
 }
 
+/* An axis without power is on its way: it runs out, or somebody moves it. */
+static bool moving(struct drive *d)
+{
+    const int32_t least = (int32_t)(d->od->limits.velocity / 100u);
+    const struct loop_snapshot *s = loop_snapshot(&d->loop);
+    for (int i = 0; i < 2; i++) {
+        if (!cia402_powered(&d->axis[i]) && (s->velocity_umps[i] > least || s->velocity_umps[i] < -least)) {
+            return true;
+        }
+    }
+    return false;
+}
+
 void drive_command(struct drive *d)
 {
+    const bool is_moving = moving(d);
     /* where the axes stand is known in the units of the configuration from the second snapshot on; an axis that joins
      * in makes the path start anew, which the other one can follow from standstill only */
     const bool may_enable =
-        d->faults == 0 && drive_stands(d) && atomic_load(&d->loop.published) - d->configured_at >= 2u;
+        d->faults == 0 && !is_moving && drive_stands(d) && atomic_load(&d->loop.published) - d->configured_at >= 2u;
+    d->refused = false;
     for (int i = 0; i < 2; i++) {
         const bool was_fault = d->axis[i].state == CIA402_FAULT;
         d->axis[i].quick_stop = d->od->axis[i].quick_stop_option;
         cia402_command(&d->axis[i], d->od->axis[i].controlword, may_enable);
+        d->refused = d->refused || (is_moving && cia402_waits(&d->axis[i]));
         if (was_fault && d->axis[i].state != CIA402_FAULT) {
             d->od->axis[i].error_code = 0;
         }
@@ -329,17 +350,32 @@ static bool on_switch(struct drive *d)
            ((s->inputs[0] | s->inputs[1]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0;
 }
 
-uint32_t drive_poll(struct drive *d)
+/* What holds now, stops the axes or is warned of; of several that are new the first one in time comes first. */
+static void take_faults(struct drive *d)
 {
-    const uint32_t before = d->faults;
-    const bool outside = d->queue.open && d->queue.outside;
-    const uint32_t raised = atomic_load(&d->loop.faults) | (outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u) |
+    const struct watch_in in = {.od = d->od,
+                                .snapshot = loop_snapshot(&d->loop),
+                                .powered = d->powered,
+                                .refused = d->refused,
+                                .store_lost = d->store_lost};
+    const uint32_t warn = fault_mask(d->od, REACT_WARN);
+    const uint32_t raised = watch_step(&d->watch, &in) | atomic_load(&d->loop.faults) |
+                            (d->queue.open && d->queue.outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u) |
+                            (d->queue.open && d->queue.sharp ? FAULT_BIT(FAULT_KNOT_ACCELERATION) : 0u) |
                             (on_switch(d) ? FAULT_BIT(FAULT_LIMIT_SWITCH) : 0u);
-    for (unsigned f = 0; f < FAULTS; f++) {
-        if ((raised & FAULT_BIT(f)) != 0 && (d->faults & FAULT_BIT(f)) == 0) {
+    const unsigned first = atomic_load(&d->loop.first);
+    for (unsigned i = 0; i < FAULTS; i++) {
+        const unsigned f = (first + i) % FAULTS;
+        if ((raised & ~warn & ~d->faults & FAULT_BIT(f)) != 0) {
             drive_fault(d, (enum fault)f);
         }
     }
+    d->warnings = raised & warn;
+}
+
+void drive_poll(struct drive *d)
+{
+    take_faults(d);
     for (int i = 0; i < 2; i++) {
         cia402_poll(&d->axis[i], modes_stands(d, i));
     }
@@ -349,9 +385,10 @@ uint32_t drive_poll(struct drive *d)
     apply(d);
     for (int i = 0; i < 2; i++) {
         d->od->axis[i].mode_display = d->modes.axis[i].mode;
-        d->od->axis[i].statusword = (uint16_t)(cia402_statusword(&d->axis[i]) | modes_status(d, i));
+        d->od->axis[i].statusword =
+            (uint16_t)(cia402_statusword(&d->axis[i]) | modes_status(d, i) |
+                       (d->warnings != 0 || d->node_warns ? SW_WARNING : 0u));
     }
-    return d->faults & ~before;
 }
 
 /* After a knot: the tick learns where the path may end. */
@@ -376,6 +413,7 @@ static bool near(struct drive *d, struct knot start)
 static void begin_stream(struct drive *d, struct knot start, uint32_t total)
 {
     drive_begin(d, start, total);
+    queue_limit_acceleration(&d->queue, d->od->limits.acceleration);
     d->modes.by_record = d->modes.by_frame = false;
     record_start(&d->modes.record, d->od->axis[0].ip_period.value, start);
 }

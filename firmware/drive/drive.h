@@ -11,6 +11,7 @@
 #include "loop.h"
 #include "modes.h"
 #include "queue.h"
+#include "watch.h"
 
 struct drive {
     struct loop loop;
@@ -18,7 +19,13 @@ struct drive {
     struct od_data *od;
     struct cia402 axis[2];
     struct modes modes;
-    uint32_t faults;     /* latched FAULT_BIT()s */
+    uint32_t faults;     /* latched FAULT_BIT()s: what stops the axes */
+    uint32_t warnings;   /* FAULT_BIT()s in effect that stop nothing */
+    uint8_t first;       /* enum fault: the first one of `faults` */
+    struct watch watch;
+    bool refused;        /* an axis is to be enabled while it moves */
+    bool store_lost;     /* set by app.c: settings_lost() */
+    bool node_warns;     /* set by app.c: errors of the CANopen node are in effect */
     bool powered[2];
     uint32_t configured_at; /* snapshots published by then */
     bool starved;
@@ -36,8 +43,9 @@ void drive_configure(struct drive *d);
 /* Controlwords in od have been written. */
 void drive_command(struct drive *d);
 /* Follow the servo: faults, transitions that wait for standstill, stream state, statuswords. Called once a
- * millisecond, and after drive_command(). Returns the faults that are new. */
-uint32_t drive_poll(struct drive *d);
+ * millisecond, and after drive_command(). */
+void drive_poll(struct drive *d);
+/* A fault that stops the axes. */
 void drive_fault(struct drive *d, enum fault f);
 /* Object 2200h command: SDO abort code, or 0. */
 uint32_t drive_stream_command(struct drive *d, uint8_t command);

@@ -1,18 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "fault.h"
 
-#include "emcy.h"
+enum fault_reaction fault_reaction(const struct od_data *od, enum fault f)
+{
+    const enum fault_reaction r =
+        f == FAULT_TUNNEL ? (enum fault_reaction)od->tunnel.reaction : (enum fault_reaction)fault_table[f].reaction;
+    const bool off_at_once = od->axis[0].quick_stop_option == 0 || od->axis[1].quick_stop_option == 0;
+    return r != REACT_QUICK_STOP ? r : off_at_once ? REACT_DISABLE : REACT_PATH_STOP;
+}
 
-const struct fault_row fault_table[FAULTS] = {
-    [FAULT_FOLLOWING] = {0x8611, CO_REG_PROFILE, REACT_DISABLE},
-    [FAULT_OVERSPEED] = {0x8400, CO_REG_PROFILE, REACT_DISABLE},
-    [FAULT_TRAVEL] = {0x8612, CO_REG_PROFILE, REACT_DISABLE},
-    [FAULT_INPUT] = {0x5400, CO_REG_MANUFACTURER, REACT_DISABLE},
-    [FAULT_HEARTBEAT] = {0x8130, CO_REG_COMMUNICATION, REACT_PATH_STOP},
-    [FAULT_UNDERRUN] = {0xFF10, CO_REG_MANUFACTURER, REACT_PATH_STOP},
-    [FAULT_KNOT_RANGE] = {0xFF11, CO_REG_MANUFACTURER, REACT_PATH_STOP},
-    [FAULT_CLOCK] = {0x5200, CO_REG_GENERIC, REACT_DISABLE},
-    [FAULT_RESTART] = {0x6010, CO_REG_GENERIC, REACT_DISABLE},
-    [FAULT_OVERRUN] = {0x6100, CO_REG_GENERIC, REACT_DISABLE},
-    [FAULT_LIMIT_SWITCH] = {0xFF12, CO_REG_MANUFACTURER, REACT_PATH_STOP},
-};
+uint32_t fault_mask(const struct od_data *od, enum fault_reaction reaction)
+{
+    uint32_t mask = 0;
+    for (unsigned f = 0; f < FAULTS; f++) {
+        mask |= fault_reaction(od, (enum fault)f) == reaction ? FAULT_BIT(f) : 0u;
+    }
+    return mask;
+}

@@ -8,15 +8,11 @@
 #define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
 #define STORE(x, value) atomic_store_explicit(&(x), value, memory_order_relaxed)
 
-static void raise(struct loop *loop, enum fault f)
+void loop_raise(struct loop *loop, enum fault f)
 {
-    atomic_fetch_or(&loop->faults, FAULT_BIT(f));
-}
-
-/* Faults after which the power stage is off at once, without waiting for the background. */
-static bool cut_off(uint32_t faults)
-{
-    return (faults & FAULTS_CUT_OFF) != 0;
+    if (atomic_fetch_or(&loop->faults, FAULT_BIT(f)) == 0) {
+        STORE(loop->first, (uint8_t)f);
+    }
 }
 
 /* The machine at the connector, or the simulated one, which leaves the outputs off. */
@@ -50,6 +46,7 @@ static void measure(struct loop *loop, const struct hal_drive_in *in, pos_t meas
         const int32_t moved = (int32_t)((uint32_t)in->count[i] - (uint32_t)e->last);
         const int64_t rest = (int64_t)moved * (int64_t)e->length_rest + (int64_t)e->rest;
         e->last = in->count[i];
+        e->moved = moved;
         e->rest = (uint32_t)rest;
         e->pos += (int64_t)moved * (int64_t)e->length + (rest >> 32);
         e->count += moved;
@@ -90,17 +87,18 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
     }
     /* `complete` is read before the count: a stream that completes in between counts as not complete yet */
     const bool complete = LOAD(loop->command.complete);
+    const bool run = LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0;
     const struct path_in in = {
         .complete = complete,
         .count = LOAD(loop->ring->count),
-        .rate = LOAD(loop->command.run) ? wanted_rate(loop) : NUM(0),
+        .rate = run ? wanted_rate(loop) : NUM(0),
         .stop_time = cfg->stop_time,
         .step = PATH_ONE / TICKS_PER_MS,
     };
     const bool rest = LOAD(loop->command.rest);
     const enum path_event event = path_step(&loop->path, &in);
     if (event == PATH_UNDERRUN && !rest) {
-        raise(loop, FAULT_UNDERRUN);
+        loop_raise(loop, FAULT_UNDERRUN);
     }
     const bool standing = !n_lt(NUM(0), loop->path.at.rate);
     const bool slowed = !standing && n_lt(loop->path.at.rate, in.rate);
@@ -111,30 +109,58 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
     STORE(loop->begun, begin);
 }
 
+static void watch_inputs(struct loop *loop, unsigned inputs)
+{
+    if ((inputs & HAL_AMPLIFIER_FAULT) != 0) {
+        loop_raise(loop, FAULT_AMPLIFIER);
+    }
+    if ((inputs & HAL_ENCODER_FAULT) != 0) {
+        loop_raise(loop, FAULT_ENCODER);
+    }
+    if ((inputs & HAL_STOP) != 0) {
+        loop_raise(loop, FAULT_STOP);
+    }
+}
+
+/* Whatever in the law is no number, the velocity or what was left of the force is none either. */
+static bool finite(const struct loop *loop, const struct servo_out *out)
+{
+    const vec2 model = loop->servo.last[0].model;
+    return n_finite(out->velocity.x) && n_finite(out->velocity.y) && n_finite(model.x) && n_finite(model.y);
+}
+
 static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_in *in,
                       const bool powered[2], const struct servo_out *out)
 {
     const num e_w[2] = {out->contour.e_w.x, out->contour.e_w.y};
     const num speed[2] = {out->velocity.x, out->velocity.y};
-    if (((in->inputs[0] | in->inputs[1]) & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) != 0) {
-        raise(loop, FAULT_INPUT);
+    const unsigned inputs = in->inputs[0] | in->inputs[1];
+    if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) != 0) {
+        watch_inputs(loop, inputs);
+    }
+    if (!finite(loop, out)) {
+        loop_raise(loop, FAULT_LAW);
+        loop->cfg_used = UINT8_MAX; /* what is no number stays so: the next tick starts anew */
     }
     for (int i = 0; i < 2; i++) {
         loop->late[i] = powered[i] && n_lt(cfg->following_max[i], n_abs(e_w[i])) ? loop->late[i] + 1u : 0u;
         if (!powered[i]) {
             continue;
         }
-        if (loop->late[i] > cfg->following_ticks[i]) {
-            raise(loop, FAULT_FOLLOWING);
+        if ((uint32_t)loop->encoder[i].moved + cfg->jump_counts[i] > 2u * cfg->jump_counts[i]) {
+            loop_raise(loop, FAULT_ENCODER_JUMP);
         }
-        if (n_lt(cfg->speed_max, n_abs(speed[i]))) {
-            raise(loop, FAULT_OVERSPEED);
+        if (loop->late[i] > cfg->following_ticks[i]) {
+            loop_raise(loop, FAULT_FOLLOWING);
+        }
+        if (!n_lt(n_abs(speed[i]), cfg->speed_max)) {
+            loop_raise(loop, FAULT_OVERSPEED);
         }
         /* further out than the soft limits and than its reference, which may come back from there: lost */
         const pos_t user = loop->servo.observer[i].pos + pos_from_nm(LOAD(loop->command.origin_nm[i]));
         if ((user < loop->lowest[i] && n_lt(e_w[i], n_neg(cfg->following_max[i]))) ||
             (user > loop->highest[i] && n_lt(cfg->following_max[i], e_w[i]))) {
-            raise(loop, FAULT_TRAVEL);
+            loop_raise(loop, FAULT_TRAVEL);
         }
     }
 }
@@ -176,6 +202,7 @@ static void publish(struct loop *loop, const struct hal_drive_in *in, const stru
         r->index_pulses[i] = in->index_pulses[i];
         r->inputs[i] = in->inputs[i];
         r->edge_nm[i] = loop->edge_nm[i];
+        r->count[i] = in->count[i];
     }
     if (!LOAD(loop->standing)) {
         add_error(&loop->error, n_to_scaled(out->contour.e_n.y, 1000));
@@ -222,6 +249,7 @@ static void scale(struct loop *loop, const struct loop_record *r)
         s->index_pulses[i] = r->index_pulses[i];
         s->inputs[i] = r->inputs[i];
         s->edge_nm[i] = r->edge_nm[i];
+        s->count[i] = r->count[i];
     }
     s->error = r->error;
     s->rate = n_to_scaled(r->rate, 1000);
@@ -281,7 +309,7 @@ void loop_tick(struct loop *loop)
 
     /* reference, law */
     follow_path(loop, cfg);
-    const bool cut = cut_off(LOAD(loop->faults));
+    const bool cut = (LOAD(loop->faults) & cfg->cut) != 0;
     for (int i = 0; i < 2; i++) {
         servo.enabled[i] = !cut && LOAD(loop->command.powered[i]);
     }
@@ -292,7 +320,7 @@ void loop_tick(struct loop *loop)
 
     /* limits */
     supervise(loop, cfg, &in, servo.enabled, &out);
-    if (cut_off(LOAD(loop->faults))) {
+    if ((LOAD(loop->faults) & cfg->cut) != 0) {
         servo.enabled[0] = servo.enabled[1] = false;
         out.force = v2(NUM(0), NUM(0));
     }

@@ -27,6 +27,8 @@ struct loop_cfg {
     num speed_max;              /* um/T0 */
     int32_t min_nm[2], max_nm[2]; /* user's positions */
     num stop_time;              /* knots (ms) */
+    uint32_t jump_counts[2];    /* of an encoder in one period: more are no movement */
+    uint32_t cut, stop;         /* FAULT_BIT()s after which power is off at once, or path time slows to a stop */
     struct machine_cfg machine;
 };
 
@@ -69,6 +71,7 @@ struct loop_snapshot {
     uint8_t index_pulses[2];
     int32_t index_nm[2];      /* encoder at the latest of them */
     int32_t edge_nm[2];       /* ... when a limit switch opened or closed last */
+    int32_t count[2];         /* of the encoders, as read */
     uint8_t controller;
 };
 
@@ -81,7 +84,7 @@ struct loop_record {
     num friction[2], mass[2];
     pos_t measured[2];
     int32_t since_index[2]; /* counts */
-    int32_t edge_nm[2];
+    int32_t edge_nm[2], count[2];
     uint8_t index_pulses[2], inputs[2];
     struct loop_error error;
     num rate;
@@ -94,6 +97,7 @@ struct loop {
     struct loop_command command;
     struct loop_cfg cfg[2];
     _Atomic uint32_t faults;    /* FAULT_BIT()s */
+    _Atomic uint8_t first;      /* ... the first one of them, enum fault */
     _Atomic uint32_t begun;     /* command.begin that the next four words belong to */
     _Atomic bool standing;      /* path time does not run */
     _Atomic bool at_end;        /* ... since it has reached the end of a complete stream, or of one that may rest */
@@ -112,6 +116,7 @@ struct loop {
     bool simulated;
     struct loop_encoder {
         int32_t last;                  /* as read */
+        int32_t moved;                 /* in the last period */
         int64_t count;                 /* since power-on */
         pos_t pos;                     /* count times the length of one, and 2^-32 of its unit */
         uint32_t rest;
@@ -130,6 +135,8 @@ struct loop {
 /* A configuration must be set up before the first tick. Positions are encoder counts times their length. */
 void loop_init(struct loop *loop, const struct hal *hal, const struct spline_ring *ring);
 void loop_tick(struct loop *loop);
+/* A fault has been seen; until loop->faults is cleared. Any context. */
+void loop_raise(struct loop *loop, enum fault f);
 /* The newest snapshot. Background only. */
 const struct loop_snapshot *loop_snapshot(struct loop *loop);
 #endif

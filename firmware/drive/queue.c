@@ -73,7 +73,9 @@ void queue_hold(struct queue *q, struct knot start)
     q->ring.count = 0;
     q->ring.start = to_servo(q, start);
     q->still = 0;
-    q->open = q->outside = q->suspended = false;
+    q->open = q->outside = q->sharp = q->suspended = false;
+    q->step_nm[0] = q->step_nm[1] = 0;
+    q->max_nmpms2 = INT64_MAX;
     s->end_x = start.nm[0];
     s->end_y = start.nm[1];
     s->accepted = s->executed = s->checksum = 0;
@@ -101,6 +103,11 @@ void queue_unlimited(struct queue *q, int axis)
     q->high_nm[axis] = INT32_MAX;
 }
 
+void queue_limit_acceleration(struct queue *q, uint32_t max_nmpms2)
+{
+    q->max_nmpms2 = max_nmpms2;
+}
+
 bool queue_end(struct queue *q, uint32_t total)
 {
     if (!q->open || q->total != 0 || total == 0 || total < q->stream->accepted) {
@@ -122,7 +129,7 @@ void queue_close(struct queue *q)
 
 void queue_suspend(struct queue *q)
 {
-    q->suspended = q->suspended || (q->open && !q->outside);
+    q->suspended = q->suspended || (q->open && !q->outside && !q->sharp);
     q->open = false;
 }
 
@@ -143,7 +150,7 @@ bool queue_complete(const struct queue *q)
 
 static bool takes_knots(struct queue *q)
 {
-    const bool taking = q->open && !q->outside;
+    const bool taking = q->open && !q->outside && !q->sharp;
     q->stream->rejected_state += taking ? 0u : 1u;
     return taking;
 }
@@ -163,6 +170,17 @@ static enum queue_result take(struct queue *q, struct knot knot)
             return QUEUE_OUTSIDE;
         }
     }
+    const int64_t step_nm[2] = {(int64_t)knot.nm[0] - s->end_x, (int64_t)knot.nm[1] - s->end_y};
+    for (int i = 0; i < 2; i++) {
+        const int64_t bend = step_nm[i] - q->step_nm[i];
+        if (bend > q->max_nmpms2 || bend < -q->max_nmpms2) {
+            q->sharp = true;
+            s->rejected_range++;
+            return QUEUE_OUTSIDE;
+        }
+    }
+    q->step_nm[0] = step_nm[0];
+    q->step_nm[1] = step_nm[1];
     q->ring.knot[s->accepted % SPLINE_RING] = to_servo(q, knot);
     q->still = s->accepted > 0 && knot.nm[0] == s->end_x && knot.nm[1] == s->end_y ? q->still + 1u : 1u;
     s->end_x = knot.nm[0];

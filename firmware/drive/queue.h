@@ -29,6 +29,9 @@ struct queue {
     bool open;                    /* knots are taken */
     bool suspended;               /* closed, but its path may go on */
     bool outside;                 /* one was refused as beyond the soft limits: none is taken any more */
+    bool sharp;                   /* ... as beyond max_nmpms2 */
+    int64_t max_nmpms2;           /* second difference of knots of this stream */
+    int64_t step_nm[2];           /* the last knot less the one before */
 };
 
 /* Closed, empty; no origin, no limits. */
@@ -39,6 +42,8 @@ void queue_hold(struct queue *q, struct knot start);
 void queue_begin(struct queue *q, struct knot start, uint32_t total);
 /* The stream that is open takes knots of this axis beyond the soft limits, too: homing. */
 void queue_unlimited(struct queue *q, int axis);
+/* The stream that is open takes no knots whose second difference is larger; 1 nm/ms2 is 1 mm/s2. */
+void queue_limit_acceleration(struct queue *q, uint32_t max_nmpms2);
 /* An open-ended stream that is open ends with so many knots. false: there is none, or it has more already. */
 bool queue_end(struct queue *q, uint32_t total);
 /* An open-ended stream could end here: it stands still in its last knots. */

@@ -6,8 +6,6 @@
 #define KONTUR_SETTINGS_H
 #include "store.h"
 
-#define SETTINGS_EMCY 0x5530u /* CiA 301, table 26: device hardware, memory: the flash keeps nothing that can be used */
-
 struct settings {
     struct store store;
     struct od_data *od;

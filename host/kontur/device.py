@@ -18,6 +18,7 @@ from canopen.objectdictionary import ObjectDictionaryError, ODVariable, datatype
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from kontur import wire
+from kontur.emcy import describe_emcy
 from kontur.errors import BusError, DeviceError, EmcyError, KonturError, NoAnswerError, ParameterError
 from kontur.link import Link
 from kontur.pathtime import RATE_MAX
@@ -511,32 +512,6 @@ class Device:
                     ) from error
             except can.CanError as error:
                 raise BusError(f"{self.link.bus.channel_info}: sending failed: {error}") from error
-
-
-def describe_emcy(code: int) -> str:
-    """An EMCY code in words."""
-    return f"{code:04X}h: {EMCY_TEXT.get(code, 'see docs/objects.md, error_code')}"
-
-
-EMCY_TEXT = {
-    0x5530: "its stored parameters cannot be used, so it has defaults; set them again (kontur param load FILE, then "
-    "kontur param save)",
-    0x5400: "the amplifier or an encoder reports a fault; see its display and its cables",
-    0x8110: "frames came faster than the drive could take them and are lost",
-    0x8120: "nobody acknowledges on its CAN bus, or the bus is disturbed: check cable, termination and bit rate",
-    0x8130: "the host's heartbeat ceased, so it stopped on the path and switched off; is the host overloaded?",
-    0x8140: "its CAN controller was off for too many errors, and is back: check cable, termination and bit rate",
-    0x8400: "an axis was faster than limits.velocity; lower the feed, or check plant_x.encoder and plant_y.encoder",
-    0x8611: "an axis was further from its reference than following_window; lower feed or acceleration, or check "
-    "the force limit and whether the axis moves freely",
-    0x8612: "an axis left position_limit; move it back by hand",
-    0xFF10: "it ran out of knots and stopped on the path; the host or the bus was too slow",
-    0x5200: "the controller's crystal does not run; its clock is 1 % wrong at best: have the board looked at",
-    0x6010: "the controller was restarted by its watchdog or by a crash: see objects crash and reset_cause",
-    0x6100: "servo steps take longer than the control period",
-    0xFF11: "a knot lies outside position_limit; move or shrink the path",
-    0xFF12: "the path ran into a limit switch; jog off it (`kontur jog`), then move or shrink the path",
-}
 
 
 @contextmanager

@@ -707,10 +707,11 @@ static void test_knot_outside_the_limits_stops_on_the_path_then_faults(void)
 
 static void test_knot_outside_the_limits_before_the_start_faults_at_once(void)
 {
+    rig_write(&rig, 0x2130, 4, 4, 1000000); /* 1000 m/s2 */
     rig_enable(&rig);
     rig_begin(&rig, &stream);
-    for (int i = 0; i < 20; i++) {
-        rig_knot(&rig, (uint8_t)i, 8000000, 0);
+    for (int i = 0; i < 30; i++) {
+        rig_knot(&rig, (uint8_t)i, 900000 * (i < 9 ? i : 9), 0);
     }
     rig_ms(&rig, 2);
     expect_fault(0xFF11);

@@ -449,13 +449,16 @@ static void test_damaged_store_is_reported_the_drive_works_with_defaults_and_can
     power_on();
     rig.emcy_count = 0;
     nmt(129, 1);
+    rig_ms(&rig, 1);
     TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0x5530));
     TEST_ASSERT_EQUAL_HEX8(0x81, rig.app.od.error_register);
     TEST_ASSERT_EQUAL_UINT32(od_defaults.asmc.lambda, rig.app.od.asmc.lambda);
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
+    rig_ms(&rig, 1);
     TEST_ASSERT_EQUAL_HEX8(0, rig.app.od.error_register);
     rig_enable(&rig);
     power_on();
+    rig_ms(&rig, 1);
     TEST_ASSERT_EQUAL_HEX8(0, rig.app.od.error_register);
 }
 
@@ -466,6 +469,7 @@ static void test_stored_parameters_that_do_not_fit_together_are_reported_and_not
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
     rig.emcy_count = 0;
     power_on();
+    rig_ms(&rig, 1);
     TEST_ASSERT_EQUAL_UINT(3, node_id());
     TEST_ASSERT_EQUAL_HEX8(0x81, rig.app.od.error_register);
     TEST_ASSERT_EQUAL_UINT32(od_defaults.asmc.k_bar, rig.app.od.asmc.k_bar);

@@ -90,8 +90,11 @@ __attribute__((naked)) void crash_irq(void)
 /* RM0090 6.3.21; the pin is low in every reset, so its flag says least. */
 static enum hal_reset cause(uint32_t csr)
 {
-    if ((csr & (RCC_CSR_PORRSTF | RCC_CSR_BORRSTF)) != 0) {
+    if ((csr & RCC_CSR_PORRSTF) != 0) {
         return HAL_RESET_POWER;
+    }
+    if ((csr & RCC_CSR_BORRSTF) != 0) { /* without power-on: the supply was down for a moment */
+        return HAL_RESET_BROWN_OUT;
     }
     if ((csr & (RCC_CSR_IWDGRSTF | RCC_CSR_WWDGRSTF)) != 0) {
         return HAL_RESET_WATCHDOG;
@@ -106,7 +109,7 @@ void crash_read(enum hal_reset *reset, struct hal_crash *crash)
 {
     *reset = cause(RCC->CSR);
     RCC->CSR |= RCC_CSR_RMVF;
-    if (*reset == HAL_RESET_POWER || !valid()) {
+    if (*reset == HAL_RESET_POWER || *reset == HAL_RESET_BROWN_OUT || !valid()) {
         memset(&record, 0, sizeof record);
     } else if (record.fresh != 0) {
         *reset = HAL_RESET_CRASH;

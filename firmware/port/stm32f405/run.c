@@ -139,7 +139,8 @@ static bool sector_write(void *ctx, unsigned sector, uint32_t offset, const void
 static void health(void *ctx, struct hal_health *h)
 {
     (void)ctx;
-    const bool ended_badly = reset_cause == HAL_RESET_WATCHDOG || reset_cause == HAL_RESET_CRASH;
+    const bool ended_badly = reset_cause == HAL_RESET_WATCHDOG || reset_cause == HAL_RESET_CRASH ||
+                             reset_cause == HAL_RESET_BROWN_OUT;
     *h = (struct hal_health){
         .bits = (uint8_t)((clock_degraded() ? HAL_CLOCK : 0) | (ended_badly ? HAL_RESET : 0) |
                           (atomic_exchange(&overrun, false) ? HAL_OVERRUN : 0)),

@@ -9,7 +9,7 @@ import click
 
 from kontur.cli.options import target_options
 from kontur.cli.output import print_json
-from kontur.device import describe_emcy
+from kontur.emcy import describe_emcy
 from kontur.run import Target, connect
 
 

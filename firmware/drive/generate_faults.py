@@ -1,0 +1,182 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the C table, the page and the host's table of faults from faults.toml.
+
+    generate_faults.py OUTDIR [--docs PATH] [--json PATH]
+
+writes OUTDIR/fault_gen.h and OUTDIR/fault_gen.c, and the others where asked. The output depends on faults.toml alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+HERE = Path(__file__).resolve().parent
+C_HEAD = "/* SPDX-License-Identifier: Apache-2.0 */\n/* Generated from faults.toml by generate_faults.py: do not edit. */\n"
+REACTIONS = {
+    "warn": "REACT_WARN",
+    "refuse": "REACT_WARN",
+    "path stop": "REACT_PATH_STOP",
+    "quick stop": "REACT_QUICK_STOP",
+    "disable": "REACT_DISABLE",
+}
+REGISTERS = ("generic", "current", "voltage", "communication", "profile", "manufacturer")
+LATCHED_CLEARED = "fault reset"
+MOST = 32  # bits of a word
+
+
+class FaultsError(Exception):
+    """faults.toml is not usable; the message says which row and what is wrong."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A row of faults.toml; see there."""
+
+    name: str
+    fault: str
+    cause: str
+    detection: str
+    delay: str
+    reaction: str
+    emcy: int
+    register: str
+    remedy: str
+    option: str = ""
+    cleared: str = ""
+    node: bool = False
+
+    @property
+    def latched(self) -> bool:
+        return REACTIONS[self.reaction] != "REACT_WARN"
+
+
+def row(name: str, given: dict[str, Any]) -> Fault:
+    try:
+        f = Fault(name, **given)
+    except TypeError as error:
+        raise FaultsError(f"{name}: {error}") from error
+    if not re.fullmatch(r"[a-z][a-z_]*", name):
+        raise FaultsError(f"{name}: a name is lower-case words")
+    for key in ("fault", "cause", "detection", "delay", "remedy", "option", "cleared"):
+        text = getattr(f, key)
+        if not isinstance(text, str) or not text.isascii() or "\n" in text:
+            raise FaultsError(f"{name}: {key} is to be a line of ASCII")
+    if f.reaction not in REACTIONS or f.register not in REGISTERS:
+        raise FaultsError(f"{name}: reaction is one of {', '.join(REACTIONS)}, register of {', '.join(REGISTERS)}")
+    if not isinstance(f.emcy, int) or not 0 < f.emcy <= 0xFFFF:
+        raise FaultsError(f"{name}: emcy is a code of 16 bits")
+    if not f.latched and not f.cleared:
+        raise FaultsError(f"{name}: cleared says how a warning ends")
+    if f.node and f.latched:
+        raise FaultsError(f"{name}: what the node raises stops no axis")
+    return f
+
+
+def load(path: Path) -> list[Fault]:
+    """All rows, in the order written. Raises FaultsError."""
+    table = tomllib.loads(path.read_text("utf-8"))
+    faults = [row(name, given) for name, given in table["fault"].items()]
+    codes = [f.emcy for f in faults]
+    for f in faults:
+        if codes.count(f.emcy) > 1:
+            raise FaultsError(f"{f.name}: {f.emcy:04X}h is the code of another row, too")
+    if sum(not f.node for f in faults) > MOST:
+        raise FaultsError(f"more than {MOST} rows without `node`")
+    return faults
+
+
+def c_header(faults: list[Fault]) -> str:
+    lines = [C_HEAD, "#ifndef FAULT_GEN_H", "#define FAULT_GEN_H", "", "enum fault {"]
+    lines += [f"    FAULT_{f.name.upper()}, /* {f.fault} */" for f in faults if not f.node]
+    return "\n".join([*lines, "    FAULTS", "};", "#endif", ""])
+
+
+def c_source(faults: list[Fault]) -> str:
+    lines = [C_HEAD, '#include "fault.h"', "", '#include "emcy.h"', "", "const struct fault_row fault_table[FAULTS] = {"]
+    for f in faults:
+        if not f.node:
+            values = f"0x{f.emcy:04X}, CO_REG_{f.register.upper()}, {REACTIONS[f.reaction]}"
+            lines.append(f"    [FAULT_{f.name.upper()}] = {{{values}}},")
+    return "\n".join([*lines, "};", ""])
+
+
+def sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def docs(faults: list[Fault]) -> str:
+    lines = [
+        "# Faults",
+        "",
+        "Generated from `firmware/drive/faults.toml` by `firmware/drive/generate_faults.py`: do not edit.",
+        "",
+        "What the drive watches, and what it does about it. Each row has a test that injects the cause on the simulated "
+        "drive (`tests/unit/test_faults*.c`). The reaction comes within two control periods of the detection; *delay* "
+        "is how long the detection takes. The code is the one of the EMCY and, where an axis goes into fault, of 603Fh, "
+        "which keeps the first one of several. A fault is latched until fault reset (controlword bit 7 of each axis), "
+        "and comes back at once while its cause lasts. Warnings and refusals stop nothing: EMCY, statusword bit 7 of "
+        "both axes while they last.",
+        "",
+        "- **disable**: power off now, in the servo tick that sees it.",
+        "- **path stop**: both axes stop on their path (`limits.path_stop_time`), then power off.",
+        "- **quick stop**: as 605Ah says: 0 power off now, else as a path stop; then power off.",
+        "- **warn**, **refuse**: told, and not done where it was asked for.",
+        "",
+        "| code | fault | detection | delay | reaction | latched | cleared |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for f in faults:
+        reaction = f"{f.reaction}; {f.option}" if f.option else f.reaction
+        cleared = f.cleared or LATCHED_CLEARED
+        detection = f.detection.replace("|", "\\|")
+        cells = [f"{f.emcy:04X}h", f.name, detection, f.delay, reaction, "yes" if f.latched else "no", cleared]
+        lines.append("| " + " | ".join(cells) + " |")
+    for f in faults:
+        lines += ["", f"## {f.emcy:04X}h {f.name}", "", f"{sentence(f.fault)}.", ""]
+        lines += [f"- Cause: {f.cause}.", f"- Remedy: {f.remedy}."]
+    return "\n".join([*lines, ""])
+
+
+def table(faults: list[Fault]) -> str:
+    """What the host says of a code, by code."""
+    keys = ("name", "fault", "cause", "remedy", "reaction")
+    rows = {f"{f.emcy:04X}": {key: getattr(f, key) for key in keys} for f in faults}
+    return json.dumps(rows, indent=1) + "\n"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="make C table, page and host's table from faults.toml")
+    parser.add_argument("outdir", type=Path, help="folder for fault_gen.h and fault_gen.c")
+    parser.add_argument("--docs", type=Path)
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    try:
+        faults = load(HERE / "faults.toml")
+    except FaultsError as error:
+        print(f"faults.toml: {error}", file=sys.stderr)
+        return 1
+    args.outdir.mkdir(parents=True, exist_ok=True)
+    outputs = {args.outdir / "fault_gen.h": c_header(faults), args.outdir / "fault_gen.c": c_source(faults)}
+    if args.docs:
+        outputs[args.docs] = docs(faults)
+    if args.json:
+        outputs[args.json] = table(faults)
+    for path, text in outputs.items():
+        path.write_text(text, "utf-8", newline="\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
