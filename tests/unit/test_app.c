@@ -720,6 +720,7 @@ static void test_knot_outside_the_limits_before_the_start_faults_at_once(void)
 
 static void test_blocked_axis_trips_by_its_following_error(void)
 {
+    rig_write(&rig, 0x2121, 1, 2, 0); /* nor by an encoder that stands */
     rig_enable(&rig);
     rig_go(&rig, &stream, 400);
     rig.plant.machine.coulomb_N[1] = 1e6;

@@ -21,6 +21,10 @@ struct rig {
     uint16_t bitrate;             /* last changed to */
     struct hal_drive_out out;     /* last written */
     uint8_t inputs[2];            /* enum hal_input, beside the limit switches of the plant */
+    bool frozen[2];               /* the encoder stands, whatever the axis does */
+    int32_t frozen_count[2], lost[2]; /* where; counts that were lost */
+    struct hal_health health;
+    struct hal_can_status can;
     unsigned reads, writes;       /* calls of the HAL */
     struct can_frame inbox[INBOX];
     unsigned inbox_count;
@@ -46,6 +50,8 @@ static inline void rig_drive_read(void *ctx, struct hal_drive_in *in)
     plant_encoders(&r->plant, in->count);
     plant_switches(&r->plant, in->inputs);
     for (int i = 0; i < 2; i++) {
+        in->count[i] = r->frozen[i] ? r->frozen_count[i] : in->count[i] - r->lost[i];
+        r->frozen_count[i] = in->count[i];
         in->inputs[i] |= r->inputs[i];
         in->index_pulses[i] = r->plant.index_pulses[i];
         in->index_count[i] = r->plant.index_count[i];
@@ -104,8 +110,14 @@ static inline bool rig_can_receive(void *ctx, struct can_frame *f)
 
 static inline void rig_can_status(void *ctx, struct hal_can_status *status)
 {
-    (void)ctx;
-    *status = (struct hal_can_status){.state = HAL_CAN_ACTIVE};
+    const struct rig *r = ctx;
+    *status = r->can;
+}
+
+static inline void rig_health(void *ctx, struct hal_health *health)
+{
+    const struct rig *r = ctx;
+    *health = r->health;
 }
 
 static inline bool rig_can_bitrate(void *ctx, uint16_t kbitps, bool change)
@@ -197,6 +209,7 @@ static inline void rig_start(struct rig *r, const struct ks_machine *machine)
                           .can_receive = rig_can_receive,
                           .can_status = rig_can_status,
                           .can_bitrate = rig_can_bitrate,
+                          .health = rig_health,
                           .flash_read = rig_flash_read,
                           .flash_erase = rig_flash_erase,
                           .flash_write = rig_flash_write};

@@ -1,0 +1,204 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Faults of axes, encoders, amplifiers and inputs, one after the other (faults.toml). */
+#include <stdlib.h>
+
+#include "test_faults.h"
+
+void setUp(void)
+{
+    power_on();
+}
+
+void tearDown(void)
+{
+}
+
+static const struct ks_machine *nominal_machine(void)
+{
+    static struct ks_machine machine;
+    machine = rig_machine();
+    return &machine;
+}
+
+static void block(int axis, bool blocked)
+{
+    rig.plant.machine.coulomb_N[axis] = blocked ? 1e6 : nominal_machine()->coulomb_N[axis];
+}
+
+static void test_following_error_cuts_the_power(void)
+{
+    rig_write(&rig, 0x2121, 1, 2, 0);
+    be_on_the_way();
+    block(1, true);
+    expect_power_cut(FAULT_FOLLOWING, 1000);
+    block(1, false);
+    expect_latched(FAULT_FOLLOWING);
+}
+
+static void test_following_error_may_last_as_long_as_6066h_says(void)
+{
+    rig_write(&rig, 0x6865, 0, 4, 100000);
+    rig_write(&rig, 0x6866, 0, 2, 20);
+    rig_write(&rig, 0x2121, 1, 2, 0);
+    be_on_the_way();
+    block(1, true);
+    while (labs((long)loop_snapshot(&rig.app.drive.loop)->following_nm[1]) <= 100000) {
+        rig_run(&rig, 1);
+    }
+    const unsigned n = periods_to_detect(FAULT_FOLLOWING, 1000);
+    TEST_ASSERT_UINT_WITHIN(11, 195, n);
+    expect_power_cut(FAULT_FOLLOWING, 0);
+}
+
+static void test_overspeed_cuts_the_power(void)
+{
+    rig_write(&rig, 0x2130, 1, 4, 45000); /* 45 mm/s */
+    be_on_the_way();
+    expect_power_cut(FAULT_OVERSPEED, 4000);
+    expect_latched(FAULT_OVERSPEED);
+}
+
+static void test_travel_beyond_the_limits_and_its_reference_cuts_the_power(void)
+{
+    rig_write(&rig, 0x607D, 2, 4, 1000000);  /* 1 mm */
+    rig_write(&rig, 0x6065, 0, 4, 100000);   /* 0.1 mm, */
+    rig_write(&rig, 0x6066, 0, 2, 1000);     /* which may last */
+    rig_enable(&rig);
+    rig.emcy_count = 0;
+    block(0, true);
+    for (int i = 0; i < 1080; i++) { /* it is pushed, 1 um in a period */
+        rig.plant.pos_m[0] += 1e-6;
+        rig_run(&rig, 1);
+        TEST_ASSERT_FALSE(detected(FAULT_TRAVEL));
+    }
+    for (int i = 0; i < 40 && !detected(FAULT_TRAVEL); i++) {
+        rig.plant.pos_m[0] += 1e-6;
+        rig_run(&rig, 1);
+    }
+    expect_power_cut(FAULT_TRAVEL, 0);
+    block(0, false);
+    expect_latched(FAULT_TRAVEL);
+}
+
+static void test_amplifier_fault_cuts_the_power(void)
+{
+    be_on_the_way();
+    rig.inputs[1] = HAL_AMPLIFIER_FAULT;
+    expect_power_cut(FAULT_AMPLIFIER, 1);
+    rig.inputs[1] = 0;
+    expect_latched(FAULT_AMPLIFIER);
+}
+
+static void test_amplifier_fault_is_back_at_once_while_it_lasts(void)
+{
+    be_on_the_way();
+    rig.inputs[0] = HAL_AMPLIFIER_FAULT;
+    expect_power_cut(FAULT_AMPLIFIER, 1);
+    rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
+    rig_ms(&rig, 2);
+    rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+    TEST_ASSERT_EQUAL_HEX16(0x5400, rig_read(&rig, 0x603F, 0));
+}
+
+static void test_encoder_transition_that_no_movement_makes_cuts_the_power(void)
+{
+    be_on_the_way();
+    rig.inputs[0] = HAL_ENCODER_FAULT; /* of one period */
+    rig_run(&rig, 1);
+    rig.inputs[0] = 0;
+    expect_power_cut(FAULT_ENCODER, 0);
+    expect_latched(FAULT_ENCODER);
+}
+
+static void test_encoder_jump_cuts_the_power(void)
+{
+    for (int sign = -1; sign <= 1; sign += 2) {
+        power_on();
+        be_on_the_way();
+        rig.lost[1] = sign * 4000; /* 0.3 mm: 3 m/s */
+        expect_power_cut(FAULT_ENCODER_JUMP, 1);
+        expect_latched(FAULT_ENCODER_JUMP);
+    }
+}
+
+static void test_encoder_frozen_while_the_axis_is_pushed_cuts_the_power(void)
+{
+    stream.length_nm = 4e6; /* up to 5 mm/s, 2 um in 0.5 ms */
+    be_on_the_way();
+    rig.frozen[0] = true;
+    const unsigned n = periods_to_detect(FAULT_ENCODER_FROZEN, 1500);
+    expect_power_cut(FAULT_ENCODER_FROZEN, 0);
+    rig.frozen[0] = false;
+    TEST_ASSERT_TRUE(n > 200); /* 2121h:1 */
+    rig_ms(&rig, 2000);        /* it runs out */
+    expect_latched(FAULT_ENCODER_FROZEN);
+}
+
+static void test_encoder_frozen_at_rest_is_no_fault(void)
+{
+    rig_enable(&rig);
+    rig.frozen[0] = rig.frozen[1] = true;
+    rig_ms(&rig, 500);
+    TEST_ASSERT_EQUAL_HEX32(0, rig.app.drive.faults | rig.app.drive.warnings);
+}
+
+static void test_stop_input_stops_on_the_path(void)
+{
+    be_on_the_way();
+    rig.inputs[0] = rig.inputs[1] = HAL_STOP;
+    expect_path_stop(FAULT_STOP, 1, 1000);
+    rig.inputs[0] = rig.inputs[1] = 0;
+    expect_latched(FAULT_STOP);
+}
+
+static void test_stop_input_cuts_the_power_where_605Ah_is_0(void)
+{
+    rig_write(&rig, 0x685A, 0, 2, 0);
+    be_on_the_way();
+    rig.inputs[0] = rig.inputs[1] = HAL_STOP;
+    expect_power_cut(FAULT_STOP, 1);
+    rig.inputs[0] = rig.inputs[1] = 0;
+    expect_latched(FAULT_STOP);
+}
+
+static void test_limit_switch_stops_on_the_path(void)
+{
+    be_on_the_way();
+    rig.inputs[0] = HAL_LIMIT_MAX;
+    expect_path_stop(FAULT_LIMIT_SWITCH, 10, 1000);
+    rig.inputs[0] = 0;
+    expect_latched(FAULT_LIMIT_SWITCH);
+}
+
+static void test_saturation_that_lasts_stops_on_the_path(void)
+{
+    rig_write(&rig, 0x2121, 1, 2, 0);
+    rig_write(&rig, 0x6865, 0, 4, 100000000); /* an axis may be as far from its reference as it likes */
+    be_on_the_way();
+    block(1, true);
+    const unsigned n = periods_to_detect(FAULT_SATURATION, 3500);
+    TEST_ASSERT_TRUE_MESSAGE(n > 2500, "250 ms");
+    expect_path_stop(FAULT_SATURATION, 0, 1e9);
+    block(1, false);
+    expect_latched(FAULT_SATURATION);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_following_error_cuts_the_power);
+    RUN_TEST(test_following_error_may_last_as_long_as_6066h_says);
+    RUN_TEST(test_overspeed_cuts_the_power);
+    RUN_TEST(test_travel_beyond_the_limits_and_its_reference_cuts_the_power);
+    RUN_TEST(test_amplifier_fault_cuts_the_power);
+    RUN_TEST(test_amplifier_fault_is_back_at_once_while_it_lasts);
+    RUN_TEST(test_encoder_transition_that_no_movement_makes_cuts_the_power);
+    RUN_TEST(test_encoder_jump_cuts_the_power);
+    RUN_TEST(test_encoder_frozen_while_the_axis_is_pushed_cuts_the_power);
+    RUN_TEST(test_encoder_frozen_at_rest_is_no_fault);
+    RUN_TEST(test_stop_input_stops_on_the_path);
+    RUN_TEST(test_stop_input_cuts_the_power_where_605Ah_is_0);
+    RUN_TEST(test_limit_switch_stops_on_the_path);
+    RUN_TEST(test_saturation_that_lasts_stops_on_the_path);
+    return UNITY_END();
+}

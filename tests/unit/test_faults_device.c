@@ -1,0 +1,269 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Faults of the controller, its store and its bus, refusals, and two faults at once (faults.toml). */
+#include "test_faults.h"
+
+void setUp(void)
+{
+    power_on();
+}
+
+void tearDown(void)
+{
+}
+
+/* At power-on: there is no power to be had before a reset of the fault. */
+static void expect_fault_from_power_on(enum fault f)
+{
+    rig_nmt(&rig, 1);
+    expect_power_cut(f, 10);
+    expect_latched(f);
+}
+
+static void test_clock_that_fails_cuts_the_power(void)
+{
+    be_on_the_way();
+    rig.health.bits = HAL_CLOCK;
+    expect_power_cut(FAULT_CLOCK, 10);
+    expect_latched(FAULT_CLOCK); /* who resets it takes notice of it */
+}
+
+static void test_restart_by_watchdog_or_crash_is_a_fault_from_power_on(void)
+{
+    const enum hal_reset causes[] = {HAL_RESET_WATCHDOG, HAL_RESET_CRASH};
+    for (unsigned i = 0; i < 2; i++) {
+        power_on();
+        rig.health = (struct hal_health){.bits = HAL_RESET, .reset = causes[i]};
+        expect_fault_from_power_on(FAULT_RESTART);
+        TEST_ASSERT_EQUAL_UINT32(causes[i], rig_read(&rig, 0x2031, 0));
+    }
+}
+
+static void test_brown_out_is_a_fault_from_power_on(void)
+{
+    rig.health = (struct hal_health){.bits = HAL_RESET, .reset = HAL_RESET_BROWN_OUT};
+    expect_fault_from_power_on(FAULT_BROWN_OUT);
+    TEST_ASSERT_EQUAL_UINT32(6, rig_read(&rig, 0x2031, 0));
+}
+
+static void test_overrun_of_the_servo_tick_cuts_the_power(void)
+{
+    be_on_the_way();
+    rig.health.bits = HAL_OVERRUN;
+    expect_power_cut(FAULT_OVERRUN, 10);
+    rig.health.bits = 0;
+    expect_latched(FAULT_OVERRUN);
+}
+
+static void test_store_that_is_damaged_is_warned_of_until_the_next_save(void)
+{
+    rig.flash.word[0][0] = 0x12345678;
+    app_init(&rig.app, &rig.hal, 1);
+    rig_nmt(&rig, 1);
+    expect_warning(0x5530, CO_REG_MANUFACTURER, 10);
+    rig_enable(&rig); /* with defaults */
+    TEST_ASSERT_TRUE(rig.out.enable[0] && rig.out.enable[1]);
+    rig_controlwords(&rig, 0, 0);
+    rig_ms(&rig, 2);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, 0x65766173));
+    expect_warning_ends(2);
+}
+
+static void test_enable_moving_is_refused_until_the_axis_stands(void)
+{
+    rig_nmt(&rig, 1);
+    rig_ms(&rig, 3);
+    rig.plant.vel_mps[1] = 0.1;
+    rig_ms(&rig, 10);
+    rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    expect_warning(0xFF17, CO_REG_MANUFACTURER, 10);
+    while (fabs(rig.plant.vel_mps[1]) > 0.006) {
+        rig_run(&rig, 1);
+        expect_no_power();
+        TEST_ASSERT_NOT_EQUAL(RIG_ENABLED, rig_state(&rig, 0));
+    }
+    expect_warning_ends(20);
+    rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
+}
+
+static void test_enable_moving_that_is_asked_for_no_more_is_no_warning(void)
+{
+    rig_nmt(&rig, 1);
+    rig_ms(&rig, 3);
+    rig.plant.vel_mps[0] = -0.1;
+    rig_ms(&rig, 10);
+    rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    expect_warning(0xFF17, CO_REG_MANUFACTURER, 10);
+    rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
+    expect_warning_ends(3);
+    rig_ms(&rig, 500);
+    expect_no_power();
+}
+
+static void test_config_enabled_is_refused_and_told(void)
+{
+    static const struct {
+        uint16_t index;
+        uint8_t sub, size;
+        int64_t value;
+    } writes[] = {{0x2110, 1, 4, 150000}, {0x1010, 1, 4, 0x65766173}, {0x1011, 1, 4, 0x64616F6C}, {0x2001, 1, 1, 4}};
+    for (unsigned i = 0; i < sizeof writes / sizeof writes[0]; i++) {
+        power_on();
+        be_on_the_way();
+        const uint32_t code = rig_write(&rig, writes[i].index, writes[i].sub, writes[i].size, writes[i].value);
+        TEST_ASSERT_EQUAL_HEX32(0x08000022, code);
+        expect_warning(0xFF18, CO_REG_MANUFACTURER, 10);
+        expect_path_runs();
+        expect_warning_ends(1001);
+        rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
+    }
+}
+
+static void test_can_passive_is_warned_of(void)
+{
+    be_on_the_way();
+    rig.can.state = HAL_CAN_WARNING; /* that is no fault */
+    rig_ms(&rig, 5);
+    TEST_ASSERT_FALSE(rig_bit(&rig, WARNING));
+    rig.can.state = HAL_CAN_PASSIVE;
+    expect_warning(0x8120, CO_REG_COMMUNICATION, 10);
+    expect_path_runs();
+    rig.can.state = HAL_CAN_ACTIVE;
+    expect_warning_ends(3);
+}
+
+static void test_can_off_is_told_when_it_is_over_and_the_heartbeat_stops_the_axes(void)
+{
+    be_on_the_way();
+    rig.can = (struct hal_can_status){.state = HAL_CAN_OFF, .bus_offs = 1};
+    rig.heartbeat_every_ms = 0; /* nothing comes through */
+    rig_ms(&rig, 400);
+    rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0x8130));
+    TEST_ASSERT_FALSE(rig_had_emcy(&rig, 0x8140));
+    rig.can.state = HAL_CAN_ACTIVE;
+    rig_ms(&rig, 1);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0x8140));
+    rig_ms(&rig, 3);
+    TEST_ASSERT_EQUAL_HEX8(CO_REG_COMMUNICATION | CO_REG_GENERIC, rig_read(&rig, 0x1001, 0)); /* 8130h is latched */
+    TEST_ASSERT_FALSE(rig_bit(&rig, WARNING));
+}
+
+static void test_can_overrun_is_warned_of(void)
+{
+    be_on_the_way();
+    rig.can.rx_lost = 1;
+    expect_warning(0x8110, CO_REG_COMMUNICATION, 10);
+    expect_path_runs();
+    expect_warning_ends(1002);
+}
+
+static void test_pdo_short_is_refused_until_a_right_one_comes(void)
+{
+    be_on_the_way();
+    const uint8_t zeros[8] = {0};
+    rig_send(&rig, 0x201, 3, zeros); /* would cut the power */
+    expect_warning(0x8210, CO_REG_COMMUNICATION, 10);
+    expect_path_runs();
+    rig_controlwords(&rig, RUN, RUN);
+    expect_warning_ends(2);
+}
+
+static void test_pdo_long_is_refused_until_a_right_one_comes(void)
+{
+    be_on_the_way();
+    const uint8_t zeros[8] = {0};
+    rig_send(&rig, 0x201, 5, zeros);
+    expect_warning(0x8220, CO_REG_COMMUNICATION, 10);
+    expect_path_runs();
+    rig_controlwords(&rig, RUN, RUN);
+    expect_warning_ends(2);
+}
+
+static void test_sync_length_is_refused_until_a_right_one_comes(void)
+{
+    be_on_the_way();
+    const uint8_t zeros[8] = {0};
+    rig_send(&rig, 0x80, 2, zeros);
+    expect_warning(0x8240, CO_REG_COMMUNICATION, 10);
+    expect_path_runs();
+    rig_send(&rig, 0x80, 0, zeros);
+    expect_warning_ends(2);
+}
+
+/* ---- several at once ---- */
+
+static void test_of_two_faults_within_a_millisecond_603Fh_and_the_first_emcy_tell_the_first(void)
+{
+    const struct {
+        uint8_t first, second;
+        uint16_t emcy;
+    } orders[] = {{HAL_ENCODER_FAULT, HAL_AMPLIFIER_FAULT, 0x7305}, {HAL_AMPLIFIER_FAULT, HAL_ENCODER_FAULT, 0x5400},
+                  {HAL_STOP, HAL_AMPLIFIER_FAULT, 0x9000}};
+    for (unsigned i = 0; i < 3; i++) {
+        power_on();
+        be_on_the_way();
+        rig_run(&rig, (10 - rig.app.drive.loop.ticks % 10) % 10);
+        rig.inputs[0] = orders[i].first;
+        rig_run(&rig, 3);
+        rig.inputs[0] = orders[i].second;
+        rig_run(&rig, 3);
+        TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count); /* the background has seen none of them yet */
+        rig_ms(&rig, 1);
+        TEST_ASSERT_EQUAL_UINT(2, rig.emcy_count);
+        TEST_ASSERT_EQUAL_HEX16(orders[i].emcy, rig.emcy[0]);
+        TEST_ASSERT_EQUAL_HEX16(orders[i].emcy, rig_read(&rig, 0x603F, 0));
+        TEST_ASSERT_EQUAL_HEX16(orders[i].emcy, rig_read(&rig, 0x683F, 0));
+        rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+    }
+}
+
+static void test_later_fault_cuts_a_stop_on_the_path_short_and_603Fh_keeps_the_first(void)
+{
+    be_on_the_way();
+    rig.inputs[0] = HAL_STOP;
+    rig_ms(&rig, 20);
+    rig_expect_states(&rig, RIG_REACTION, RIG_REACTION);
+    rig.inputs[0] = HAL_AMPLIFIER_FAULT;
+    rig_run(&rig, 1);
+    expect_no_power();
+    rig_ms(&rig, 2);
+    rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0x5400));
+    TEST_ASSERT_EQUAL_HEX16(0x9000, rig_read(&rig, 0x603F, 0));
+}
+
+static void test_warning_is_told_again_after_a_reset_of_the_node(void)
+{
+    rig.flash.word[0][0] = 0x12345678;
+    app_init(&rig.app, &rig.hal, 1);
+    rig_ms(&rig, 2);
+    rig.emcy_count = 0;
+    rig_nmt(&rig, 129);
+    rig_nmt(&rig, 1);
+    expect_warning(0x5530, CO_REG_MANUFACTURER, 10);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_clock_that_fails_cuts_the_power);
+    RUN_TEST(test_restart_by_watchdog_or_crash_is_a_fault_from_power_on);
+    RUN_TEST(test_brown_out_is_a_fault_from_power_on);
+    RUN_TEST(test_overrun_of_the_servo_tick_cuts_the_power);
+    RUN_TEST(test_store_that_is_damaged_is_warned_of_until_the_next_save);
+    RUN_TEST(test_enable_moving_is_refused_until_the_axis_stands);
+    RUN_TEST(test_enable_moving_that_is_asked_for_no_more_is_no_warning);
+    RUN_TEST(test_config_enabled_is_refused_and_told);
+    RUN_TEST(test_can_passive_is_warned_of);
+    RUN_TEST(test_can_off_is_told_when_it_is_over_and_the_heartbeat_stops_the_axes);
+    RUN_TEST(test_can_overrun_is_warned_of);
+    RUN_TEST(test_pdo_short_is_refused_until_a_right_one_comes);
+    RUN_TEST(test_pdo_long_is_refused_until_a_right_one_comes);
+    RUN_TEST(test_sync_length_is_refused_until_a_right_one_comes);
+    RUN_TEST(test_of_two_faults_within_a_millisecond_603Fh_and_the_first_emcy_tell_the_first);
+    RUN_TEST(test_later_fault_cuts_a_stop_on_the_path_short_and_603Fh_keeps_the_first);
+    RUN_TEST(test_warning_is_told_again_after_a_reset_of_the_node);
+    return UNITY_END();
+}

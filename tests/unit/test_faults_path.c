@@ -1,0 +1,231 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Faults of the stream, the path and the law, one after the other (faults.toml). */
+#include <stdlib.h>
+
+#include "test_faults.h"
+
+void setUp(void)
+{
+    power_on();
+}
+
+void tearDown(void)
+{
+}
+
+/* Friction grows within a period: y is off its path for some milliseconds. */
+static void disturb(bool on)
+{
+    rig.plant.machine.coulomb_N[1] = on ? 400 : 54.8;
+}
+
+static void tunnel(uint32_t radius_nm, uint16_t debounce_ms, uint8_t reaction)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2120, 1, 4, radius_nm));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2120, 2, 2, debounce_ms));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2120, 3, 1, reaction));
+}
+
+static void test_heartbeat_that_ceases_stops_on_the_path(void)
+{
+    be_on_the_way();
+    rig.heartbeat_every_ms = 0;
+    expect_path_stop(FAULT_HEARTBEAT, 2010, 1000);
+    rig.heartbeat_every_ms = 50;
+    expect_latched(FAULT_HEARTBEAT);
+}
+
+static void test_underrun_stops_on_the_path(void)
+{
+    rig_enable(&rig);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &stream));
+    rig_feed(&rig, &stream, 700);
+    rig_controlwords(&rig, RUN, RUN);
+    rig_ms(&rig, 600);
+    rig.emcy_count = 0;
+    for (unsigned i = 0; i < 200 && !detected(FAULT_UNDERRUN); i++) {
+        rig_ms(&rig, 1);
+        TEST_ASSERT_TRUE(rig_off_line(&rig, &stream) < 1000);
+    }
+    expect_path_stop(FAULT_UNDERRUN, 0, 1000);
+    expect_latched(FAULT_UNDERRUN);
+}
+
+static void test_knot_range_stops_on_the_path(void)
+{
+    rig_write(&rig, 0x607D, 2, 4, rig_line(1100, 1500, 50e6) / 5 * 4);
+    rig_enable(&rig);
+    rig_go(&rig, &stream, 50);
+    rig_ms(&rig, 350);
+    rig.emcy_count = 0;
+    rig_feed(&rig, &stream, 1200);
+    expect_path_stop(FAULT_KNOT_RANGE, 10, 1000);
+    TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2200, 20));
+    expect_latched(FAULT_KNOT_RANGE);
+}
+
+static void test_knot_acceleration_beyond_its_limit_stops_on_the_path(void)
+{
+    rig_enable(&rig);
+    rig_go(&rig, &stream, 50);
+    rig_ms(&rig, 350);
+    rig.emcy_count = 0;
+    const struct knot a = rig_stream_knot(&stream, stream.sent - 2), b = rig_stream_knot(&stream, stream.sent - 1);
+    const uint32_t accepted = rig_read(&rig, 0x2200, 7);
+    rig_knot(&rig, (uint8_t)stream.sent, b.nm[0] - a.nm[0], b.nm[1] - a.nm[1] + 20000); /* 20 m/s2: just within */
+    TEST_ASSERT_EQUAL_UINT32(accepted + 1, rig_read(&rig, 0x2200, 7));
+    rig_knot(&rig, (uint8_t)(stream.sent + 1), b.nm[0] - a.nm[0] - 20001, b.nm[1] - a.nm[1] + 20000);
+    TEST_ASSERT_EQUAL_UINT32(accepted + 1, rig_read(&rig, 0x2200, 7));
+    expect_path_stop(FAULT_KNOT_ACCELERATION, 10, 1000);
+    TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2200, 20));
+    expect_latched(FAULT_KNOT_ACCELERATION);
+}
+
+static void test_tunnel_stops_on_the_path(void)
+{
+    tunnel(10000, 5, 1);
+    be_on_the_way();
+    disturb(true);
+    expect_path_stop(FAULT_TUNNEL, 1000, 1e6);
+    disturb(false);
+    expect_latched(FAULT_TUNNEL);
+}
+
+static void test_tunnel_may_be_left_as_long_as_its_debounce_says(void)
+{
+    tunnel(10000, 5, 1);
+    be_on_the_way();
+    disturb(true);
+    unsigned outside = 0;
+    while (!detected(FAULT_TUNNEL)) {
+        rig_ms(&rig, 1);
+        outside = labs((long)loop_snapshot(&rig.app.drive.loop)->e_n_nm[1]) > 10000 ? outside + 1 : 0;
+        TEST_ASSERT_EQUAL(outside > 5, detected(FAULT_TUNNEL));
+    }
+}
+
+static void test_tunnel_that_only_warns_lets_the_path_run(void)
+{
+    tunnel(10000, 1, 0);
+    be_on_the_way();
+    disturb(true);
+    expect_warning(0xFF14, CO_REG_MANUFACTURER, 1000);
+    expect_path_runs();
+    rig_feed(&rig, &stream, stream.count);
+    disturb(false);
+    rig_ms(&rig, 100);
+    expect_warning_ends(200);
+    expect_path_runs();
+}
+
+static void test_tunnel_with_a_quick_stop_does_as_605Ah_says(void)
+{
+    tunnel(10000, 1, 2);
+    be_on_the_way();
+    disturb(true);
+    expect_path_stop(FAULT_TUNNEL, 1000, 1e6);
+    disturb(false);
+    expect_latched(FAULT_TUNNEL);
+
+    power_on();
+    tunnel(10000, 1, 2);
+    rig_write(&rig, 0x605A, 0, 2, 0);
+    be_on_the_way();
+    disturb(true);
+    expect_power_cut(FAULT_TUNNEL, 1000);
+}
+
+static void test_tunnel_may_cut_the_power(void)
+{
+    tunnel(10000, 1, 3);
+    be_on_the_way();
+    disturb(true);
+    expect_power_cut(FAULT_TUNNEL, 1000);
+    disturb(false);
+    expect_latched(FAULT_TUNNEL);
+}
+
+static void test_tunnel_is_off_by_default(void)
+{
+    be_on_the_way();
+    disturb(true);
+    rig_ms(&rig, 50);
+    TEST_ASSERT_EQUAL_HEX32(0, rig.app.drive.faults | rig.app.drive.warnings);
+}
+
+static void test_gain_at_its_limit_is_warned_of(void)
+{
+    rig_write(&rig, 0x2110, 8, 4, 100100); /* k_max just above k_0 */
+    rig_write(&rig, 0x2110, 11, 4, 1000);  /* epsilon: the gain grows from 1 um/s on */
+    rig_write(&rig, 0x2121, 3, 2, 20);
+    rig_enable(&rig);
+    rig_go(&rig, &stream, 100);
+    expect_warning(0xFF15, CO_REG_MANUFACTURER, 5000);
+    expect_path_runs();
+    rig_controlwords(&rig, 0, 0);
+    expect_warning_ends(3);
+}
+
+static void test_gain_that_cannot_grow_is_no_warning(void)
+{
+    rig_write(&rig, 0x2110, 8, 4, 100000); /* k_max = k_0 */
+    rig_write(&rig, 0x2111, 3, 4, 6000000); /* mu_max = mu_0 */
+    rig_write(&rig, 0x2121, 3, 2, 20);
+    be_on_the_way();
+    rig_ms(&rig, 100);
+    TEST_ASSERT_EQUAL_HEX32(0, rig.app.drive.warnings);
+}
+
+static void test_law_that_gives_no_number_cuts_the_power(void)
+{
+    const float no_numbers[] = {(float)NAN, (float)INFINITY, -(float)INFINITY};
+    for (unsigned i = 0; i < 3; i++) {
+        for (int where = 0; where < 3; where++) {
+            power_on();
+            be_on_the_way();
+            struct servo_state *servo = &rig.app.drive.loop.servo;
+            *(where == 0 ? &servo->offset.x : where == 1 ? &servo->offset.y : &servo->observer[1].vel) = no_numbers[i];
+            rig_run(&rig, 1); /* in the tick that computes it */
+            TEST_ASSERT_TRUE(detected(FAULT_LAW));
+            expect_no_power();
+            expect_power_cut(FAULT_LAW, 0);
+            rig_ms(&rig, 1000);
+            expect_latched(FAULT_LAW); /* with numbers again */
+            TEST_ASSERT_TRUE(isfinite(servo->offset.x) && isfinite(servo->observer[1].vel));
+        }
+    }
+}
+
+static void test_stream_of_damaged_frames_is_warned_of(void)
+{
+    be_on_the_way();
+    rig_knot(&rig, (uint8_t)(stream.sent + 3), 0, 0); /* out of sequence */
+    expect_warning(0xFF16, CO_REG_COMMUNICATION, 10);
+    expect_path_runs();
+    rig_ms(&rig, 500);
+    const uint8_t damaged[8] = {(uint8_t)stream.sent, 1, 2, 3, 4, 5, 6, 7}; /* CRC */
+    rig_send(&rig, 0x301, 8, damaged);
+    rig_ms(&rig, 900);
+    TEST_ASSERT_TRUE(rig_bit(&rig, WARNING));
+    expect_warning_ends(110);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_heartbeat_that_ceases_stops_on_the_path);
+    RUN_TEST(test_underrun_stops_on_the_path);
+    RUN_TEST(test_knot_range_stops_on_the_path);
+    RUN_TEST(test_knot_acceleration_beyond_its_limit_stops_on_the_path);
+    RUN_TEST(test_tunnel_stops_on_the_path);
+    RUN_TEST(test_tunnel_may_be_left_as_long_as_its_debounce_says);
+    RUN_TEST(test_tunnel_that_only_warns_lets_the_path_run);
+    RUN_TEST(test_tunnel_with_a_quick_stop_does_as_605Ah_says);
+    RUN_TEST(test_tunnel_may_cut_the_power);
+    RUN_TEST(test_tunnel_is_off_by_default);
+    RUN_TEST(test_gain_at_its_limit_is_warned_of);
+    RUN_TEST(test_gain_that_cannot_grow_is_no_warning);
+    RUN_TEST(test_law_that_gives_no_number_cuts_the_power);
+    RUN_TEST(test_stream_of_damaged_frames_is_warned_of);
+    return UNITY_END();
+}
