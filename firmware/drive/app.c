@@ -304,7 +304,7 @@ static void on_heartbeat_lost(void *ctx)
     struct app *app = ctx;
     if (drive_powered(&app->drive)) {
         drive_fault(&app->drive, FAULT_HEARTBEAT);
-        announce(app);
+        follow(app);
     }
 }
 

@@ -23,7 +23,9 @@ else:
     import tomli as tomllib
 
 HERE = Path(__file__).resolve().parent
-C_HEAD = "/* SPDX-License-Identifier: Apache-2.0 */\n/* Generated from faults.toml by generate_faults.py: do not edit. */\n"
+C_HEAD = (
+    "/* SPDX-License-Identifier: Apache-2.0 */\n/* Generated from faults.toml by generate_faults.py: do not edit. */\n"
+)
 REACTIONS = {
     "warn": "REACT_WARN",
     "refuse": "REACT_WARN",
@@ -104,7 +106,14 @@ def c_header(faults: list[Fault]) -> str:
 
 
 def c_source(faults: list[Fault]) -> str:
-    lines = [C_HEAD, '#include "fault.h"', "", '#include "emcy.h"', "", "const struct fault_row fault_table[FAULTS] = {"]
+    lines = [
+        C_HEAD,
+        '#include "fault.h"',
+        "",
+        '#include "emcy.h"',
+        "",
+        "const struct fault_row fault_table[FAULTS] = {",
+    ]
     for f in faults:
         if not f.node:
             values = f"0x{f.emcy:04X}, CO_REG_{f.register.upper()}, {REACTIONS[f.reaction]}"
@@ -122,9 +131,10 @@ def docs(faults: list[Fault]) -> str:
         "",
         "Generated from `firmware/drive/faults.toml` by `firmware/drive/generate_faults.py`: do not edit.",
         "",
-        "What the drive watches, and what it does about it. Each row has a test that injects the cause on the simulated "
-        "drive (`tests/unit/test_faults*.c`). The reaction comes within two control periods of the detection; *delay* "
-        "is how long the detection takes. The code is the one of the EMCY and, where an axis goes into fault, of 603Fh, "
+        "What the drive watches, and what it does about it. Each row has a test that injects the cause on the "
+        "simulated drive (`tests/unit/test_faults*.c`). The reaction comes within two control periods of the "
+        "detection; *delay* is how long the detection takes. The code is the one of the EMCY and, where an axis goes "
+        "into fault, of 603Fh, "
         "which keeps the first one of several. A fault is latched until fault reset (controlword bit 7 of each axis), "
         "and comes back at once while its cause lasts. Warnings and refusals stop nothing: EMCY, statusword bit 7 of "
         "both axes while they last.",

@@ -142,18 +142,20 @@ def test_stop_leaves_the_circle_no_further_than_the_run_without_it(
 # --- faults, as exceptions of the host ---
 
 
-def test_blocked_axis_is_reported_with_its_remedy() -> None:
+@pytest.mark.parametrize(
+    ("frozen_ms", "message"),
+    [
+        (20, r"7320h: an encoder stood still while .* Remedy: check .* moves freely"),
+        (0, r"8611h: an axis was further from its reference .* Remedy: lower feed"),
+    ],
+)
+def test_blocked_axis_is_reported_with_its_remedy(frozen_ms: int, message: str) -> None:
     stuck = dataclasses.replace(MACHINE, x=dataclasses.replace(MACHINE.x, coulomb_N=3000.0))
     with can.Bus(interface="kontur", channel="sim", machine=stuck, seed=1) as bus:
         device = Device(Link(bus, 1))
-        device.set_parameters(MACHINE.parameters())
+        device.set_parameters({**MACHINE.parameters(), "watch.frozen": frozen_ms})
         device.enable()
-        with pytest.raises(EmcyError, match=r"7320h: an encoder stood still while .* Remedy: check .* moves freely"):
-            stream(device, CIRCLE.knots_nm)
-        device.disable()
-        device.write("watch.frozen", 0)
-        device.enable()
-        with pytest.raises(EmcyError, match=r"8611h: an axis was further from its reference .* Remedy: lower feed"):
+        with pytest.raises(EmcyError, match=message):
             stream(device, CIRCLE.knots_nm)
         device.enable()
         assert device.states() == ("operation enabled", "operation enabled")

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The table of faults: what is committed is what it generates, every row is tested, and its mistakes are caught."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from kontur.emcy import describe_emcy, faults
+
+ROOT = Path(__file__).parents[2]
+SOURCE = ROOT / "firmware" / "drive"
+sys.path.insert(0, str(SOURCE))
+
+import generate_faults  # noqa: E402
+
+ROWS = generate_faults.load(SOURCE / "faults.toml")
+NAMES = [row.name for row in ROWS]
+
+
+def run_tests() -> list[str]:
+    """Names of all tests of faults that are run."""
+    files = sorted((ROOT / "tests" / "unit").glob("test_faults_*.c"))
+    return [name for file in files for name in re.findall(r"RUN_TEST\(test_(\w+)\)", file.read_text("utf-8"))]
+
+
+def row_of(test: str, names: list[str]) -> str | None:
+    """The row that a test is named after: the longest name that it begins with."""
+    return max((name for name in names if test.startswith(f"{name}_")), key=len, default=None)
+
+
+def without_test(names: list[str]) -> list[str]:
+    tested = {row_of(test, names) for test in run_tests()}
+    return [name for name in names if name not in tested]
+
+
+def test_every_row_has_a_test_that_is_run() -> None:
+    assert without_test(NAMES) == []
+
+
+def test_new_row_without_a_test_is_found() -> None:
+    assert without_test([*NAMES, "encoder_dirty"]) == ["encoder_dirty"]
+
+
+def test_what_is_committed_is_what_the_source_generates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    committed = {"--docs": ROOT / "docs" / "faults.md", "--json": ROOT / "host" / "kontur" / "fault_table.json"}
+    options = [word for option, path in committed.items() for word in (option, str(tmp_path / path.name))]
+    monkeypatch.setattr(sys, "argv", ["generate_faults.py", str(tmp_path), *options])
+    assert generate_faults.main() == 0
+    for path in committed.values():
+        assert (tmp_path / path.name).read_text("utf-8") == path.read_text("utf-8"), f"run make lib: {path.name}"
+
+
+def test_host_tells_fault_cause_and_remedy_of_every_row() -> None:
+    assert set(faults()) == {row.emcy for row in ROWS}
+    for row in ROWS:
+        text = describe_emcy(row.emcy)
+        assert text.startswith(f"{row.emcy:04X}h: {row.fault}")
+        assert row.cause in text
+        assert row.remedy in text
+
+
+def test_unknown_code_is_told_as_such() -> None:
+    assert describe_emcy(0x1234).startswith("1234h: unknown")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("emcy = 0x8400", "emcy = 0x8611", "8611h is the code of another row"),
+        ('reaction = "path stop"', 'reaction = "hope"', "reaction is one of"),
+        ('cleared = "by the next save (1010h)"', "", "store: cleared says how a warning ends"),
+        ('remedy = "move it back by hand"', "", "travel: .*remedy"),
+        ("[fault.travel]", "[fault.Travel]", "Travel: a name is lower-case words"),
+        ('remedy = "move it back by hand"', 'remedy = "m\u00f6ve"', "travel: remedy is to be a line of ASCII"),
+        ("emcy = 0x8612", "emcy = 0", "travel: emcy is a code of 16 bits"),
+        ("emcy = 0x8612", "emcy = 0x8612\nnode = true", "travel: what the node raises stops no axis"),
+    ],
+)
+def test_mistake_in_the_table_is_refused_with_the_name_of_its_row(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    old: str,
+    new: str,
+    message: str,
+) -> None:
+    text = (SOURCE / "faults.toml").read_text("utf-8")
+    assert old in text
+    (tmp_path / "faults.toml").write_text(text.replace(old, new, 1), "utf-8")
+    monkeypatch.setattr(generate_faults, "HERE", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["generate_faults.py", str(tmp_path / "out")])
+    assert generate_faults.main() == 1
+    assert re.search(message, capsys.readouterr().err)
+
+
+def test_more_rows_than_a_word_has_bits_are_refused(tmp_path: Path) -> None:
+    rows = "".join(
+        f'[fault.{"a" * n}]\nfault="f"\ncause="c"\ndetection="d"\ndelay="d"\nreaction="disable"\nemcy={n}\n'
+        'register="generic"\nremedy="r"\n'
+        for n in range(1, 34)
+    )
+    (tmp_path / "faults.toml").write_text(rows, "utf-8")
+    with pytest.raises(generate_faults.FaultsError, match="more than 32 rows"):
+        generate_faults.load(tmp_path / "faults.toml")
