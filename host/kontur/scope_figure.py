@@ -8,7 +8,7 @@ import io
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from kontur.device import EMCY_TEXT
+from kontur.emcy import faults
 from kontur.figures import FAINT, INK, style
 from kontur.scope import Capture, Signal
 
@@ -58,5 +58,6 @@ def draw(capture: Capture) -> Figure:
 
 def _title(capture: Capture) -> str:
     rate = f"{capture.control_hz / capture.periods / 1e3:g} kHz, {len(capture.values)} frames"
-    text = EMCY_TEXT.get(capture.fault, "").partition(";")[0]
+    known = faults().get(capture.fault)
+    text = known.fault if known else ""
     return f"{rate}: {text}" if text else rate

@@ -15,7 +15,8 @@ from kontur import scope
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import check_output, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
-from kontur.device import Device, describe_emcy
+from kontur.device import Device
+from kontur.emcy import describe_emcy
 from kontur.errors import DeviceError, KonturError
 from kontur.run import Target, connect
 from kontur.scope import Capture, Setup
