@@ -110,7 +110,7 @@ static inline num n_sat(num x, num width)
 /* Neither NaN nor infinite, which fixed point never is */
 static inline bool n_finite(num a)
 {
-    return n_lt(n_sub(a, a), NUM(1));
+    return n_lt(n_sub(a, a), NUM(1)); /* what is left of a NaN or of an infinite is a NaN */
 }
 
 /* a + b c */

@@ -8,7 +8,7 @@
 #define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
 #define STORE(x, value) atomic_store_explicit(&(x), value, memory_order_relaxed)
 
-void loop_raise(struct loop *loop, enum fault f)
+__attribute__((noinline, cold)) void loop_raise(struct loop *loop, enum fault f)
 {
     if (atomic_fetch_or(&loop->faults, FAULT_BIT(f)) == 0) {
         STORE(loop->first, (uint8_t)f);
@@ -126,7 +126,8 @@ static void watch_inputs(struct loop *loop, unsigned inputs)
 static bool finite(const struct loop *loop, const struct servo_out *out)
 {
     const vec2 model = loop->servo.last[0].model;
-    return n_finite(out->velocity.x) && n_finite(out->velocity.y) && n_finite(model.x) && n_finite(model.y);
+    const vec2 nought = v2_add(v2_sub(out->velocity, out->velocity), v2_sub(model, model));
+    return n_finite(n_add(nought.x, nought.y));
 }
 
 static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_in *in,
