@@ -371,6 +371,39 @@ build/lint/misra.ok: $(LINT_SOURCES) $(LINT_AGAIN) firmware/deviations.txt
 lint-c: $(LINT_SOURCES:%.c=build/lint/%.ok) build/lint/misra.ok
 .PHONY: lint-c
 
+# --- fuzzing --------------------------------------------------------------------------------------------------------------
+# tests/fuzz/NAME.c with clang's libFuzzer; what is found goes to build/fuzz/NAME-crash-*, new inputs to build/fuzz/corpus.
+FUZZERS  := can sdo slcan store
+SECONDS  := 60
+SEED     := 1
+FUZZ_SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all
+FUZZ_FLAGS := $(CFLAGS) -Itests/fuzz $(INCLUDE) -Itests/unit
+FUZZ_OBJECTS := $(patsubst %.c,build/fuzz/%.o,$(SOURCES) firmware/port/slcan.c)
+
+build/clang.stamp:
+	$(Q)$(call debian,clang,clang)
+
+build/fuzz/firmware/drive/app.o: build/build_id
+build/fuzz/%.o: %.c | build/clang.stamp $(GENERATED)
+	@mkdir -p $(@D); echo "  CC  $< (fuzz)"
+	$(Q)clang $(FUZZ_FLAGS) -DKONTUR_BUILD_ID='"$(BUILD_ID)"' -DKONTUR_VERSION='"$(VERSION)"' $(FUZZ_SANITIZE) -fsanitize=fuzzer-no-link \
+	  -MMD -MP -c $< -o $@
+
+build/fuzz/%: tests/fuzz/%.c tests/fuzz/unity.h tests/fuzz/bytes.h $(FUZZ_OBJECTS)
+	@echo "  CC  $< (fuzz)"
+	$(Q)clang $(FUZZ_FLAGS) $(FUZZ_SANITIZE) -fsanitize=fuzzer -MMD -MP -MF $@.d $< $(FUZZ_OBJECTS) -lm -o $@
+
+fuzz: setup lib $(FUZZERS:%=build/fuzz/%)  ## fuzz CAN, SDO, slcan, stored image and G-code, SECONDS=60 each, from SEED=1
+	@for f in $(FUZZERS); do mkdir -p build/fuzz/corpus/$$f; \
+	  if build/fuzz/$$f -max_total_time=$(SECONDS) -seed=$(SEED) -print_final_stats=1 -artifact_prefix=build/fuzz/$$f- \
+	      -max_len=1024 -len_control=0 build/fuzz/corpus/$$f tests/fuzz/corpus/$$f >build/fuzz/$$f.log 2>&1; \
+	  then awk -v f=$$f '/number_of_executed_units/ { n = $$2 } /average_exec_per_sec/ { s = $$2 } \
+	    END { printf "%-6s %10d executions %8d a second, no finding\n", f, n, s }' build/fuzz/$$f.log; \
+	  else tail -40 build/fuzz/$$f.log; echo "make: $$f: a finding; run it again: build/fuzz/$$f build/fuzz/$$f-crash-..."; exit 1; fi; done
+	@$(PY) tests/fuzz/gcode.py $(SECONDS) $(SEED)
+.PHONY: fuzz
+-include $(FUZZ_OBJECTS:%.o=%.d) $(FUZZERS:%=build/fuzz/%.d)
+
 # --- C tests ----------------------------------------------------------------------------------------------------------
 build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
 	@mkdir -p build/unity; echo "Fetching Unity (see $<)"
