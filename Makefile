@@ -356,13 +356,13 @@ CPPCHECK := $(VENV)/bin/cppcheck -q --error-exitcode=1 --cppcheck-build-dir=buil
 	--template='{file}:{line}: {id}: {message}' $(filter-out -std=c11,$(LINT_FLAGS))
 build/lint/firmware/port/linux/machine_file.ok: ANALYZER_FLAGS := -Wno-analyzer-file-leak -Wno-analyzer-malloc-leak
 
-build/lint/%.ok: %.c $(LINT_AGAIN) .clang-tidy
+build/lint/%.ok: %.c $(LINT_AGAIN) .clang-tidy | $(GENERATED)
 	@mkdir -p $(@D); echo "  LINT $<"
 	$(Q)$(CC) $(CFLAGS) -fanalyzer $(ANALYZER_FLAGS) $(LINT_FLAGS) -c $< -o /dev/null
 	$(Q)$(VENV)/bin/clang-tidy --quiet $< -- $(LINT_FLAGS) 2>$@.log || { cat $@.log; exit 1; }
 	@touch $@
 
-build/lint/misra.ok: $(LINT_SOURCES) $(LINT_AGAIN) firmware/deviations.txt
+build/lint/misra.ok: $(LINT_SOURCES) $(LINT_AGAIN) firmware/deviations.txt | $(GENERATED)
 	@mkdir -p build/lint/cppcheck; echo "  MISRA firmware"
 	$(Q)$(CPPCHECK) -D__arm__ --addon=misra --suppress='*:build/gen/*' $(filter-out firmware/port/linux/%,$(LINT_SOURCES))
 	$(Q)$(CPPCHECK) $(filter firmware/port/linux/%,$(LINT_SOURCES))
