@@ -51,10 +51,10 @@ static void configure_hal(const struct od_data *od, const struct hal *hal)
 
 void drive_configure(struct drive *d)
 {
-    const uint8_t next = 1u - atomic_load(&d->loop.command.cfg_index);
+    const uint32_t next = atomic_load(&d->loop.command.configured) + 1u;
     d->configured_at = atomic_load(&d->loop.published);
-    d->loop.cfg[next] = drive_loop_cfg(d->od);
-    atomic_store(&d->loop.command.cfg_index, next);
+    d->loop.cfg[next % 2u] = drive_loop_cfg(d->od);
+    atomic_store(&d->loop.command.configured, next);
     configure_hal(d->od, d->loop.hal);
     for (int i = 0; i < 2; i++) {
         d->queue.min_nm[i] = d->od->axis[i].position_limit.min;

@@ -282,15 +282,15 @@ void loop_init(struct loop *loop, const struct hal *hal, const struct spline_rin
         loop->encoder[i].count = in.count[i];
     }
     atomic_store(&loop->command.rate, 1000u);
-    loop->cfg_used = UINT8_MAX; /* the first tick resets the servo */
+    loop->configured = UINT32_MAX; /* the first tick resets the servo */
     atomic_store(&loop->standing, true);
 }
 
 void loop_tick(struct loop *loop)
 {
     atomic_signal_fence(memory_order_acquire);
-    const uint8_t index = LOAD(loop->command.cfg_index);
-    const struct loop_cfg *cfg = &loop->cfg[index];
+    const uint32_t configured = LOAD(loop->command.configured);
+    const struct loop_cfg *cfg = &loop->cfg[configured % 2u];
     struct hal_drive_in in;
     struct servo_in servo;
     struct servo_out out;
@@ -299,8 +299,8 @@ void loop_tick(struct loop *loop)
     read_machine(loop, cfg, &in);
     measure(loop, &in, servo.measured);
     watch_switches(loop, &in, servo.measured);
-    if (index != loop->cfg_used) {
-        loop->cfg_used = index;
+    if (configured != loop->configured) {
+        loop->configured = configured;
         configure(loop, cfg, servo.measured);
     }
     if (LOAD(loop->command.energy_reset)) {

@@ -3,7 +3,7 @@
  *
  * loop_tick() runs in the servo interrupt (CONTROL_HZ), everything else in the background loop. They meet in
  * - struct loop_command: single words, background writes;
- * - two configurations, of which `cfg_index` names the one in use;
+ * - two configurations, of which the one in use is number `configured`, which counts, modulo 2;
  * - the ring of knots (one writer, one reader);
  * - two records, published once a millisecond, which the background scales to a snapshot; and `faults`, bits that the
  *   tick sets and the background clears.
@@ -40,7 +40,7 @@ struct loop_command {
     _Atomic bool rest;         /* not known to be complete, but it may end where its knots do: they stand */
     _Atomic uint8_t controller;
     _Atomic uint32_t begin;    /* counts up: path time starts anew at 0 */
-    _Atomic uint8_t cfg_index;
+    _Atomic uint32_t configured;
     _Atomic bool energy_reset;
     _Atomic int32_t origin_nm[2]; /* user's position less the servo's: for the limits only */
 };
@@ -128,7 +128,7 @@ struct loop {
     int32_t edge_nm[2];
     struct loop_error error;
     uint32_t ticks;
-    uint8_t cfg_used;
+    uint32_t configured; /* taken over so far */
     struct scope scope;         /* last: the largest */
 };
 

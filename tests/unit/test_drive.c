@@ -129,7 +129,7 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
         od.axis[i].position_limit.max = 5678912 + i;
     }
     drive_configure(&drive);
-    const struct loop_cfg *c = &drive.loop.cfg[atomic_load(&drive.loop.command.cfg_index)];
+    const struct loop_cfg *c = &drive.loop.cfg[atomic_load(&drive.loop.command.configured) % 2u];
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 123456 * 5e-3, val(c->speed_max)); /* um/T0 */
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 234, val(c->stop_time));
     for (int i = 0; i < 2; i++) {

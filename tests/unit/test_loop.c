@@ -134,7 +134,7 @@ static void test_position_goes_on_when_the_counter_wraps_upwards(void)
     start(INT32_MAX - 2, INT32_MIN + 2);
     loop.cfg[1] = loop.cfg[0];
     loop.cfg[1].encoder_10fm[0] = loop.cfg[1].encoder_10fm[1] = 100; /* so that 2^31 counts are 2.1 mm */
-    atomic_store(&loop.command.cfg_index, 1);
+    atomic_store(&loop.command.configured, 1);
     for (int i = 0; i < 200; i++) {
         wires.count[0] = (int32_t)((uint32_t)wires.count[0] + 5000u);
         wires.count[1] = (int32_t)((uint32_t)wires.count[1] - 5000u);
@@ -160,7 +160,7 @@ static void test_length_of_a_count_is_exact_to_ten_femtometres(void)
     loop.cfg[1].encoder_10fm[0] = 7629395;
     loop.cfg[1].encoder_10fm[1] = 7629394;
     wires.count[0] = wires.count[1] = 2000000;
-    atomic_store(&loop.command.cfg_index, 1);
+    atomic_store(&loop.command.configured, 1);
     tick(20);
     TEST_ASSERT_EQUAL_INT32(152587900, loop_snapshot(&loop)->position_nm[0]);
     TEST_ASSERT_EQUAL_INT32(152587880, loop_snapshot(&loop)->position_nm[1]);
@@ -170,10 +170,20 @@ static void test_new_configuration_takes_the_axes_where_they_are_and_at_rest(voi
 {
     wires.count[0] = 700000;
     loop.cfg[1] = loop.cfg[0];
-    atomic_store(&loop.command.cfg_index, 1);
+    atomic_store(&loop.command.configured, 1);
     tick(10);
     TEST_ASSERT_EQUAL_INT32(70000000, loop_snapshot(&loop)->position_nm[0]);
     TEST_ASSERT_EQUAL_INT32(0, loop_snapshot(&loop)->velocity_umps[0]);
+}
+
+static void test_second_configuration_before_a_tick_is_taken_over_like_the_first(void)
+{
+    wires.count[0] = 1000;
+    tick(10);
+    loop.cfg[0].encoder_10fm[0] *= 2;
+    atomic_store(&loop.command.configured, 2);
+    tick(10);
+    TEST_ASSERT_EQUAL_INT32(200000, loop_snapshot(&loop)->position_nm[0]);
 }
 
 /* ---- limits ---- */
@@ -505,6 +515,7 @@ int main(void)
     RUN_TEST(test_position_is_count_times_length);
     RUN_TEST(test_length_of_a_count_is_exact_to_ten_femtometres);
     RUN_TEST(test_new_configuration_takes_the_axes_where_they_are_and_at_rest);
+    RUN_TEST(test_second_configuration_before_a_tick_is_taken_over_like_the_first);
     RUN_TEST(test_following_error_cuts_the_power_in_the_period_that_sees_it);
     RUN_TEST(test_following_error_within_its_window_is_no_fault);
     RUN_TEST(test_overspeed_cuts_the_power_in_the_period_that_sees_it);
