@@ -80,8 +80,8 @@ test-host: setup lib firmware build/qemu.stamp  ## the Python tests alone, those
 	$(PY) -m pytest
 
 # On each target in turn; a real drive: make test-hil TARGET=can0 NO_MOTION=1, and then without NO_MOTION.
-HIL      := $(or $(TARGET),inproc slcan vcan)
-test-hil: setup lib $(if $(filter vcan,$(HIL)),build/uml.stamp)  ## the drive over its bus: TARGET=inproc, slcan, vcan (default: all), can0
+HIL      := $(or $(TARGET),inproc slcan vcan qemu)
+test-hil: setup lib $(if $(filter vcan,$(HIL)),build/uml.stamp) $(if $(filter qemu,$(HIL)),firmware build/qemu.stamp)  ## the drive over its bus: TARGET=inproc, slcan, vcan, qemu (default: all), can0
 	@for target in $(HIL); do echo "Drive over its bus: $$target"; \
 	  case $$target in vcan) vcan="$(PY) tests/hil/vcan.py";; *) vcan=;; esac; \
 	  $$vcan $(PY) -m pytest tests/hil --target $$target $(if $(NO_MOTION),--no-motion) || exit 1; done

@@ -3,7 +3,8 @@
 
 Time of the device passes inside recv() only, by as much as its timeout allows ("lockstep"), so that a run needs no
 thread and is the same each time. Clients that receive in a thread of their own (can.Notifier) want `pace="clock"`:
-then the device's time passes in recv() too, but never faster than the wall clock.
+then the device's time passes in recv() too, but never faster than the wall clock. With `pace="sync"` it passes with
+SYNC alone, as that of `kontur sim --pace sync` and of the image in an emulator does (docs/protocol.md, Time).
 """
 
 from __future__ import annotations
@@ -24,11 +25,14 @@ from kontur.simlib import Sim
 PATIENCE_S = 3600.0
 """Device time after which a recv() without timeout gives up."""
 
+PACES = ("lockstep", "clock", "sync")
+
 _CLOCK_SLICE_S = 1e-3
 
 
 class KonturBus(can.BusABC):
-    """See the module. `machine` is a Machine or the name of a file; `sim` gives the truth that no frame carries.
+    """See the module. `machine` is a Machine or the name of a file; `sim` gives the truth that no frame carries; the
+    drive has been on for `on_for_ms` when the host comes.
 
     Raises can.CanInitializationError when the simulator cannot be started.
     """
@@ -43,10 +47,11 @@ class KonturBus(can.BusABC):
         node_id: int = 1,
         num: str = "f32",
         pace: str = "lockstep",
+        on_for_ms: int = 0,
         **_: object,
     ) -> None:
-        if pace not in ("lockstep", "clock"):
-            raise can.CanInitializationError(f"pace must be lockstep or clock, is {pace!r}")
+        if pace not in PACES:
+            raise can.CanInitializationError(f"pace must be one of {', '.join(PACES)}, is {pace!r}")
         try:
             plant = machine if isinstance(machine, Machine) else machines.load(machine)
             self.sim = Sim(plant, int(seed), int(node_id), num)
@@ -55,6 +60,11 @@ class KonturBus(can.BusABC):
         self.channel_info = f"kontur simulated drive, machine {plant.name!r}, seed {seed}, node {node_id}"
         self._lock = threading.Lock()
         self._clock_start_s = time.monotonic() if pace == "clock" else None
+        self._by_sync = pace == "sync"
+        self.sim.run(on_for_ms * self.sim.control_hz // 1000)
+        while on_for_ms and self.sim.recv() is not None:  # nobody was there to hear it
+            pass
+        self.sim.set_paced(self._by_sync)
         super().__init__(channel=channel, can_filters=can_filters)
 
     @property
@@ -67,12 +77,16 @@ class KonturBus(can.BusABC):
         with self._lock:
             if msg.is_extended_id or msg.is_fd or not self.sim.send(msg.arbitration_id, msg.data, msg.is_remote_frame):
                 raise can.CanOperationError("the simulated drive takes classic frames with 11-bit identifiers only")
+            if self._by_sync and not msg.is_remote_frame:
+                self.sim.run(self.sim.periods_of(msg.arbitration_id))
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The oldest frame; without one, the device's time passes until a frame comes or `timeout` is over."""
-        end_tick = self.sim.tick + math.ceil(
-            (PATIENCE_S if timeout is None else max(0.0, timeout)) * self.sim.control_hz
-        )
+        """The oldest frame; without one, the device's time passes until a frame comes or `timeout` is over.
+
+        Where time passes with SYNC none can come while this waits: None at once.
+        """
+        patience_s = 0.0 if self._by_sync else PATIENCE_S if timeout is None else max(0.0, timeout)
+        end_tick = self.sim.tick + math.ceil(patience_s * self.sim.control_hz)
         while True:
             with self._lock:
                 frame = self.sim.recv()

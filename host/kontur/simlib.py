@@ -126,6 +126,16 @@ class Sim:
         """Let `periods` control periods pass."""
         self._lib.ks_run(self._ks, periods)
 
+    def set_paced(self, by_sync: bool) -> None:
+        """Let the drive tell (2020h:4) whether its time passes with SYNC, which is then the caller's to do."""
+        self._lib.ks_set_paced(self._ks, by_sync)
+
+    def periods_of(self, can_id: int) -> int:
+        """Control periods that pass after a frame of this identifier, where time passes with SYNC."""
+        if can_id != self._lib.ks_sync_id(self._ks):
+            return 0
+        return int(self._lib.ks_sync_us(self._ks)) * self.control_hz // 1_000_000
+
     def start_schedule(self) -> None:
         """Start the machine's friction schedule now."""
         self._lib.ks_start_schedule(self._ks)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import shutil
 import subprocess
 import tempfile
 from abc import ABC, abstractmethod
@@ -19,12 +20,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from kontur import machine, simprocess
-from kontur.device import open_bus
+from kontur import emulator, machine, simprocess
+from kontur.device import connected, open_bus
 from kontur.machine import Machine
 
 # Without the friction that vanishes at times, in which an axis without power would float away.
 MACHINE = dataclasses.replace(machine.load(), friction_schedule=(), friction_repeat_s=0.0)
+IMAGE = Path(__file__).parents[2] / "build/firmware/kontur.elf"
 Metres = NDArray[np.float64]
 
 
@@ -54,9 +56,13 @@ class Drive:
 
 
 class Target(ABC):
-    """`outlives_host`: the drive is no part of the host's process, which may be killed."""
+    """`outlives_host`: the drive is no part of the host's process, which may be killed.
+
+    `real_time`: it holds the control period by the wall clock, with power on its axes.
+    """
 
     outlives_host = True
+    real_time = True
     simulated = True
 
     @abstractmethod
@@ -124,6 +130,24 @@ class Process(Target):
             subprocess.run(["ip", "link", "set", channel, "up"], check=True)
 
 
+class Image(Target):
+    """The STM32F405 image in QEMU, slcan on its serial line. It moves the machine that it simulates by itself."""
+
+    real_time = False
+
+    @contextmanager
+    def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> Iterator[Drive]:
+        if shutil.which(emulator.PROGRAM) is None:
+            pytest.skip(f"{emulator.PROGRAM} is missing: apt-get install qemu-system-arm")
+        parameters = dataclasses.replace(plant, model=machine.ON_CHIP).parameters()
+        with emulator.start(IMAGE) as running:
+            # Stored, as on a bare board, so that a reset keeps them.
+            with connected(open_bus(running.options()), 1) as device:
+                device.set_parameters(parameters | {"pace_select": int(pace != "clock")})
+                device.save_parameters()
+            yield Drive(running.options(), stepped=pace != "clock", unplug=_hung_up, parameters=parameters)
+
+
 @contextmanager
 def _hung_up(bus: can.BusABC) -> Iterator[None]:
     """The client's TCP connection breaks, without a word of slcan."""
@@ -157,7 +181,7 @@ def named(name: str, node_id: int) -> Target:
     if name.startswith("vcan"):
         return Process(can="vcan0" if name == "vcan" else name)
     if name == "qemu":
-        raise pytest.UsageError("--target qemu: not there yet; there are inproc, slcan, vcan and real interfaces")
+        return Image()
     interface, colon, rest = name.partition(":")
     if not colon:
         return RealDrive({"interface": "socketcan", "channel": name}, node_id)

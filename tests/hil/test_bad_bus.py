@@ -52,6 +52,12 @@ def errors_of_circle(target: Target, faults: Faults) -> tuple[float, float] | No
         return float(off_m.max()), float(off_m.mean())
 
 
+@pytest.fixture(autouse=True, scope="module")
+def fast(target: Target) -> None:
+    if not target.real_time:
+        pytest.skip("takes minutes in an emulator; --target inproc, slcan and vcan have it")
+
+
 @pytest.fixture(scope="module")
 def clean(target: Target) -> tuple[float, float] | None:
     return errors_of_circle(target, Faults())

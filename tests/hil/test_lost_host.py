@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -66,10 +66,15 @@ def host(drive: Drive, knots_nm: Knots, folder: Path) -> Iterator[subprocess.Pop
             process.kill()
 
 
+def power_on(target: Target) -> AbstractContextManager[Drive]:
+    """A drive whose time goes on without its host, or in an emulator with the SYNC of the next, without a heartbeat."""
+    return target.power_on("clock" if target.real_time else "sync")
+
+
 def test_killed_host_stops_the_drive_on_the_path(target: Target, tmp_path: Path) -> None:
     if not target.outlives_host:
         pytest.skip("the simulated drive in this process dies with the host; --target slcan or vcan has one apart")
-    with target.power_on(pace="clock") as drive, Rig(drive) as rig:
+    with power_on(target) as drive, Rig(drive) as rig:
         knots_nm = rig.circle(LAPS)
         if not drive.listeners:
             rig.bus.shutdown()
@@ -87,7 +92,7 @@ def test_killed_host_stops_the_drive_on_the_path(target: Target, tmp_path: Path)
 
 
 def test_bus_that_is_unplugged_stops_the_drive_on_the_path(target: Target) -> None:
-    with target.power_on(pace="clock") as drive, Rig(drive) as rig:
+    with power_on(target) as drive, Rig(drive) as rig:
         if drive.unplug is None:
             pytest.skip("nobody here who could pull the plug; the fault injector's bus-off stands for it")
         knots_nm = rig.circle(LAPS)
@@ -98,6 +103,7 @@ def test_bus_that_is_unplugged_stops_the_drive_on_the_path(target: Target) -> No
         assert_stopped_and_off(rig)
 
 
+@pytest.mark.usefixtures("real_time")
 def test_bus_off_stops_the_drive_on_the_path(target: Target) -> None:
     # A drive whose time passes with SYNC would wait for the host for ever.
     with (

@@ -120,6 +120,7 @@ class StallingHost:
         self._seen_s = time.monotonic()
 
 
+@pytest.mark.usefixtures("real_time")
 def test_host_that_stalls_for_200_ms_is_not_noticed(clock_rig: Rig) -> None:
     """A host that its machine has kept from running for long besides shows nothing, and tries again."""
     knots_nm = clock_rig.circle(8.0)
@@ -163,7 +164,8 @@ def test_ctrl_c_on_the_command_line_stops_on_the_path(target: Target, tmp_path: 
         if target.outlives_host and drive.simulated:
             rig.connect()
             assert rig.device.info().error_code == (0, 0)
-            rig.assert_stopped_on_the_path()
+            if drive.truth_m is not None:
+                rig.assert_stopped_on_the_path()
             rig.bus.shutdown()
 
 

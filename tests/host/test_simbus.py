@@ -116,7 +116,7 @@ def test_notifier_thread_of_python_can_works_at_clock_pace() -> None:
         ({"machine": "nowhere.toml"}, r"nowhere\.toml: cannot be read"),
         ({"node_id": 32}, r"node id 32 must be 1\.\.31"),
         ({"num": "q99"}, r"no such numeric back end; built are: .*f32"),
-        ({"pace": "fast"}, r"pace must be lockstep or clock"),
+        ({"pace": "fast"}, r"pace must be one of lockstep, clock, sync"),
         ({"seed": -1}, r"seed|overflow|negative|convert"),
     ],
 )

@@ -44,7 +44,8 @@ void uart_irq(void)
             atomic_store(&rx.in, in + 1u);
         }
     }
-    if ((status & USART_SR_TXE) != 0) {
+    /* Only where it has asked for it: with a byte received while the background sends (QEMU) both would send the same. */
+    if ((status & USART_SR_TXE) != 0 && (BOARD_UART->CR1 & USART_CR1_TXEIE) != 0) {
         const uint32_t out = atomic_load(&tx.out);
         if (out == atomic_load(&tx.in)) {
             BOARD_UART->CR1 &= ~(uint32_t)USART_CR1_TXEIE;

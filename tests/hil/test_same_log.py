@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's circle through the wire gives, sample for sample, the log of the drive in the host's process."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from targets import Target
+
+from kontur import machine, run, shapes
+from kontur.device import connected, open_bus
+from kontur.experiment import CASES
+from kontur.log import RunLog
+from kontur.machine import Machine
+from kontur.planner import Trajectory, plan
+
+pytestmark = pytest.mark.motion
+
+# What the drive simulates by itself, so that a chip can: not the simulator's double precision.
+PLANT = machine.load(machine.MACHINES / "table1_on_chip.toml")
+CASE = CASES["high-tight"]
+SEED = 7
+SHORT_S = 0.3
+ONE_STEP = {"asmc.lambda": 200.001}  # from 200
+
+
+def path(seconds: float | None = None) -> tuple[Trajectory, Machine]:
+    """A case of the paper, or the begin of it, and the plant that stands at its start."""
+    program = CASE.program()
+    if seconds is not None:
+        program = shapes.circle(CASE.radius_m, CASE.feed_mps, duration_s=seconds)
+    return plan(program, run.limits(PLANT)), PLANT.starting_at(program.start_m)
+
+
+def log_of(target: Target, trajectory: Trajectory, plant: Machine) -> tuple[RunLog, int]:
+    """The log of a run on `target`, and for how many ms its drive has been on before."""
+    with target.power_on() as drive:
+        with connected(open_bus(drive.bus_options), drive.node_id) as device:
+            device.set_parameters({"machine.simulated": 0})
+            device.link.wait(lambda: False, 0.01)  # so that it starts anew, where it is told to
+            device.set_parameters(plant.parameters(SEED))
+            on_for_ms = device.read("clock.tick")
+        over_bus = run.Target(plant, bus=drive.bus_options, node_id=drive.node_id, place_at_start=False)
+        return run.run(trajectory, "ccu", over_bus).log, on_for_ms
+
+
+def log_in_process(
+    trajectory: Trajectory, plant: Machine, on_for_ms: int, parameters: dict[str, float] | None = None
+) -> RunLog:
+    """The same in this process, on a drive that has been on for as long."""
+    options = {"interface": "kontur", "channel": "sim", "pace": "sync", "on_for_ms": on_for_ms}
+    in_process = run.Target(plant, bus=options, seed=SEED)
+    return run.run(trajectory, "ccu", in_process, parameters=parameters).log
+
+
+def differing(log: RunLog, other: RunLog) -> list[str]:
+    """Columns of `log` that are not, row for row and bit for bit, those of `other`, which knows the truth as well."""
+    return [
+        name for name, column in log.columns.items() if not np.array_equal(column, other.columns[name], equal_nan=True)
+    ]
+
+
+@pytest.fixture(autouse=True)
+def wire(target: Target) -> None:
+    if not target.simulated:
+        pytest.skip("a real drive moves a real machine")
+    if not target.outlives_host:
+        pytest.skip("this is the drive to compare with")
+
+
+def test_circle_of_the_paper_is_that_in_the_process_sample_for_sample(target: Target) -> None:
+    trajectory, plant = path()
+    log, on_for_ms = log_of(target, trajectory, plant)
+    in_process = log_in_process(trajectory, plant, on_for_ms)
+    assert log.meta["frames_lost"] == 0
+    assert len(log.columns["tick"]) > 5000
+    assert differing(log, in_process) == []
+    apart = {
+        name: value
+        for name, value in log.meta["parameters"].items()
+        if value != in_process.meta["parameters"][name] and name != "pace_select"
+    }
+    assert apart == {}
+
+
+def test_another_gain_by_its_smallest_step_gives_another_log(target: Target) -> None:
+    trajectory, plant = path(SHORT_S)
+    log, on_for_ms = log_of(target, trajectory, plant)
+    assert differing(log, log_in_process(trajectory, plant, on_for_ms)) == []
+    assert {"force_x_N", "x_mm"} <= set(differing(log, log_in_process(trajectory, plant, on_for_ms, ONE_STEP)))
+    other_seed = dataclasses.replace(plant, name="noise of another seed")
+    options = {"interface": "kontur", "channel": "sim", "pace": "sync", "on_for_ms": on_for_ms}
+    other = run.run(trajectory, "ccu", run.Target(other_seed, bus=options, seed=SEED + 1)).log
+    assert "x_mm" in differing(log, other)
