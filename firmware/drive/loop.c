@@ -141,7 +141,7 @@ static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struc
     }
     if (!finite(loop, out)) {
         loop_raise(loop, FAULT_LAW);
-        loop->cfg_used = UINT8_MAX; /* what is no number stays so: the next tick starts anew */
+        loop->configured = UINT32_MAX; /* what is no number stays so: the next tick starts anew */
         return;
     }
     for (int i = 0; i < 2; i++) {
