@@ -98,6 +98,14 @@ def test_clock_pace_does_not_outrun_the_wall_clock() -> None:
         assert time.monotonic() - begin >= 0.19
 
 
+def test_time_passes_with_sync_alone_at_sync_pace() -> None:
+    with open_bus(pace="sync", on_for_ms=5) as bus:
+        assert bus.recv(1.0) is None
+        assert bus.time_s == 0.005  # type: ignore[attr-defined]
+        bus.send(can.Message(arbitration_id=0x080, is_extended_id=False))
+        assert bus.time_s == 0.006  # type: ignore[attr-defined]
+
+
 def test_notifier_thread_of_python_can_works_at_clock_pace() -> None:
     with open_bus(pace="clock") as bus:
         reader = can.BufferedReader()
