@@ -57,7 +57,7 @@ export MPLBACKEND := Agg
 .DELETE_ON_ERROR:
 .SECONDARY:
 .DEFAULT_GOAL := help
-.PHONY: help test-target cost firmware flash flash-dfu golden demo paper test test-c test-host test-hil lint bench lib setup clean FORCE
+.PHONY: help test-target cost cost-programs firmware flash flash-dfu golden demo paper test test-c test-host test-hil lint bench lib setup clean FORCE
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -96,8 +96,9 @@ golden: build/unit/f32/write_golden build/unit/fix/write_golden  ## write the go
 	build/unit/f32/write_golden >tests/golden/golden_f32.h
 	build/unit/fix/write_golden >tests/golden/golden_fix.h
 
-bench: setup lib  ## speed of the in-process loop, direct and over CAN, against the NumPy oracle
+bench: setup lib cost-programs  ## speed of the simulated drive; instructions of a servo tick by stage, stack, flash, RAM
 	$(KONTUR) bench sim
+	$(KONTUR) bench step
 
 lib: $(NUMS:%=$(LIB)/libkontur_%.so) $(LIB)/kontur_sim.h $(LIB)/kontur-sim  ## firmware and simulated machine as a shared library, for each numeric back end, and as a process
 
@@ -216,7 +217,7 @@ VARIANT  := build/firmware/$(BOARD)-$(CONTROL_HZ)
 ARM      := arm-none-eabi-
 IMAGE    := $(VARIANT)/kontur
 ARM_CPU  := -mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard
-ARM_FLAGS := $(ARM_CPU) $(CFLAGS) -ffunction-sections -fdata-sections -fno-common -fstack-usage -DKONTUR_BUILD_ID='"$(BUILD_ID)"' \
+ARM_FLAGS := $(ARM_CPU) $(CFLAGS) -ffunction-sections -fdata-sections -fno-common -fcallgraph-info=su -DKONTUR_BUILD_ID='"$(BUILD_ID)"' \
 	-DKONTUR_VERSION='"$(VERSION)"' -DBOARD_HEADER='"board_$(BOARD).h"' \
 	-DCONTROL_HZ=$(CONTROL_HZ)u
 IMAGE_SOURCES := $(FIRMWARE) $(wildcard firmware/port/*.c $(PORT)/*.c)
@@ -271,7 +272,6 @@ $(IMAGE).dfu: $(IMAGE).elf $(PORT)/dfuse.py
 # The unit tests, the golden vectors and the closed loop as programs for a Cortex-M in QEMU, with output and exit code by
 # semihosting: float32 on the STM32F405 (M4F), fixed point there and on the STM32F205 (M3, no FPU).
 TARGETS  := m4-f32 m4-fix m3-fix
-COST     := $(TARGETS:%=build/target/%/cost.json)
 m4_CPU   := $(ARM_CPU)
 m3_CPU   := -mcpu=cortex-m3 -mthumb
 m4_BOARD := netduinoplus2
@@ -325,25 +325,34 @@ $(foreach n,f32 fix,build/target/host-$(n)/hash): build/target/host-%/hash: buil
 	@mkdir -p $(@D); echo "  CC  tests/target/hash.c ($*)"
 	$(Q)$(CC) $(CFLAGS) $($*_FLAGS) $(TARGET_INCLUDE) $(filter %.c,$^) -o $@
 
-test-target: $(TARGET_TESTS:%=build/target/%.elf) $(TARGETS:%=build/target/%/hash.elf) build/target/host-f32/hash build/target/host-fix/hash $(COST) build/qemu.stamp  ## the C tests and the closed loop on a Cortex-M in QEMU
-	@failed=0; run() { m=$(m4_BOARD); case $$1 in */m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $$1 </dev/null 2>&1; }; \
+# As many at once as there are processors; the host's hash is what a target's must be.
+JOBS     := $(shell nproc 2>/dev/null || echo 1)
+test-target: $(TARGET_TESTS:%=build/target/%.elf) $(TARGETS:%=build/target/%/hash.elf) build/target/host-f32/hash build/target/host-fix/hash cost-programs  ## the C tests, the closed loop and its cost on a Cortex-M in QEMU
+	@printf '%s\n' $(TARGET_TESTS) $(TARGETS:%=%/hash) | xargs -P $(JOBS) -I{} sh -c 'm=$(m4_BOARD); case {} in m3-*) m=$(m3_BOARD);; esac; \
+	  timeout 600 $(QEMU) -machine $$m -kernel build/target/{}.elf </dev/null >build/target/{}.log 2>&1; echo $$? >build/target/{}.exit'; \
+	failed=0; \
 	for t in $(TARGET_TESTS); do e=build/target/$$t; \
-	  if run $$e.elf >$$e.log 2>&1; then printf '%-32s %s\n' $$t "$$(grep -aE '^[0-9]+ Tests' $$e.log)"; \
+	  if [ "$$(cat $$e.exit)" = 0 ]; then printf '%-32s %s\n' $$t "$$(grep -aE '^[0-9]+ Tests' $$e.log)"; \
 	  else failed=1; printf '%-32s FAILED\n' $$t; grep -av ':PASS' $$e.log; fi; done; \
-	for n in $(TARGETS); do h=$$(build/target/host-$${n#*-}/hash); t=$$(run build/target/$$n/hash.elf); \
+	for n in $(TARGETS); do h=$$(build/target/host-$${n#*-}/hash); t=$$(cat build/target/$$n/hash.log); \
 	  if [ -n "$$h" ] && [ "$$h" = "$$t" ]; then echo "closed loop on $$n: $$t, as on the host"; \
 	  else failed=1; echo "closed loop on $$n: $$t, on the host: $$h: DIFFERENT"; fi; done; \
-	$(PY) tests/target/cost.py $(foreach n,$(TARGETS),$(n)=build/target/$(n)/cost.json) || failed=1; \
+	$(KONTUR) bench step --check || failed=1; \
 	if [ $$failed = 0 ]; then echo "target tests: $(words $(TARGET_TESTS)) programs passed"; else echo "target tests: FAILED"; exit 1; fi
 
-PRINTED_IN_QEMU = m=$(m4_BOARD); case $* in m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $< </dev/null >$@ 2>&1
-build/target/%/cost.json: build/target/%/bench_step.elf build/qemu.stamp
-	$(Q)$(PRINTED_IN_QEMU)
-build/target/%/cost_scope.json: build/target/%/bench_scope.elf build/qemu.stamp
-	$(Q)$(PRINTED_IN_QEMU)
+# Counts instructions by stage, inside QEMU. Its interface has had version 2 since QEMU 9; what is used of it is the same.
+build/target/libstages.so: tests/target/stages.c | build/qemu.stamp
+	@mkdir -p $(@D); v=$$(qemu-system-arm --version | sed -n 's/.*version \([0-9]*\).*/\1/p'); if [ "$$v" -ge 9 ]; then v=2; else v=1; fi; \
+	$(CC) $(CFLAGS) -DQEMU_PLUGIN_VERSION=$$v -fPIC -shared $< -o $@
 
-cost: $(COST)  ## write the instructions of a servo tick down: tests/target/cost.json, docs/performance.md
-	$(PY) tests/target/cost.py --write $(foreach n,$(TARGETS),$(n)=build/target/$(n)/cost.json)
+build/target/%/cost_scope.json: build/target/%/bench_scope.elf build/qemu.stamp
+	$(Q)m=$(m4_BOARD); case $* in m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $< </dev/null >$@ 2>&1
+
+# The image's figures are those of the default board at 10 kHz.
+cost-programs: setup lib firmware $(TARGETS:%=build/target/%/bench_step.elf) build/target/libstages.so
+
+cost: cost-programs  ## write down what the firmware costs: tests/target/cost.json, docs/performance.md
+	$(KONTUR) bench step --write
 
 # --- static analysis --------------------------------------------------------------------------------------------------
 # Deviations stand in firmware/deviations.txt. Files are looked at again when they or a header have changed.
