@@ -247,7 +247,11 @@ build/uml.stamp: $(VENV)/stamp
 build/qemu.stamp:
 	$(Q)$(call debian,qemu-system-arm,qemu-system-arm)
 
-$(VARIANT)/%.o: %.c | build/arm.stamp $(GENERATED)
+# Made before the call graphs were, an object has none.
+$(VARIANT)/flags: FORCE
+	@mkdir -p $(@D); echo '$(ARM_CPU) $(CFLAGS) -fcallgraph-info=su' | cmp -s - $@ || echo '$(ARM_CPU) $(CFLAGS) -fcallgraph-info=su' >$@
+
+$(VARIANT)/%.o: %.c $(VARIANT)/flags | build/arm.stamp $(GENERATED)
 	@mkdir -p $(@D); echo "  ARM $<"
 	$(Q)$(ARM)gcc $(ARM_FLAGS) $(INCLUDE) -I$(PORT) -MMD -MP -c $< -o $@
 
@@ -351,7 +355,7 @@ build/target/%/cost_scope.json: build/target/%/bench_scope.elf build/qemu.stamp
 	$(Q)m=$(m4_BOARD); case $* in m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $< </dev/null >$@ 2>&1
 
 # The image's figures are those of the default board at 10 kHz.
-cost-programs: setup lib firmware $(TARGETS:%=build/target/%/bench_step.elf) build/target/libstages.so
+cost-programs: setup firmware $(TARGETS:%=build/target/%/bench_step.elf) build/target/libstages.so
 
 cost: cost-programs  ## write down what the firmware costs: tests/target/cost.json, docs/performance.md
 	$(KONTUR) bench step --write

@@ -55,7 +55,7 @@ Cost = dict[str, dict[str, dict[str, int]]]
 
 def measure() -> dict[str, Any]:
     """All figures: `cost`, `stages` {target: {controller: {stage: {mean, worst}}}}, `sections`,
-    `stack_path` {level: calls}, `reserve` of the stacks.
+    `stack` {level: bytes}, `stack_path` {level: calls}, `reserve` of the stacks.
 
     Raises InputError: something is not built, or a stack has no bound; SimulatorError: a program fails in QEMU.
     """
@@ -69,21 +69,21 @@ def measure() -> dict[str, Any]:
     cost: Cost = {target: ticks for target, (ticks, _) in ran.items()}
     cost["image"] = {
         "size": {"flash": sum(sections[s] for s in _FLASH), "RAM": sum(sections[s] for s in _RAM)},
-        "stack": {name.replace(" ", "_"): size for name, size in used.items()},
+        "stack": {"background": used["background"], "tick": used["servo tick"], "all": used["all"]},
     }
     return {
         "cost": cost,
         "stages": {target: stages for target, (_, stages) in ran.items()},
         "sections": sections,
+        "stack": used,
         "stack_path": path,
         "reserve": _reserve(IMAGE / "kontur.elf"),
     }
 
 
-def _tool(name: str, *arguments: str, **options: Any) -> str:
-    return subprocess.run(
-        [TOOLS + name, *arguments], check=True, capture_output=True, text=True, **options
-    ).stdout
+def _tool(name: str, *arguments: str, stdin: str | None = None) -> str:
+    ran = subprocess.run([TOOLS + name, *arguments], check=True, capture_output=True, text=True, input=stdin)
+    return ran.stdout
 
 
 def _sections(elf: Path) -> dict[str, int]:
@@ -105,7 +105,7 @@ def stage_table(elf: Path) -> str:
     addresses = re.findall(r"^ *([0-9a-f]+):\t", _tool("objdump", "-d", "--no-show-raw-insn", str(elf)), re.MULTILINE)
     (mark,) = re.findall(r"^([0-9a-f]+) T count_now$", _tool("nm", str(elf)), re.MULTILINE)
     rows = [f"{mark} {len(STAGES)}"]
-    lines = _tool("addr2line", "-i", "-f", "-a", "-e", str(elf), input="\n".join(addresses))
+    lines = _tool("addr2line", "-i", "-f", "-a", "-e", str(elf), stdin="\n".join(addresses))
     for address, *inlined in (block.split("\n") for block in lines.removeprefix("0x").split("\n0x")):
         # innermost first: function, file:line, function, ...
         names = (line.rsplit(":", 1)[0].rsplit("/", 1)[-1].split(".constprop")[0] for line in inlined)
@@ -159,8 +159,8 @@ def named(changelog: str) -> Cost:
     """Figures that the newest section of the changelog names: "m4-f32 ccu mean 2251 worst 2800"."""
     newest = changelog.split("\n## ")[1]
     found: Cost = {}
-    for by, of, figures in re.findall(r"\b(m\d-\w+|image) (\w+)((?:\s+\w+ \d+)+)", newest):
-        for figure, value in re.findall(r"(\w+) (\d+)", figures):
+    for by, of, figures in re.findall(r"\b(m\d-\w+|image)\s+(\w+)((?:\s+\w+\s+\d+)+)", newest):
+        for figure, value in re.findall(r"(\w+)\s+(\d+)", figures):
             found.setdefault(by, {}).setdefault(of, {})[figure] = int(value)
     return found
 
@@ -204,10 +204,12 @@ def check(result: dict[str, Any]) -> list[str]:
     """What has got worse than is written down, and what the image's stack reserve does not hold."""
     cost: Cost = result["cost"]
     found = findings(cost, json.loads(BASELINE.read_text()), CHANGELOG.read_text())
-    used = cost["image"]["stack"]
+    used = result["stack"]
     for name in ("all", "crash"):
         if used[name] > result["reserve"][name]:
-            found.append(f"stack, {name}: {used[name]} bytes at worst, {result['reserve'][name]} are reserved (kontur.ld)")
+            found.append(
+                f"stack, {name}: {used[name]} bytes at worst, {result['reserve'][name]} are reserved (kontur.ld)"
+            )
     return found
 
 
@@ -246,11 +248,11 @@ def tables(result: dict[str, Any]) -> dict[str, Rows]:
                     str(cost[target][c]["mean"]),
                 ]
             )
-    used = cost["image"]["stack"]
+    used = result["stack"]
     depth: Rows = [["what", "bytes", "deepest calls"]]
     for level, path in result["stack_path"].items():
         names = ", ".join(name.rsplit(":", 1)[-1] for name in path)
-        depth.append([level, str(used[level.replace(" ", "_")]), names])
+        depth.append([level, str(used[level]), names])
     depth.append(["all but the crash, of the reserve", f"{used['all']} of {result['reserve']['all']}", ""])
     depth.append(["crash, of its own", f"{used['crash']} of {result['reserve']['crash']}", ""])
     sections: Rows = [["section", "flash", "RAM"]]

@@ -50,7 +50,9 @@ class Graph:
             if name in above:
                 raise InputError(f"stack: recursion, {' -> '.join((*above[above.index(name) :], name))}")
             if name not in self.frame:
-                raise InputError(f"stack: nothing is known of {name}, called by {' -> '.join(above)}: make firmware anew")
+                raise InputError(
+                    f"stack: nothing is known of {name}, called by {' -> '.join(above)}: make firmware anew"
+                )
             if name not in known:
                 below = [visit(called, (*above, name)) for called in sorted(self.calls.get(name, ()))]
                 bytes_below, path = max(below, default=(0, []))

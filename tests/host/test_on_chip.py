@@ -3,23 +3,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from kontur import machine, shapes
+from kontur import machine, on_chip, shapes
 from kontur.errors import MachineError
 from kontur.machine import MACHINES, Machine
 from kontur.planner import plan
 from kontur.run import Target, limits, run
 
 FILE = MACHINES / "table1_on_chip.toml"
-
-
-def quiet(m: Machine) -> Machine:
-    return replace(m, x=replace(m.x, force_noise_N=0.0), y=replace(m.y, force_noise_N=0.0))
 
 
 def circle(m: Machine, seed: int = 1) -> np.ndarray:
@@ -29,11 +24,18 @@ def circle(m: Machine, seed: int = 1) -> np.ndarray:
     return truth.pos_m
 
 
-def test_position_is_that_of_the_double_precision_plant_within_50_nm() -> None:
-    chip = quiet(machine.load(FILE))
-    apart_m = np.abs(circle(chip) - circle(replace(chip, model="full")))
-    assert np.max(apart_m) < 50e-9
-    assert np.mean(apart_m) < 5e-9
+def test_positions_are_those_of_the_double_precision_plant_slow_and_fast() -> None:
+    rows = on_chip.compare(machine.load(FILE))
+    assert [(round(row["radius_mm"]), round(row["feed_mm_s"])) for row in rows] == [
+        (4, 4),
+        (4, 20),
+        (4, 100),
+        (20, 100),
+    ]
+    for row in rows:
+        assert row["mean_nm"] < 6.0, row
+        assert row["max_nm"] < 65.0, row
+    assert rows[0]["max_nm"] > 1.0  # two models, not one twice
 
 
 def test_a_seed_gives_the_same_run_again_and_another_one_another() -> None:

@@ -9,11 +9,13 @@ from pathlib import Path
 import click
 
 from kontur import machine as machines
+from kontur import on_chip
 from kontur.cli.options import KEY_VALUE, parameter_values, progress_bar, simulation_options
 from kontur.cli.output import print_json, print_table
 from kontur.device import CONTROLLERS
 from kontur.estimator import experiment, worst
 from kontur.experiment import CASES, paper
+from kontur.machine import MACHINES
 from kontur.robust import robust, summarise
 from kontur.run import Target
 
@@ -103,6 +105,22 @@ def estimator_command(*, stretches: int, as_json: bool, machine: str, seed: int,
             row["speed_mps"] *= 1e3
         print_table(rows, "Worst |e_n2 - exact|", _ESTIMATOR_HEADINGS)
         click.echo(f"With the Newton step, lag up to 0.2 radii: at most {worst(cells):.3g} nm ({head['num_backend']})")
+
+
+@command.command(name="on-chip")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@click.option(
+    "--num", type=click.Choice(("f32", "fix")), default="f32", show_default=True, help="Numbers of the drive."
+)
+def on_chip_command(*, as_json: bool, num: str) -> None:
+    """The drive's own machine (object 2103h) against the simulator's: how far apart they are on four circles."""
+    with progress_bar("experiment on-chip") as progress:
+        rows = on_chip.compare(machines.load(MACHINES / "table1_on_chip.toml"), num, progress=progress)
+    if as_json:
+        print_json(rows)
+    else:
+        headings = {"radius_mm": "radius mm", "feed_mm_s": "mm/s", "mean_nm": "mean nm", "max_nm": "max nm"}
+        print_table(rows, "Distance of the true positions, at the control rate", headings)
 
 
 @command.command(name="robust")
