@@ -109,3 +109,17 @@ def test_what_has_no_worst_case_is_an_error(
 def test_nothing_built_is_an_error_that_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="make firmware"):
         stack.read(tmp_path, tmp_path, tmp_path / "a.elf", "")
+
+
+@pytest.mark.parametrize("name", ["all", "crash"])
+def test_stack_that_is_more_than_its_reserve_is_a_finding(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    baseline = tmp_path / "cost.json"
+    baseline.write_text(json.dumps(BEFORE))
+    monkeypatch.setattr(bench_step, "BASELINE", baseline)
+    result = {"cost": cost(1), "stack": {"all": 1000, "crash": 50}, "reserve": {"all": 1000, "crash": 50}}
+    assert bench_step.check(result) == []
+    result["reserve"][name] -= 1
+    (finding,) = bench_step.check(result)
+    assert finding.startswith(f"stack, {name}: ")
