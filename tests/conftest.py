@@ -1,8 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The control core as a shared library, for the tests that compare it with the oracle."""
+"""What all tests share: the control core as a shared library, and Ctrl-C that the programs under test hear."""
+
+import signal
 
 import pytest
 from core.binding import Core
+
+
+def pytest_configure() -> None:
+    """A shell that starts the tests in the background has them ignore SIGINT, and every program they start."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", params=["f32", "fix"])
