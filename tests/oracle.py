@@ -38,6 +38,8 @@ KNOT_S = 1e-3
 """Knot spacing of the trajectory, s."""
 STANDSTILL_MPS = 4e-6
 """At or below this path speed there is no direction: the axis frame is taken, and it does not turn (decision)."""
+TURNS = 4
+"""Periods in which energy and learning of each axis come once (decision)."""
 NU_MAX = 4.0
 """Limit of the foot point's rate |nu| (decision)."""
 CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
@@ -640,9 +642,9 @@ class Servo:
         p, s = self.p, self.state
         s.observer, acceleration = observe(s.observer, measured_m, s.last[1].force - s.last[1].balance, p, self.gains)
         q, q_dot = s.observer[0], s.observer[1]
-        s.turn = 1 - s.turn  # energy and learning: one axis a period, for two
+        s.turn = (s.turn + 1) % TURNS  # energy of one axis in a period, or learning of one, for all turns
         turn = np.arange(2) == s.turn
-        s.energy_J = s.energy_J + np.where(turn, power(q_dot, acceleration, p) * 2.0 * p.dt_s, 0.0)
+        s.energy_J = s.energy_J + np.where(turn, power(q_dot, acceleration, p) * TURNS * p.dt_s, 0.0)
         c = contour_error(self.knots_m, self.start_m, t_s, rate, rate_dot_1ps, q, q_dot, p)
         self.contour = c
 
@@ -701,9 +703,9 @@ class Servo:
         s.mu = adapt_mu(s.mu, surface_s, p)
         learned = learned_force(s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, p)
         if not s.saturated:  # a force that was not given teaches nothing
-            turn = np.arange(2) == s.turn
+            turn = np.arange(2) + 2 == s.turn
             friction_N, mass_kg = learn(
-                s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, compensator, 2.0 * p.dt_s, p
+                s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, compensator, TURNS * p.dt_s, p
             )
             s.learned_friction_N = np.where(turn, friction_N, s.learned_friction_N)
             s.learned_mass_kg = np.where(turn, mass_kg, s.learned_mass_kg)

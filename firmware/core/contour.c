@@ -5,22 +5,41 @@
  * its first knot, so that each is subtracted once. */
 struct near {
     const struct spline_ring *ring;
+    struct spline_kept *kept;
     uint32_t count;
     const pos_t *axes;
-    struct spline_piece piece;
-    vec2 q; /* from piece.pos */
-    num u;  /* path time of the point, knots from piece.begin */
+    const struct spline_piece *piece;
+    vec2 q; /* from piece->pos */
+    num u;  /* path time of the point, knots from piece->begin */
 };
 
-static void take_piece(struct near *at, path_t s)
+static inline void take_piece(struct near *at, uint32_t knot, num u)
 {
-    at->u = spline_piece_at(at->ring, at->count, s, &at->piece);
-    at->q = v2(pos_sub(at->axes[0], at->piece.pos[0]), pos_sub(at->axes[1], at->piece.pos[1]));
+    at->piece = spline_keep(at->kept, at->ring, at->count, knot);
+    at->u = u;
+    at->q = v2(pos_sub(at->axes[0], at->piece->pos[0]), pos_sub(at->axes[1], at->piece->pos[1]));
 }
 
-static inline path_t path_time(const struct near *at)
+/* The same for path time s >= 0. */
+static void take_piece_at(struct near *at, path_t s)
 {
-    return at->piece.begin + n_to_q32(at->u) / 8 * (PATH_ONE / (1 << 29));
+    uint32_t rest;
+    const uint32_t knot = path_knots(s, &rest);
+    take_piece(at, knot, n_ratio(rest, PATH_ONE));
+}
+
+/* Onto another piece; not to before the beginning of the path. */
+__attribute__((noinline)) static void change_piece(struct near *at)
+{
+    const uint32_t knot = at->piece->knot;
+    if (knot > 0 && n_lt(at->u, NUM(0)) && n_lt(NUM(-1), at->u)) { /* mostly to the one before */
+        take_piece(at, knot - 1u, n_add(at->u, NUM(1)));
+    } else if (!n_lt(at->u, NUM(1)) && n_lt(at->u, NUM(2))) {
+        take_piece(at, knot + 1u, n_sub(at->u, NUM(1)));
+    } else {
+        const path_t s = path_time(at->piece->begin, at->u);
+        take_piece_at(at, s > 0 ? s : 0);
+    }
 }
 
 /* On by t_T0, but not to before the beginning of the path. */
@@ -28,8 +47,7 @@ static inline void shift(struct near *at, num t_T0)
 {
     at->u = n_mad(at->u, NUM(SPLINE_PER_T0), t_T0);
     if (n_lt(at->u, NUM(0)) || !n_lt(at->u, NUM(1))) {
-        const path_t s = path_time(at);
-        take_piece(at, s > 0 ? s : 0);
+        change_piece(at);
     }
 }
 
@@ -41,7 +59,7 @@ struct foot {
 
 static inline struct foot foot_at(const struct near *at)
 {
-    const struct spline_local p = spline_on(&at->piece, at->u);
+    const struct spline_local p = spline_on(at->piece, at->u);
     const struct foot f = {v2_sub(at->q, p.way), p.d1, p.d2, p.d3};
     return f;
 }
@@ -104,7 +122,8 @@ static inline struct frame find_foot(const struct contour_cfg *cfg, struct near 
             *foot = foot_at(at);
         }
     }
-    o->tau = path_time(at);
+    o->foot_begin = at->piece->begin;
+    o->foot_u = at->u;
     return frame_at(cfg, foot->d1, foot->d2, foot->d3);
 }
 
@@ -165,17 +184,18 @@ static inline void adjust_reference(const struct foot *foot, vec2 q_dot, struct 
     o->e_n_dot = v2_to_frame(t, v2_mad(o->e_wn_dot, w, v2_ie(o->e_wn))); /* (9) */
 }
 
-void contour_step(const struct contour_cfg *cfg, const struct spline_ring *ring, const struct path_state *path,
-                  const pos_t q[2], vec2 q_dot, struct contour_out *out)
+void contour_step(const struct contour_cfg *cfg, struct spline_kept *kept, const struct spline_ring *ring,
+                  const struct path_state *path, const pos_t q[2], vec2 q_dot, struct contour_out *out)
 {
     struct near at;
     at.ring = ring;
+    at.kept = kept;
     at.count = path->count;
     at.axes = q;
-    take_piece(&at, path->s);
-    const struct spline_local ref = spline_on(&at.piece, at.u);
-    out->ref.pos[0] = pos_add(at.piece.pos[0], ref.way.x);
-    out->ref.pos[1] = pos_add(at.piece.pos[1], ref.way.y);
+    take_piece_at(&at, path->s);
+    const struct spline_local ref = spline_on(at.piece, at.u);
+    out->ref.pos[0] = pos_add(at.piece->pos[0], ref.way.x);
+    out->ref.pos[1] = pos_add(at.piece->pos[1], ref.way.y);
     out->ref.d1 = ref.d1;
     out->ref.d2 = ref.d2;
     out->ref.d3 = ref.d3;

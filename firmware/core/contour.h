@@ -52,7 +52,8 @@ struct contour_out {
     vec2 e_w, e_w_dot;
     vec2 e_l;
     num t_d;
-    path_t tau;
+    path_t foot_begin;        /* tau: path time of the last knot before, and knots from there */
+    num foot_u;
     num nu;
     vec2 t;
     num theta_dot, theta_ddot;  /* of the frame at the foot point, 1/T0, 1/T0^2 */
@@ -61,7 +62,12 @@ struct contour_out {
     vec2 e_n, e_n_dot;
 };
 
-/* One evaluation for actual position q and velocity q_dot (um/T0). Pure: the module has no state. */
-void contour_step(const struct contour_cfg *cfg, const struct spline_ring *ring, const struct path_state *path,
-                  const pos_t q[2], vec2 q_dot, struct contour_out *out);
+/* One evaluation for actual position q and velocity q_dot (um/T0). Nothing is kept but pieces of the curve. */
+void contour_step(const struct contour_cfg *cfg, struct spline_kept *kept, const struct spline_ring *ring,
+                  const struct path_state *path, const pos_t q[2], vec2 q_dot, struct contour_out *out);
+
+static inline path_t contour_tau(const struct contour_out *out)
+{
+    return path_time(out->foot_begin, out->foot_u);
+}
 #endif

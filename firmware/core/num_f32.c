@@ -2,7 +2,7 @@
 #include "num.h"
 
 #ifdef NUM_ABS
-num n_from_wide(int64_t i)
+__attribute__((noinline)) num n_from_wide(int64_t i)
 {
     const uint64_t size = i < 0 ? 0u - (uint64_t)i : (uint64_t)i;
     const uint32_t high = (uint32_t)(size >> 32);
@@ -17,7 +17,7 @@ num n_from_wide(int64_t i)
     return i < 0 ? -x : x;
 }
 
-int64_t n_to_wide(num x)
+__attribute__((noinline)) int64_t n_to_wide(num x)
 {
     const uint32_t bits = n_bits(x);
     const uint32_t exponent = (bits >> 23) & 0xFFu;
@@ -31,7 +31,7 @@ int64_t n_to_wide(num x)
     return (bits >> 31) != 0 ? -whole : whole;
 }
 
-int32_t n_to_wide_scaled(num y)
+__attribute__((noinline)) int32_t n_to_wide_scaled(num y)
 {
     if (!(__builtin_fabsf(y) < 2147483648.0f)) {
         return y > 0.0f ? INT32_MAX : y < 0.0f ? INT32_MIN : 0;

@@ -28,6 +28,8 @@ enum controller {
     CONTROLLERS
 };
 
+#define SERVO_TURNS 4 /* periods in which energy and learning of both axes have had theirs: they are slow */
+
 struct servo_cfg {
     num dt;    /* control period, T0 */
     num blend; /* factor per period on the switching offset, 0..1 */
@@ -58,6 +60,7 @@ struct servo_history {
 
 struct servo_state {
     struct observer_state observer[2];
+    struct spline_kept kept;    /* emptied by who gives another sequence of knots (in.ring) */
     struct asmc_state asmc;
     struct uncertainty_state uncertainty;
     struct learning_state learning; /* kept when the controller changes or the power goes */
@@ -67,7 +70,7 @@ struct servo_state {
     enum controller controller;
     vec2 offset;
     bool saturated; /* in the last period */
-    int turn;       /* axis of which energy and learning take their turn in this period, two periods' worth */
+    int turn;       /* in this period: energy of axis 0, 1, learning of axis 0, 1; each with the worth of all turns */
     struct servo_history last[2]; /* of the last period, and of the one before: that one's force has just acted */
 };
 

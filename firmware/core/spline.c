@@ -15,12 +15,12 @@ static num um(uint32_t nm)
     return n_ratio((int32_t)nm, 1000);
 }
 
-num spline_piece_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_piece *piece)
+__attribute__((noinline)) void spline_piece(const struct spline_ring *ring, uint32_t count, uint32_t knot, struct spline_piece *piece)
 {
-    uint32_t rest;
-    const uint32_t knot = path_knots(s, &rest);
     const struct knot *c[4];
-    if (knot >= 1u && (uint64_t)knot + 2u < count) {
+    piece->knot = knot;
+    piece->whole = knot >= 1u && (uint64_t)knot + 2u < count;
+    if (piece->whole) {
         for (uint32_t k = 0; k < 4; k++) {
             c[k] = &ring->knot[(knot - 1u + k) % SPLINE_RING];
         }
@@ -29,7 +29,7 @@ num spline_piece_at(const struct spline_ring *ring, uint32_t count, path_t s, st
             c[k] = knot_at(ring, count, (int64_t)knot - 1 + k);
         }
     }
-    num half[2], first[2], jerk[2];
+    num half[2] = {NUM(0), NUM(0)}, first[2] = {NUM(0), NUM(0)}, jerk[2] = {NUM(0), NUM(0)};
     for (int i = 0; i < 2; i++) {
         const uint32_t d0 = (uint32_t)c[1]->nm[i] - (uint32_t)c[0]->nm[i];
         const uint32_t d1 = (uint32_t)c[2]->nm[i] - (uint32_t)c[1]->nm[i];
@@ -39,20 +39,20 @@ num spline_piece_at(const struct spline_ring *ring, uint32_t count, path_t s, st
         first[i] = um(d1 - d0);
         jerk[i] = n_sub(um(d2 - d1), first[i]);
     }
-    piece->begin = s - rest;
+    piece->begin = (path_t)knot * PATH_ONE;
     piece->half = v2(half[0], half[1]);
     piece->first = v2(first[0], first[1]);
     piece->jerk = v2(jerk[0], jerk[1]);
     piece->first_6 = v2_scale(NUM(1.0 / 6), piece->first);
     piece->jerk_3 = v2_scale(NUM(1.0 / 3), piece->jerk);
-    return n_ratio(rest, PATH_ONE);
 }
 
 void spline_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_point *out)
 {
     struct spline_piece piece;
-    const num u = spline_piece_at(ring, count, s, &piece);
-    const struct spline_local at = spline_on(&piece, u);
+    uint32_t rest;
+    spline_piece(ring, count, path_knots(s, &rest), &piece);
+    const struct spline_local at = spline_on(&piece, n_ratio(rest, PATH_ONE));
     out->pos[0] = pos_add(piece.pos[0], at.way.x);
     out->pos[1] = pos_add(piece.pos[1], at.way.y);
     out->d1 = at.d1;

@@ -47,6 +47,12 @@ static inline uint32_t path_knots(path_t s, uint32_t *rest)
     return knots;
 }
 
+/* u knots after path time `begin` */
+static inline path_t path_time(path_t begin, num u)
+{
+    return begin + n_to_q32(u) / 8 * (PATH_ONE / (1 << 29));
+}
+
 struct spline_point {
     pos_t pos[2];
     vec2 d1, d2, d3;  /* derivatives by path time: um/T0, um/T0^2, um/T0^3 */
@@ -56,11 +62,20 @@ struct spline_point {
  * floating point. All in um and knots. */
 struct spline_piece {
     path_t begin;   /* path time of its first knot */
+    uint32_t knot;  /* its number */
+    bool whole;     /* all four of its control points are there: it changes no more */
     pos_t pos[2];   /* control point of that knot: what `way` of a point counts from */
     vec2 half;      /* half the way from the control point before to the one after */
     vec2 first;     /* second difference there */
     vec2 jerk;      /* third difference */
     vec2 first_6, jerk_3; /* a sixth and a third of these */
+};
+
+/* The pieces in use, kept from period to period: ten periods share one, and the foot point mostly lies on the same or on
+ * the one before. Zero is empty; it must be emptied when the ring gets another sequence of knots. */
+#define SPLINE_KEPT 4u
+struct spline_kept {
+    struct spline_piece piece[SPLINE_KEPT]; /* that from knot i on in piece[i % SPLINE_KEPT] */
 };
 
 /* A point of a piece. */
@@ -69,10 +84,20 @@ struct spline_local {
     vec2 d1, d2, d3; /* as in spline_point */
 };
 
-/* The piece that path time s >= 0 lies in; returns the path time, in knots, from its beginning to s. `count` knots are
- * valid (a snapshot of ring->count), and second differences below 2.1 m. */
-num spline_piece_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_piece *piece);
-/* The curve there. */
+/* The piece from knot `knot` on. `count` knots are valid (a snapshot of ring->count), and second differences below 2.1 m. */
+void spline_piece(const struct spline_ring *ring, uint32_t count, uint32_t knot, struct spline_piece *piece);
+/* The same, from those that are kept where it is there. */
+static inline const struct spline_piece *spline_keep(struct spline_kept *kept, const struct spline_ring *ring,
+                                                     uint32_t count, uint32_t knot)
+{
+    struct spline_piece *piece = &kept->piece[knot % SPLINE_KEPT];
+    if (!piece->whole || piece->knot != knot || count <= knot + 2u) {
+        spline_piece(ring, count, knot, piece);
+    }
+    return piece;
+}
+
+/* The curve at path time s >= 0. */
 void spline_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_point *out);
 
 /* r = c1 + a0/6 + u (v + u/2 (a0 + u/3 jerk)) at path time u after piece->begin, 0..1 knot */

@@ -83,6 +83,7 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
     const uint32_t begin = LOAD(loop->command.begin);
     if (begin != LOAD(loop->begun)) {
         path_reset(&loop->path);
+        loop->servo.kept = (struct spline_kept){0};
         loop->error = (struct loop_error){0};
     }
     /* `complete` is read before the count: a stream that completes in between counts as not complete yet */
@@ -130,11 +131,31 @@ static bool finite(const struct loop *loop, const struct servo_out *out)
     return n_finite(n_add(nought.x, nought.y));
 }
 
+static inline void supervise_axis(struct loop *loop, const struct loop_cfg *cfg, int i, num e_w, num speed)
+{
+    if ((uint32_t)loop->encoder[i].moved + cfg->jump_counts[i] > 2u * cfg->jump_counts[i]) {
+        loop_raise(loop, FAULT_ENCODER_JUMP);
+    }
+    if (!n_lt(n_abs(speed), cfg->speed_max)) {
+        loop_raise(loop, FAULT_OVERSPEED);
+    }
+    if (!n_lt(cfg->following_max[i], n_abs(e_w))) {
+        loop->late[i] = 0;
+        return;
+    }
+    if (++loop->late[i] > cfg->following_ticks[i]) {
+        loop_raise(loop, FAULT_FOLLOWING);
+    }
+    /* further out than the soft limits and than its reference, which may come back from there: lost */
+    const pos_t user = loop->servo.observer[i].pos + pos_from_nm(LOAD(loop->command.origin_nm[i]));
+    if (n_lt(e_w, NUM(0)) ? user < loop->lowest[i] : user > loop->highest[i]) {
+        loop_raise(loop, FAULT_TRAVEL);
+    }
+}
+
 static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_in *in,
                       const bool powered[2], const struct servo_out *out)
 {
-    const num e_w[2] = {out->contour.e_w.x, out->contour.e_w.y};
-    const num speed[2] = {out->velocity.x, out->velocity.y};
     const unsigned inputs = in->inputs[0] | in->inputs[1];
     if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) != 0) {
         watch_inputs(loop, inputs);
@@ -144,26 +165,15 @@ static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struc
         loop->configured = UINT32_MAX; /* what is no number stays so: the next tick starts anew */
         return;
     }
-    for (int i = 0; i < 2; i++) {
-        loop->late[i] = powered[i] && n_lt(cfg->following_max[i], n_abs(e_w[i])) ? loop->late[i] + 1u : 0u;
-        if (!powered[i]) {
-            continue;
-        }
-        if ((uint32_t)loop->encoder[i].moved + cfg->jump_counts[i] > 2u * cfg->jump_counts[i]) {
-            loop_raise(loop, FAULT_ENCODER_JUMP);
-        }
-        if (loop->late[i] > cfg->following_ticks[i]) {
-            loop_raise(loop, FAULT_FOLLOWING);
-        }
-        if (!n_lt(n_abs(speed[i]), cfg->speed_max)) {
-            loop_raise(loop, FAULT_OVERSPEED);
-        }
-        /* further out than the soft limits and than its reference, which may come back from there: lost */
-        const pos_t user = loop->servo.observer[i].pos + pos_from_nm(LOAD(loop->command.origin_nm[i]));
-        if ((user < loop->lowest[i] && n_lt(e_w[i], n_neg(cfg->following_max[i]))) ||
-            (user > loop->highest[i] && n_lt(cfg->following_max[i], e_w[i]))) {
-            loop_raise(loop, FAULT_TRAVEL);
-        }
+    if (powered[0]) {
+        supervise_axis(loop, cfg, 0, out->contour.e_w.x, out->velocity.x);
+    } else {
+        loop->late[0] = 0;
+    }
+    if (powered[1]) {
+        supervise_axis(loop, cfg, 1, out->contour.e_w.y, out->velocity.y);
+    } else {
+        loop->late[1] = 0;
     }
 }
 
@@ -186,16 +196,10 @@ static void add_error(struct loop_error *error, int32_t e_n2_nm)
     error->samples++;
 }
 
-/* Copied as it is: to scale it for the wire is the background's. */
-static void publish(struct loop *loop, const struct hal_drive_in *in, const struct servo_out *out,
-                    enum controller controller)
+/* Of a record, what moves slowly: in another period than the rest, so that none has to do it all. */
+static void record_slow(struct loop *loop, const struct hal_drive_in *in, struct loop_record *r)
 {
-    const uint32_t n = LOAD(loop->published) + 1u;
-    struct loop_record *r = &loop->record[n % 2u];
-    r->ms = n;
     for (int i = 0; i < 2; i++) {
-        r->position[i] = loop->servo.observer[i].pos;
-        r->reference[i] = out->contour.ref.pos[i];
         r->energy_mJ[i] = loop->servo.energy[i].mJ;
         r->friction[i] = acc_to(loop->servo.learning.friction[i]);
         r->mass[i] = acc_to(loop->servo.learning.mass[i]);
@@ -206,16 +210,20 @@ static void publish(struct loop *loop, const struct hal_drive_in *in, const stru
         r->edge_nm[i] = loop->edge_nm[i];
         r->count[i] = in->count[i];
     }
+}
+
+/* The rest, beside what servo_step() has put there. To scale it for the wire is the background's. */
+static void publish(struct loop *loop, struct loop_record *r, enum controller controller)
+{
+    const uint32_t n = LOAD(loop->published) + 1u;
+    r->ms = n;
+    for (int i = 0; i < 2; i++) {
+        r->position[i] = loop->servo.observer[i].pos;
+    }
     if (!LOAD(loop->standing)) {
-        add_error(&loop->error, n_to_scaled(out->contour.e_n.y, 1000));
+        add_error(&loop->error, n_to_scaled(r->out.contour.e_n.y, 1000));
     }
     r->error = loop->error;
-    r->velocity = out->velocity;
-    r->e_w = out->contour.e_w;
-    r->e_n = out->contour.e_n;
-    r->force = out->force;
-    r->k_hat = out->asmc.k_hat;
-    r->mu = out->uncertainty.mu;
     r->rate = loop->path.at.rate;
     r->controller = (uint8_t)controller;
     atomic_signal_fence(memory_order_release);
@@ -225,16 +233,17 @@ static void publish(struct loop *loop, const struct hal_drive_in *in, const stru
 static void scale(struct loop *loop, const struct loop_record *r)
 {
     struct loop_snapshot *s = &loop->snapshot;
-    const num v[2] = {r->velocity.x, r->velocity.y};
-    const num e_w[2] = {r->e_w.x, r->e_w.y};
-    const num e_n[2] = {r->e_n.x, r->e_n.y};
-    const num force[2] = {r->force.x, r->force.y};
-    const num k_hat[2] = {r->k_hat.x, r->k_hat.y};
-    const num mu[2] = {r->mu.x, r->mu.y};
+    const struct servo_out *o = &r->out;
+    const num v[2] = {o->velocity.x, o->velocity.y};
+    const num e_w[2] = {o->contour.e_w.x, o->contour.e_w.y};
+    const num e_n[2] = {o->contour.e_n.x, o->contour.e_n.y};
+    const num force[2] = {o->force.x, o->force.y};
+    const num k_hat[2] = {o->asmc.k_hat.x, o->asmc.k_hat.y};
+    const num mu[2] = {o->uncertainty.mu.x, o->uncertainty.mu.y};
     s->ms = r->ms;
     for (int i = 0; i < 2; i++) {
         s->position_nm[i] = pos_to_nm(r->position[i]);
-        s->reference_nm[i] = pos_to_nm(r->reference[i]);
+        s->reference_nm[i] = pos_to_nm(o->contour.ref.pos[i]);
         s->velocity_umps[i] = n_to_scaled(v[i], 200);
         s->following_nm[i] = n_to_scaled(e_w[i], 1000);
         s->e_n_nm[i] = n_to_scaled(e_n[i], 1000);
@@ -266,6 +275,7 @@ static void configure(struct loop *loop, const struct loop_cfg *cfg, pos_t measu
         measured[i] = loop->encoder[i].pos;
     }
     servo_reset(&cfg->servo, &loop->servo, measured);
+    loop->path.spare = 0; /* another stop_time */
     for (int i = 0; i < 2; i++) {
         loop->lowest[i] = pos_add(pos_from_nm(cfg->min_nm[i]), n_neg(cfg->following_max[i]));
         loop->highest[i] = pos_add(pos_from_nm(cfg->max_nm[i]), cfg->following_max[i]);
@@ -293,7 +303,8 @@ void loop_tick(struct loop *loop)
     const struct loop_cfg *cfg = &loop->cfg[configured % 2u];
     struct hal_drive_in in;
     struct servo_in servo;
-    struct servo_out out;
+    struct loop_record *record = &loop->record[(LOAD(loop->published) + 1u) % LOOP_RECORDS];
+    struct servo_out *out = &record->out;
 
     /* read */
     read_machine(loop, cfg, &in);
@@ -318,25 +329,28 @@ void loop_tick(struct loop *loop)
     servo.controller = (enum controller)LOAD(loop->command.controller);
     servo.path = loop->path.at;
     servo.ring = loop->ring;
-    servo_step(&cfg->servo, &loop->servo, &servo, &out);
+    servo_step(&cfg->servo, &loop->servo, &servo, out);
 
     /* limits */
-    supervise(loop, cfg, &in, servo.enabled, &out);
+    supervise(loop, cfg, &in, servo.enabled, out);
     if ((LOAD(loop->faults) & cfg->cut) != 0) {
         servo.enabled[0] = servo.enabled[1] = false;
-        out.force = v2(NUM(0), NUM(0));
+        out->force = v2(NUM(0), NUM(0));
     }
 
     /* write */
     const struct hal_drive_out drive = {
-        .force_mN = {n_to_scaled(out.force.x, 1000), n_to_scaled(out.force.y, 1000)},
+        .force_mN = {n_to_scaled(out->force.x, 1000), n_to_scaled(out->force.y, 1000)},
         .enable = {servo.enabled[0], servo.enabled[1]},
     };
     write_machine(loop, cfg, &drive);
-    scope_step(&loop->scope, (const void *const[SCOPE_BASES]){loop, &out}, loop->ticks, LOAD(loop->faults));
+    scope_step(&loop->scope, (const void *const[SCOPE_BASES]){loop, out}, loop->ticks, LOAD(loop->faults));
 
-    if (++loop->ticks % TICKS_PER_MS == 0) {
-        publish(loop, &in, &out, servo.controller);
+    const uint32_t left = ++loop->ticks % TICKS_PER_MS;
+    if (left == TICKS_PER_MS / 2u) {
+        record_slow(loop, &in, record);
+    } else if (left == 0) {
+        publish(loop, record, servo.controller);
     }
 }
 
@@ -344,7 +358,7 @@ const struct loop_snapshot *loop_snapshot(struct loop *loop)
 {
     const uint32_t published = atomic_load(&loop->published);
     if (published != loop->snapshot.ms) {
-        scale(loop, &loop->record[published % 2u]);
+        scale(loop, &loop->record[published % LOOP_RECORDS]);
     }
     return &loop->snapshot;
 }

@@ -5,7 +5,8 @@
  * - struct loop_command: single words, background writes;
  * - two configurations, of which the one in use is number `configured`, which counts, modulo 2;
  * - the ring of knots (one writer, one reader);
- * - two records, published once a millisecond, which the background scales to a snapshot; and `faults`, bits that the
+ * - four records, of which one is published each millisecond, which the background scales to a snapshot, while the tick
+ *   fills the next one, three milliseconds before it comes to that one again; and `faults`, bits that the
  *   tick sets and the background clears.
  */
 #ifndef KONTUR_LOOP_H
@@ -75,11 +76,12 @@ struct loop_snapshot {
     uint8_t controller;
 };
 
-/* The same as the tick leaves it, in core units: two of them, the newest in `published % 2`. */
+/* The same as the tick leaves it, in core units: the newest in `published % LOOP_RECORDS`. */
+#define LOOP_RECORDS 4u
 struct loop_record {
     uint32_t ms;
-    pos_t position[2], reference[2];
-    vec2 velocity, e_w, e_n, force, k_hat, mu;
+    struct servo_out out; /* where the servo puts it in each period */
+    pos_t position[2];
     int32_t energy_mJ[2];
     num friction[2], mass[2];
     pos_t measured[2];
@@ -104,7 +106,7 @@ struct loop {
     _Atomic bool starved;       /* path time is slowed for want of knots */
     _Atomic uint32_t executed;  /* knots passed */
     _Atomic uint32_t published; /* records so far: one a millisecond */
-    struct loop_record record[2];
+    struct loop_record record[LOOP_RECORDS];
     struct loop_snapshot snapshot; /* the background's own */
 
     /* the tick's own */

@@ -58,7 +58,7 @@ static struct energy_cfg energy(const struct od_motor *m, num sign_speed)
         .back_emf = n_ratio(m->back_emf, 5000000),
         .power_factor = milli(m->power_factor),
         .sign_speed = sign_speed,
-        .dt_ms = n_ratio(2000, CONTROL_HZ), /* each axis in every other period */
+        .dt_ms = n_ratio((int64_t)SERVO_TURNS * 1000, CONTROL_HZ),
     };
     return e;
 }

@@ -32,6 +32,8 @@ struct path {
     struct motion {       /* what a control period adds may be far below the resolution of a num */
         acc_t rate, slope; /* sigma, and its change in a stop_time */
     } motion;
+    uint32_t knot, rest; /* at.s: knots passed, and path time since */
+    uint32_t spare;      /* while sigma is 1: knots from `knot` on with which it may surely stay so; else 0 */
 };
 
 enum path_event {

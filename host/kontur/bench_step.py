@@ -38,8 +38,8 @@ STAGES = {
     "contour": ("contour.c",),
     "law": ("asmc.c", "cascade.c"),
     "uncertainty, learning": ("uncertainty.c", "learning.c"),
-    "supervision": ("supervise",),
-    "publishing, scope": ("publish", "add_error", "scope.c"),
+    "supervision": ("supervise", "supervise_axis"),
+    "publishing, scope": ("publish", "record_slow", "add_error", "scope.c"),
     "composing, output": (
         *("loop.c", "servo.c", "machine.c", "params.c"),
         *("rig.c", "bench_step.c", "semihost.c"),

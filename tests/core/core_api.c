@@ -130,7 +130,7 @@ static struct servo_cfg config(const struct api_params *p)
                                           .back_emf = mk(p->back_emf[i] * MPS),
                                           .power_factor = mk(p->power_factor),
                                           .sign_speed = mk(p->friction_speed / MPS),
-                                          .dt_ms = mk(2 * p->dt * 1e3)};
+                                          .dt_ms = mk(SERVO_TURNS * p->dt * 1e3)};
     }
     return c;
 }
@@ -187,14 +187,14 @@ void api_contour(const api_drive *d, const struct api_path *path, const int64_t 
     const pos_t at[2] = {pos_of(q[0]), pos_of(q[1])};
     struct contour_out c;
     bound_path_time = 0;
-    contour_step(&d->cfg.contour, &d->ring, &ps, at, in2(q_dot, MPS), &c);
+    contour_step(&d->cfg.contour, &(struct spline_kept){0}, &d->ring, &ps, at, in2(q_dot, MPS), &c);
     out2(c.r_dot, MPS, out->r_dot);
     out2(c.r_ddot, MPS2, out->r_ddot);
     out2(c.e_w, UM, out->e_w);
     out2(c.e_w_dot, MPS, out->e_w_dot);
     out2(c.e_l, UM, out->e_l);
     out->t_d = told(c.t_d) * T0;
-    out->tau = told_path_time(c.tau);
+    out->tau = told_path_time(contour_tau(&c));
     out->nu = told(c.nu);
     out2(c.t, 1, out->t);
     out->theta_dot = told(c.theta_dot) / T0;

@@ -141,12 +141,12 @@ static void modules(const struct servo_cfg *c)
         q[0] += p.pos[0];
         q[1] += p.pos[1];
         struct contour_out o;
-        contour_step(&c->contour, &ring, &path, q, v2_add(p.d1, in2(5000)), &o);
+        contour_step(&c->contour, &(struct spline_kept){0}, &ring, &path, q, v2_add(p.d1, in2(5000)), &o);
         put2(o.e_w);
         put2(o.e_w_dot);
         put2(o.e_l);
         put(o.t_d);
-        put64(o.tau);
+        put64(contour_tau(&o));
         put(o.nu);
         put2(o.t);
         put(o.theta_dot);

@@ -463,6 +463,28 @@ static void test_begin_starts_path_time_anew(void)
     TEST_ASSERT_EQUAL_UINT32(2, atomic_load(&loop.begun));
 }
 
+static void test_reference_of_a_stream_is_its_own_from_the_first_period_on(void)
+{
+    power();
+    ring.count = 200;
+    for (uint32_t i = 0; i < ring.count; i++) {
+        ring.knot[i].nm[0] = ring.start.nm[0];
+        ring.knot[i].nm[1] = ring.start.nm[1];
+    }
+    atomic_store(&loop.command.run, true);
+    atomic_fetch_add(&loop.command.begin, 1u);
+    tick(35); /* knots 0 to 3 have been used */
+    for (uint32_t i = 0; i < ring.count; i++) {
+        ring.knot[i].nm[0] += 10000;
+    }
+    ring.start.nm[0] += 10000;
+    atomic_fetch_add(&loop.command.begin, 1u);
+    for (int ms = 0; ms < 4; ms++) {
+        tick(10);
+        TEST_ASSERT_EQUAL_INT32(ring.start.nm[0], loop_snapshot(&loop)->reference_nm[0]);
+    }
+}
+
 static void test_end_of_a_complete_stream_is_told_from_a_stop(void)
 {
     ring.count = 100;
@@ -533,6 +555,7 @@ int main(void)
     RUN_TEST(test_velocity_of_the_snapshot_is_in_um_per_s);
     RUN_TEST(test_energy_is_reset_once_for_each_request);
     RUN_TEST(test_begin_starts_path_time_anew);
+    RUN_TEST(test_reference_of_a_stream_is_its_own_from_the_first_period_on);
     RUN_TEST(test_end_of_a_complete_stream_is_told_from_a_stop);
     RUN_TEST(test_want_of_knots_is_told_until_the_path_is_at_full_rate_again);
     return UNITY_END();

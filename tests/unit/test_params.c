@@ -57,8 +57,8 @@ static void test_motor_of_each_axis(void)
     near(0.765, c.energy[1].power_factor);
     near(71.234e-6 / UM * T0, c.energy[0].sign_speed);
     near(71.234e-6 / UM * T0, c.energy[1].sign_speed);
-    near(0.2, c.energy[0].dt_ms);
-    near(0.2, c.energy[1].dt_ms);
+    near(0.4, c.energy[0].dt_ms);
+    near(0.4, c.energy[1].dt_ms);
 }
 
 static void test_contouring_law(void)
