@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import can
 import numpy as np
 import pytest
+from hooked_bus import Fault, HookedBus
 from numpy.typing import NDArray
 
 from kontur import machine, planner, shapes, simprocess, wire
@@ -32,34 +33,12 @@ START_S = 4.0
 KNOT, CONTROL, STATUS = wire.RPDO2 + 1, wire.RPDO1 + 1, wire.TPDO1 + 1
 SDO_REQUEST, SDO_RESPONSE, EMCY = 0x601, 0x581, 0x081
 
-Fault = Callable[[can.Message], can.Message | None]
-
 
 def circle(duration_s: float) -> NDArray[np.int32]:
     knots: NDArray[np.int32] = planner.plan(
         shapes.circle(RADIUS_M, 0.1, duration_s=duration_s), limits(MACHINE)
     ).knots_nm
     return knots
-
-
-class OneFault(KonturBus):
-    """Sends through `on_send`, which returns the frame to send, another one, or None: lost. Receives likewise."""
-
-    def __init__(self, **options: object) -> None:
-        super().__init__(machine=MACHINE, **options)  # type: ignore[arg-type]
-        self.on_send: Fault = lambda message: message
-        self.on_recv: Fault = lambda message: message
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        if (message := self.on_send(msg)) is not None:
-            super().send(message, timeout)
-
-    def recv(self, timeout: float | None = None) -> can.Message | None:
-        end_s = self.time_s + (timeout or 0.0)
-        while (message := super().recv(max(0.0, end_s - self.time_s))) is not None:
-            if (kept := self.on_recv(message)) is not None:
-                return kept
-        return None
 
 
 @contextmanager
@@ -71,12 +50,12 @@ def drive_on(bus: can.BusABC) -> Iterator[Device]:
 
 
 @pytest.fixture
-def bus() -> OneFault:
-    return OneFault()
+def bus() -> HookedBus:
+    return HookedBus(machine=MACHINE)
 
 
 @pytest.fixture
-def device(bus: OneFault) -> Iterator[Device]:
+def device(bus: HookedBus) -> Iterator[Device]:
     with drive_on(bus) as device:
         yield device
 
@@ -193,14 +172,14 @@ def test_bus_that_goes_off_stops_the_drive_on_the_path_and_the_fault_is_told_tho
 @pytest.mark.parametrize("fault", [lost, lambda m: flipped(m, 0, 3), lambda m: changed(m, data=m.data[:5])])
 @pytest.mark.parametrize("way", ["on_send", "on_recv"])
 def test_sdo_frames_that_are_lost_or_corrupted_are_asked_for_again(
-    device: Device, bus: OneFault, way: str, fault: Fault
+    device: Device, bus: HookedBus, way: str, fault: Fault
 ) -> None:
     setattr(bus, way, first(1, has_id(SDO_REQUEST if way == "on_send" else SDO_RESPONSE), fault))
     device.write("asmc.lambda", 150.5)
     assert device.read("asmc.lambda") == 150.5
 
 
-def test_answers_that_come_twice_are_not_taken_for_answers_to_later_requests(device: Device, bus: OneFault) -> None:
+def test_answers_that_come_twice_are_not_taken_for_answers_to_later_requests(device: Device, bus: HookedBus) -> None:
     twice: list[can.Message] = []
 
     def late(message: can.Message) -> can.Message:
@@ -217,7 +196,7 @@ def test_answers_that_come_twice_are_not_taken_for_answers_to_later_requests(dev
     assert device.read("stream.free") == 992
 
 
-def test_value_corrupted_on_its_way_into_the_drive_is_noticed_and_set_again(device: Device, bus: OneFault) -> None:
+def test_value_corrupted_on_its_way_into_the_drive_is_noticed_and_set_again(device: Device, bus: HookedBus) -> None:
     def download(message: can.Message) -> bool:
         return message.arbitration_id == SDO_REQUEST and message.data[0] >> 5 == 1
 
@@ -226,7 +205,7 @@ def test_value_corrupted_on_its_way_into_the_drive_is_noticed_and_set_again(devi
     assert device.link.node.sdo.upload(0x2110, 1) == (150_500).to_bytes(4, "little")
 
 
-def test_parameter_that_a_corrupted_request_has_set_instead_gets_its_value_back(device: Device, bus: OneFault) -> None:
+def test_parameter_that_a_corrupted_request_has_set_instead_gets_its_value_back(device: Device, bus: HookedBus) -> None:
     device.write("asmc.gamma", 2.0)
     address = {name: device._variables[name].subindex for name in ("asmc.lambda", "asmc.gamma")}
     into_gamma = address["asmc.lambda"] ^ address["asmc.gamma"]
@@ -240,7 +219,7 @@ def test_parameter_that_a_corrupted_request_has_set_instead_gets_its_value_back(
 
 
 def test_nmt_command_that_is_lost_is_sent_again_and_one_that_became_reset_undoes_no_parameter(
-    device: Device, bus: OneFault
+    device: Device, bus: HookedBus
 ) -> None:
     device.write("asmc.lambda", 150.5)
     lose, reset = first(1, has_id(0), lost), first(1, has_id(0), lambda m: flipped(m, 0, 7))
@@ -253,7 +232,7 @@ def test_nmt_command_that_is_lost_is_sent_again_and_one_that_became_reset_undoes
 @pytest.mark.parametrize("bit", range(16))
 @pytest.mark.parametrize("byte", [0, 2])
 def test_any_corrupted_controlword_ends_in_the_state_asked_for(
-    device: Device, bus: OneFault, byte: int, bit: int
+    device: Device, bus: HookedBus, byte: int, bit: int
 ) -> None:
     bus.on_send = first(4, has_id(CONTROL), lambda m: flipped(m, byte + bit // 8, bit % 8))
     device.enable()
@@ -264,13 +243,13 @@ def test_any_corrupted_controlword_ends_in_the_state_asked_for(
 
 
 @pytest.mark.parametrize("fault", [lost, lambda m: flipped(m, 1, 0), lambda m: flipped(m, 0, 4)])
-def test_command_to_run_the_path_is_repeated_until_it_runs(device: Device, bus: OneFault, fault: Fault) -> None:
+def test_command_to_run_the_path_is_repeated_until_it_runs(device: Device, bus: HookedBus, fault: Fault) -> None:
     with device.enabled():
         bus.on_send = first(2, lambda m: m.arbitration_id == CONTROL and m.data[0] == 0x1F, fault)
         assert stream(device, circle(1.0)).completed
 
 
-def test_end_of_the_path_command_that_is_lost_does_not_hinder_the_next_path(device: Device, bus: OneFault) -> None:
+def test_end_of_the_path_command_that_is_lost_does_not_hinder_the_next_path(device: Device, bus: HookedBus) -> None:
     knots_nm = circle(0.5)
     with device.enabled():
         bus.on_send = first(
@@ -281,7 +260,7 @@ def test_end_of_the_path_command_that_is_lost_does_not_hinder_the_next_path(devi
 
 
 @pytest.mark.parametrize("bit", range(64))
-def test_corrupted_status_frames_change_nothing(bus: OneFault, bit: int) -> None:
+def test_corrupted_status_frames_change_nothing(bus: HookedBus, bit: int) -> None:
     knots_nm = circle(1.2)
     count = 0
 
@@ -297,7 +276,7 @@ def test_corrupted_status_frames_change_nothing(bus: OneFault, bit: int) -> None
         assert device.read("stream.underruns") == 0
 
 
-def test_false_emcy_is_not_believed_and_a_lost_one_not_missed(device: Device, bus: OneFault) -> None:
+def test_false_emcy_is_not_believed_and_a_lost_one_not_missed(device: Device, bus: HookedBus) -> None:
     device.enable()
     telemetry = first(3, has_id(wire.TPDO2 + 1), lambda m: changed(m, arbitration_id=EMCY))
     bus.on_recv = telemetry
@@ -310,7 +289,7 @@ def test_false_emcy_is_not_believed_and_a_lost_one_not_missed(device: Device, bu
 
 
 @pytest.mark.parametrize("bit", range(11))
-def test_knot_whose_identifier_is_corrupted_by_a_bit_does_nothing_else(bus: OneFault, bit: int) -> None:
+def test_knot_whose_identifier_is_corrupted_by_a_bit_does_nothing_else(bus: HookedBus, bit: int) -> None:
     """Among them 201h: a controlword, if the drive took it for one."""
     knots_nm = circle(1.2)
     count = 0
@@ -327,7 +306,7 @@ def test_knot_whose_identifier_is_corrupted_by_a_bit_does_nothing_else(bus: OneF
     assert result.executed == len(knots_nm)
 
 
-def test_stream_description_corrupted_in_the_drive_is_noticed_before_any_motion(device: Device, bus: OneFault) -> None:
+def test_stream_description_corrupted_in_the_drive_is_noticed_before_any_motion(device: Device, bus: HookedBus) -> None:
     def writes_total(message: can.Message) -> bool:
         return message.arbitration_id == SDO_REQUEST and bytes(message.data[:4]) == bytes([0x23, 0x00, 0x22, 4])
 

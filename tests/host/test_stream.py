@@ -2,50 +2,29 @@
 """Streaming to the simulated drive over buses that lose, corrupt and delay frames: no knot is lost, or it is said."""
 
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import can
 import numpy as np
 import pytest
+from hooked_bus import HookedBus
 from numpy.typing import NDArray
 
 from kontur import machine, planner, run, shapes, wire
 from kontur.device import Device
 from kontur.errors import DeviceError, EmcyError, StreamError
 from kontur.link import Link
-from kontur.simbus import KonturBus
 from kontur.stream import stream
 
 KNOT = wire.RPDO2 + 1
 TELEMETRY = {cob + 1 for cob in wire.TELEMETRY}
 
 
-class FaultyBus(KonturBus):
-    """Sends through `fault`, which returns the frame to send, another one, or None: lost. Receives likewise."""
-
-    def __init__(self, **options: object) -> None:
-        super().__init__(**options)  # type: ignore[arg-type]
-        self.on_send: Callable[[can.Message], can.Message | None] = lambda message: message
-        self.on_recv: Callable[[can.Message], can.Message | None] = lambda message: message
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        message = self.on_send(msg)
-        if message is not None:
-            super().send(message, timeout)
-
-    def recv(self, timeout: float | None = None) -> can.Message | None:
-        end_s = self.time_s + (timeout or 0.0)
-        while (message := super().recv(max(0.0, end_s - self.time_s))) is not None:
-            if (kept := self.on_recv(message)) is not None:
-                return kept
-        return None
-
-
 @contextmanager
-def enabled(knots_nm: NDArray[np.int32]) -> Iterator[tuple[Device, FaultyBus]]:
+def enabled(knots_nm: NDArray[np.int32]) -> Iterator[tuple[Device, HookedBus]]:
     x, y = (float(v) * 1e-9 for v in knots_nm[0])
-    with FaultyBus(machine=machine.load().starting_at((x, y))) as bus:
+    with HookedBus(machine=machine.load().starting_at((x, y))) as bus:
         device = Device(Link(bus, 1))
         with device.enabled():
             yield device, bus
