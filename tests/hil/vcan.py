@@ -30,7 +30,14 @@ TIMEOUT_S = 900
 NO_VCAN, TOOK_TOO_LONG = 3, 124
 MEMORY_MB = 768
 MODULES = Path("/usr/lib/uml/modules")
-_MODULES = ("drivers/net/can/dev/can-dev", "net/can/can", "net/can/can-raw", "drivers/net/can/vcan")
+# can-bcm: python-can's periodic messages
+_MODULES = (
+    "drivers/net/can/dev/can-dev",
+    "net/can/can",
+    "net/can/can-raw",
+    "net/can/can-bcm",
+    "drivers/net/can/vcan",
+)
 _PATH = f"{os.environ.get('PATH', '/usr/bin:/bin')}:/usr/sbin:/sbin"
 _PACKAGES = {"linux.uml": "user-mode-linux", "insmod": "kmod", "ip": "iproute2", "mount": "mount"}
 
