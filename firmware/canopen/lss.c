@@ -31,9 +31,7 @@ enum { FASTSCAN_ALL = 128, PARTS = 4 };
 /* Part 0..3 of the address: vendor, product code, revision, serial number */
 static uint32_t address(const struct co_node *node, unsigned part)
 {
-    uint32_t abort = 0;
-    const struct od_entry *entry = od_find(0x1018, (uint8_t)(part + 1), &abort);
-    return entry != NULL ? (uint32_t)od_read(node->config.od, entry) : 0;
+    return (uint32_t)od_number(node->config.od, 0x1018, part + 1);
 }
 
 static void respond(struct co_node *node, uint8_t command, uint32_t value, uint8_t bytes)
@@ -152,11 +150,12 @@ static void identify(struct co_node *node, unsigned step, uint32_t value)
     }
 }
 
-/* Nodes without id whose part `sub` agrees with `number` from bit `check` on answer, all at once. */
+/* Nodes without id whose part `sub` agrees with `number` from bit `check` on answer, all at once. One that has just been
+ * given an id is in the configuration state until it takes it. */
 static void fastscan(struct co_node *node, uint32_t number, uint8_t check, uint8_t sub, uint8_t next)
 {
     struct co_lss *lss = &node->lss;
-    if (!unconfigured(node) || node->config.od->node.id != OD_UNCONFIGURED || lss->configuring) {
+    if (!unconfigured(node) || lss->configuring) {
         return;
     }
     if (check == FASTSCAN_ALL) {

@@ -171,7 +171,7 @@ static void heartbeat_seen(struct co_node *node, unsigned from)
 
 void co_receive(struct co_node *node, const struct can_frame *frame)
 {
-    if (frame->rtr || frame->len > 8) {
+    if (frame->rtr) {
         return;
     }
     if (frame->id == ID_NMT) {

@@ -333,6 +333,30 @@ static void test_pdo_identifier_must_be_free_and_of_11_bits(void)
     bus_sdo(&bus, "23 00 14 01 05 02 00 20", "80 00 14 01 30 00 09 06"); /* 29 bits */
 }
 
+/* CiA 301, restricted CAN-IDs: each end of each range. Bit 30 may change while the identifier stays. */
+static void test_ends_of_the_ranges_of_restricted_identifiers(void)
+{
+    static const uint16_t free_ids[] = {0x080, 0x100, 0x181, 0x580, 0x600, 0x680, 0x6DF};
+    static const uint16_t restricted[] = {0x000, 0x001, 0x07F, 0x101, 0x180, 0x581, 0x5FF, 0x601, 0x67F, 0x6E0, 0x700,
+                                          0x701, 0x77F, 0x780, 0x7FF};
+    char request[32];
+    for (unsigned i = 0; i < sizeof free_ids / sizeof free_ids[0]; i++) {
+        bus_sdo(&bus, "23 02 14 01 05 04 00 80", "60 02 14 01 00 00 00 00");
+        (void)snprintf(request, sizeof request, "23 02 14 01 %02X %02X 00 00", free_ids[i] & 0xFFu, free_ids[i] >> 8);
+        bus_sdo(&bus, request, "60 02 14 01 00 00 00 00");
+        (void)snprintf(request, sizeof request, "23 02 14 01 %02X %02X 00 40", free_ids[i] & 0xFFu, free_ids[i] >> 8);
+        bus_sdo(&bus, request, "60 02 14 01 00 00 00 00");
+        TEST_ASSERT_EQUAL_HEX32(0x40000000u | free_ids[i], bus.od.rpdo3.cob_id);
+    }
+    bus_sdo(&bus, "23 02 14 01 05 04 00 80", "60 02 14 01 00 00 00 00");
+    for (unsigned i = 0; i < sizeof restricted / sizeof restricted[0]; i++) {
+        (void)snprintf(request, sizeof request, "23 02 14 01 %02X %02X 00 00", restricted[i] & 0xFFu, restricted[i] >> 8);
+        bus_sdo(&bus, request, "80 02 14 01 30 00 09 06");
+        (void)snprintf(request, sizeof request, "23 02 14 01 %02X %02X 00 80", restricted[i] & 0xFFu, restricted[i] >> 8);
+        bus_sdo(&bus, request, "60 02 14 01 00 00 00 00"); /* out of use it harms nobody */
+    }
+}
+
 /* ---- the table itself ---- */
 
 static void test_every_entry_is_found_and_the_table_is_sorted(void)
@@ -345,6 +369,13 @@ static void test_every_entry_is_found_and_the_table_is_sorted(void)
             TEST_ASSERT_TRUE(a < ((uint32_t)od_table[i].index << 8 | od_table[i].sub));
         }
     }
+}
+
+static void test_number_that_is_not_there_reads_as_0(void)
+{
+    TEST_ASSERT_EQUAL_INT64(1, od_number(&bus.od, 0x1018, 2));
+    TEST_ASSERT_EQUAL_INT64(0, od_number(&bus.od, 0x1018, 5));
+    TEST_ASSERT_EQUAL_INT64(0, od_number(&bus.od, 0x1FFF, 0));
 }
 
 static void test_every_default_is_in_range_and_every_number_keeps_what_is_written(void)
@@ -417,7 +448,9 @@ int main(void)
     RUN_TEST(test_silent_client_ends_a_transfer_after_two_seconds);
     RUN_TEST(test_pdo_identifier_changes_only_while_the_pdo_is_not_in_use);
     RUN_TEST(test_pdo_identifier_must_be_free_and_of_11_bits);
+    RUN_TEST(test_ends_of_the_ranges_of_restricted_identifiers);
     RUN_TEST(test_every_entry_is_found_and_the_table_is_sorted);
+    RUN_TEST(test_number_that_is_not_there_reads_as_0);
     RUN_TEST(test_every_default_is_in_range_and_every_number_keeps_what_is_written);
     RUN_TEST(test_signed_types_are_sign_extended);
     return UNITY_END();

@@ -118,6 +118,31 @@ static void test_segments_are_paced_and_wait_for_room(void)
     TEST_ASSERT_EQUAL_UINT(127, bus.count); /* a block, then it waits */
 }
 
+static unsigned refusals; /* of can_send, still to come */
+
+static bool refuse_at_first(void *ctx, const struct can_frame *frame)
+{
+    if (refusals > 0) {
+        refusals--;
+        return false;
+    }
+    return bus_can_send(ctx, frame);
+}
+
+static void test_segments_let_pass_what_waits(void)
+{
+    bus_sdo(&bus, "A4 10 20 00 7F 00 00 00", "C6 10 20 00 D0 07 00 00");
+    give("A3 00 00 00 00 00 00 00");
+    bus.hal.can_send = refuse_at_first;
+    refusals = 2; /* at once, and in the next millisecond, in which there is room again for what comes after it */
+    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0);
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(1 + CO_SDO_SEGMENTS_PER_MS, bus.count);
+    bus_expect(&bus, 0, 0x085, "11 86 21 00 00 00 00 00");
+}
+
 static void test_block_goes_at_once_where_time_does_not_pass_by_itself(void)
 {
     bus.od.clock.pace = 1;
@@ -302,6 +327,16 @@ static void test_steps_that_the_bus_repeats_do_no_harm(void)
     give("A1 00 00 00 00 00 00 00");
 }
 
+static void test_step_of_an_upload_within_another_transfer_ends_that(void)
+{
+    static const char *const steps[] = {"A1 00 00 00 00 00 00 00", "A2 01 7F 00 00 00 00 00", "A3 00 00 00 00 00 00 00"};
+    for (unsigned i = 0; i < sizeof steps / sizeof steps[0]; i++) {
+        bus_sdo(&bus, "40 08 10 00 00 00 00 00", "41 08 10 00 06 00 00 00");
+        bus_sdo(&bus, steps[i], "80 08 10 00 01 00 04 05");
+        bus_sdo(&bus, "60 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05");
+    }
+}
+
 static void test_what_cannot_be_read_cannot_be_read_by_block(void)
 {
     bus_sdo(&bus, "A4 00 22 01 7F 00 00 00", "80 00 22 01 01 00 01 06");
@@ -407,6 +442,7 @@ int main(void)
     RUN_TEST(test_upload_without_crc_has_none);
     RUN_TEST(test_number_and_empty_text_go_by_block_too);
     RUN_TEST(test_segments_are_paced_and_wait_for_room);
+    RUN_TEST(test_segments_let_pass_what_waits);
     RUN_TEST(test_block_goes_at_once_where_time_does_not_pass_by_itself);
     RUN_TEST(test_long_text_arrives_whole_with_every_block_size);
     RUN_TEST(test_lost_segments_are_sent_again_with_every_block_size);
@@ -417,6 +453,7 @@ int main(void)
     RUN_TEST(test_new_request_ends_an_upload);
     RUN_TEST(test_silent_client_ends_an_upload);
     RUN_TEST(test_steps_that_the_bus_repeats_do_no_harm);
+    RUN_TEST(test_step_of_an_upload_within_another_transfer_ends_that);
     RUN_TEST(test_what_cannot_be_read_cannot_be_read_by_block);
     RUN_TEST(test_download_with_crc);
     RUN_TEST(test_download_with_a_wrong_crc_changes_nothing);

@@ -271,6 +271,28 @@ static void test_counting_begins_with_the_sync_that_carries_the_start_value(void
     TEST_ASSERT_EQUAL_UINT(2, bus.count);
 }
 
+static void test_start_value_without_a_counter_in_the_sync_is_without_effect(void)
+{
+    bus_sdo(&bus, "23 00 18 01 85 01 00 C0", "60 00 18 01 00 00 00 00");
+    bus_sdo(&bus, "2F 00 18 06 03 00 00 00", "60 00 18 06 00 00 00 00");
+    bus_sdo(&bus, "23 00 18 01 85 01 00 40", "60 00 18 01 00 00 00 00");
+    tpdo1_type(2);
+    start();
+    sync(1);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    sync(1);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+}
+
+static void test_synchronous_tpdo_that_is_not_in_use_is_not_sent(void)
+{
+    tpdo1_type(1);
+    bus_sdo(&bus, "23 00 18 01 85 01 00 C0", "60 00 18 01 00 00 00 00");
+    start();
+    sync(3);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+}
+
 static void test_tpdos_of_a_sync_say_what_was_before_the_rpdos_it_releases(void)
 {
     tpdo1_type(1);
@@ -318,6 +340,8 @@ int main(void)
     RUN_TEST(test_sync_on_another_identifier);
     RUN_TEST(test_sync_of_a_wrong_length_is_not_taken_and_reported_once);
     RUN_TEST(test_counting_begins_with_the_sync_that_carries_the_start_value);
+    RUN_TEST(test_start_value_without_a_counter_in_the_sync_is_without_effect);
+    RUN_TEST(test_synchronous_tpdo_that_is_not_in_use_is_not_sent);
     RUN_TEST(test_tpdos_of_a_sync_say_what_was_before_the_rpdos_it_releases);
     RUN_TEST(test_reset_communication_makes_all_event_driven_again);
     return UNITY_END();
