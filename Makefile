@@ -49,6 +49,10 @@ NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden ip learnin
 NOT_CHK  := drive golden loop
 TEST_PROGRAMS := $(TESTS:%=build/unit/f32/test_%) $(NUM_TESTS:%=build/unit/fix/test_%) \
 	$(patsubst %,build/unit/chk/test_%,$(filter-out $(NOT_CHK),$(NUM_TESTS)))
+# The same tests, built to count the branches that they take: those of the source, so not optimised and without the sanitizers' own.
+# Less fuzz: random input takes branches whose outcome no test looks at.
+COVERAGE := -O0 --coverage
+COVERAGE_PROGRAMS := $(patsubst %,build/coverage/f32/test_%,$(filter-out fuzz,$(TESTS))) $(NUM_TESTS:%=build/coverage/fix/test_%)
 BUILD_ID := $(shell git describe --always --dirty 2>/dev/null || echo unknown)
 VERSION  := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
 objects   = $(patsubst %.c,$(1)/$(2)/%.o,$(SOURCES) $($(2)_SOURCES))  # folder, back end
@@ -69,7 +73,7 @@ demo: setup lib  ## cut examples/part.ngc under five controllers: table, build/d
 paper: setup lib  ## run the paper again: docs/paper.md and its pictures (some minutes)
 	$(KONTUR) experiment paper-page docs/paper.md
 
-test: setup test-c test-target test-host test-hil lint  ## all tests: C (Unity, with sanitizers), Python (pytest), over the bus, lint
+test: setup test-c coverage test-target test-host test-hil lint  ## all tests: C (Unity, with sanitizers; branches), Python (pytest), over the bus, lint
 
 test-c: $(TEST_PROGRAMS)  ## the C tests alone
 	@failed=0; for t in $^; do \
@@ -164,12 +168,12 @@ $(GENERATED:.c=.h): %.h: %.c ;
 build/build_id: FORCE
 	@mkdir -p build; echo '$(BUILD_ID)' | cmp -s - $@ || echo '$(BUILD_ID)' >$@
 FORCE:
-APP      := $(foreach n,$(NUMS),build/lib/$(n)/firmware/drive/app.o build/unit/$(n)/firmware/drive/app.o)
+APP      := $(foreach n,$(NUMS),$(foreach f,lib unit coverage,build/$(f)/$(n)/firmware/drive/app.o))
 $(APP): build/build_id
 $(APP): CFLAGS += -DKONTUR_BUILD_ID='"$(BUILD_ID)"' -DKONTUR_VERSION='"$(VERSION)"'
 $(FIRMWARE:%.c=build/lib/fix/%.o): CFLAGS += $(NO_FLOAT)
 
-# For the back end $(1): build/lib/$(1) holds the objects of its library, build/unit/$(1) its tests with theirs, sanitized.
+# For the back end $(1): build/lib/$(1) holds the objects of its library.
 define back_end
 build/lib/$(1)/%.o: %.c | build/debian.stamp $(GENERATED)
 	@mkdir -p $$(@D); echo "  CC  $$< ($(1))"
@@ -179,23 +183,28 @@ $(LIB)/libkontur_$(1).so: $(call objects,build/lib,$(1))
 	@mkdir -p $$(@D); echo "  LD  $$@"
 	$(Q)$(CC) -shared -Wl,-Bsymbolic -o $$@ $$^ -lm
 
-build/unit/$(1)/%.o: %.c | build/debian.stamp $(GENERATED)
-	@mkdir -p $$(@D); echo "  CC  $$< ($(1), sanitized)"
-	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(TEST_INCLUDE) -MMD -MP -c $$< -o $$@
-
-build/unit/$(1)/libkontur.a: $(call objects,build/unit,$(1)) $(PORT_SOURCES:%.c=build/unit/$(1)/%.o) \
-		$(if $(filter f32,$(1)),$(CHIP_SOURCES:%.c=build/unit/f32/%.o)) $(if $(filter-out chk,$(1)),build/unit/$(1)/tests/golden/golden.o)
-	@rm -f $$@
-	$(Q)ar rcs $$@ $$^
-
-build/unit/$(1)/test_%: tests/unit/test_%.c build/unit/unity.o build/unit/$(1)/libkontur.a
-	@echo "  CC  $$< ($(1))"
-	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(TEST_INCLUDE) $(UNITY) -MMD -MP -MF $$@.d $$< build/unit/unity.o build/unit/$(1)/libkontur.a -lm -o $$@
-
 build/unit/$(1)/write_golden: tests/golden/write.c build/unit/$(1)/libkontur.a
 	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(TEST_INCLUDE) $$^ -lm -o $$@
 endef
 $(foreach n,$(NUMS),$(eval $(call back_end,$(n))))
+
+# The tests for the back end $(1) with their objects in build/$(2)/$(1), compiled with the flags $(3).
+define back_end_tests
+build/$(2)/$(1)/%.o: %.c | build/debian.stamp $(GENERATED)
+	@mkdir -p $$(@D); echo "  CC  $$< ($(1), $(2))"
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(3) $(INCLUDE) $(TEST_INCLUDE) -MMD -MP -c $$< -o $$@
+
+build/$(2)/$(1)/libkontur.a: $(call objects,build/$(2),$(1)) $(PORT_SOURCES:%.c=build/$(2)/$(1)/%.o) \
+		$(if $(filter f32,$(1)),$(CHIP_SOURCES:%.c=build/$(2)/f32/%.o)) $(if $(filter-out chk,$(1)),build/$(2)/$(1)/tests/golden/golden.o)
+	@rm -f $$@
+	$(Q)ar rcs $$@ $$^
+
+build/$(2)/$(1)/test_%: tests/unit/test_%.c build/$(2)/unity.o build/$(2)/$(1)/libkontur.a
+	@echo "  CC  $$< ($(1))"
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(3) $(INCLUDE) $(TEST_INCLUDE) $(UNITY) -MMD -MP -MF $$@.d $$< build/$(2)/unity.o build/$(2)/$(1)/libkontur.a -lm -o $$@
+endef
+$(foreach n,$(NUMS),$(eval $(call back_end_tests,$(n),unit,$(SANITIZE))))
+$(foreach n,f32 fix,$(eval $(call back_end_tests,$(n),coverage,$(COVERAGE))))
 
 $(LIB)/kontur_sim.h: sim/kontur_sim.h
 	@mkdir -p $(@D); cp $< $@
@@ -420,6 +429,16 @@ fuzz: setup lib $(FUZZERS:%=build/fuzz/%)  ## fuzz CAN, SDO, slcan, stored image
 .PHONY: fuzz
 -include $(FUZZ_OBJECTS:%.o=%.d) $(FUZZERS:%=build/fuzz/%.d)
 
+# --- branch coverage --------------------------------------------------------------------------------------------------
+# Counts of an earlier run go first, for each program adds its own. Not counted: generated code, and what no C test links.
+coverage: setup $(COVERAGE_PROGRAMS)  ## branches of the firmware that the C tests take, held: table, build/coverage/html/index.html
+	@find build/coverage -name '*.gcda' -delete; mkdir -p build/coverage/html
+	@printf '%s\n' $(COVERAGE_PROGRAMS) | xargs -P $(JOBS) -I{} sh -c '{} >{}.log 2>&1 || { echo "{} FAILED"; grep -v ":PASS$$" {}.log; exit 1; }'
+	@$(VENV)/bin/gcovr --root . --filter firmware/ --merge-lines --json build/coverage/coverage.json \
+	  --html-details build/coverage/html/index.html build/coverage
+	@$(PY) tests/unit/check_coverage.py build/coverage/coverage.json tests/unit/uncovered.toml
+.PHONY: coverage
+
 # --- C tests ----------------------------------------------------------------------------------------------------------
 build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
 	@mkdir -p build/unity; echo "Fetching Unity (see $<)"
@@ -427,11 +446,13 @@ build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
 	$(Q)tar -xzf build/unity/pytest_unity-*.tar.gz -C build/unity --strip-components=3 --wildcards '*/vendor/unity/src' '*/vendor/unity/LICENSE.txt'
 	@touch $@
 
-build/unit/unity.o: $(UNITY_DIR)/unity.c
+build/unit/unity.o: UNITY_FLAGS := $(SANITIZE)
+build/unit/unity.o build/coverage/unity.o: $(UNITY_DIR)/unity.c
 	@mkdir -p $(@D)
-	$(Q)$(CC) -std=c11 -O1 -g $(SANITIZE) $(UNITY) -c $< -o $@
+	$(Q)$(CC) -std=c11 -O1 -g $(UNITY_FLAGS) $(UNITY) -c $< -o $@
 
--include $(LINUX:%.o=%.d) $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)) $(call objects,build/unit,$(n)))) $(TEST_PROGRAMS:%=%.d) \
-	$(foreach n,$(NUMS),$(PORT_SOURCES:%.c=build/unit/$(n)/%.d)) $(CHIP_SOURCES:%.c=build/unit/f32/%.d) \
-	build/unit/f32/tests/golden/golden.d build/unit/fix/tests/golden/golden.d $(IMAGE_OBJECTS:%.o=%.d) \
+TEST_DEPENDENCIES := $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/unit,$(n))) $(PORT_SOURCES:%.c=build/unit/$(n)/%.d)) \
+	$(CHIP_SOURCES:%.c=build/unit/f32/%.d) build/unit/f32/tests/golden/golden.d build/unit/fix/tests/golden/golden.d $(TEST_PROGRAMS:%=%.d)
+-include $(LINUX:%.o=%.d) $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)))) $(IMAGE_OBJECTS:%.o=%.d) \
+	$(TEST_DEPENDENCIES) $(TEST_DEPENDENCIES:build/unit/%=build/coverage/%) \
 	$(foreach n,$(TARGETS),$(patsubst %.o,%.d,$(call target_objects,$(n)))) $(TARGET_TESTS:%=build/target/%.elf.d)
