@@ -207,6 +207,14 @@ static void let_go(struct drive *d)
     }
 }
 
+/* What the scope holds of a fault or a warning is done with. */
+static void release_capture(struct drive *d)
+{
+    if (scope_holds_fault(&d->loop.scope)) {
+        (void)scope_arm(&d->loop.scope, d->od, d->queue.origin_nm);
+    }
+}
+
 /* Power and path as the axes' states want them. */
 static void apply(struct drive *d)
 {
@@ -219,6 +227,9 @@ static void apply(struct drive *d)
     }
     if (on) {
         take_up(d);
+    }
+    if (on && !d->powered[0] && !d->powered[1]) {
+        release_capture(d); /* of a warning: that of a fault went with it */
     }
     if (off && !d->modes.generating) {
         let_go(d);
@@ -262,11 +273,11 @@ void drive_command(struct drive *d)
         }
     }
     if (d->axis[0].state != CIA402_FAULT && d->axis[1].state != CIA402_FAULT && !drive_powered(d)) {
+        if (d->faults != 0) {
+            release_capture(d);
+        }
         d->faults = 0;
         atomic_store(&d->loop.faults, 0u);
-        if (scope_holds_fault(&d->loop.scope)) { /* it is cleared, and so is its capture */
-            (void)scope_arm(&d->loop.scope, d->od, d->queue.origin_nm);
-        }
     }
     apply(d);
 }
@@ -370,6 +381,7 @@ static void take_faults(struct drive *d)
             drive_fault(d, (enum fault)f);
         }
     }
+    scope_warning(&d->loop.scope, raised & warn & ~d->warnings & FAULTS_CAPTURED);
     d->warnings = raised & warn;
 }
 

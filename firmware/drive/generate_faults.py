@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the C table, the page and the host's table of faults from faults.toml.
+"""Makes the C table, the page, the host's table and that of the tests of faults from faults.toml.
 
     generate_faults.py OUTDIR [--docs PATH] [--json PATH]
 
-writes OUTDIR/fault_gen.h and OUTDIR/fault_gen.c, and the others where asked. The output depends on faults.toml alone.
+writes OUTDIR/fault_gen.h, fault_gen.c and fault_rows.h, and the others where asked. The output depends on faults.toml
+alone.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ REACTIONS = {
 REGISTERS = ("generic", "current", "voltage", "communication", "profile", "manufacturer")
 LATCHED_CLEARED = "fault reset"
 MOST = 32  # bits of a word
+PERIODS_PER_MS = 10  # at the usual CONTROL_HZ: for tests
 
 
 class FaultsError(Exception):
@@ -57,11 +59,25 @@ class Fault:
     remedy: str
     option: str = ""
     cleared: str = ""
+    capture: bool = False
     node: bool = False
 
     @property
     def latched(self) -> bool:
         return REACTIONS[self.reaction] != "REACT_WARN"
+
+    @property
+    def captured(self) -> bool:
+        return self.latched or self.capture
+
+    @property
+    def delay_periods(self) -> int:
+        """What `delay` says before a semicolon, in control periods, without what objects or the cause add."""
+        text = self.delay.split(";")[0]
+        counts = [(int(n), unit) for n, unit in re.findall(r"(\d+) (control period|ms)", text)]
+        if not counts and "at once" not in text:
+            raise FaultsError(f"{self.name}: delay counts control periods or ms, or says at once")
+        return sum(n * (1 if unit == "control period" else PERIODS_PER_MS) for n, unit in counts)
 
 
 def row(name: str, given: dict[str, Any]) -> Fault:
@@ -81,8 +97,9 @@ def row(name: str, given: dict[str, Any]) -> Fault:
         raise FaultsError(f"{name}: emcy is a code of 16 bits")
     if not f.latched and not f.cleared:
         raise FaultsError(f"{name}: cleared says how a warning ends")
-    if f.node and f.latched:
-        raise FaultsError(f"{name}: what the node raises stops no axis")
+    if f.node and f.captured:
+        raise FaultsError(f"{name}: what the node raises stops no axis, and triggers no capture")
+    _ = f.delay_periods
     return f
 
 
@@ -102,7 +119,9 @@ def load(path: Path) -> list[Fault]:
 def c_header(faults: list[Fault]) -> str:
     lines = [C_HEAD, "#ifndef FAULT_GEN_H", "#define FAULT_GEN_H", "", "enum fault {"]
     lines += [f"    FAULT_{f.name.upper()}, /* {f.fault} */" for f in faults if not f.node]
-    return "\n".join([*lines, "    FAULTS", "};", "#endif", ""])
+    captured = [f"FAULT_BIT(FAULT_{f.name.upper()})" for f in faults if f.capture]
+    lines += ["    FAULTS", "};", "", "/* The scope keeps what led to these, also where they are only warned of. */"]
+    return "\n".join([*lines, f"#define FAULTS_CAPTURED ({' | '.join(captured) or '0u'})", "#endif", ""])
 
 
 def c_source(faults: list[Fault]) -> str:
@@ -121,6 +140,23 @@ def c_source(faults: list[Fault]) -> str:
     return "\n".join([*lines, "};", ""])
 
 
+def c_rows(faults: list[Fault]) -> str:
+    """For tests: what each row promises, those of the node among them. See tests/unit/test_faults.h."""
+    lines = [C_HEAD, "#ifndef FAULT_ROWS_H", "#define FAULT_ROWS_H", '#include "emcy.h"', '#include "fault.h"', ""]
+    lines += ["enum row {", *(f"    ROW_{f.name.upper()}," for f in faults), "    ROWS", "};", ""]
+    lines += ["static const struct promise {"]
+    lines += ["    uint32_t bit; /* FAULT_BIT(), 0: the node's */", "    uint16_t emcy;", "    uint8_t reg;"]
+    names = {reaction: f"PROMISED_{reaction.upper().replace(' ', '_')}" for reaction in REACTIONS}
+    lines += [f"    enum promised {{ {', '.join(names.values())} }} reaction;"]
+    lines += ["    bool latched, captured;", "    unsigned delay; /* control periods */", "} promises[ROWS] = {"]
+    for f in faults:
+        bit = "0" if f.node else f"FAULT_BIT(FAULT_{f.name.upper()})"
+        flags = f"{str(f.latched).lower()}, {str(f.captured).lower()}"
+        values = f"{bit}, 0x{f.emcy:04X}, CO_REG_{f.register.upper()}, {names[f.reaction]}, {flags}, {f.delay_periods}"
+        lines.append(f"    [ROW_{f.name.upper()}] = {{{values}}},")
+    return "\n".join([*lines, "};", "#endif", ""])
+
+
 def sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
@@ -132,26 +168,28 @@ def docs(faults: list[Fault]) -> str:
         "Generated from `firmware/drive/faults.toml` by `firmware/drive/generate_faults.py`: do not edit.",
         "",
         "What the drive watches, and what it does about it. Each row has a test that injects the cause on the "
-        "simulated drive (`tests/unit/test_faults*.c`). The reaction comes within two control periods of the "
+        "simulated drive and checks all that stands here (`tests/unit/test_faults*.c`). The reaction comes within two control periods of the "
         "detection; *delay* is how long the detection takes. The code is the one of the EMCY and, where an axis goes "
         "into fault, of 603Fh, "
         "which keeps the first one of several. A fault is latched until fault reset (controlword bit 7 of each axis), "
         "and comes back at once while its cause lasts. Warnings and refusals stop nothing: EMCY, statusword bit 7 of "
-        "both axes while they last.",
+        "both axes while they last. *Capture*: the scope in the drive keeps what was before and after it "
+        "([scope.md](scope.md)).",
         "",
         "- **disable**: power off now, in the servo tick that sees it.",
         "- **path stop**: both axes stop on their path (`limits.path_stop_time`), then power off.",
         "- **quick stop**: as 605Ah says: 0 power off now, else as a path stop; then power off.",
         "- **warn**, **refuse**: told, and not done where it was asked for.",
         "",
-        "| code | fault | detection | delay | reaction | latched | cleared |",
-        "|---|---|---|---|---|---|---|",
+        "| code | fault | detection | delay | reaction | latched | capture | cleared |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for f in faults:
         reaction = f"{f.reaction}; {f.option}" if f.option else f.reaction
         cleared = f.cleared or LATCHED_CLEARED
         detection = f.detection.replace("|", "\\|")
-        cells = [f"{f.emcy:04X}h", f.name, detection, f.delay, reaction, "yes" if f.latched else "no", cleared]
+        flags = ["yes" if flag else "no" for flag in (f.latched, f.captured)]
+        cells = [f"{f.emcy:04X}h", f.name, detection, f.delay, reaction, *flags, cleared]
         lines.append("| " + " | ".join(cells) + " |")
     for f in faults:
         lines += ["", f"## {f.emcy:04X}h {f.name}", "", f"{sentence(f.fault)}.", ""]
@@ -161,14 +199,14 @@ def docs(faults: list[Fault]) -> str:
 
 def table(faults: list[Fault]) -> str:
     """What the host says of a code, by code."""
-    keys = ("name", "fault", "cause", "remedy", "reaction")
+    keys = ("name", "fault", "cause", "remedy", "reaction", "captured")
     rows = {f"{f.emcy:04X}": {key: getattr(f, key) for key in keys} for f in faults}
     return json.dumps(rows, indent=1) + "\n"
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="make C table, page and host's table from faults.toml")
-    parser.add_argument("outdir", type=Path, help="folder for fault_gen.h and fault_gen.c")
+    parser.add_argument("outdir", type=Path, help="folder for fault_gen.h, fault_gen.c and fault_rows.h")
     parser.add_argument("--docs", type=Path)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
@@ -178,7 +216,11 @@ def main() -> int:
         print(f"faults.toml: {error}", file=sys.stderr)
         return 1
     args.outdir.mkdir(parents=True, exist_ok=True)
-    outputs = {args.outdir / "fault_gen.h": c_header(faults), args.outdir / "fault_gen.c": c_source(faults)}
+    outputs = {
+        args.outdir / "fault_gen.h": c_header(faults),
+        args.outdir / "fault_gen.c": c_source(faults),
+        args.outdir / "fault_rows.h": c_rows(faults),
+    }
     if args.docs:
         outputs[args.docs] = docs(faults)
     if args.json:

@@ -137,6 +137,13 @@ void scope_fault(struct scope *s, uint32_t faults)
     atomic_fetch_or(&s->told, faults);
 }
 
+void scope_warning(struct scope *s, uint32_t warnings)
+{
+    if (s->trigger == SCOPE_FAULT) {
+        scope_fault(s, warnings);
+    }
+}
+
 bool scope_holds_fault(const struct scope *s)
 {
     return atomic_load(&s->state) >= SCOPE_TRIGGERED && s->cause != 0;

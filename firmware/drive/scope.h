@@ -8,7 +8,7 @@
  * Frames go round in `sample` until the trigger, and then on until those before it are the share asked for. A fault
  * triggers always, whatever else is waited for, and a level only once the frames before it are there. Armed for faults
  * at power-on (2300h, 2301h as they are by default: 500 ms before, 130 ms after), and again when a fault whose capture
- * it holds is reset. docs/scope.md has the layout of what is read.
+ * it holds is reset, or the axes get power. docs/scope.md has the layout of what is read.
  */
 #ifndef KONTUR_SCOPE_H
 #define KONTUR_SCOPE_H
@@ -68,6 +68,8 @@ bool scope_arm(struct scope *s, const struct od_data *od, const int32_t origin_n
 void scope_off(struct scope *s);
 /* The background has raised these faults. */
 void scope_fault(struct scope *s, uint32_t faults);
+/* ... warns of these: no trigger for who waits for something else. */
+void scope_warning(struct scope *s, uint32_t warnings);
 /* It holds, or is about to hold, what led to a fault. */
 bool scope_holds_fault(const struct scope *s);
 /* What 2300h tells of it. */

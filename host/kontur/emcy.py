@@ -13,13 +13,15 @@ TABLE = Path(__file__).with_name("fault_table.json")
 
 @dataclass(frozen=True)
 class Fault:
-    """A row of firmware/drive/faults.toml. `reaction`: warn, refuse, path stop, quick stop or disable."""
+    """A row of firmware/drive/faults.toml. `reaction`: warn, refuse, path stop, quick stop or disable; `captured`: the
+    scope in the drive keeps what led to it."""
 
     name: str
     fault: str
     cause: str
     remedy: str
     reaction: str
+    captured: bool
 
 
 @lru_cache(maxsize=1)

@@ -37,6 +37,7 @@ struct rig {
     uint32_t telemetry_ms[4];
     uint16_t tick;                 /* of the last TPDO2 */
     uint16_t emcy[EMCY_MAX];
+    uint8_t emcy_reg[EMCY_MAX];
     unsigned emcy_count;
     uint32_t heartbeat_every_ms;  /* of the master; 0: silent */
     uint32_t ms;
@@ -88,6 +89,7 @@ static inline bool rig_can_send(void *ctx, const struct can_frame *f)
         r->telemetry[3] = *f;
         r->telemetry_ms[3] = r->ms;
     } else if (f->id == 0x081 && r->emcy_count < EMCY_MAX) {
+        r->emcy_reg[r->emcy_count] = f->data[2];
         r->emcy[r->emcy_count++] = (uint16_t)co_get(&f->data[0], 2);
     } else if (f->id == 0x701) {
         r->boot_ups += f->data[0] == 0 ? 1 : 0;

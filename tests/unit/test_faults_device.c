@@ -11,20 +11,12 @@ void tearDown(void)
 {
 }
 
-/* At power-on: there is no power to be had before a reset of the fault. */
-static void expect_fault_from_power_on(enum fault f)
-{
-    rig_nmt(&rig, 1);
-    expect_power_cut(f, 10);
-    expect_latched(f);
-}
-
 static void test_clock_that_fails_cuts_the_power(void)
 {
     be_on_the_way();
     rig.health.bits = HAL_CLOCK;
-    expect_power_cut(FAULT_CLOCK, 10);
-    expect_latched(FAULT_CLOCK); /* who resets it takes notice of it */
+    expect_reaction(ROW_CLOCK, 0);
+    expect_clearing(ROW_CLOCK, 0); /* who resets it takes notice of it */
 }
 
 static void test_restart_by_watchdog_or_crash_is_a_fault_from_power_on(void)
@@ -33,7 +25,9 @@ static void test_restart_by_watchdog_or_crash_is_a_fault_from_power_on(void)
     for (unsigned i = 0; i < 2; i++) {
         power_on();
         rig.health = (struct hal_health){.bits = HAL_RESET, .reset = causes[i]};
-        expect_fault_from_power_on(FAULT_RESTART);
+        rig_nmt(&rig, 1);
+        expect_reaction(ROW_RESTART, 0);
+        expect_clearing(ROW_RESTART, 0);
         TEST_ASSERT_EQUAL_UINT32(causes[i], rig_read(&rig, 0x2031, 0));
     }
 }
@@ -41,7 +35,9 @@ static void test_restart_by_watchdog_or_crash_is_a_fault_from_power_on(void)
 static void test_brown_out_is_a_fault_from_power_on(void)
 {
     rig.health = (struct hal_health){.bits = HAL_RESET, .reset = HAL_RESET_BROWN_OUT};
-    expect_fault_from_power_on(FAULT_BROWN_OUT);
+    rig_nmt(&rig, 1);
+    expect_reaction(ROW_BROWN_OUT, 0);
+    expect_clearing(ROW_BROWN_OUT, 0);
     TEST_ASSERT_EQUAL_UINT32(6, rig_read(&rig, 0x2031, 0));
 }
 
@@ -49,9 +45,9 @@ static void test_overrun_of_the_servo_tick_cuts_the_power(void)
 {
     be_on_the_way();
     rig.health.bits = HAL_OVERRUN;
-    expect_power_cut(FAULT_OVERRUN, 10);
+    expect_reaction(ROW_OVERRUN, 0);
     rig.health.bits = 0;
-    expect_latched(FAULT_OVERRUN);
+    expect_clearing(ROW_OVERRUN, 0);
 }
 
 static void test_store_that_is_damaged_is_warned_of_until_the_next_save(void)
@@ -59,13 +55,13 @@ static void test_store_that_is_damaged_is_warned_of_until_the_next_save(void)
     rig.flash.word[0][0] = 0x12345678;
     app_init(&rig.app, &rig.hal, 1);
     rig_nmt(&rig, 1);
-    expect_warning(0x5530, CO_REG_MANUFACTURER, 10);
+    expect_reaction(ROW_STORE, 0);
     rig_enable(&rig); /* with defaults */
     TEST_ASSERT_TRUE(rig.out.enable[0] && rig.out.enable[1]);
     rig_controlwords(&rig, 0, 0);
     rig_ms(&rig, 2);
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, 0x65766173));
-    expect_warning_ends(2);
+    expect_clearing(ROW_STORE, 2);
 }
 
 static void test_enable_moving_is_refused_until_the_axis_stands(void)
@@ -76,13 +72,13 @@ static void test_enable_moving_is_refused_until_the_axis_stands(void)
     rig_ms(&rig, 10);
     rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
     rig_controlwords(&rig, ENABLE, ENABLE);
-    expect_warning(0xFF17, CO_REG_MANUFACTURER, 10);
+    expect_reaction(ROW_ENABLE_MOVING, 0);
     while (fabs(rig.plant.vel_mps[1]) > 0.006) {
         rig_run(&rig, 1);
         expect_no_power();
         TEST_ASSERT_NOT_EQUAL(RIG_ENABLED, rig_state(&rig, 0));
     }
-    expect_warning_ends(20);
+    expect_clearing(ROW_ENABLE_MOVING, 20);
     rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
 }
 
@@ -94,9 +90,9 @@ static void test_enable_moving_that_is_asked_for_no_more_is_no_warning(void)
     rig_ms(&rig, 10);
     rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
     rig_controlwords(&rig, ENABLE, ENABLE);
-    expect_warning(0xFF17, CO_REG_MANUFACTURER, 10);
+    expect_reaction(ROW_ENABLE_MOVING, 0);
     rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
-    expect_warning_ends(3);
+    expect_clearing(ROW_ENABLE_MOVING, 3);
     rig_ms(&rig, 500);
     expect_no_power();
 }
@@ -113,9 +109,8 @@ static void test_config_enabled_is_refused_and_told(void)
         be_on_the_way();
         const uint32_t code = rig_write(&rig, writes[i].index, writes[i].sub, writes[i].size, writes[i].value);
         TEST_ASSERT_EQUAL_HEX32(0x08000022, code);
-        expect_warning(0xFF18, CO_REG_MANUFACTURER, 10);
-        expect_path_runs();
-        expect_warning_ends(1001);
+        expect_reaction(ROW_CONFIG_ENABLED, 0);
+            expect_clearing(ROW_CONFIG_ENABLED, 1001);
         rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
     }
 }
@@ -127,10 +122,9 @@ static void test_can_passive_is_warned_of(void)
     rig_ms(&rig, 5);
     TEST_ASSERT_FALSE(rig_bit(&rig, WARNING));
     rig.can.state = HAL_CAN_PASSIVE;
-    expect_warning(0x8120, CO_REG_COMMUNICATION, 10);
-    expect_path_runs();
+    expect_reaction(ROW_CAN_PASSIVE, 0);
     rig.can.state = HAL_CAN_ACTIVE;
-    expect_warning_ends(3);
+    expect_clearing(ROW_CAN_PASSIVE, 3);
 }
 
 static void test_can_off_is_told_when_it_is_over_and_the_heartbeat_stops_the_axes(void)
@@ -150,13 +144,24 @@ static void test_can_off_is_told_when_it_is_over_and_the_heartbeat_stops_the_axe
     TEST_ASSERT_FALSE(rig_bit(&rig, WARNING));
 }
 
+static void test_can_off_for_a_moment_is_warned_of_until_the_controller_is_active(void)
+{
+    be_on_the_way();
+    rig.can = (struct hal_can_status){.state = HAL_CAN_OFF, .bus_offs = 1};
+    rig_ms(&rig, 20);
+    rig.can.state = HAL_CAN_PASSIVE;
+    expect_reaction(ROW_CAN_OFF, 0);
+    rig_ms(&rig, 20);
+    rig.can.state = HAL_CAN_ACTIVE;
+    expect_clearing(ROW_CAN_OFF, 3);
+}
+
 static void test_can_overrun_is_warned_of(void)
 {
     be_on_the_way();
     rig.can.rx_lost = 1;
-    expect_warning(0x8110, CO_REG_COMMUNICATION, 10);
-    expect_path_runs();
-    expect_warning_ends(1002);
+    expect_reaction(ROW_CAN_OVERRUN, 0);
+    expect_clearing(ROW_CAN_OVERRUN, 1002);
 }
 
 static void test_pdo_short_is_refused_until_a_right_one_comes(void)
@@ -164,10 +169,9 @@ static void test_pdo_short_is_refused_until_a_right_one_comes(void)
     be_on_the_way();
     const uint8_t zeros[8] = {0};
     rig_send(&rig, 0x201, 3, zeros); /* would cut the power */
-    expect_warning(0x8210, CO_REG_COMMUNICATION, 10);
-    expect_path_runs();
+    expect_reaction(ROW_PDO_SHORT, 0);
     rig_controlwords(&rig, RUN, RUN);
-    expect_warning_ends(2);
+    expect_clearing(ROW_PDO_SHORT, 2);
 }
 
 static void test_pdo_long_is_refused_until_a_right_one_comes(void)
@@ -175,10 +179,9 @@ static void test_pdo_long_is_refused_until_a_right_one_comes(void)
     be_on_the_way();
     const uint8_t zeros[8] = {0};
     rig_send(&rig, 0x201, 5, zeros);
-    expect_warning(0x8220, CO_REG_COMMUNICATION, 10);
-    expect_path_runs();
+    expect_reaction(ROW_PDO_LONG, 0);
     rig_controlwords(&rig, RUN, RUN);
-    expect_warning_ends(2);
+    expect_clearing(ROW_PDO_LONG, 2);
 }
 
 static void test_sync_length_is_refused_until_a_right_one_comes(void)
@@ -186,10 +189,9 @@ static void test_sync_length_is_refused_until_a_right_one_comes(void)
     be_on_the_way();
     const uint8_t zeros[8] = {0};
     rig_send(&rig, 0x80, 2, zeros);
-    expect_warning(0x8240, CO_REG_COMMUNICATION, 10);
-    expect_path_runs();
+    expect_reaction(ROW_SYNC_LENGTH, 0);
     rig_send(&rig, 0x80, 0, zeros);
-    expect_warning_ends(2);
+    expect_clearing(ROW_SYNC_LENGTH, 2);
 }
 
 /* ---- several at once ---- */
@@ -242,7 +244,8 @@ static void test_warning_is_told_again_after_a_reset_of_the_node(void)
     rig.emcy_count = 0;
     rig_nmt(&rig, 129);
     rig_nmt(&rig, 1);
-    expect_warning(0x5530, CO_REG_MANUFACTURER, 10);
+    rig_ms(&rig, 1);
+    expect_reaction(ROW_STORE, 0);
 }
 
 int main(void)
@@ -258,6 +261,7 @@ int main(void)
     RUN_TEST(test_config_enabled_is_refused_and_told);
     RUN_TEST(test_can_passive_is_warned_of);
     RUN_TEST(test_can_off_is_told_when_it_is_over_and_the_heartbeat_stops_the_axes);
+    RUN_TEST(test_can_off_for_a_moment_is_warned_of_until_the_controller_is_active);
     RUN_TEST(test_can_overrun_is_warned_of);
     RUN_TEST(test_pdo_short_is_refused_until_a_right_one_comes);
     RUN_TEST(test_pdo_long_is_refused_until_a_right_one_comes);
