@@ -22,7 +22,8 @@ from kontur.device import BIT_PATH_RUNS, BIT_TARGET_REACHED, ENABLE, RESEND_S, R
 from kontur.errors import DeviceError, EmcyError, StreamError
 
 FLIGHT_MAX_S, FLIGHT_MIN_S = 0.02, 0.002
-"""Time in which a knot frame is taken and its TPDO1 is back, if neither was lost: within these, by SDO round trips."""
+"""Time in which a knot frame is taken and its TPDO1 is back, if neither was lost: within these, by SDO round trips.
+A line slower than the host makes it longer, by what was seen to wait before it."""
 
 WINDOW = 63
 """Knots on their way at most. Numbers count to 256, and no two on their way may look alike: a corrupted count in TPDO1
@@ -30,6 +31,7 @@ can seem to free as many as are on their way, so that it would take four such co
 
 _NUMBERS = 256
 _BURST = 16
+_QUEUED_MAX_S = 0.5  # half of what the drive's queue holds
 _SILENCE_S = 2.0  # longer than a bus is off before it recovers: then the drive tells what it did meanwhile
 _START_TIMEOUT_S, _STOP_TIMEOUT_S = 0.5, 5.0
 _BEGIN, _ABORT, _RESUME = 1, 2, 3
@@ -214,6 +216,7 @@ class _Sender:
         self._total = len(knots_nm)
         self._sent = self._ever_sent = self.accepted
         self._sent_s = [0.0] * _NUMBERS  # of the knots on their way, by number
+        self._sent_once = self.accepted  # from this knot on
         self._end_checked = False
         self._cob_id = wire.RPDO2 + device.link.node_id
         if not resume:
@@ -221,6 +224,7 @@ class _Sender:
         self._room = int(device.confirmed("stream.free"))
         self._credit = self.accepted + min(self._room, WINDOW)
         self._flight_s = min(FLIGHT_MAX_S, FLIGHT_MIN_S + 2.0 * device.link.round_trip_s)
+        self._queued_s = 0.0
         self._seen = device.link.status_count
         self._heard_s = self._taken_s = device.link.time_s
 
@@ -249,12 +253,13 @@ class _Sender:
         device.check()
         if link.status_count != self._seen:
             self._seen = link.status_count
-            self._heard_s = link.time_s
-            self._take_status()
+            before_s, self._heard_s = self._heard_s, link.time_s
+            self._take_status(before_s)
         elif link.time_s - self._heard_s > _SILENCE_S:
             raise StreamError(f"the drive has sent no status for {_SILENCE_S:g} s: is the bus still there?")
 
-    def _take_status(self) -> None:
+    def _take_status(self, before_s: float) -> None:
+        """Of the latest status; the one before it came at `before_s`."""
         status = self.device.link.status
         assert status is not None
         newly = (status.accepted - self.accepted + 0x8000 & 0xFFFF) - 0x8000
@@ -263,11 +268,18 @@ class _Sender:
         self.accepted += newly  # or less, if the one before was corrupted
         if newly > 0:
             self._taken_s = self._heard_s
+            if self.accepted > self._sent_once:  # the last one taken was on its way for longer than until `before_s`
+                queued_s = before_s - self._sent_s[(self.accepted - 1) % _NUMBERS]
+                self._queued_s = min(max(queued_s, 0.0), _QUEUED_MAX_S)
         self._sent = max(self._sent, self.accepted)
         self._credit = self.accepted + min(status.free, WINDOW)
-        if self.accepted < self._sent and self._heard_s - self._sent_s[self.accepted % _NUMBERS] > self._flight_s:
-            self.retransmitted += self._sent - self.accepted
-            self._sent = self.accepted
+        if newly <= 0 and self.accepted < self._sent:
+            # What is sent twice goes through a slow line, too: four times, so that it is not taken for lost in turn.
+            way_s = self._flight_s + 4.0 * self._queued_s
+            if self._heard_s - self._sent_s[self.accepted % _NUMBERS] > way_s:
+                self.retransmitted += self._sent - self.accepted
+                self._sent_once = max(self._sent_once, self._sent)
+                self._sent = self.accepted
         if self.accepted == self._total and not self._end_checked:
             self._check_last_knot()
 

@@ -2,6 +2,7 @@
 """Streaming to the simulated drive over buses that lose, corrupt and delay frames: no knot is lost, or it is said."""
 
 import random
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -15,16 +16,46 @@ from kontur import machine, planner, run, shapes, wire
 from kontur.device import Device
 from kontur.errors import DeviceError, EmcyError, StreamError
 from kontur.link import Link
-from kontur.stream import stream
+from kontur.stream import WINDOW, stream
 
 KNOT = wire.RPDO2 + 1
 TELEMETRY = {cob + 1 for cob in wire.TELEMETRY}
 
 
+class SlowBus(HookedBus):
+    """A line that takes a knot each `KNOT_S`; what is sent meanwhile waits before it. It stands still at `stalls_s`."""
+
+    KNOT_S, STALL_S = 1.5e-3, 0.1
+
+    def __init__(self, **options: object) -> None:
+        super().__init__(**options)
+        self.waiting: deque[can.Message] = deque()
+        self.next_s = 0.0
+        self.stalls_s: list[float] = []
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if msg.arbitration_id == KNOT:
+            self.waiting.append(msg)
+        else:
+            super().send(msg, timeout)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        end_s = self.time_s + (timeout or 0.0)
+        while (message := super().recv(max(0.0, min(end_s, self.next_s) - self.time_s))) is None:
+            if self.time_s >= end_s:
+                break
+            if self.waiting:
+                super().send(self.waiting.popleft())
+            self.next_s = self.time_s + self.KNOT_S
+            if self.stalls_s and self.time_s > self.stalls_s[0]:
+                self.next_s = self.stalls_s.pop(0) + self.STALL_S
+        return message
+
+
 @contextmanager
-def enabled(knots_nm: NDArray[np.int32]) -> Iterator[tuple[Device, HookedBus]]:
+def enabled(knots_nm: NDArray[np.int32], kind: type[HookedBus] = HookedBus) -> Iterator[tuple[Device, HookedBus]]:
     x, y = (float(v) * 1e-9 for v in knots_nm[0])
-    with HookedBus(machine=machine.load().starting_at((x, y))) as bus:
+    with kind(machine=machine.load().starting_at((x, y))) as bus:
         device = Device(Link(bus, 1))
         with device.enabled():
             yield device, bus
@@ -85,6 +116,29 @@ def test_lost_status_frames_do_no_harm(knots_nm: NDArray[np.int32]) -> None:
     with enabled(knots_nm) as (device, bus):
         bus.on_recv = lambda m: None if m.arbitration_id == wire.TPDO1 + 1 and draw.random() < 0.3 else m
         assert stream(device, knots_nm).completed
+
+
+def test_line_slower_than_the_host_gets_no_knot_twice(knots_nm: NDArray[np.int32]) -> None:
+    with enabled(knots_nm, SlowBus) as (device, bus):
+        result = stream(device, knots_nm)
+        assert not bus.waiting
+    assert result.completed
+    assert result.retransmitted == 0
+
+
+def test_slow_line_that_stalls_gets_no_more_than_it_can_take(knots_nm: NDArray[np.int32]) -> None:
+    with enabled(knots_nm, SlowBus) as (device, bus):
+        bus.stalls_s = [bus.time_s + wait_s for wait_s in (0.1, 0.4, 0.7)]
+        most = 0
+
+        def watch(_share: float) -> None:
+            nonlocal most
+            most = max(most, len(bus.waiting))
+
+        result = stream(device, knots_nm, progress=watch)
+    assert result.completed
+    assert result.retransmitted <= 3 * WINDOW
+    assert most <= 2 * WINDOW
 
 
 def test_lost_telemetry_is_counted_exactly(knots_nm: NDArray[np.int32]) -> None:
