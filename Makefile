@@ -25,6 +25,8 @@ UNITY    := -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -I$(UNITY_DIR)
 NUMS     := f32 fix chk
 fix_FLAGS := -DKONTUR_NUM_FIX
 chk_FLAGS := -DKONTUR_NUM_CHK
+# Multiply-add as one instruction where this host has it; else it is the C library's, with the same bits (num_f32.h).
+f32_HOST  = $(if $(shell $(CC) -march=native -dM -E - </dev/null 2>/dev/null | grep -w __FMA__),-mfma)
 NO_FLOAT := -mgeneral-regs-only
 # The control core and the servo tick for a microcontroller: optimised as a whole. What is left out moves values that the few
 # registers cannot hold: 3 % of the tick's instructions.
@@ -177,14 +179,14 @@ $(FIRMWARE:%.c=build/lib/fix/%.o): CFLAGS += $(NO_FLOAT)
 define back_end
 build/lib/$(1)/%.o: %.c | build/debian.stamp $(GENERATED)
 	@mkdir -p $$(@D); echo "  CC  $$< ($(1))"
-	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) -fPIC $(INCLUDE) -MMD -MP -c $$< -o $$@
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $$($(1)_HOST) -fPIC $(INCLUDE) -MMD -MP -c $$< -o $$@
 
 $(LIB)/libkontur_$(1).so: $(call objects,build/lib,$(1))
 	@mkdir -p $$(@D); echo "  LD  $$@"
 	$(Q)$(CC) -shared -Wl,-Bsymbolic -o $$@ $$^ -lm
 
 build/unit/$(1)/write_golden: tests/golden/write.c build/unit/$(1)/libkontur.a
-	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(SANITIZE) $(INCLUDE) $(TEST_INCLUDE) $$^ -lm -o $$@
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $$($(1)_HOST) $(SANITIZE) $(INCLUDE) $(TEST_INCLUDE) $$^ -lm -o $$@
 endef
 $(foreach n,$(NUMS),$(eval $(call back_end,$(n))))
 
@@ -192,7 +194,7 @@ $(foreach n,$(NUMS),$(eval $(call back_end,$(n))))
 define back_end_tests
 build/$(2)/$(1)/%.o: %.c | build/debian.stamp $(GENERATED)
 	@mkdir -p $$(@D); echo "  CC  $$< ($(1), $(2))"
-	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(3) $(INCLUDE) $(TEST_INCLUDE) -MMD -MP -c $$< -o $$@
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $$($(1)_HOST) $(3) $(INCLUDE) $(TEST_INCLUDE) -MMD -MP -c $$< -o $$@
 
 build/$(2)/$(1)/libkontur.a: $(call objects,build/$(2),$(1)) $(PORT_SOURCES:%.c=build/$(2)/$(1)/%.o) \
 		$(if $(filter f32,$(1)),$(CHIP_SOURCES:%.c=build/$(2)/f32/%.o)) $(if $(filter-out chk,$(1)),build/$(2)/$(1)/tests/golden/golden.o)
@@ -201,7 +203,7 @@ build/$(2)/$(1)/libkontur.a: $(call objects,build/$(2),$(1)) $(PORT_SOURCES:%.c=
 
 build/$(2)/$(1)/test_%: tests/unit/test_%.c build/$(2)/unity.o build/$(2)/$(1)/libkontur.a
 	@echo "  CC  $$< ($(1))"
-	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $(3) $(INCLUDE) $(TEST_INCLUDE) $(UNITY) -MMD -MP -MF $$@.d $$< build/$(2)/unity.o build/$(2)/$(1)/libkontur.a -lm -o $$@
+	$(Q)$(CC) $$(CFLAGS) $($(1)_FLAGS) $$($(1)_HOST) $(3) $(INCLUDE) $(TEST_INCLUDE) $(UNITY) -MMD -MP -MF $$@.d $$< build/$(2)/unity.o build/$(2)/$(1)/libkontur.a -lm -o $$@
 endef
 $(foreach n,$(NUMS),$(eval $(call back_end_tests,$(n),unit,$(SANITIZE))))
 $(foreach n,f32 fix,$(eval $(call back_end_tests,$(n),coverage,$(COVERAGE))))
@@ -339,7 +341,7 @@ $(foreach n,$(TARGETS),$(eval $(call on_target,$(n))))
 # The closed loop of the target on the host, to compare with
 $(foreach n,f32 fix,build/target/host-$(n)/hash): build/target/host-%/hash: build/target/part_knots.h $(GENERATED) tests/target/hash.c tests/target/rig.c $(FIRMWARE)
 	@mkdir -p $(@D); echo "  CC  tests/target/hash.c ($*)"
-	$(Q)$(CC) $(CFLAGS) $($*_FLAGS) $(TARGET_INCLUDE) $(filter %.c,$^) -o $@
+	$(Q)$(CC) $(CFLAGS) $($*_FLAGS) $($*_HOST) $(TARGET_INCLUDE) $(filter %.c,$^) -lm -o $@
 
 # As many at once as there are processors; the host's hash is what a target's must be.
 JOBS     := $(shell nproc 2>/dev/null || echo 1)
@@ -402,7 +404,7 @@ FUZZERS  := can sdo slcan store
 SECONDS  := 60
 SEED     := 1
 FUZZ_SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all
-FUZZ_FLAGS := $(CFLAGS) -Itests/fuzz $(INCLUDE) -Itests/unit
+FUZZ_FLAGS = $(CFLAGS) $(f32_HOST) -Itests/fuzz $(INCLUDE) -Itests/unit
 FUZZ_OBJECTS := $(patsubst %.c,build/fuzz/%.o,$(SOURCES) firmware/port/slcan.c)
 
 build/clang.stamp:

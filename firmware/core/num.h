@@ -23,6 +23,7 @@
  *   n_to_scaled(x, k)  round(x * k) as int32, saturated: for telemetry
  *   n_word(x)          the value as 32 bits, for the scope; n_of_word(w) back
  *   n_state(x)         x, kept to the next period: the checking back end starts a new shadow, so that what it checks is a period
+ *   n_mad(a, b, c)     a + b c, and n_msub(a, b, c) a - b c, where that rounds once; then NUM_MAD is defined
  *   n_abs(x)           where that is not n_neg() or x; then NUM_ABS is defined
  *   acc_t              an accumulator for slow integrals, to 2^-48: what a step adds to it may be far below the resolution
  *                      of a num. acc_from(num), acc_to(acc), acc_mad(acc, a, b): acc + a b / ACC_GAIN, so that
@@ -113,9 +114,15 @@ static inline bool n_finite(num a)
     return n_lt(n_sub(a, a), NUM(1)); /* what is left of a NaN or of an infinite is a NaN */
 }
 
-/* a + b c */
+#ifndef NUM_MAD
 static inline num n_mad(num a, num b, num c)
 {
     return n_add(a, n_mul(b, c));
 }
+
+static inline num n_msub(num a, num b, num c)
+{
+    return n_sub(a, n_mul(b, c));
+}
+#endif
 #endif

@@ -43,13 +43,13 @@ static inline vec2 v2_mul(vec2 a, vec2 b)
 
 static inline num v2_dot(vec2 a, vec2 b)
 {
-    return n_add(n_mul(a.x, b.x), n_mul(a.y, b.y));
+    return n_mad(n_mul(a.x, b.x), a.y, b.y);
 }
 
 /* z component of a x b */
 static inline num v2_cross(vec2 a, vec2 b)
 {
-    return n_sub(n_mul(a.x, b.y), n_mul(a.y, b.x));
+    return n_msub(n_mul(a.x, b.y), a.y, b.x);
 }
 
 static inline num v2_norm(vec2 a)

@@ -73,6 +73,21 @@ static inline num n_mul(num a, num b)
                  bound_share(a.d, b.e) + bound_share(b.d, a.e) + bound_share(a.e, b.e) + BOUND(a.d * b.d, 1)};
 }
 
+#ifndef BOUND_FIXED /* float32 rounds a product and the sum of it with another at once */
+#define NUM_MAD
+static inline num n_mad(num a, num b, num c)
+{
+    const double d = a.d + b.d * c.d;
+    const double product = bound_share(b.d, c.e) + bound_share(c.d, b.e) + bound_share(b.e, c.e);
+    return (num){d, a.e + product + BOUND(d, 1)};
+}
+
+static inline num n_msub(num a, num b, num c)
+{
+    return n_mad(a, n_neg(b), c);
+}
+#endif
+
 static inline num n_div(num a, num b)
 {
     const double q = a.d / b.d;

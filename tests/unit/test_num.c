@@ -99,6 +99,15 @@ static void test_arithmetic_is_what_it_says(void)
     TEST_ASSERT_TRUE(n_lt(mk(1), mk(1.5)) && !n_lt(mk(1), mk(1)) && !n_lt(mk(1.5), mk(1)));
 }
 
+static void test_a_product_and_a_sum_are_rounded_once(void)
+{
+    const num b = mk(1 + 0x1p-12), a = mk(-1 - 0x1p-11); /* a + b b = 2^-24, below the last place of b b */
+    const double expected = NUM_FIXED ? 0 : 0x1p-24;
+    TEST_ASSERT_EQUAL_DOUBLE(expected, val(n_mad(a, b, b)));
+    TEST_ASSERT_EQUAL_DOUBLE(-expected, val(n_msub(n_neg(a), b, b)));
+    TEST_ASSERT_EQUAL_DOUBLE(-5, val(n_msub(mk(1), mk(2), mk(3))));
+}
+
 static void expect(double x, double y, vec2 v)
 {
     ASSERT_NEAR(x, val(v.x), 5.0);
@@ -151,6 +160,7 @@ int main(void)
     RUN_TEST(test_sat_is_linear_inside_its_layer_and_one_outside);
     RUN_TEST(test_clamp_min_max_and_abs_pick_the_right_one);
     RUN_TEST(test_arithmetic_is_what_it_says);
+    RUN_TEST(test_a_product_and_a_sum_are_rounded_once);
     RUN_TEST(test_the_frame_has_the_normal_a_quarter_turn_left_of_the_tangent);
     RUN_TEST(test_from_frame_undoes_to_frame);
     RUN_TEST(test_ie_turns_a_quarter_to_the_right);
