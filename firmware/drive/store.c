@@ -8,11 +8,15 @@
 
 enum { WORD = 4, PAIR = 8 };
 
+/* IEEE 802.3, four bits at a time */
 static uint32_t crc32(uint32_t crc, uint32_t word)
 {
+    static const uint32_t nibble[16] = {0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u,
+                                        0x4DB26158u, 0x5005713Cu, 0xEDB88320u, 0xF00F9344u, 0xD6D6A3E8u, 0xCB61B38Cu,
+                                        0x9B64C2B0u, 0x86D3D2D4u, 0xA00AE278u, 0xBDBDF21Cu};
     crc ^= word;
-    for (int bit = 0; bit < 32; bit++) {
-        crc = (crc >> 1) ^ (0xEDB88320u & (0u - (crc & 1u)));
+    for (int i = 0; i < 8; i++) {
+        crc = (crc >> 4) ^ nibble[crc & 15u];
     }
     return crc;
 }

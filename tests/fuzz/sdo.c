@@ -69,6 +69,15 @@ static void read_one(const struct od_entry *e)
     TEST_ASSERT_TRUE(!refused || (e->flags & OD_READ) == 0 || co_get(&bus.sent[0].data[4], 4) == SDO_ABORT_NO_DATA);
 }
 
+/* Some milliseconds, or enough for a transfer that waits to be given up */
+static void let_pass(uint8_t how_long)
+{
+    for (unsigned ms = how_long == 0xFF ? CO_SDO_TIMEOUT_MS + 1 : 1 + how_long % 16; ms > 0; ms--) {
+        bus_clear(&bus);
+        co_tick_ms(&bus.node);
+    }
+}
+
 static void take(struct bytes *in)
 {
     const struct od_entry *e;
@@ -95,10 +104,7 @@ static void take(struct bytes *in)
         break;
     case READ: read_one(any_entry(in)); break;
     case TIME:
-        for (unsigned ms = bytes_u8(in); ms > 0; ms--) {
-            bus_clear(&bus);
-            co_tick_ms(&bus.node);
-        }
+        let_pass(bytes_u8(in));
         break;
     case FULL: bus.room = bytes_u8(in); return;
     default: break;

@@ -63,6 +63,11 @@ static void put(struct cursor *c, uint32_t word)
     if (c->word < WORDS) {
         flash.word[c->sector][c->word++] = word;
     }
+}
+
+static void put_checked(struct cursor *c, uint32_t word)
+{
+    put(c, word);
     c->crc = crc32(c->crc, word);
 }
 
@@ -72,14 +77,14 @@ static void put_set(struct cursor *c, struct bytes *in)
     const uint8_t how = bytes_u8(in);
     const unsigned pairs = bytes_u8(in) % 64;
     c->crc = 0xFFFFFFFF;
-    put(c, STORE_MAGIC);
-    put(c, bytes_number(in, 1) | ((how & 1) != 0 ? bytes_number(in, 4) : 0));
+    put_checked(c, STORE_MAGIC);
+    put_checked(c, bytes_number(in, 1) | ((how & 1) != 0 ? bytes_number(in, 4) : 0));
     for (unsigned i = 0; i < pairs; i++) {
         const struct od_entry *e = &od_table[bytes_number(in, 2) % od_table_len];
-        put(c, (how & 2) != 0 ? bytes_number(in, 4) : (uint32_t)e->index << 8 | e->sub);
-        put(c, bytes_number(in, 4));
+        put_checked(c, (how & 2) != 0 ? bytes_number(in, 4) : (uint32_t)e->index << 8 | e->sub);
+        put_checked(c, bytes_number(in, 4));
     }
-    put(c, (STORE_END | pairs) + ((how & 0xF0) == 0x10 ? 1u : 0u));
+    put_checked(c, (STORE_END | pairs) + ((how & 0xF0) == 0x10 ? 1u : 0u));
     put(c, ~c->crc ^ ((how & 0xF0) == 0x20 ? 1u : 0u));
 }
 
@@ -121,26 +126,51 @@ static const struct od_entry *entry(uint16_t index, uint8_t sub)
     return e;
 }
 
+/* What may be saved over the set found: index, sub, whether the values in use are those stored then */
+static const struct {
+    uint16_t index;
+    uint8_t sub;
+    bool same;
+} saves[] = {{0x1010, 1, true}, {0x1010, 2, true}, {0x1010, 3, true}, {0x1011, 1, false}, {0x1011, 3, false}, {0, 0, true}};
+enum { SAVES = sizeof saves / sizeof saves[0], SAVE_NODE = SAVES - 1, NO_SAVE = 12 };
+
+static uint32_t save(struct settings *s, unsigned which, uint8_t node_id)
+{
+    if (which == SAVE_NODE) {
+        return settings_store_node(s, node_id) ? SDO_OK : SDO_ABORT_HARDWARE;
+    }
+    const bool whole = saves[which].index == 0x1010;
+    return settings_command(s, entry(saves[which].index, saves[which].sub), whole ? 0x65766173 : 0x64616F6C, node_id);
+}
+
+/* The first byte of the input says what is saved: often nothing, since that takes longest. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     struct bytes in = {data, size};
     struct settings s;
+    const unsigned which = bytes_u8(&in) % NO_SAVE;
     sim_flash_init(&flash, 1);
     fill(&in);
     const uint8_t node_id = settings_init(&s, &od, &hal, NODE);
     expect_sound(&od, node_id);
+    if (which >= SAVES) {
+        return 0;
+    }
     const uint8_t used = node_id == OD_UNCONFIGURED ? 1 : node_id;
     const bool last = s.store.sequence >= UINT32_MAX - 1; /* no later set can follow */
-    const uint32_t saved = settings_command(&s, entry(0x1010, 1), 0x65766173, used);
-    TEST_ASSERT_EQUAL_HEX32(last ? SDO_ABORT_HARDWARE : SDO_OK, saved);
+    TEST_ASSERT_EQUAL_HEX32(last ? SDO_ABORT_HARDWARE : SDO_OK, save(&s, which, used));
     if (last) {
         return 0;
     }
     struct settings t;
-    TEST_ASSERT_EQUAL(node_id, settings_init(&t, &again, &hal, NODE));
-    TEST_ASSERT_FALSE(settings_lost(&t));
-    expect_sound(&again, node_id);
-    if (node_id != OD_UNCONFIGURED) {
+    const uint8_t node_after = settings_init(&t, &again, &hal, NODE);
+    TEST_ASSERT_TRUE(t.store.found && !t.store.damaged);
+    expect_sound(&again, node_after);
+    if (which == 0) {
+        TEST_ASSERT_FALSE(settings_lost(&t));
+    }
+    if (saves[which].same && node_id != OD_UNCONFIGURED) {
+        TEST_ASSERT_EQUAL(node_id, node_after);
         TEST_ASSERT_TRUE_MESSAGE(memcmp(&od, &again, sizeof od) == 0, "what was stored is not what is loaded");
     }
     TEST_ASSERT_EQUAL_UINT(0, flash.misuse);

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fuzz until so many executions have been made, one fuzzer after the other, and say what was done.
+
+Rounds of a fiftieth of RUNS each: every fuzzer gets its share with UndefinedBehaviorSanitizer, and again with
+AddressSanitizer as well. A round has one seed, SEED plus its number. Each run is a line of build/fuzz/campaign.jsonl;
+started again, it goes on after the last one, with the programs as they are built then. A finding ends it.
+
+Usage: campaign.py RUNS SEED [SECONDS]   fuzz, no longer than about SECONDS
+       campaign.py --write FILE          put the table of the log into a Markdown file, between its two marks
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import time
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+BUILD = Path("build/fuzz")
+LOG = BUILD / "campaign.jsonl"
+MARKS = ("<!-- fuzz campaign: begin -->", "<!-- fuzz campaign: end -->")
+ROUNDS = 50
+FUZZERS = {"can": 0.1, "sdo": 0.3, "slcan": 0.45, "store": 0.15}  # parts of the executions
+SANITIZERS = {"ub": 0.9, "asan": 0.1}  # folder below build/fuzz, and its part
+GCODE_SECONDS = 4.0  # a round
+
+
+def lines() -> list[dict[str, Any]]:
+    """What has been run so far."""
+    return [json.loads(line) for line in LOG.read_text().splitlines()] if LOG.exists() else []
+
+
+def note(**line: Any) -> None:
+    """One run, with when it ended and of which commit it is."""
+    commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=True)
+    head = {"date": datetime.now(timezone.utc).isoformat(timespec="seconds"), "commit": commit.stdout.strip()}
+    with LOG.open("a") as log:
+        log.write(json.dumps(head | line) + "\n")
+
+
+def fuzz(name: str, sanitizers: str, runs: int, seed: int) -> None:
+    """One run of a C fuzzer; SystemExit on a finding."""
+    corpus = BUILD / "corpus" / name
+    corpus.mkdir(parents=True, exist_ok=True)
+    command = [str(BUILD / sanitizers / name), f"-runs={runs}", f"-seed={seed}", "-max_len=160", "-len_control=0"]
+    command += ["-entropic=0", "-detect_leaks=0", "-print_final_stats=1", f"-artifact_prefix={BUILD}/{name}-"]
+    command += [str(corpus), f"tests/fuzz/corpus/{name}"]
+    begin = time.monotonic()
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    seconds = time.monotonic() - begin
+    if run.returncode != 0:
+        print(run.stderr[-4000:])
+        sys.exit(f"campaign.py: {name}: a finding; run it again: {command[0]} {BUILD}/{name}-crash-...")
+    done = [int(n) for n in re.findall(r"number_of_executed_units: (\d+)", run.stderr)]
+    edges = [int(n) for n in re.findall(r"DONE +cov: (\d+)", run.stderr)]
+    note(fuzzer=name, sanitizers=sanitizers, seed=seed, executions=done[-1], edges=edges[-1], seconds=round(seconds, 1))
+
+
+def fuzz_gcode(seed: int) -> None:
+    """One run of the fuzzer in Python; SystemExit on a finding."""
+    command = [sys.executable, "tests/fuzz/gcode.py", str(GCODE_SECONDS), str(1000 * seed)]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    if run.returncode != 0:
+        sys.exit(run.stdout + run.stderr)
+    executions = int(run.stdout.split()[1])
+    note(fuzzer="gcode", sanitizers="", seed=1000 * seed, executions=executions, edges=0, seconds=GCODE_SECONDS)
+
+
+def campaign(runs: int, seed: int, seconds: float) -> None:
+    """Rounds until `runs` are reached or the time is over."""
+    end = time.monotonic() + seconds
+    number = 1 + max((line["round"] for line in lines() if "round" in line), default=-1)
+    while (total := sum(line["executions"] for line in lines() if "executions" in line)) < runs:
+        print(f"round {number}: {total} executions so far", flush=True)
+        for name, part in FUZZERS.items():
+            for sanitizers, share in SANITIZERS.items():
+                fuzz(name, sanitizers, round(runs / ROUNDS * part * share), seed + number)
+                if time.monotonic() > end:
+                    return
+        fuzz_gcode(seed + number)
+        note(round=number)
+        number += 1
+
+
+def table() -> str:
+    """The log as a Markdown table, and a line of what it stands for."""
+    done = [line for line in lines() if "executions" in line]
+    rows = ["| Fuzzer | Executions | of these with ASan | a second | Edges reached |", "|---|---|---|---|---|"]
+    for name in [*FUZZERS, "gcode"]:
+        own = [line for line in done if line["fuzzer"] == name]
+        count = sum(line["executions"] for line in own)
+        with_asan = sum(line["executions"] for line in own if line["sanitizers"] == "asan")
+        rate = count / max(1e-9, sum(line["seconds"] for line in own))
+        edges = max((line["edges"] for line in own), default=0)
+        rows.append(f"| `{name}` | {count:,} | {with_asan:,} | {rate:,.0f} | {edges or '-'} |")
+    seeds = sorted({line["seed"] for line in done if line["fuzzer"] != "gcode"})
+    commits = list(dict.fromkeys(line["commit"] for line in done))
+    total = sum(line["executions"] for line in done)
+    told = (
+        f"{total:,} executions from {done[0]['date'][:16]} to {done[-1]['date'][:16]} UTC, seeds {seeds[0]} to"
+        f" {seeds[-1]}, commits {', '.join(commits)}:"
+    )
+    return "\n".join([told, "", *rows])
+
+
+def write(path: Path) -> None:
+    """Put the table into a file."""
+    before, rest = path.read_text().split(MARKS[0])
+    path.write_text(f"{before}{MARKS[0]}\n{table()}\n{MARKS[1]}{rest.split(MARKS[1])[1]}")
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "--write":
+        write(Path(sys.argv[2]))
+    else:
+        campaign(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]) if len(sys.argv) > 3 else float("inf"))
