@@ -1,4 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
+
 #include "num_test.h"
 #include "unity.h"
 
@@ -61,6 +63,30 @@ static void test_scaled_integers_saturate(void)
 {
     TEST_ASSERT_EQUAL_INT32(INT32_MAX, n_to_scaled(mk(4000), 1000000));
     TEST_ASSERT_EQUAL_INT32(INT32_MIN, n_to_scaled(mk(-4000), 1000000));
+}
+
+static void test_integers_of_64_bits_are_rounded_to_the_nearest_whatever_their_sign(void)
+{
+    if (!NUM_FIXED) {
+        TEST_ASSERT_EQUAL_DOUBLE(-3000000000.0, val(n_ratio(-3000000000, 1)));
+        TEST_ASSERT_EQUAL_DOUBLE(3000000000.0, val(n_ratio(3000000000, 1)));
+        TEST_ASSERT_EQUAL_DOUBLE(-4294967296.0, val(n_ratio(-4294967295, 1)));
+        TEST_ASSERT_EQUAL_DOUBLE(-0x1p40, val(n_ratio(-(1LL << 40) - 1, 1)));
+    }
+}
+
+static void test_what_is_no_number_becomes_0_and_infinity_saturates(void)
+{
+    if (!NUM_FIXED) {
+        const num inf = mk((double)INFINITY), nan = mk((double)NAN);
+        TEST_ASSERT_TRUE(n_to_q32(nan) == 0);
+        TEST_ASSERT_TRUE(n_to_q32(inf) == 4000000000000000000 / (1LL << 38) * (1LL << 38));
+        TEST_ASSERT_TRUE(n_to_q32(n_neg(inf)) == -n_to_q32(inf));
+        TEST_ASSERT_TRUE(n_to_q32(mk(1e10)) == n_to_q32(inf));
+        TEST_ASSERT_EQUAL_INT32(0, n_to_scaled(nan, 1));
+        TEST_ASSERT_EQUAL_INT32(INT32_MAX, n_to_scaled(inf, 1));
+        TEST_ASSERT_EQUAL_INT32(INT32_MIN, n_to_scaled(n_neg(inf), 1));
+    }
 }
 
 static void test_sat_is_linear_inside_its_layer_and_one_outside(void)
@@ -165,5 +191,7 @@ int main(void)
     RUN_TEST(test_from_frame_undoes_to_frame);
     RUN_TEST(test_ie_turns_a_quarter_to_the_right);
     RUN_TEST(test_vector_operations_are_what_they_say);
+    RUN_TEST(test_integers_of_64_bits_are_rounded_to_the_nearest_whatever_their_sign);
+    RUN_TEST(test_what_is_no_number_becomes_0_and_infinity_saturates);
     return UNITY_END();
 }

@@ -232,6 +232,44 @@ static void test_mu_0_is_at_most_mu_max(void)
     TEST_ASSERT_FALSE(params_fit(&od));
 }
 
+static void test_friction_of_the_simulated_machine_lets_it_move_on_within_a_period(void)
+{
+    uint32_t *const viscous[] = {&od.machine.viscous_x, &od.machine.viscous_y};
+    const uint32_t mass_g[] = {od.machine.mass_x, od.machine.mass_y};
+    for (int i = 0; i < 2; i++) {
+        const uint32_t kept = *viscous[i];
+        *viscous[i] = (mass_g[i] + 1u) * CONTROL_HZ - 1u;
+        TEST_ASSERT_TRUE(params_fit(&od));
+        *viscous[i] += 1u;
+        TEST_ASSERT_FALSE(params_fit(&od));
+        *viscous[i] = kept;
+    }
+}
+
+/* ---- the simulated machine ---- */
+
+static void test_simulated_machine_starts_at_the_nearest_count(void)
+{
+    od.axis[0].plant.encoder = od.axis[1].plant.encoder = 10000000; /* 100 nm */
+    od.machine.start_x = 1249;
+    od.machine.start_y = -1251;
+    TEST_ASSERT_EQUAL_INT32(12, params_to_machine(&od).axis[0].start);
+    TEST_ASSERT_EQUAL_INT32(-13, params_to_machine(&od).axis[1].start);
+    od.machine.start_x = 1250;
+    od.machine.start_y = -1249;
+    TEST_ASSERT_EQUAL_INT32(13, params_to_machine(&od).axis[0].start);
+    TEST_ASSERT_EQUAL_INT32(-12, params_to_machine(&od).axis[1].start);
+}
+
+static void test_start_beyond_what_the_counter_holds_is_its_end(void)
+{
+    od.axis[0].plant.encoder = od.axis[1].plant.encoder = 25000; /* 0.25 nm */
+    od.machine.start_x = 2000000000;
+    od.machine.start_y = -2000000000;
+    TEST_ASSERT_EQUAL_INT32(INT32_MAX, params_to_machine(&od).axis[0].start);
+    TEST_ASSERT_EQUAL_INT32(INT32_MIN, params_to_machine(&od).axis[1].start);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -250,5 +288,8 @@ int main(void)
     RUN_TEST(test_k_bar_times_e_max_is_at_most_4);
     RUN_TEST(test_k_0_is_at_most_k_max);
     RUN_TEST(test_mu_0_is_at_most_mu_max);
+    RUN_TEST(test_friction_of_the_simulated_machine_lets_it_move_on_within_a_period);
+    RUN_TEST(test_simulated_machine_starts_at_the_nearest_count);
+    RUN_TEST(test_start_beyond_what_the_counter_holds_is_its_end);
     return UNITY_END();
 }

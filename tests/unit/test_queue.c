@@ -334,6 +334,62 @@ static void test_knot_that_the_servo_cannot_count_is_refused(void)
     TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, queue_push(&queue, (struct knot){{-147483649, 0}}));
 }
 
+static void test_knot_that_the_servo_cannot_count_upwards_is_refused(void)
+{
+    queue.origin_nm[1] = -2000000000;
+    queue_begin(&queue, origin, 0);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, (struct knot){{0, 147483647}}));
+    TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, queue_push(&queue, (struct knot){{0, 147483648}}));
+}
+
+/* ---- acceleration ---- */
+
+static void test_knot_that_bends_the_way_by_more_than_the_limit_ends_the_stream_in_each_direction(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        for (int sign = -1; sign <= 1; sign += 2) {
+            queue_begin(&queue, origin, 0);
+            queue_limit_acceleration(&queue, 100);
+            TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, axis == 0 ? sign * 100 : 0, axis == 1 ? sign * 100 : 0));
+            TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, axis == 0 ? sign * 200 : 0, axis == 1 ? sign * 200 : 0));
+            TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(2, axis == 0 ? sign * 301 : 0, axis == 1 ? sign * 301 : 0));
+            TEST_ASSERT_EQUAL_UINT32(1, stream.rejected_range);
+            TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(2, axis == 0 ? sign * 200 : 0, axis == 1 ? sign * 200 : 0));
+            expect_rejected(0, 0, 0, 1);
+        }
+    }
+}
+
+/* ---- suspended ---- */
+
+static void test_suspended_stream_goes_on_where_it_was_once_it_has_stopped(void)
+{
+    fill(10);
+    queue_suspend(&queue);
+    TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(10, 1, 0));
+    stream.state = STREAM_STOPPING;
+    TEST_ASSERT_FALSE(queue_resume(&queue));
+    stream.state = STREAM_STOPPED;
+    TEST_ASSERT_TRUE(queue_resume(&queue));
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(10, 1, 0));
+    TEST_ASSERT_FALSE_MESSAGE(queue_resume(&queue), "it goes on already");
+}
+
+static void test_stream_that_a_knot_has_ended_cannot_go_on(void)
+{
+    queue_limit_acceleration(&queue, 100);
+    TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(0, 101, 0));
+    queue_suspend(&queue);
+    stream.state = STREAM_STOPPED;
+    TEST_ASSERT_FALSE(queue_resume(&queue));
+    queue.max_nm[0] = 50;
+    queue_begin(&queue, origin, 0);
+    TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(0, 51, 0));
+    queue_suspend(&queue);
+    stream.state = STREAM_STOPPED;
+    TEST_ASSERT_FALSE(queue_resume(&queue));
+}
+
 /* ---- open end ---- */
 
 static void test_stream_rests_when_its_last_four_knots_are_equal(void)
@@ -459,5 +515,9 @@ int main(void)
     RUN_TEST(test_checksum_of_extreme_knot);
     RUN_TEST(test_executed_never_passes_accepted_and_never_goes_back);
     RUN_TEST(test_accepted_reports_its_low_16_bits);
+    RUN_TEST(test_knot_that_the_servo_cannot_count_upwards_is_refused);
+    RUN_TEST(test_knot_that_bends_the_way_by_more_than_the_limit_ends_the_stream_in_each_direction);
+    RUN_TEST(test_suspended_stream_goes_on_where_it_was_once_it_has_stopped);
+    RUN_TEST(test_stream_that_a_knot_has_ended_cannot_go_on);
     return UNITY_END();
 }

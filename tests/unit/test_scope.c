@@ -184,6 +184,19 @@ static void test_level_triggers_in_the_period_that_crosses_it(void)
     expect_frames_in_order();
 }
 
+static void test_a_capture_that_is_all_before_its_trigger_has_the_frame_of_the_trigger(void)
+{
+    od.scope.source = SIGNAL_COUNT_X;
+    od.scope.level = 3 * 9000;
+    arm(SCOPE_RISING, 0, 1000);
+    steps_until_done();
+    TEST_ASSERT_EQUAL_UINT32(9001, read.trigger_tick);
+    TEST_ASSERT_EQUAL_UINT32(SCOPE_SAMPLES - 1, read.trigger_frame);
+    TEST_ASSERT_EQUAL_UINT32(SCOPE_SAMPLES, read.frames);
+    TEST_ASSERT_FALSE_MESSAGE(scope_holds_fault(&loop.scope), "a level is no fault");
+    expect_frames_in_order();
+}
+
 static void test_trigger_between_two_frames_is_known_to_its_period(void)
 {
     od.scope.source = SIGNAL_COUNT_X;
@@ -413,5 +426,6 @@ int main(void)
     RUN_TEST(test_reading_ends_when_the_scope_is_armed_again);
     RUN_TEST(test_scope_that_is_off_records_nothing);
     RUN_TEST(test_scope_without_channel_or_source_is_not_armed);
+    RUN_TEST(test_a_capture_that_is_all_before_its_trigger_has_the_frame_of_the_trigger);
     return UNITY_END();
 }

@@ -475,6 +475,21 @@ static void test_stored_parameters_that_do_not_fit_together_are_reported_and_not
     TEST_ASSERT_EQUAL_UINT32(od_defaults.asmc.k_bar, rig.app.od.asmc.k_bar);
 }
 
+static void test_warning_of_stored_parameters_that_do_not_fit_stays_until_they_are_replaced(void)
+{
+    rig.app.od.asmc.k_bar = od_defaults.asmc.k_bar * 100;
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
+    power_on();
+    rig.flash.broken = true;
+    TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_HARDWARE, rig_write(&rig, 0x1010, 1, 4, SAVE));
+    rig_ms(&rig, 1);
+    TEST_ASSERT_EQUAL_HEX8(0x81, rig.app.od.error_register);
+    rig.flash.broken = false;
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
+    rig_ms(&rig, 1);
+    TEST_ASSERT_EQUAL_HEX8(0, rig.app.od.error_register);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -502,5 +517,6 @@ int main(void)
     RUN_TEST(test_wrong_signature_power_and_a_failing_flash_have_their_abort_codes);
     RUN_TEST(test_damaged_store_is_reported_the_drive_works_with_defaults_and_can_save_again);
     RUN_TEST(test_stored_parameters_that_do_not_fit_together_are_reported_and_not_used);
+    RUN_TEST(test_warning_of_stored_parameters_that_do_not_fit_stays_until_they_are_replaced);
     return UNITY_END();
 }

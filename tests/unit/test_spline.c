@@ -167,6 +167,18 @@ static void test_control_periods_of_10_and_20_khz_are_whole_numbers_of_path_time
     TEST_ASSERT_TRUE(PATH_ONE % 20 == 0);
 }
 
+static void test_knots_passed_are_those_of_a_division_however_long_the_path(void)
+{
+    static const path_t whole[] = {0, 1, 4, 5, 858993458, 858993459, 858993460, 1717986917, 1717986918, 1717986919, 3435973835};
+    for (unsigned i = 0; i < sizeof whole / sizeof whole[0]; i++) {
+        for (path_t part = 0; part < PATH_ONE; part += PATH_ONE - 1) {
+            uint32_t rest = 0;
+            TEST_ASSERT_EQUAL_UINT32(whole[i], path_knots(whole[i] * PATH_ONE + part, &rest));
+            TEST_ASSERT_EQUAL_UINT32(part, rest);
+        }
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -183,5 +195,6 @@ int main(void)
     RUN_TEST(test_knots_beyond_the_snapshot_are_not_seen);
     RUN_TEST(test_two_metres_out_the_curve_is_the_same_to_the_last_bit);
     RUN_TEST(test_control_periods_of_10_and_20_khz_are_whole_numbers_of_path_time);
+    RUN_TEST(test_knots_passed_are_those_of_a_division_however_long_the_path);
     return UNITY_END();
 }

@@ -221,6 +221,26 @@ static void test_set_of_another_firmware_gives_what_is_known_and_in_range(void)
     TEST_ASSERT_EQUAL_UINT(0, flash.erases);
 }
 
+static void test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_keeps_it(void)
+{
+    static uint32_t pairs[2 * (HAL_FLASH_BYTES / 8 - 2)];
+    for (unsigned i = 0; i < sizeof pairs / sizeof pairs[0]; i += 2) {
+        pairs[i] = 0x101700; /* heartbeat: the same object again and again, the last one counts */
+        pairs[i + 1] = 100 + i % 900;
+    }
+    pairs[sizeof pairs / sizeof pairs[0] - 1] = 1234;
+    make_set(STORE_MAGIC, pairs, sizeof pairs / sizeof pairs[0] / 2);
+    power_on();
+    TEST_ASSERT_EQUAL_UINT16(1234, od.heartbeat_producer);
+    TEST_ASSERT_FALSE(store_write(&store, &od, NODE, STORE_APPLICATION, STORE_COMMUNICATION));
+    power_on();
+    TEST_ASSERT_EQUAL_UINT32(77, store.sequence);
+    TEST_ASSERT_EQUAL_UINT16(1234, od.heartbeat_producer);
+    TEST_ASSERT_TRUE(save(1));
+    power_on();
+    TEST_ASSERT_TRUE(is_set(&od, 1));
+}
+
 static void test_unknown_layout_or_a_wrong_crc_is_damage_and_can_be_saved_over(void)
 {
     const uint32_t pair[] = {0x211001, 123456};
@@ -459,5 +479,6 @@ int main(void)
     RUN_TEST(test_set_that_cannot_be_read_back_is_told);
     RUN_TEST(test_power_cut_at_every_operation_leaves_the_old_set_or_the_new_one);
     RUN_TEST(test_power_cuts_in_three_saves_in_a_row_leave_a_whole_set);
+    RUN_TEST(test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_keeps_it);
     return UNITY_END();
 }

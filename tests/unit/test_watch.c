@@ -1,0 +1,98 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What has to last before it matters: the conditions of watch.c, each on both sides of its limit. */
+#include "watch.h"
+
+#include "unity.h"
+
+static struct watch watch;
+static struct od_data od;
+static struct loop_snapshot snapshot;
+static bool powered[2];
+
+void setUp(void)
+{
+    od_init(&od, 1);
+    watch = (struct watch){0};
+    snapshot = (struct loop_snapshot){0};
+    powered[0] = powered[1] = true;
+}
+
+void tearDown(void)
+{
+}
+
+static bool holds_after(enum fault f, unsigned ms)
+{
+    const struct watch_in in = {.od = &od, .snapshot = &snapshot, .powered = powered};
+    uint32_t now = 0;
+    for (unsigned i = 0; i < ms; i++) {
+        snapshot.ms++;
+        now = watch_step(&watch, &in);
+    }
+    return (now & FAULT_BIT(f)) != 0;
+}
+
+static void test_what_lasts_for_more_than_a_minute_is_still_there(void)
+{
+    od.tunnel.radius = 1000;
+    od.tunnel.debounce = 10000;
+    snapshot.e_n_nm[1] = 1001;
+    TEST_ASSERT_FALSE(holds_after(FAULT_TUNNEL, 10000));
+    for (unsigned i = 0; i < 70000; i++) {
+        TEST_ASSERT_TRUE(holds_after(FAULT_TUNNEL, 1));
+    }
+    snapshot.e_n_nm[1] = -1000;
+    TEST_ASSERT_FALSE(holds_after(FAULT_TUNNEL, 1));
+}
+
+static void test_encoder_is_frozen_only_where_the_push_is_more_than_friction_can_hold(void)
+{
+    od.watch.frozen = 20;
+    for (int i = 0; i < 2; i++) {
+        setUp();
+        od.axis[i].plant.force_limit = 600000;
+        od.axis[i].plant.coulomb = 100000;
+        snapshot.force_dN[i] = -3000; /* half of the limit, and three times friction */
+        TEST_ASSERT_FALSE(holds_after(FAULT_ENCODER_FROZEN, 20));
+        TEST_ASSERT_TRUE(holds_after(FAULT_ENCODER_FROZEN, 1));
+        od.axis[i].plant.coulomb = 100001;
+        TEST_ASSERT_FALSE(holds_after(FAULT_ENCODER_FROZEN, 100));
+        od.axis[i].plant.coulomb = 100000;
+        od.axis[i].plant.force_limit = 600002;
+        TEST_ASSERT_FALSE(holds_after(FAULT_ENCODER_FROZEN, 100));
+    }
+}
+
+static void test_gain_at_its_limit_is_told_of_each_gain_of_each_axis(void)
+{
+    for (int i = 0; i < 4; i++) {
+        setUp();
+        od.watch.gain = 50;
+        (i < 2 ? snapshot.k_hat : snapshot.mu)[i % 2] =
+            (int32_t)(i < 2 ? od.asmc.k_max / 100u : od.uncertainty.mu_max / 1000u);
+        TEST_ASSERT_FALSE(holds_after(FAULT_GAIN, 50));
+        TEST_ASSERT_TRUE(holds_after(FAULT_GAIN, 1));
+        (i < 2 ? snapshot.k_hat : snapshot.mu)[i % 2]--;
+        TEST_ASSERT_FALSE(holds_after(FAULT_GAIN, 100));
+    }
+}
+
+static void test_gain_at_its_limit_is_told_while_an_axis_has_power(void)
+{
+    od.watch.gain = 50;
+    snapshot.mu[0] = (int32_t)(od.uncertainty.mu_max / 1000u);
+    powered[0] = false;
+    TEST_ASSERT_TRUE(holds_after(FAULT_GAIN, 51));
+    powered[1] = false;
+    TEST_ASSERT_FALSE(holds_after(FAULT_GAIN, 100));
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_what_lasts_for_more_than_a_minute_is_still_there);
+    RUN_TEST(test_encoder_is_frozen_only_where_the_push_is_more_than_friction_can_hold);
+    RUN_TEST(test_gain_at_its_limit_is_told_of_each_gain_of_each_axis);
+    RUN_TEST(test_gain_at_its_limit_is_told_while_an_axis_has_power);
+    return UNITY_END();
+}
