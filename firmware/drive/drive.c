@@ -434,7 +434,7 @@ static void begin_stream(struct drive *d, struct knot start, uint32_t total)
 static uint32_t resume_stream(struct drive *d)
 {
     const unsigned bits = d->axis[0].controlword | d->axis[1].controlword;
-    if (!both_enabled(d) || !modes_follows_stream(d) || (bits & CW_ENABLE_IP) != 0 || !queue_resume(&d->queue)) {
+    if (!both_enabled(d) || (bits & CW_ENABLE_IP) != 0 || !queue_resume(&d->queue)) {
         return SDO_ABORT_STATE;
     }
     return SDO_OK;

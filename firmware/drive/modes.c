@@ -46,7 +46,8 @@ static void take_mode(struct drive *d, int i)
     if (mode == a->mode || !mode_known(mode)) {
         return;
     }
-    if (d->modes.generating ? jog_rests(&a->jog) && !home_busy(&a->home) : idle(d)) {
+    /* an axis that homes stands on the switch, too, before it turns */
+    if (!home_busy(&a->home) && (d->modes.generating ? jog_rests(&a->jog) : idle(d))) {
         if (!d->modes.generating) {
             drive_hold(d);
         }
@@ -216,7 +217,7 @@ static void follow_end(struct drive *d)
     if (at_end && !m->ending) {
         drive_fault(d, FAULT_UNDERRUN); /* nobody made knots for JOG_AHEAD milliseconds */
     }
-    if (at_end || !drive_powered(d) || (drive_stands(d) && !atomic_load(&d->loop.command.run))) {
+    if (at_end || !drive_powered(d)) { /* a fault that stops the axes on the path switches them off there */
         m->generating = false;
         queue_close(&d->queue);
     }
@@ -301,7 +302,7 @@ bool modes_may_start(const struct drive *d)
 uint32_t modes_record(struct drive *d, struct knot record)
 {
     struct od_stream *s = d->queue.stream;
-    if (!d->queue.open || s->state == STREAM_IDLE || s->state == STREAM_DONE) {
+    if (!d->queue.open || s->state == STREAM_DONE) {
         const uint32_t code = drive_begin_at(d, drive_reference(d), record);
         if (code != SDO_OK) {
             s->rejected_state++;
