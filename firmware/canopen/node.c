@@ -81,7 +81,7 @@ static void boot(struct co_node *node)
     const struct co_hooks *hooks = &node->config.hooks;
     node->state = CO_INITIALISING;
     node->sdo.transfer = CO_SDO_IDLE;
-    node->consumer_left_ms = 0;
+    co_guard(node, 0);
     co_emcy_refresh(node);
     co_pdo_refresh(node);
     co_lss_reset(node);
@@ -131,7 +131,7 @@ void co_written(struct co_node *node, const struct od_entry *entry)
 {
     if (entry->index == 0x1014 || entry->index == 0x1015) {
         co_emcy_refresh(node);
-    } else if (entry->index == 0x1016) {
+    } else if (entry->index == 0x1016 && node->guarded == 0) {
         node->consumer_left_ms = 0;
     } else if (entry->index == 0x1017) {
         node->producer_ms = 0;
@@ -159,10 +159,18 @@ static void nmt(struct co_node *node, const struct can_frame *frame)
     }
 }
 
+void co_guard(struct co_node *node, uint8_t id)
+{
+    const uint32_t consumer = node->config.od->heartbeat_consumer[0];
+    const uint32_t time_ms = consumer >> 16 == id && (consumer & 0xFFFFu) != 0 ? consumer & 0xFFFFu : CO_GUARD_MS;
+    node->guarded = id != 0 ? (uint32_t)id << 16 | time_ms : 0u;
+    node->consumer_left_ms = id != 0 ? time_ms + 1u : 0u;
+}
+
 /* 1016h:1 holds node << 16 | ms. */
 static void heartbeat_seen(struct co_node *node, unsigned from)
 {
-    const uint32_t consumer = node->config.od->heartbeat_consumer[0];
+    const uint32_t consumer = node->guarded != 0 ? node->guarded : node->config.od->heartbeat_consumer[0];
     const uint32_t time_ms = consumer & 0xFFFFu;
     if (time_ms != 0 && consumer >> 16 == from) {
         node->consumer_left_ms = time_ms + 1; /* never early: the first tick may follow at once */

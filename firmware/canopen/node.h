@@ -42,10 +42,12 @@ struct co_hooks {
     /* RPDO `number` (1...) takes effect: its fields are stored. Called for every frame before the next one
      * is looked at. co_rpdo_carries() tells what is mapped into it. */
     void (*on_rpdo)(void *ctx, unsigned number);
+    /* TPDO `number` (1...) has been handed to the bus. co_tpdo_carries() tells what is mapped into it. */
+    void (*on_tpdo)(void *ctx, unsigned number);
     /* The NMT state has changed. */
     void (*on_nmt)(void *ctx, enum co_state state);
-    /* The node of 1016h has been silent for its time; the NMT state of 1029h follows. Called once; the next heartbeat
-     * rearms it. */
+    /* The node of 1016h, or of co_guard(), has been silent for its time; the NMT state of 1029h follows. Called once; the
+     * next heartbeat rearms it. */
     void (*on_heartbeat_lost)(void *ctx);
     /* A reset: put the objects 1000h..1FFFh, or all, to what they are at power-on, and return the node id from now on.
      * NULL: they are put to their defaults. */
@@ -65,12 +67,14 @@ struct co_config {
 };
 
 #define CO_TX_FRAMES 8
+#define CO_GUARD_MS 500u
 
 /* Owned by the caller; no field is for his use. */
 struct co_node {
     struct co_config config;
     enum co_state state;
     uint16_t producer_ms;       /* since the last heartbeat */
+    uint32_t guarded;           /* node << 16 | ms of co_guard(), in place of 1016h; 0: nobody */
     uint32_t consumer_left_ms;  /* until the consumed heartbeat is lost; 0: not watched */
     struct can_frame tx[CO_TX_FRAMES]; /* frames that the HAL had no room for, oldest first */
     uint8_t tx_count;
@@ -86,6 +90,9 @@ void co_init(struct co_node *node, const struct co_config *config);
 void co_receive(struct co_node *node, const struct can_frame *frame);
 void co_tick_ms(struct co_node *node);
 enum co_state co_nmt_state(const struct co_node *node);
+/* From now on, and not from its first heartbeat only, the heartbeat of node `id` is watched in place of that of 1016h, for the
+ * time that is there for it, or CO_GUARD_MS; 0: 1016h counts again, from its next heartbeat on. A reset ends it. */
+void co_guard(struct co_node *node, uint8_t id);
 
 /* Between the files of this folder: */
 /* Send, or keep until there is room. false: no room here either. */

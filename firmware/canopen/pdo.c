@@ -146,15 +146,24 @@ void co_pdo_receive(struct co_node *node, const struct can_frame *frame)
     }
 }
 
-bool co_rpdo_carries(const struct co_node *node, unsigned number, uint16_t index)
+static bool carries(const struct co_pdo *pdo, uint16_t index)
 {
-    const struct co_pdo *pdo = &node->rpdo[number - 1];
     for (unsigned k = 0; k < pdo->count; k++) {
         if (pdo->entry[k]->index == index) {
             return true;
         }
     }
     return false;
+}
+
+bool co_rpdo_carries(const struct co_node *node, unsigned number, uint16_t index)
+{
+    return carries(&node->rpdo[number - 1], index);
+}
+
+bool co_tpdo_carries(const struct co_node *node, unsigned number, uint16_t index)
+{
+    return carries(&node->tpdo[number - 1], index);
 }
 
 /* ---- transmitted ---- */
@@ -180,6 +189,9 @@ static bool transmit(struct co_node *node, struct co_pdo *pdo, unsigned inhibit_
     pdo->syncs = 0;
     pdo->elapsed_ms = 0;
     pdo->inhibit_left_ms = (uint16_t)inhibit_ms;
+    if (node->config.hooks.on_tpdo != NULL) {
+        node->config.hooks.on_tpdo(node->config.hooks.ctx, (unsigned)(pdo - node->tpdo) + 1u);
+    }
     return true;
 }
 

@@ -48,6 +48,7 @@ struct co_node;
 bool co_tpdo_send(struct co_node *node, unsigned number);
 /* RPDO `number` carries a part of object `index`. */
 bool co_rpdo_carries(const struct co_node *node, unsigned number, uint16_t index);
+bool co_tpdo_carries(const struct co_node *node, unsigned number, uint16_t index);
 
 /* For node.c, check.c: */
 void co_pdo_refresh(struct co_node *node); /* the objects have changed */

@@ -148,8 +148,10 @@ static void follow(struct app *app)
 static void on_rpdo(void *ctx, unsigned number)
 {
     struct app *app = ctx;
-    if (co_rpdo_carries(&app->node, number, 0x6040) || co_rpdo_carries(&app->node, number, 0x6840)) {
-        drive_command(&app->drive);
+    const unsigned received = (co_rpdo_carries(&app->node, number, 0x6040) ? 1u : 0u) |
+                              (co_rpdo_carries(&app->node, number, 0x6840) ? 2u : 0u);
+    if (received != 0) {
+        drive_command(&app->drive, received);
         follow(app);
     }
     if (co_rpdo_carries(&app->node, number, 0x2201)) {
@@ -162,6 +164,16 @@ static void on_rpdo(void *ctx, unsigned number)
         const struct od_axis *axis = app->od.axis;
         if (modes_record(&app->drive, (struct knot){{axis[0].ip_record.position, axis[1].ip_record.position}}) != 0) {
             co_tpdo_send(&app->node, 1);
+        }
+    }
+}
+
+static void on_tpdo(void *ctx, unsigned number)
+{
+    struct app *app = ctx;
+    for (int i = 0; i < 2; i++) {
+        if (co_tpdo_carries(&app->node, number, (uint16_t)(0x6041 + i * 0x800))) {
+            drive_told(&app->drive, i);
         }
     }
 }
@@ -183,6 +195,27 @@ static uint32_t check_settings(struct app *app, const struct od_entry *entry, in
         return SDO_ABORT_STATE;
     }
     return settings_command(&app->settings, entry, value, app->node.config.node_id);
+}
+
+/* 2140h: the drive is held by the heartbeat that is watched meanwhile. */
+static uint32_t check_claim(struct app *app, uint8_t id)
+{
+    struct guard *guard = &app->drive.guard;
+    if (!guard_claim(guard, id, drive_powered(&app->drive))) {
+        app->od.master.refused++;
+        watch_event(&app->drive.watch, FAULT_SECOND_MASTER);
+        return SDO_ABORT_STATE;
+    }
+    co_guard(&app->node, id);
+    return SDO_OK;
+}
+
+static uint32_t check_master(struct app *app, const struct od_entry *entry, int64_t value)
+{
+    if (entry->sub == 2) {
+        return check_claim(app, (uint8_t)value);
+    }
+    return guard_arm(&app->drive.guard, (uint32_t)value, drive_now(&app->drive)) ? SDO_OK : SDO_ABORT_STATE;
 }
 
 static bool is_signal(uint32_t number)
@@ -217,6 +250,13 @@ static void before_read(void *ctx, const struct od_entry *entry)
     struct app *app = ctx;
     if (entry->index == 0x2300) {
         scope_report(&app->drive.loop.scope, &app->od);
+    } else if (entry->index == 0x2140) {
+        app->od.master.holder = app->drive.guard.holder;
+        if (entry->sub == 3) {
+            app->od.master.ticket = guard_draw(&app->drive.guard, drive_now(&app->drive));
+        }
+    } else if (entry->index == 0x6041 || entry->index == 0x6841) {
+        drive_told(&app->drive, entry->index == 0x6041 ? 0 : 1);
     }
 }
 
@@ -228,6 +268,9 @@ static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t val
     }
     if (entry->index == 0x1010 || entry->index == 0x1011 || entry->index == 0x2001) {
         return check_settings(app, entry, value);
+    }
+    if (entry->index == 0x2140) {
+        return check_master(app, entry, value);
     }
     const uint32_t code = modes_check_write(&app->drive, entry, value);
     if (code != SDO_OK) {
@@ -262,7 +305,7 @@ static void on_write(void *ctx, const struct od_entry *entry)
         break;
     case 0x6040:
     case 0x6840:
-        drive_command(&app->drive);
+        drive_command(&app->drive, entry->index == 0x6040 ? 1u : 2u);
         follow(app);
         break;
     case 0x2131:
@@ -302,6 +345,7 @@ static bool store_node(void *ctx)
 static void on_heartbeat_lost(void *ctx)
 {
     struct app *app = ctx;
+    guard_lost(&app->drive.guard);
     if (drive_powered(&app->drive)) {
         drive_fault(&app->drive, FAULT_HEARTBEAT);
         follow(app);
@@ -321,6 +365,7 @@ static void set_build(struct od_data *od)
 static void on_reset(void *ctx, bool communication_only)
 {
     struct app *app = ctx;
+    guard_reset(&app->drive.guard);
     if (!communication_only) {
         drive_reset(&app->drive);
         app->announced = 0; /* the node has forgotten its errors */
@@ -345,6 +390,7 @@ void app_init(struct app *app, const struct hal *hal, uint8_t node_id)
                   .domain_size = domain_size,
                   .domain_read = domain_read,
                   .on_rpdo = on_rpdo,
+                  .on_tpdo = on_tpdo,
                   .on_nmt = on_nmt,
                   .on_heartbeat_lost = on_heartbeat_lost,
                   .load = load,
@@ -362,8 +408,15 @@ void app_tick(struct app *app)
 void app_poll(struct app *app)
 {
     struct can_frame frame;
-    for (int i = 0; i < 64 && app->hal->can_receive(app->hal->ctx, &frame); i++) {
-        co_receive(&app->node, &frame);
+    bool more = true;
+    for (int i = 0; i < 64 && more; i++) {
+        more = app->hal->can_receive(app->hal->ctx, &frame);
+        if (more) {
+            co_receive(&app->node, &frame);
+        }
+    }
+    if (!more) {
+        guard_drained(&app->drive.guard, drive_now(&app->drive));
     }
     const uint32_t published = atomic_load(&app->drive.loop.published);
     while (app->ms != published) {
@@ -371,6 +424,9 @@ void app_poll(struct app *app)
         report(app, loop_snapshot(&app->drive.loop));
         check_health(app);
         follow(app);
+        if (guard_ended(&app->drive.guard, drive_powered(&app->drive))) {
+            co_guard(&app->node, 0);
+        }
         co_tick_ms(&app->node);
     }
 }

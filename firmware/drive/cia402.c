@@ -1,23 +1,30 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "cia402.h"
 
-void cia402_init(struct cia402 *c)
+static void enter(struct cia402 *c, enum cia402_state state, enum cia402_state leave_to)
 {
-    *c = (struct cia402){
-        .state = CIA402_SWITCH_ON_DISABLED, .leave_to = CIA402_OPERATION_ENABLED, .quick_stop = 2};
+    c->changes += c->state != state ? 1u : 0u;
+    c->state = state;
+    c->leave_to = leave_to;
 }
 
 static void go(struct cia402 *c, enum cia402_state state)
 {
-    c->state = state;
-    c->leave_to = CIA402_OPERATION_ENABLED;
+    enter(c, state, CIA402_OPERATION_ENABLED);
+}
+
+void cia402_init(struct cia402 *c)
+{
+    const uint32_t changes = c->changes + 1u;
+    *c = (struct cia402){.changes = changes, .quick_stop = 2};
+    go(c, CIA402_SWITCH_ON_DISABLED);
 }
 
 /* From operation enabled, once the path stands; otherwise now. */
 static void leave(struct cia402 *c, enum cia402_state state)
 {
     if (c->state == CIA402_OPERATION_ENABLED) {
-        c->leave_to = state;
+        enter(c, c->state, state);
     } else if (c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON) {
         go(c, state);
     }
@@ -26,8 +33,7 @@ static void leave(struct cia402 *c, enum cia402_state state)
 void cia402_stop(struct cia402 *c)
 {
     if (c->state == CIA402_OPERATION_ENABLED || c->state == CIA402_QUICK_STOP_ACTIVE) {
-        c->state = CIA402_QUICK_STOP_ACTIVE;
-        c->leave_to = CIA402_SWITCH_ON_DISABLED;
+        enter(c, CIA402_QUICK_STOP_ACTIVE, CIA402_SWITCH_ON_DISABLED);
     } else {
         leave(c, CIA402_SWITCH_ON_DISABLED);
     }
@@ -53,8 +59,8 @@ void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable)
         if (c->state == CIA402_OPERATION_ENABLED && c->quick_stop == 0) {
             go(c, CIA402_SWITCH_ON_DISABLED); /* 9 */
         } else if (c->state == CIA402_OPERATION_ENABLED) {
-            c->state = CIA402_QUICK_STOP_ACTIVE; /* 11 */
-            c->leave_to = c->quick_stop < 5 ? CIA402_SWITCH_ON_DISABLED : CIA402_QUICK_STOP_ACTIVE;
+            enter(c, CIA402_QUICK_STOP_ACTIVE, /* 11 */
+                  c->quick_stop < 5 ? CIA402_SWITCH_ON_DISABLED : CIA402_QUICK_STOP_ACTIVE);
         } else {
             leave(c, CIA402_SWITCH_ON_DISABLED); /* 7, 10 */
         }

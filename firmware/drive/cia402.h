@@ -31,6 +31,7 @@ enum {
 
 /* Statusword 6041h: what is added to the state's own bits */
 enum {
+    SW_STATE = 0x6F, /* the bits that tell it */
     SW_WARNING = 1u << 7,
     SW_TARGET_REACHED = 1u << 10,
     SW_INTERNAL_LIMIT = 1u << 11,
@@ -43,10 +44,12 @@ enum {
 struct cia402 {
     enum cia402_state state;
     enum cia402_state leave_to; /* of OPERATION_ENABLED, QUICK_STOP_ACTIVE: where to go once the axis stands */
+    uint32_t changes;           /* of state, counted from 1 */
     uint16_t controlword;
     int16_t quick_stop;         /* 605Ah: 0 power off at once, 1..4 once it stands, 5.. stay in quick stop active */
 };
 
+/* Power-on, of what is zero; or again: `changes` goes on. */
 void cia402_init(struct cia402 *c);
 /* A controlword has been written. may_enable: the axis may enter operation enabled. */
 void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable);

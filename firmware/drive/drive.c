@@ -234,6 +234,9 @@ static void apply(struct drive *d)
     if (off && !d->modes.generating) {
         let_go(d);
     }
+    if (off || both_enabled(d)) {
+        guard_disarm(&d->guard);
+    }
     for (int i = 0; i < 2; i++) {
         d->powered[i] = cia402_powered(&d->axis[i]);
         atomic_store(&d->loop.command.powered[i], d->powered[i]);
@@ -255,7 +258,37 @@ static bool moving(struct drive *d)
     return false;
 }
 
-void drive_command(struct drive *d)
+uint32_t drive_now(const struct drive *d)
+{
+    return atomic_load(&d->loop.ticks);
+}
+
+void drive_told(struct drive *d, int axis)
+{
+    const unsigned now = cia402_statusword(&d->axis[axis]);
+    if (((now ^ d->od->axis[axis].statusword) & SW_STATE) == 0) {
+        guard_sent(&d->guard, axis, d->axis[axis].changes);
+    }
+}
+
+/* A controlword for one axis; `fresh`: one that has just come, and not one that had to wait. */
+static void obey(struct drive *d, int i, bool fresh, bool may_enable)
+{
+    struct cia402 *axis = &d->axis[i];
+    const bool was_fault = axis->state == CIA402_FAULT;
+    const bool permitted =
+        fresh && guard_permits(&d->guard, i, axis->changes, d->od->claim_required != 0, drive_now(d));
+    axis->quick_stop = d->od->axis[i].quick_stop_option;
+    cia402_command(axis, d->od->axis[i].controlword, may_enable && permitted);
+    if (fresh && may_enable && !permitted && cia402_waits(axis)) {
+        watch_event(&d->watch, FAULT_STALE_COMMAND);
+    }
+    if (was_fault && axis->state != CIA402_FAULT) {
+        d->od->axis[i].error_code = 0;
+    }
+}
+
+void drive_command(struct drive *d, unsigned received)
 {
     const bool is_moving = moving(d);
     /* where the axes stand is known in the units of the configuration from the second snapshot on; an axis that joins
@@ -264,13 +297,8 @@ void drive_command(struct drive *d)
         d->faults == 0 && !is_moving && drive_stands(d) && atomic_load(&d->loop.published) - d->configured_at >= 2u;
     d->refused = false;
     for (int i = 0; i < 2; i++) {
-        const bool was_fault = d->axis[i].state == CIA402_FAULT;
-        d->axis[i].quick_stop = d->od->axis[i].quick_stop_option;
-        cia402_command(&d->axis[i], d->od->axis[i].controlword, may_enable);
+        obey(d, i, (received >> i & 1u) != 0, may_enable);
         d->refused = d->refused || (is_moving && cia402_waits(&d->axis[i]));
-        if (was_fault && d->axis[i].state != CIA402_FAULT) {
-            d->od->axis[i].error_code = 0;
-        }
     }
     if (d->axis[0].state != CIA402_FAULT && d->axis[1].state != CIA402_FAULT && !drive_powered(d)) {
         if (d->faults != 0) {
@@ -288,7 +316,7 @@ void drive_stop(struct drive *d)
         d->od->axis[i].controlword = (uint16_t)(d->od->axis[i].controlword & ~(unsigned)CW_QUICK_STOP);
         cia402_stop(&d->axis[i]);
     }
-    drive_command(d);
+    drive_command(d, 0);
 }
 
 void drive_reset(struct drive *d)
@@ -391,7 +419,7 @@ void drive_poll(struct drive *d)
     for (int i = 0; i < 2; i++) {
         cia402_poll(&d->axis[i], modes_stands(d, i));
     }
-    drive_command(d); /* a command that had to wait */
+    drive_command(d, 0); /* what had to wait; but nothing is enabled by an old command */
     follow_stream(d);
     modes_poll(d);
     apply(d);

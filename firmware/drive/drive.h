@@ -8,6 +8,7 @@
 #ifndef KONTUR_DRIVE_H
 #define KONTUR_DRIVE_H
 #include "cia402.h"
+#include "guard.h"
 #include "loop.h"
 #include "modes.h"
 #include "queue.h"
@@ -18,6 +19,7 @@ struct drive {
     struct queue queue;
     struct od_data *od;
     struct cia402 axis[2];
+    struct guard guard;
     struct modes modes;
     uint32_t faults;     /* latched FAULT_BIT()s: what stops the axes */
     uint32_t warnings;   /* FAULT_BIT()s in effect that stop nothing */
@@ -40,8 +42,12 @@ void drive_init(struct drive *d, struct od_data *od, const struct hal *hal);
 void drive_reset(struct drive *d);
 /* Parameters have changed (without power) and fit together: take them over. */
 void drive_configure(struct drive *d);
-/* Controlwords in od have been written. */
-void drive_command(struct drive *d);
+/* Controlwords in od have been written, just now those of the axes of which bit 0, 1 of `received` is set. */
+void drive_command(struct drive *d, unsigned received);
+/* A statusword, as it is in od, goes to the master. */
+void drive_told(struct drive *d, int axis);
+/* Servo periods since power-on: the clock of drive->guard. */
+uint32_t drive_now(const struct drive *d);
 /* Follow the servo: faults, transitions that wait for standstill, stream state, statuswords. Called once a
  * millisecond, and after drive_command(). */
 void drive_poll(struct drive *d);

@@ -344,9 +344,11 @@ void loop_tick(struct loop *loop)
         .enable = {servo.enabled[0], servo.enabled[1]},
     };
     write_machine(loop, cfg, &drive);
-    scope_step(&loop->scope, (const void *const[SCOPE_BASES]){loop, out}, loop->ticks, LOAD(loop->faults));
+    const uint32_t ticks = LOAD(loop->ticks);
+    scope_step(&loop->scope, (const void *const[SCOPE_BASES]){loop, out}, ticks, LOAD(loop->faults));
 
-    const uint32_t left = ++loop->ticks % TICKS_PER_MS;
+    STORE(loop->ticks, ticks + 1u);
+    const uint32_t left = (ticks + 1u) % TICKS_PER_MS;
     if (left == TICKS_PER_MS / 2u) {
         record_slow(loop, &in, record);
     } else if (left == 0) {

@@ -129,7 +129,7 @@ struct loop {
     uint8_t inputs[2];          /* of the last period */
     int32_t edge_nm[2];
     struct loop_error error;
-    uint32_t ticks;
+    _Atomic uint32_t ticks;     /* control periods since power-on */
     uint32_t configured; /* taken over so far */
     struct scope scope;         /* last: the largest */
 };

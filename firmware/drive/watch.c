@@ -82,6 +82,8 @@ void watch_event(struct watch *w, enum fault f)
     w->now |= FAULT_BIT(f);
 }
 
+static const enum fault events[] = {FAULT_CONFIG_ENABLED, FAULT_SECOND_MASTER, FAULT_STALE_COMMAND, FAULT_STREAM};
+
 uint32_t watch_step(struct watch *w, const struct watch_in *in)
 {
     const struct od_tunnel *tunnel = &in->od->tunnel;
@@ -100,8 +102,9 @@ uint32_t watch_step(struct watch *w, const struct watch_in *in)
     }
     set(w, FAULT_STORE, in->store_lost);
     set(w, FAULT_ENABLE_MOVING, in->refused);
-    set(w, FAULT_CONFIG_ENABLED, event_lasts(w, FAULT_CONFIG_ENABLED));
     watch_stream(w, &in->od->stream);
-    set(w, FAULT_STREAM, event_lasts(w, FAULT_STREAM));
+    for (unsigned i = 0; i < sizeof events / sizeof events[0]; i++) {
+        set(w, events[i], event_lasts(w, events[i]));
+    }
     return w->now;
 }

@@ -29,6 +29,6 @@ struct watch_in {
 
 /* With each snapshot; more often does nothing. Returns the FAULT_BIT()s that hold now. */
 uint32_t watch_step(struct watch *w, const struct watch_in *in);
-/* Something has happened that is warned of for a second: FAULT_STREAM, FAULT_CONFIG_ENABLED. */
+/* Something has happened that is warned of for a second: FAULT_STREAM, FAULT_CONFIG_ENABLED, FAULT_SECOND_MASTER, FAULT_STALE_COMMAND. */
 void watch_event(struct watch *w, enum fault f);
 #endif

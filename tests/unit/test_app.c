@@ -164,7 +164,10 @@ static void test_disabled_axis_is_not_enabled_again_while_the_other_one_moves(vo
         rig_ms(&rig, 1);
         TEST_ASSERT_TRUE_MESSAGE(fabs(rig.plant.vel_mps[1] - v) < 2e-3, "y is jerked: more than 2 m/s2");
     }
-    rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED); /* the command that had to wait */
+    rig_expect_states(&rig, RIG_READY, RIG_ENABLED); /* an old command enables nothing */
+    rig_controlwords(&rig, ENABLE, RUN);
+    rig_ms(&rig, 2);
+    rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
     TEST_ASSERT_EQUAL_UINT32(IDLE, stream_state());
 }
 
@@ -881,8 +884,12 @@ static void test_controlword_by_sdo_is_as_good_as_by_pdo(void)
     rig_ms(&rig, 3);
     rig_write(&rig, 0x6040, 0, 2, SHUTDOWN);
     rig_write(&rig, 0x6840, 0, 2, SHUTDOWN);
-    rig_write(&rig, 0x6040, 0, 2, ENABLE);
-    rig_write(&rig, 0x6840, 0, 2, ENABLE);
+    for (unsigned axis = 0; axis < 2; axis++) {
+        const uint16_t at = (uint16_t)(0x800 * axis);
+        TEST_ASSERT_EQUAL_HEX32(RIG_READY, rig_read(&rig, 0x6041 + at, 0) & 0x6F);
+        rig_ms(&rig, 1);
+        rig_write(&rig, 0x6040 + at, 0, 2, ENABLE);
+    }
     rig_ms(&rig, 1);
     TEST_ASSERT_EQUAL_HEX32(RIG_ENABLED, rig_read(&rig, 0x6041, 0) & 0x6F);
     TEST_ASSERT_EQUAL_HEX32(RIG_ENABLED, rig_read(&rig, 0x6841, 0) & 0x6F);

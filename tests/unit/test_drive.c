@@ -39,11 +39,19 @@ static void ms(unsigned count)
     }
 }
 
+/* From a master who has been told the state that there is. */
 static void command(uint16_t x, uint16_t y)
 {
+    for (int i = 0; i < 2; i++) {
+        drive_told(&drive, i);
+    }
+    guard_drained(&drive.guard, drive_now(&drive) - GUARD_PERIODS);
     od.axis[0].controlword = x;
     od.axis[1].controlword = y;
-    drive_command(&drive);
+    drive_command(&drive, 3);
+    for (int i = 0; i < 2; i++) {
+        od.axis[i].statusword = cia402_statusword(&drive.axis[i]);
+    }
 }
 
 static void enable(void)
@@ -96,7 +104,9 @@ static void test_axes_are_enabled_no_sooner_than_their_position_is_known(void)
     TEST_ASSERT_FALSE(drive_powered(&drive));
     ms(1);
     TEST_ASSERT_FALSE(drive_powered(&drive));
-    ms(1); /* the command had to wait; it is not forgotten */
+    ms(1);
+    TEST_ASSERT_FALSE(drive_powered(&drive)); /* a command that came too soon is over */
+    command(0x0F, 0x0F);
     TEST_ASSERT_TRUE(drive_powered(&drive));
     tick(1);
     TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
@@ -114,6 +124,7 @@ static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void
     command(0x0F, 0x0F);
     TEST_ASSERT_FALSE(drive_powered(&drive));
     ms(2);
+    command(0x0F, 0x0F);
     TEST_ASSERT_TRUE(drive_powered(&drive));
     TEST_ASSERT_INT32_WITHIN(1, 2 * 76290000, drive.queue.ring.start.nm[0]);
 }

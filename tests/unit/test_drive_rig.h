@@ -250,12 +250,29 @@ static inline uint32_t rig_read(struct rig *r, uint16_t index, uint8_t sub)
     return co_get(&r->sdo.data[4], (uint8_t)(4 - ((r->sdo.data[0] >> 2) & 3)));
 }
 
-static inline void rig_controlwords(struct rig *r, uint16_t x, uint16_t y)
+/* As they stand, whenever. */
+static inline void rig_controlwords_at_once(struct rig *r, uint16_t x, uint16_t y)
 {
     uint8_t data[4];
     co_put(&data[0], x, 2);
     co_put(&data[2], y, 2);
     rig_send(r, 0x201, 4, data);
+}
+
+static inline bool rig_told(const struct rig *r, int axis)
+{
+    const struct drive *d = &r->app.drive;
+    return guard_permits(&d->guard, axis, d->axis[axis].changes, false, drive_now(d));
+}
+
+/* What asks to enable comes as from a master who has seen the state that it is to lead on from, a millisecond later. */
+static inline void rig_controlwords(struct rig *r, uint16_t x, uint16_t y)
+{
+    const bool enabled = cia402_enabled(&r->app.drive.axis[0]) && cia402_enabled(&r->app.drive.axis[1]);
+    if (((x | y) & CW_ENABLE_OPERATION) != 0 && !enabled && !(rig_told(r, 0) && rig_told(r, 1))) {
+        rig_ms(r, 1);
+    }
+    rig_controlwords_at_once(r, x, y);
 }
 
 static inline void rig_knot(struct rig *r, uint8_t sequence, int32_t dx, int32_t dy)

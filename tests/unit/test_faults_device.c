@@ -79,6 +79,9 @@ static void test_enable_moving_is_refused_until_the_axis_stands(void)
         TEST_ASSERT_NOT_EQUAL(RIG_ENABLED, rig_state(&rig, 0));
     }
     expect_clearing(ROW_ENABLE_MOVING, 20);
+    expect_no_power(); /* an old command enables nothing */
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    rig_ms(&rig, 2);
     rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
 }
 
@@ -95,6 +98,41 @@ static void test_enable_moving_that_is_asked_for_no_more_is_no_warning(void)
     expect_clearing(ROW_ENABLE_MOVING, 3);
     rig_ms(&rig, 500);
     expect_no_power();
+}
+
+static void test_second_master_is_refused_and_told(void)
+{
+    rig_nmt(&rig, 1);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 1, 5));
+    TEST_ASSERT_EQUAL_HEX32(0x08000022, rig_write(&rig, 0x2140, 2, 1, 6));
+    expect_reaction(ROW_SECOND_MASTER, 0);
+    TEST_ASSERT_EQUAL_UINT32(5, rig_read(&rig, 0x2140, 1));
+    TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2140, 5));
+    expect_clearing(ROW_SECOND_MASTER, 1001);
+}
+
+static void test_second_master_leaves_a_path_alone_that_nobody_has_claimed(void)
+{
+    be_on_the_way();
+    TEST_ASSERT_EQUAL_HEX32(0x08000022, rig_write(&rig, 0x2140, 2, 1, 5));
+    expect_reaction(ROW_SECOND_MASTER, 0);
+    expect_path_runs();
+    expect_clearing(ROW_SECOND_MASTER, 1001);
+    rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
+}
+
+static void test_stale_command_is_refused_and_told(void)
+{
+    rig_nmt(&rig, 1);
+    rig_ms(&rig, 10);
+    rig_controlwords_at_once(&rig, SHUTDOWN, SHUTDOWN);
+    rig_controlwords_at_once(&rig, ENABLE, ENABLE);
+    expect_reaction(ROW_STALE_COMMAND, 0);
+    expect_clearing(ROW_STALE_COMMAND, 1001);
+    expect_no_power();
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    rig_ms(&rig, 2);
+    rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
 }
 
 static void test_config_enabled_is_refused_and_told(void)
@@ -258,6 +296,9 @@ int main(void)
     RUN_TEST(test_store_that_is_damaged_is_warned_of_until_the_next_save);
     RUN_TEST(test_enable_moving_is_refused_until_the_axis_stands);
     RUN_TEST(test_enable_moving_that_is_asked_for_no_more_is_no_warning);
+    RUN_TEST(test_second_master_is_refused_and_told);
+    RUN_TEST(test_second_master_leaves_a_path_alone_that_nobody_has_claimed);
+    RUN_TEST(test_stale_command_is_refused_and_told);
     RUN_TEST(test_config_enabled_is_refused_and_told);
     RUN_TEST(test_can_passive_is_warned_of);
     RUN_TEST(test_can_off_is_told_when_it_is_over_and_the_heartbeat_stops_the_axes);

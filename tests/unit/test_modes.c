@@ -364,11 +364,14 @@ static void test_axis_alone_jogs_while_the_other_one_has_no_power(void)
     velocity(0, 20000);
     rig_ms(&rig, 200);
     TEST_ASSERT_DOUBLE_WITHIN(0.2, 20, mmps(0));
-    rig_controlwords(&rig, ENABLE, ENABLE); /* has to wait until the path stands */
+    rig_controlwords(&rig, ENABLE, ENABLE); /* not before the path stands */
     rig_ms(&rig, 50);
     rig_expect_states(&rig, RIG_ENABLED, RIG_READY);
     velocity(0, 0);
     rig_ms(&rig, 200);
+    rig_expect_states(&rig, RIG_ENABLED, RIG_READY);
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    rig_ms(&rig, 2);
     rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
 }
 

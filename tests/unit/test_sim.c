@@ -35,6 +35,7 @@ static void enable(ks *s)
     send(s, 0, 2, "\x01\x00");
     ks_run(s, 30);
     send(s, 0x201, 4, "\x06\x00\x06\x00");
+    ks_run(s, 10); /* the master sees the state */
     send(s, 0x201, 4, "\x0F\x00\x0F\x00");
 }
 

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "guard.h"
+
+#include "params.h"
+
+void guard_reset(struct guard *g)
+{
+    *g = (struct guard){0};
+}
+
+bool guard_claim(struct guard *g, uint8_t id, bool powered)
+{
+    if (powered || (id != 0 && g->holder != 0)) {
+        return false;
+    }
+    g->holder = id;
+    g->lost = g->drawn = g->armed = false;
+    return true;
+}
+
+void guard_lost(struct guard *g)
+{
+    g->lost = g->holder != 0;
+}
+
+bool guard_ended(struct guard *g, bool powered)
+{
+    if (!g->lost || powered) {
+        return false;
+    }
+    (void)guard_claim(g, 0, false);
+    return true;
+}
+
+uint32_t guard_draw(struct guard *g, uint32_t now)
+{
+    g->ticket = now;
+    g->drawn = true;
+    return now;
+}
+
+bool guard_arm(struct guard *g, uint32_t ticket, uint32_t now)
+{
+    g->armed = g->holder != 0 && g->drawn && ticket == g->ticket;
+    g->armed_at = now;
+    g->drawn = false;
+    return g->armed;
+}
+
+void guard_disarm(struct guard *g)
+{
+    g->armed = false;
+}
+
+void guard_sent(struct guard *g, int axis, uint32_t changes)
+{
+    g->axis[axis].sent = changes;
+}
+
+void guard_drained(struct guard *g, uint32_t now)
+{
+    for (int i = 0; i < 2; i++) {
+        struct guard_axis *a = &g->axis[i];
+        if (a->told != a->sent) {
+            a->told = a->sent;
+            a->told_at = now;
+        }
+    }
+}
+
+bool guard_permits(const struct guard *g, int axis, uint32_t changes, bool claim_required, uint32_t now)
+{
+    const struct guard_axis *a = &g->axis[axis];
+    const bool armed = g->armed && !g->lost && now - g->armed_at < GUARD_ARM_MS * (CONTROL_HZ / 1000u);
+    return a->told == changes && now - a->told_at >= GUARD_PERIODS &&
+           (g->holder != 0 ? armed : !claim_required);
+}
