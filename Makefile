@@ -42,7 +42,7 @@ PORT     := firmware/port/stm32f405
 # What of the STM32F405's port a host can run, on the registers of tests/unit/chip.c
 CHIP_SOURCES := $(filter-out %/start.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/unit/chip.c
 # Tests that need the host: a simulated chip's registers, more memory than a chip has
-HOST_TESTS := app can_errors chk fuzz machine_file pace port_can port_clock port_encoder port_guard port_output port_run sim slcan store
+HOST_TESTS := app can_errors chk fuzz machine_file pace port_can port_clock port_encoder port_guard port_output port_run power_cut sim slcan store
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
 NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden homing ip learning loop machine modes num observer params path scope servo spline trig uncertainty
@@ -461,6 +461,14 @@ build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
 	$(Q)$(PY) -m pip download --quiet --disable-pip-version-check --no-deps --no-binary :all: --no-build-isolation --require-hashes -r $< -d build/unity
 	$(Q)tar -xzf build/unity/pytest_unity-*.tar.gz -C build/unity --strip-components=3 --wildcards '*/vendor/unity/src' '*/vendor/unity/LICENSE.txt'
 	@touch $@
+
+# As a program without sanitizers, which has some minutes' work as it is
+build/power_cut: tests/unit/test_power_cut.c build/coverage/unity.o $(call objects,build/lib,f32)
+	$(Q)$(CC) $(CFLAGS) $(INCLUDE) $(TEST_INCLUDE) $(UNITY) $^ -lm -o $@
+
+power-cut: build/power_cut  ## the parameter store: power cut in every pair of operations (some minutes); make test has a part
+	POWER_CUT=all build/power_cut
+.PHONY: power-cut
 
 build/unit/unity.o: UNITY_FLAGS := $(SANITIZE)
 build/unit/unity.o build/coverage/unity.o: $(UNITY_DIR)/unity.c

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The parameter store on a flash whose power fails at every point there is. */
+/* The parameter store: what is kept, other layouts, wear, failing flash, and a supply that fails three times. */
 #include "store.h"
 
 #include <string.h>
@@ -342,68 +342,7 @@ static void test_set_that_cannot_be_read_back_is_told(void)
     TEST_ASSERT_TRUE(is_set(&od, 2));
 }
 
-/* ---- power cuts ---- */
-
-/* Save set `i` with the power failing in operation `cut`; whether it was done by then. */
-static bool save_until(uint32_t i, uint32_t cut)
-{
-    flash.operations = 0;
-    flash.cut_at = cut;
-    const bool done = save(i);
-    TEST_ASSERT_EQUAL(done, !flash.off);
-    return done;
-}
-
-static void expect_old_or_new(uint32_t old, uint32_t new, bool done)
-{
-    const bool is_old = old == 0 ? is_default(&od) : is_set(&od, old);
-    TEST_ASSERT_TRUE_MESSAGE(is_set(&od, new) || (!done && is_old), "neither the old set nor the new one");
-}
-
-/* With set `old` stored (0: none): cut the power in each operation of the next save; then save once more. */
-static void cut_everywhere(uint32_t old)
-{
-    const struct sim_flash before = flash;
-    bool done = false;
-    for (uint32_t cut = 1; !done; cut++) {
-        flash = before;
-        flash.random += cut;
-        power_on();
-        done = save_until(old + 1, cut);
-        power_on();
-        expect_old_or_new(old, old + 1, done);
-        if (cut % 8 == 0) {
-            TEST_ASSERT_TRUE(save(old + 2));
-            power_on();
-            TEST_ASSERT_TRUE(is_set(&od, old + 2));
-        }
-        TEST_ASSERT_TRUE_MESSAGE(cut < 2000, "a save does not end");
-    }
-}
-
-static void test_power_cut_at_every_operation_leaves_the_old_set_or_the_new_one(void)
-{
-    unsigned switches = 0;
-    cut_everywhere(0);
-    for (uint32_t i = 1; switches < 3; i++) {
-        const uint32_t erases = flash.erases;
-        const struct sim_flash before = flash;
-        TEST_ASSERT_TRUE(save(i));
-        const bool switched = flash.erases != erases;
-        if (switched || i == 2) {
-            const struct sim_flash after = flash;
-            flash = before;
-            power_on();
-            cut_everywhere(i - 1);
-            flash = after;
-            power_on();
-            cut_everywhere(i);
-            flash = after;
-            power_on();
-        }
-        switches += switched ? 1u : 0u;
-    }
-}
+/* ---- power cuts (of full sets: test_power_cut.c) ---- */
 
 /* Small sets, so that all pairs and triples of power cuts can be tried: 2001h alone. */
 static bool save_node(uint8_t id)
@@ -477,7 +416,6 @@ int main(void)
     RUN_TEST(test_a_sector_is_erased_once_for_many_sets_and_both_are_used);
     RUN_TEST(test_failing_flash_is_told_and_the_old_set_holds);
     RUN_TEST(test_set_that_cannot_be_read_back_is_told);
-    RUN_TEST(test_power_cut_at_every_operation_leaves_the_old_set_or_the_new_one);
     RUN_TEST(test_power_cuts_in_three_saves_in_a_row_leave_a_whole_set);
     RUN_TEST(test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_keeps_it);
     return UNITY_END();
