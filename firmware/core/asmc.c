@@ -59,16 +59,13 @@ void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct
     out->k_hat = v2(acc_to(state->k_hat[0]), acc_to(state->k_hat[1]));
     out->s_bar = v2(n_mad(in->e_dot.x, s1.a, in->e.x), n_mad(in->e_dot.y, s2.a, in->e.y)); /* (10) */
 
-    /* (15): r'' - R (A e' + B e + K s) - theta'' I_e e_w + theta'^2 e_w - 2 theta' I_e e_w' */
+    /* (15): R (a_n - A e' - B e - K s); the terms of r_n'', theta'' and theta' are in a_n */
     const vec2 feedback =
         v2(n_mad(n_mad(n_mul(s1.a, in->e_dot.x), s1.b, in->e.x), out->k_hat.x, out->s_bar.x),
            n_mad(n_mad(n_mul(s2.a, in->e_dot.y), s2.b, in->e.y), out->k_hat.y, out->s_bar.y));
-    const num w = in->theta_dot;
-    vec2 a = v2_sub(in->r_ddot, v2_from_frame(in->t, feedback));
-    a = v2_mad(a, n_neg(in->theta_ddot), v2_ie(in->e_w));
-    a = v2_mad(a, n_mul(w, w), in->e_w);
-    a = v2_mad(a, n_neg(n_mul(NUM(2), w)), v2_ie(in->e_w_dot));
-    out->u_linear = v2_add(v2_mul(plant->mass, a), v2_mul(plant->viscous, in->q_dot));
+    const vec2 a = v2_from_frame(in->t, v2_sub(in->a_n, feedback));
+    out->u_linear = v2(n_mad(n_mul(plant->viscous.x, in->q_dot.x), plant->mass.x, a.x),
+                       n_mad(n_mul(plant->viscous.y, in->q_dot.y), plant->mass.y, a.y));
     out->u_friction = v2_mul(plant->coulomb, in->direction);
 
     adapt(cfg, &state->k_hat[0], out->s_bar.x, dt);

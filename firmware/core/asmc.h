@@ -4,7 +4,7 @@
  * Differences from the source
  * - (11) psi = beta / cosh(k_bar e): shrinks far away, as the text demands; the printed beta cosh(k_bar e) is
  *   selectable (`psi_printed`).
- * - (15) B = diag(psi' gamma), theta'^2 and 2 theta': the dots that (9) demands.
+ * - (15) B = diag(psi' gamma), theta'^2 and 2 theta': the dots that (9) demands; the latter are in a_n (contour.h).
  * - (15) L sign(q') uses the reference velocity with a boundary layer: a measured sign chatters at rest. It is
  *   returned apart, since the reference model (2) must not see it.
  *
@@ -45,15 +45,13 @@ struct asmc_state {
     acc_t k_hat[2]; /* 1/T0 */
 };
 
-/* What the law works on: the errors of contour.h, in a frame of tangent t turning with theta_dot. `track` uses
- * the axis frame at rest and e_w in place of e_wn. */
+/* What the law works on, in the frame of tangent t: errors and a_n of contour.h. `track` has the axis frame, at rest, e_w in
+ * place of e_n, and a_n = r''. */
 struct asmc_in {
     vec2 t;
-    num theta_dot, theta_ddot;
-    vec2 e_w, e_w_dot;    /* in the axis frame: e_wn, or e_w for tracking */
-    vec2 e, e_dot;        /* in the frame */
-    vec2 r_ddot;          /* of the reference the errors refer to */
-    vec2 q_dot;
+    vec2 e, e_dot;
+    vec2 a_n;
+    vec2 q_dot;           /* in the axis frame */
     vec2 direction;       /* asmc_direction() of the programmed velocity: it drives the friction term */
 };
 

@@ -11,6 +11,7 @@
  * - The rate nu = d tau/dt of the foot point comes from differentiating that condition, which needs no |r'| in a
  *   denominator by itself, in place of 1 - d t_d/dt.
  * - The frame's rates use tau'' = 0: theta'' = theta''(tau) nu^2.
+ * - Of the derivatives of r_n (8) only what the law needs of them is computed, in the frame: e_n' and a_n.
  *
  * | symbol    | meaning                                              | unit     |
  * |-----------|------------------------------------------------------|----------|
@@ -24,6 +25,8 @@
  * | e_wn      | q - r_n                                              | um       |
  * | e_n       | e_wn in the frame at the foot point; e_n.y is the    |          |
  * |           | contour error, e_n.x the error along the path  (9)   | um       |
+ * | a_n       | e_n'' = R^T q'' - a_n: the acceleration that r_n'',  |          |
+ * |           | theta'' and theta' ask for, in the frame   (8), (15) | um/T0^2  |
  */
 #ifndef KONTUR_CONTOUR_H
 #define KONTUR_CONTOUR_H
@@ -47,7 +50,7 @@ struct path_state {
 };
 
 struct contour_out {
-    struct spline_point ref;  /* r(s), derivatives by path time */
+    pos_t r[2];               /* r(s) */
     vec2 r_dot, r_ddot;       /* derivatives by time */
     vec2 e_w, e_w_dot;
     vec2 e_l;
@@ -57,9 +60,9 @@ struct contour_out {
     num nu;
     vec2 t;
     num theta_dot, theta_ddot;  /* of the frame at the foot point, 1/T0, 1/T0^2 */
-    vec2 rn_dot, rn_ddot;
-    vec2 e_wn, e_wn_dot;
+    vec2 e_wn;
     vec2 e_n, e_n_dot;
+    vec2 a_n;
 };
 
 /* One evaluation for actual position q and velocity q_dot (um/T0). Nothing is kept but pieces of the curve. */

@@ -48,21 +48,16 @@ static struct servo_history law(const struct servo_cfg *cfg, struct servo_state 
     }
 
     struct asmc_in in = {.t = c->t,
-                         .theta_dot = c->theta_dot,
-                         .theta_ddot = c->theta_ddot,
-                         .e_w = c->e_wn,
-                         .e_w_dot = c->e_wn_dot,
                          .e = c->e_n,
                          .e_dot = c->e_n_dot,
-                         .r_ddot = c->rn_ddot,
+                         .a_n = c->a_n,
                          .q_dot = out->velocity,
                          .direction = direction};
     if (controller == CONTROLLER_TRACK) { /* R = I, r_n = r */
         in.t = v2(NUM(1), NUM(0));
-        in.theta_dot = in.theta_ddot = NUM(0);
-        in.e_w = in.e = c->e_w;
-        in.e_w_dot = in.e_dot = c->e_w_dot;
-        in.r_ddot = c->r_ddot;
+        in.e = c->e_w;
+        in.e_dot = c->e_w_dot;
+        in.a_n = c->r_ddot;
     }
     asmc_step(&cfg->asmc, &cfg->plant, &state->asmc, &in, cfg->dt, &out->asmc);
     h.balance = out->asmc.u_friction;
@@ -118,8 +113,8 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     const bool fresh = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
     if (!in->enabled[0] && !in->enabled[1]) { /* no reference: where the axes stand */
         *out = (struct servo_out){.velocity = out->velocity};
-        out->contour.ref.pos[0] = q[0];
-        out->contour.ref.pos[1] = q[1];
+        out->contour.r[0] = q[0];
+        out->contour.r[1] = q[1];
     } else {
         contour_step(&cfg->contour, &state->kept, in->ring, &in->path, q, out->velocity, &out->contour);
         const bool switched = in->controller != state->controller;

@@ -243,7 +243,7 @@ static void scale(struct loop *loop, const struct loop_record *r)
     s->ms = r->ms;
     for (int i = 0; i < 2; i++) {
         s->position_nm[i] = pos_to_nm(r->position[i]);
-        s->reference_nm[i] = pos_to_nm(o->contour.ref.pos[i]);
+        s->reference_nm[i] = pos_to_nm(o->contour.r[i]);
         s->velocity_umps[i] = n_to_scaled(v[i], 200);
         s->following_nm[i] = n_to_scaled(e_w[i], 1000);
         s->e_n_nm[i] = n_to_scaled(e_n[i], 1000);

@@ -137,15 +137,12 @@ class Drive:
         self.lib.api_contour(self.handle, self._path(s, rate, rate_dot), position, velocity, out)
         return values(out, self.ffi)
 
-    def _frame(self, t: Any, w: float, w_dot: float) -> Any:
-        return self.ffi.new("struct api_frame *", [list(t), w, w_dot])
-
-    def law(self, t: Any, w: float, w_dot: float, k_hat: Any, **inputs: Any) -> dict[str, Any]:
+    def law(self, k_hat: Any, **inputs: Any) -> dict[str, Any]:
         """asmc_step; `inputs` are the members of api_law_in; the result has k_hat, too."""
         out = self.ffi.new("struct api_law_out *")
         state = self.ffi.new("double[2]", list(k_hat))
         given = self.ffi.new("struct api_law_in *", {name: list(value) for name, value in inputs.items()})
-        self.lib.api_law(self.handle, self._frame(t, w, w_dot), given, state, out)
+        self.lib.api_law(self.handle, given, state, out)
         return values(out, self.ffi) | {"k_hat": np.array(list(state))}
 
     def compensation(self, t: Any, w: float, q: Any, q_dot: Any, q_bar: Any, q_bar_dot: Any, mu: Any) -> dict[str, Any]:
@@ -154,9 +151,8 @@ class Drive:
         position = self.ffi.new("int64_t[2]", [int(v) for v in q])
         model = self.ffi.new("int64_t[2]", [int(v) for v in q_bar])
         gain = self.ffi.new("double[2]", list(mu))
-        self.lib.api_compensation(
-            self.handle, self._frame(t, w, 0.0), position, list(q_dot), model, list(q_bar_dot), gain, out
-        )
+        frame = self.ffi.new("struct api_frame *", [list(t), w])
+        self.lib.api_compensation(self.handle, frame, position, list(q_dot), model, list(q_bar_dot), gain, out)
         return values(out, self.ffi) | {"q_bar": list(model), "mu": np.array(list(gain))}
 
     def model(self, u_bar: Any, q_bar: Any, q_bar_dot: Any) -> tuple[list[int], np.ndarray]:

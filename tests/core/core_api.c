@@ -199,25 +199,18 @@ void api_contour(const api_drive *d, const struct api_path *path, const int64_t 
     out2(c.t, 1, out->t);
     out->theta_dot = told(c.theta_dot) / T0;
     out->theta_ddot = told(c.theta_ddot) / T0 / T0;
-    out2(c.rn_dot, MPS, out->rn_dot);
-    out2(c.rn_ddot, MPS2, out->rn_ddot);
     out2(c.e_wn, UM, out->e_wn);
-    out2(c.e_wn_dot, MPS, out->e_wn_dot);
     out2(c.e_n, UM, out->e_n);
     out2(c.e_n_dot, MPS, out->e_n_dot);
+    out2(c.a_n, MPS2, out->a_n);
 }
 
-void api_law(const api_drive *d, const struct api_frame *frame, const struct api_law_in *in, double *k_hat,
-             struct api_law_out *out)
+void api_law(const api_drive *d, const struct api_law_in *in, double *k_hat, struct api_law_out *out)
 {
-    const struct asmc_in x = {.t = in2(frame->t, 1),
-                              .theta_dot = mk(frame->theta_dot * T0),
-                              .theta_ddot = mk(frame->theta_ddot * T0 * T0),
-                              .e_w = in2(in->e_w, UM),
-                              .e_w_dot = in2(in->e_w_dot, MPS),
+    const struct asmc_in x = {.t = in2(in->t, 1),
                               .e = in2(in->e, UM),
                               .e_dot = in2(in->e_dot, MPS),
-                              .r_ddot = in2(in->r_ddot, MPS2),
+                              .a_n = in2(in->a_n, MPS2),
                               .q_dot = in2(in->q_dot, MPS),
                               .direction = asmc_direction(d->cfg.asmc.friction_speed, in2(in->r_dot, MPS))};
     struct asmc_state state = {.k_hat = {acc_from(mk(k_hat[0] * T0)), acc_from(mk(k_hat[1] * T0))}};

@@ -29,15 +29,15 @@ struct api_path {
 
 struct api_contour {
     double r_dot[2], r_ddot[2], e_w[2], e_w_dot[2], e_l[2], t_d, tau, nu, t[2], theta_dot, theta_ddot;
-    double rn_dot[2], rn_ddot[2], e_wn[2], e_wn_dot[2], e_n[2], e_n_dot[2];
+    double e_wn[2], e_n[2], e_n_dot[2], a_n[2];
 };
 
 struct api_frame {
-    double t[2], theta_dot, theta_ddot;
+    double t[2], theta_dot;
 };
 
 struct api_law_in {
-    double e_w[2], e_w_dot[2], e[2], e_dot[2], r_ddot[2], q_dot[2], r_dot[2];
+    double t[2], e[2], e_dot[2], a_n[2], q_dot[2], r_dot[2];
 };
 
 struct api_law_out {
@@ -59,8 +59,7 @@ void api_trig_cosh(double x, double out[2]);
 void api_spline(const api_drive *d, int64_t s, struct api_point *out);
 void api_contour(const api_drive *d, const struct api_path *path, const int64_t *q, const double *q_dot,
                  struct api_contour *out);
-void api_law(const api_drive *d, const struct api_frame *frame, const struct api_law_in *in, double *k_hat,
-             struct api_law_out *out);
+void api_law(const api_drive *d, const struct api_law_in *in, double *k_hat, struct api_law_out *out);
 /* q_bar, q_bar_dot, mu: state, changed */
 void api_compensation(const api_drive *d, const struct api_frame *frame, const int64_t *q, const double *q_dot,
                       int64_t *q_bar, const double *q_bar_dot, double *mu, struct api_compensation *out);

@@ -151,11 +151,10 @@ static void modules(const struct servo_cfg *c)
         put2(o.t);
         put(o.theta_dot);
         put(o.theta_ddot);
-        put2(o.rn_dot);
-        put2(o.rn_ddot);
         put2(o.e_wn);
         put2(o.e_n);
         put2(o.e_n_dot);
+        put2(o.a_n);
     }
     vector = "asmc";
     struct asmc_state law;
@@ -163,13 +162,9 @@ static void modules(const struct servo_cfg *c)
     for (int i = 0; i < 16; i++) {
         struct asmc_in a;
         a.t = in_tangent();
-        a.theta_dot = in(100);
-        a.theta_ddot = in(100);
-        a.e_w = in2(20000);
-        a.e_w_dot = in2(50000);
         a.e = in2(20000);
         a.e_dot = in2(50000);
-        a.r_ddot = in2(60000);
+        a.a_n = in2(60000);
         a.q_dot = in2(500000);
         a.direction = asmc_direction(c->asmc.friction_speed, in2(400));
         struct asmc_out o;

@@ -21,8 +21,16 @@ SLOW, FAST = 4.488e-3, 0.1
 # members of api_contour and what they are called in the oracle
 CONTOUR = (
     *("r_dot", "r_ddot", "e_w", "e_w_dot", "e_l", "t_d", "tau", "nu", "t", "theta_dot", "theta_ddot"),
-    *("rn_dot", "rn_ddot", "e_wn", "e_wn_dot", "e_n", "e_n_dot"),
+    *("e_wn", "e_n", "e_n_dot", "a_n"),
 )
+
+
+def frame_acceleration(
+    rot: np.ndarray, w: float, w_dot: float, e_w: np.ndarray, e_w_dot: np.ndarray, r_ddot: np.ndarray
+) -> np.ndarray:
+    """The terms of (15) that are not feedback, r'' - theta'' I_e e_w + theta'^2 e_w - 2 theta' I_e e_w', in the frame."""
+    i_e = oracle.I_E
+    return rot.T @ (r_ddot - w_dot * i_e @ e_w + w**2 * e_w - 2.0 * w * i_e @ e_w_dot)
 
 
 def knots_through(samples_m: np.ndarray) -> np.ndarray:
@@ -224,11 +232,13 @@ def compare_contour(
     c = oracle.contour_error(knots, knots[0], t_s, rate, rate_dot, q / POS_PER_M, q_dot, p)
     allowed = core.bound.drive(p, knots_nm).contour(s, rate, rate_dot, q, q_dot)
     # where a path turns back, the rates of its direction leave the range of fixed point
-    turning = core.num == "fix" and (abs(c.theta_ddot) * T0**2 > 4096 or size(c.rn_ddot) * T0**2 / UM > 4096)
-    for name in CONTOUR if not turning else set(CONTOUR) - {"theta_ddot", "rn_ddot"}:
-        order = 2 if name.endswith("_ddot") else 1 if name.endswith("_dot") else 0
-        own = of_oracle(ref.r, order) / (1.0 if name[0] in "re" else size(ref.d1) + p.v_min_mps)
-        expected = c.rotation[:, 0] if name == "t" else c.tau_s if name == "tau" else getattr(c, name)
+    a_n = frame_acceleration(c.rotation, c.theta_dot, c.theta_ddot, c.e_wn, c.e_wn_dot, c.rn_ddot)
+    turning = core.num == "fix" and (abs(c.theta_ddot) * T0**2 > 4096 or size(a_n) * T0**2 / UM > 4096)
+    named = {"t": c.rotation[:, 0], "tau": c.tau_s, "a_n": a_n}
+    for name in CONTOUR if not turning else set(CONTOUR) - {"theta_ddot", "a_n"}:
+        order = 2 if name.endswith("_ddot") or name == "a_n" else 1 if name.endswith("_dot") else 0
+        own = of_oracle(ref.r, order) / (1.0 if name[0] in "rea" else size(ref.d1) + p.v_min_mps)
+        expected = named[name] if name in named else getattr(c, name)
         check(name, found[name], expected, allowed[name] + own, f"at {t * 1e3:.6f} ms, off {off_m}, rate {rate}")
 
 
@@ -290,7 +300,11 @@ def test_law_is_the_oracles_but_for_rounding(core: Core, e_m: float, e_dot_mps: 
         angle, w, w_dot = rng.uniform(-4.0, 4.0), rng.uniform(-30.0, 30.0), rng.uniform(-500.0, 500.0)
         c, k = law_inputs(rng, e_m, e_dot_mps), np.array(k_hat)
         rot = oracle.rotation(angle)
-        found, allowed = (d.law(rot[:, 0], w, w_dot, k, **c) for d in (drive, limit))
+        given = {name: c[name] for name in ("e", "e_dot", "q_dot", "r_dot")} | {
+            "t": rot[:, 0],
+            "a_n": frame_acceleration(rot, w, w_dot, c["e_w"], c["e_w_dot"], c["r_ddot"]),
+        }
+        found, allowed = (d.law(k, **given) for d in (drive, limit))
         force, s_bar = oracle.contouring_law(
             *(rot, w, w_dot, c["e_w"], c["e_w_dot"], c["e"], c["e_dot"], c["r_ddot"], c["q_dot"], k, p)
         )

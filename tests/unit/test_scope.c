@@ -257,10 +257,10 @@ static void test_level_of_a_position_is_the_users(void)
     od.scope.level = 1500;
     od.scope.pre = 0;
     TEST_ASSERT_TRUE(scope_arm(&loop.scope, &od, origin));
-    out.contour.ref.pos[1] = pos_from_nm(1000);
+    out.contour.r[1] = pos_from_nm(1000);
     steps(2);
     TEST_ASSERT_EQUAL(SCOPE_WAITING, atomic_load(&loop.scope.state));
-    out.contour.ref.pos[1] = pos_from_nm(1001);
+    out.contour.r[1] = pos_from_nm(1001);
     steps(1);
     TEST_ASSERT_EQUAL(SCOPE_TRIGGERED, atomic_load(&loop.scope.state));
 }
