@@ -24,7 +24,7 @@ BUILD = Path("build/fuzz")
 LOG = BUILD / "campaign.jsonl"
 MARKS = ("<!-- fuzz campaign: begin -->", "<!-- fuzz campaign: end -->")
 ROUNDS = 50
-FUZZERS = {"can": 0.1, "sdo": 0.3, "slcan": 0.45, "store": 0.15}  # parts of the executions
+FUZZERS = {"can": 0.05, "sdo": 0.2, "slcan": 0.65, "store": 0.1}  # parts of the executions
 SANITIZERS = {"ub": 0.9, "asan": 0.1}  # folder below build/fuzz, and its part
 GCODE_SECONDS = 4.0  # a round
 
