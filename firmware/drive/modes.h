@@ -5,7 +5,7 @@
  * 3, profile velocity, and 6, homing: each axis by itself. Their ways are made here (jog.h) as knots for both axes,
  * some milliseconds ahead of path time, and go the way of all knots: same law, limits, faults, stop on the path. An axis in
  * mode 7 beside one in mode 3 or 6 is held where it stands.
- * A mode is taken over when its axis stands; a stream that waits is forgotten then.
+ * A mode is taken over when its axis stands and homes no more; a stream that waits is forgotten then.
  */
 #ifndef KONTUR_MODES_H
 #define KONTUR_MODES_H

@@ -153,6 +153,16 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
     }
 }
 
+static void test_jump_of_an_encoder_with_the_shortest_counts_is_within_the_range_of_its_counter(void)
+{
+    od.limits.velocity = 10000000;
+    od.axis[0].plant.encoder = 100; /* 10 m/s of 1 pm */
+    od.axis[1].plant.encoder = 1000000;
+    const struct loop_cfg cfg = drive_loop_cfg(&od);
+    TEST_ASSERT_EQUAL_UINT32(INT32_MAX, cfg.jump_counts[0]);
+    TEST_ASSERT_EQUAL_UINT32(400100, cfg.jump_counts[1]); /* 4 mm in 0.1 ms, and 100 */
+}
+
 static void test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled(void)
 {
     ms(3);
@@ -258,6 +268,40 @@ static void test_underrun_counts_once_however_long_it_lasts(void)
     TEST_ASSERT_EQUAL_HEX16(0xFF10, od.axis[0].error_code);
 }
 
+/* A knot comes after the tick has seen an open-ended stream at rest, before the background asks for it. */
+static void rest_and_then(int32_t nm, unsigned more)
+{
+    enable();
+    begin(0, 100);
+    command(0x1F, 0x1F);
+    ms(1);
+    for (int i = 0; i < 10000 && !atomic_load(&drive.loop.at_end); i++) {
+        tick(1);
+        queue_executed(&drive.queue, atomic_load(&drive.loop.executed));
+    }
+    TEST_ASSERT_TRUE(atomic_load(&drive.loop.at_end));
+    for (unsigned i = 0; i < more; i++) {
+        TEST_ASSERT_EQUAL(QUEUE_TAKEN, drive_push(&drive, (struct knot){{nm, 0}}));
+    }
+    drive_poll(&drive);
+}
+
+static void test_knot_that_comes_at_the_last_moment_keeps_an_open_ended_stream_from_ending(void)
+{
+    rest_and_then(5, 1);
+    TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.queue.open);
+    TEST_ASSERT_EQUAL(QUEUE_TAKEN, drive_push(&drive, (struct knot){{5, 0}}));
+}
+
+static void test_resting_knots_that_come_at_the_last_moment_do_not_keep_the_stream_from_ending(void)
+{
+    rest_and_then(0, 10); /* too few for path time to go on */
+    TEST_ASSERT_EQUAL_UINT8(STREAM_DONE, od.stream.state);
+    TEST_ASSERT_EQUAL_UINT32(110, od.stream.executed);
+    ms(200);
+    TEST_ASSERT_EQUAL_HEX32(0, drive.faults);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -265,6 +309,7 @@ int main(void)
     RUN_TEST(test_axes_are_enabled_no_sooner_than_their_position_is_known);
     RUN_TEST(test_new_parameters_are_in_force_before_the_axes_can_be_enabled);
     RUN_TEST(test_limits_of_the_dictionary_reach_the_tick_in_its_units);
+    RUN_TEST(test_jump_of_an_encoder_with_the_shortest_counts_is_within_the_range_of_its_counter);
     RUN_TEST(test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled);
     RUN_TEST(test_end_of_the_last_stream_is_not_taken_for_that_of_the_next);
     RUN_TEST(test_end_is_told_with_all_knots_executed);
@@ -272,5 +317,7 @@ int main(void)
     RUN_TEST(test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled);
     RUN_TEST(test_reset_cuts_the_power_and_keeps_position_and_time);
     RUN_TEST(test_underrun_counts_once_however_long_it_lasts);
+    RUN_TEST(test_knot_that_comes_at_the_last_moment_keeps_an_open_ended_stream_from_ending);
+    RUN_TEST(test_resting_knots_that_come_at_the_last_moment_do_not_keep_the_stream_from_ending);
     return UNITY_END();
 }

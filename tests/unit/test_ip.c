@@ -255,6 +255,8 @@ static void test_buffer_is_cleared_by_60C4h(void)
     record(0, 0);
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x60C4, 6, 1, 1));
     TEST_ASSERT_EQUAL_UINT32(1, stream(7));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x60C4, 3, 1, 0)); /* its organisation */
+    TEST_ASSERT_EQUAL_UINT32(1, stream(7));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x68C4, 6, 1, 0));
     TEST_ASSERT_EQUAL_UINT32(0, stream(7));
     TEST_ASSERT_EQUAL_UINT32(IDLE, stream(5));
@@ -268,6 +270,85 @@ static void test_record_beyond_the_soft_limits_is_counted_and_a_fault(void)
     TEST_ASSERT_EQUAL_UINT32(1, stream(20));
     rig_ms(&rig, 3);
     TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0xFF11));
+}
+
+static void test_record_after_one_that_was_refused_is_refused_too(void)
+{
+    static const int32_t beyond[] = {150000001, 30000}; /* the soft limit; 20 um/ms2 */
+    for (unsigned i = 0; i < 2; i++) {
+        setUp();
+        rig_enable(&rig);
+        record(0, 0);
+        record(beyond[i], 0);
+        record(0, 0); /* in the same millisecond: before the fault */
+        TEST_ASSERT_EQUAL_UINT32(1, stream(20));
+        TEST_ASSERT_EQUAL_UINT32(1, stream(17));
+        TEST_ASSERT_EQUAL_UINT32(1, stream(7));
+        TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, rig_write(&rig, 0x68C1, 1, 4, 0));
+        rig_ms(&rig, 3);
+        TEST_ASSERT_TRUE(rig_had_emcy(&rig, i == 0 ? 0xFF11 : 0xFF13));
+    }
+}
+
+static void test_way_shorter_than_a_stop_starts_once_it_is_whole(void)
+{
+    rig_enable(&rig);
+    rig_controlwords(&rig, RUN, RUN);
+    for (int i = 0; i < 10; i++) {
+        record(i * 100, 0);
+    }
+    rig_ms(&rig, 200);
+    TEST_ASSERT_EQUAL_UINT32(FILLING, stream(5));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2200, 4, 4, 10));
+    rig_ms(&rig, 200);
+    TEST_ASSERT_EQUAL_UINT32(DONE, stream(5));
+    TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, 900e-6, mm(0));
+}
+
+static void test_total_of_0_does_not_end_an_open_stream(void)
+{
+    rig_enable(&rig);
+    record(0, 0);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2200, 4, 4, 0));
+    record(0, 0);
+    TEST_ASSERT_EQUAL_UINT32(2, stream(7));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2200, 4, 4, 3));
+    record(0, 0);
+    record(0, 0);
+    TEST_ASSERT_EQUAL_UINT32(3, stream(7));
+}
+
+static void test_record_begins_the_next_stream_after_one_with_a_total(void)
+{
+    struct rig_stream s = {.count = 10};
+    rig_enable(&rig);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &s));
+    for (int i = 0; i < 10; i++) {
+        record(s.x, s.y);
+    }
+    rig_controlwords(&rig, RUN, RUN);
+    rig_ms(&rig, 50);
+    TEST_ASSERT_EQUAL_UINT32(DONE, stream(5));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x60C2, 1, 1, 10)); /* between streams the period may change */
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x68C2, 1, 1, 10));
+    record(s.x, s.y);
+    TEST_ASSERT_EQUAL_UINT32(FILLING, stream(5));
+    TEST_ASSERT_EQUAL_UINT32(10, stream(7)); /* a record is ten knots */
+}
+
+static void test_record_begins_nothing_while_the_axes_still_move(void)
+{
+    rig_enable(&rig);
+    rig_controlwords(&rig, RUN, RUN);
+    for (int i = 0; i < 400; i++) {
+        const struct knot k = on_the_way(i, 800);
+        record(k.nm[0], k.nm[1]);
+        rig_ms(&rig, 1);
+    }
+    rig_controlwords(&rig, 0, 0); /* disable voltage: the path ends here, and has not come to rest */
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x60C1, 1, 4, (int32_t)rig_read(&rig, 0x6064, 0)));
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, rig_write(&rig, 0x68C1, 1, 4, (int32_t)rig_read(&rig, 0x6864, 0)));
+    TEST_ASSERT_EQUAL_UINT32(400, stream(7));
 }
 
 static void test_records_go_into_a_stream_that_was_begun_with_a_total(void)
@@ -358,5 +439,10 @@ int main(void)
     RUN_TEST(test_records_go_into_a_stream_that_was_begun_with_a_total);
     RUN_TEST(test_record_between_knot_frames_is_refused);
     RUN_TEST(test_path_error_is_kept_over_the_path_time_that_ran);
+    RUN_TEST(test_record_after_one_that_was_refused_is_refused_too);
+    RUN_TEST(test_way_shorter_than_a_stop_starts_once_it_is_whole);
+    RUN_TEST(test_total_of_0_does_not_end_an_open_stream);
+    RUN_TEST(test_record_begins_the_next_stream_after_one_with_a_total);
+    RUN_TEST(test_record_begins_nothing_while_the_axes_still_move);
     return UNITY_END();
 }

@@ -212,6 +212,22 @@ static void test_path_goes_on_after_the_master_has_switched_the_axes_off(void)
     expect_at_the_end_by_all_knots();
 }
 
+static void test_path_goes_on_after_the_axes_were_switched_off_twice(void)
+{
+    rig_enable(&rig);
+    rig_go(&rig, &line, 200);
+    for (int i = 0; i < 2; i++) {
+        rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
+        rig_ms(&rig, 150);
+        rig_expect_states(&rig, RIG_READY, RIG_READY);
+        enable_again();
+    }
+    TEST_ASSERT_EQUAL_HEX32(0, resume());
+    rig_controlwords(&rig, RUN, RUN);
+    rig_ms(&rig, 800);
+    expect_at_the_end_by_all_knots();
+}
+
 static void test_path_does_not_go_on_by_bit_4_alone(void)
 {
     stop_by_silence();
@@ -331,5 +347,6 @@ int main(void)
     RUN_TEST(test_path_with_a_knot_outside_the_limits_does_not_go_on);
     RUN_TEST(test_nothing_to_resume_is_refused);
     RUN_TEST(test_another_stream_may_begin_where_a_path_was_left);
+    RUN_TEST(test_path_goes_on_after_the_axes_were_switched_off_twice);
     return UNITY_END();
 }
