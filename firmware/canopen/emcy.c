@@ -65,7 +65,7 @@ static void send_waiting(struct co_node *node, unsigned inhibit_ms)
         co_put(&frame.data[0], message->code, 2);
         frame.data[2] = message->reg;
         co_put(&frame.data[3], message->msef, 4);
-        (void)co_send(node, &frame); /* there is room */
+        co_send(node, &frame); /* there is room */
         leave_out(emcy, 0);
         emcy->inhibit_left_ms = (uint16_t)inhibit_ms;
     }

@@ -38,7 +38,7 @@ static void respond(struct co_node *node, uint8_t command, uint32_t value, uint8
 {
     struct can_frame frame = {.id = CO_LSS_RESPONSE, .len = 8, .data = {command}};
     co_put(&frame.data[1], value, bytes);
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 static bool unconfigured(const struct co_node *node)
@@ -163,8 +163,7 @@ static void fastscan(struct co_node *node, uint32_t number, uint8_t check, uint8
         respond(node, IDENTIFIED, 0, 0);
         return;
     }
-    if (check >= 32 || sub >= PARTS || next >= PARTS || sub != lss->scanned ||
-        ((number ^ address(node, sub)) >> check) != 0) {
+    if (check >= 32 || next >= PARTS || sub != lss->scanned || ((number ^ address(node, sub)) >> check) != 0) {
         return;
     }
     if (check == 0) {

@@ -40,17 +40,15 @@ static void flush(struct co_node *node)
     }
 }
 
-bool co_send(struct co_node *node, const struct can_frame *frame)
+void co_send(struct co_node *node, const struct can_frame *frame)
 {
     flush(node);
     if (node->tx_count == 0 && co_transmit(node, frame)) {
-        return true;
+        return;
     }
-    if (node->tx_count == CO_TX_FRAMES) {
-        return false;
+    if (node->tx_count < CO_TX_FRAMES) {
+        node->tx[node->tx_count++] = *frame;
     }
-    node->tx[node->tx_count++] = *frame;
-    return true;
 }
 
 /* The heartbeat; state 0 is the boot-up message. */
@@ -58,7 +56,7 @@ static void send_heartbeat(struct co_node *node, uint8_t state)
 {
     const struct can_frame frame = {.id = (uint16_t)(ID_HEARTBEAT + node->config.node_id), .len = 1, .data = {state}};
     node->producer_ms = 0;
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 static void enter(struct co_node *node, enum co_state state)

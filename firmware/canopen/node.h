@@ -95,8 +95,8 @@ enum co_state co_nmt_state(const struct co_node *node);
 void co_guard(struct co_node *node, uint8_t id);
 
 /* Between the files of this folder: */
-/* Send, or keep until there is room. false: no room here either. */
-bool co_send(struct co_node *node, const struct can_frame *frame);
+/* Send, or keep until there is room; dropped where there is no room here either. */
+void co_send(struct co_node *node, const struct can_frame *frame);
 /* Send now. false: there is no room, or the bit rate is being changed. */
 bool co_transmit(struct co_node *node, const struct can_frame *frame);
 /* What the NMT command does. */

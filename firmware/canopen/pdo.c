@@ -139,7 +139,7 @@ static void receive(struct co_node *node, unsigned i, const struct can_frame *fr
 void co_pdo_receive(struct co_node *node, const struct can_frame *frame)
 {
     for (unsigned i = 0; i < OD_RPDOS; i++) {
-        if (node->rpdo[i].id != 0 && node->rpdo[i].id == frame->id) {
+        if (node->rpdo[i].id == frame->id) { /* 0, not in use, is NMT's */
             receive(node, i, frame);
             return;
         }

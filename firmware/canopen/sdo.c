@@ -31,7 +31,7 @@ void co_sdo_abort(struct co_node *node, const struct od_entry *entry, uint32_t c
     struct can_frame frame = co_sdo_object_response(node, SCS_ABORT, entry != NULL ? entry : &none);
     co_put(&frame.data[4], code, 4);
     node->sdo.transfer = CO_SDO_IDLE;
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 static void abort_transfer(struct co_node *node, uint32_t code)
@@ -94,7 +94,7 @@ static void download(struct co_node *node, const struct od_entry *entry, const u
         *sdo = (struct co_sdo){.transfer = CO_SDO_DOWNLOAD, .entry = entry};
     }
     const struct can_frame frame = co_sdo_object_response(node, SCS_DOWNLOAD, entry);
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 static void download_segment(struct co_node *node, const uint8_t *request)
@@ -120,7 +120,7 @@ static void download_segment(struct co_node *node, const uint8_t *request)
     }
     const struct can_frame frame = co_sdo_response(node, SCS_DOWNLOAD_SEGMENT | (request[0] & BIT_TOGGLE));
     sdo->toggle = !sdo->toggle;
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 /* ---- upload: the client reads ---- */
@@ -188,7 +188,7 @@ void co_sdo_upload(struct co_node *node)
         co_put(&frame.data[4], sdo->size, 4);
         sdo->transfer = CO_SDO_UPLOAD;
     }
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 static void upload(struct co_node *node, const struct od_entry *entry)
@@ -218,7 +218,7 @@ static void upload_segment(struct co_node *node, const uint8_t *request)
     if (last) {
         sdo->transfer = CO_SDO_IDLE;
     }
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 /* ---- both ---- */

@@ -50,7 +50,7 @@ void co_sdo_block_download(struct co_node *node, const struct od_entry *entry, c
     struct can_frame frame =
         co_sdo_object_response(node, SCS_BLOCK_DOWNLOAD | (request[0] & BIT_CRC) | SS_INITIATE, entry);
     frame.data[4] = node->sdo.block;
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 bool co_sdo_block_segment(struct co_node *node, const uint8_t *request)
@@ -71,7 +71,7 @@ bool co_sdo_block_segment(struct co_node *node, const uint8_t *request)
     struct can_frame frame = co_sdo_response(node, SCS_BLOCK_DOWNLOAD | SS_ACKNOWLEDGE);
     frame.data[1] = 1;
     frame.data[2] = sdo->block;
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
     return true;
 }
 
@@ -96,7 +96,7 @@ void co_sdo_block_download_end(struct co_node *node, const uint8_t *request)
     }
     sdo->transfer = CO_SDO_IDLE;
     const struct can_frame frame = co_sdo_response(node, SCS_BLOCK_DOWNLOAD | SS_END);
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 /* ---- upload ---- */
@@ -128,7 +128,7 @@ void co_sdo_block_upload(struct co_node *node, const struct od_entry *entry, con
     struct can_frame frame =
         co_sdo_object_response(node, SCS_BLOCK_UPLOAD | (request[0] & BIT_CRC) | BIT_SIZE | SS_INITIATE, entry);
     co_put(&frame.data[4], sdo->size, 4);
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 /* Bytes from the first not acknowledged one on, in whole segments; an empty value has one segment, too. */
@@ -145,7 +145,7 @@ static void send_end(struct co_node *node)
     struct can_frame frame = co_sdo_response(node, SCS_BLOCK_UPLOAD | unused << 2 | SS_END);
     co_put(&frame.data[1], sdo->crc_wanted ? sdo->crc : 0u, 2);
     sdo->transfer = CO_SDO_BLOCK_UPLOAD_END;
-    (void)co_send(node, &frame);
+    co_send(node, &frame);
 }
 
 static void acknowledged(struct co_node *node, uint8_t sequence, uint8_t block)

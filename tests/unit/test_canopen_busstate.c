@@ -98,6 +98,17 @@ static void test_lost_frames_are_told_until_a_second_has_gone_without_one(void)
     TEST_ASSERT_EQUAL_UINT32(4, bus.od.can.rx_lost);
 }
 
+static void test_both_error_counters_are_shown_and_told(void)
+{
+    controller.state = HAL_CAN_PASSIVE;
+    controller.tx_errors = 17;
+    controller.rx_errors = 129;
+    ms(1);
+    TEST_ASSERT_EQUAL_UINT8(17, bus.od.can.tx_errors);
+    TEST_ASSERT_EQUAL_UINT8(129, bus.od.can.rx_errors);
+    bus_expect(&bus, 0, 0x085, "20 81 11 11 81 00 00 00");
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -105,5 +116,6 @@ int main(void)
     RUN_TEST(test_nobody_acknowledges_is_told_once_and_ends);
     RUN_TEST(test_bus_off_is_told_when_it_is_over);
     RUN_TEST(test_lost_frames_are_told_until_a_second_has_gone_without_one);
+    RUN_TEST(test_both_error_counters_are_shown_and_told);
     return UNITY_END();
 }

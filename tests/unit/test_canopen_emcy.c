@@ -78,20 +78,21 @@ static void test_full_bus_loses_no_message_and_leaves_room_for_answers(void)
     for (uint16_t i = 0; i < CO_ERRORS; i++) {
         co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, 0);
     }
-    bus_give(&bus, 0x605, "40 03 10 00 00 00 00 00");
+    for (unsigned i = 0; i < CO_TX_FRAMES; i++) {
+        bus_give(&bus, 0x605, "40 03 10 00 00 00 00 00");
+    }
     bus.room = SENT_MAX;
     bus_run_ms(&bus, 1);
-    unsigned told = 0, answers = 0;
+    TEST_ASSERT_EQUAL_UINT(CO_ERRORS + CO_TX_FRAMES / 2, bus.count);
+    unsigned told = 0;
     for (unsigned i = 0; i < bus.count; i++) {
-        if (bus.sent[i].id == 0x585) {
-            answers++;
+        if (i >= CO_TX_FRAMES / 2 && i < CO_TX_FRAMES) { /* half of what waits is answers */
+            TEST_ASSERT_EQUAL_HEX16(0x585, bus.sent[i].id);
         } else {
             TEST_ASSERT_EQUAL_HEX16(0xFF00 + told, code_of(i));
             told++;
         }
     }
-    TEST_ASSERT_EQUAL_UINT(CO_ERRORS, told);
-    TEST_ASSERT_EQUAL_UINT(1, answers);
 }
 
 /* One error comes and goes a thousand times while nothing can be sent, others stay. */
@@ -118,6 +119,56 @@ static void test_begin_of_every_error_in_effect_is_told_whatever_else_happens(vo
     TEST_ASSERT_EQUAL_UINT(1, following);
     bus_expect(&bus, bus.count - 2, 0x085, "00 00 23 00 00 00 00 00");
     bus_expect(&bus, bus.count - 1, 0x085, "10 82 33 E8 03 00 00 00");
+}
+
+/* The least room there is: two begins of each of the most errors that are kept. */
+static void test_as_many_errors_as_are_kept_that_all_came_twice_are_all_told(void)
+{
+    bus_give(&bus, 0, "02 05");
+    for (uint16_t i = 0; i < CO_ERRORS; i++) {
+        const uint16_t code = (uint16_t)(0xFF00 + i);
+        co_emcy_set(&bus.node, code, 0, 0);
+        co_emcy_reset(&bus.node, code);
+        co_emcy_set(&bus.node, code, 0, 1);
+    }
+    co_emcy_set(&bus.node, 0x2310, 0, 0); /* not kept, but told if there is room */
+    bus_give(&bus, 0, "80 05");
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(CO_EMCY_WAITING, bus.count);
+    unsigned newest = 0;
+    for (unsigned i = 0; i < bus.count; i++) {
+        newest += code_of(i) == 0xFF00 + newest && bus.sent[i].data[3] == 1;
+    }
+    TEST_ASSERT_EQUAL_UINT(CO_ERRORS, newest);
+    TEST_ASSERT_EQUAL_HEX16(0x2310, code_of(bus.count - 1));
+}
+
+static void test_of_messages_about_errors_that_are_over_the_oldest_is_left_out_first(void)
+{
+    bus_give(&bus, 0, "02 05");
+    for (uint16_t i = 0; i <= CO_EMCY_WAITING / 2; i++) { /* the last two messages have no room of their own */
+        co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, 0);
+        co_emcy_reset(&bus.node, (uint16_t)(0xFF00 + i));
+    }
+    bus_give(&bus, 0, "80 05");
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(CO_EMCY_WAITING, bus.count);
+    for (unsigned i = 0; i < bus.count; i++) {
+        TEST_ASSERT_EQUAL_HEX16(i % 2 == 0 ? 0xFF01 + i / 2 : 0, code_of(i));
+    }
+}
+
+static void test_register_is_that_of_the_errors_left_whichever_ends_first(void)
+{
+    co_emcy_set(&bus.node, 0x2310, CO_REG_CURRENT, 0);
+    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
+    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0);
+    co_emcy_reset(&bus.node, 0x2310);
+    TEST_ASSERT_EQUAL_HEX8(0x31, bus.od.error_register);
+    co_emcy_reset(&bus.node, 0x8130);
+    TEST_ASSERT_EQUAL_HEX8(0x21, bus.od.error_register);
+    co_emcy_reset(&bus.node, 0x8611);
+    TEST_ASSERT_EQUAL_HEX8(0, bus.od.error_register);
 }
 
 static void test_message_identifier_changes_only_while_it_is_not_in_use(void)
@@ -167,6 +218,9 @@ int main(void)
     RUN_TEST(test_stopped_node_tells_when_it_is_no_longer_stopped);
     RUN_TEST(test_full_bus_loses_no_message_and_leaves_room_for_answers);
     RUN_TEST(test_begin_of_every_error_in_effect_is_told_whatever_else_happens);
+    RUN_TEST(test_as_many_errors_as_are_kept_that_all_came_twice_are_all_told);
+    RUN_TEST(test_of_messages_about_errors_that_are_over_the_oldest_is_left_out_first);
+    RUN_TEST(test_register_is_that_of_the_errors_left_whichever_ends_first);
     RUN_TEST(test_message_identifier_changes_only_while_it_is_not_in_use);
     RUN_TEST(test_node_without_message_identifier_keeps_register_and_history);
     RUN_TEST(test_reset_communication_forgets_no_message);

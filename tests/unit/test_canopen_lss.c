@@ -84,11 +84,9 @@ static bool configuring(void)
 
 static void test_request_that_is_not_eight_bytes_long_is_ignored(void)
 {
-    lss("04 01", "");
     lss("04 01 00 00 00 00 00", "");
     TEST_ASSERT_FALSE(configuring());
     configure();
-    lss("5E", "");
     lss("5E 00 00 00 00 00 00", "");
     lss("5E 00 00 00 00 00 00 00", "5E 05 00 00 00 00 00 00");
 }
@@ -108,7 +106,6 @@ static void test_answers_are_eight_bytes_long_and_reserved_bytes_are_0(void)
 static void test_switch_to_a_state_that_does_not_exist_is_ignored(void)
 {
     lss("04 02 00 00 00 00 00 00", "");
-    lss("04 FF 00 00 00 00 00 00", "");
     TEST_ASSERT_FALSE(configuring());
     configure();
     lss("04 02 00 00 00 00 00 00", "");
@@ -166,7 +163,9 @@ static void test_selection_is_answered_at_its_last_part_alone(void)
     lss("43 05 EE FF C0 00 00 00", "44 00 00 00 00 00 00 00");
     TEST_ASSERT_TRUE(configuring());
     lss("04 00 00 00 00 00 00 00", "");
-    lss("43 05 EE FF C0 00 00 00", ""); /* the last part again is no selection */
+    lss("41 01 00 00 00 00 00 00", ""); /* what comes without the vendor is no selection */
+    lss("42 00 00 01 00 00 00 00", "");
+    lss("43 05 EE FF C0 00 00 00", "");
     TEST_ASSERT_FALSE(configuring());
 }
 
@@ -197,30 +196,29 @@ static void test_selection_with_a_part_left_out_or_repeated_is_none(void)
     lss("43 05 EE FF C0 00 00 00", "");
 }
 
-static void identify(const char *revision_low, const char *revision_high, const char *serial_low,
-                     const char *serial_high, bool mine)
+static void identify(const uint32_t value[6], bool mine)
 {
-    lss("46 00 00 00 00 00 00 00", "");
-    lss("47 01 00 00 00 00 00 00", "");
-    lss(revision_low, "");
-    lss(revision_high, "");
-    lss(serial_low, "");
-    lss(serial_high, mine ? "4F 00 00 00 00 00 00 00" : "");
-    lss(serial_high, "");
+    for (unsigned step = 0; step < 6; step++) {
+        char request[32];
+        (void)snprintf(request, sizeof request, "%02X %02X %02X %02X %02X 00 00 00", 0x46 + step, value[step] & 0xFFu,
+                       value[step] >> 8 & 0xFFu, value[step] >> 16 & 0xFFu, value[step] >> 24);
+        lss(request, step == 5 && mine ? "4F 00 00 00 00 00 00 00" : "");
+    }
 }
 
-static void test_bounds_of_a_range_belong_to_it(void)
+/* Vendor, product, lower and upper bound of revision (00010000h) and serial number (C0FFEE05h) */
+static void test_slave_identifies_itself_within_the_bounds_and_on_them(void)
 {
-    identify("48 00 00 01 00 00 00 00", "49 00 00 01 00 00 00 00", "4A 05 EE FF C0 00 00 00",
-             "4B 05 EE FF C0 00 00 00", true);
-    identify("48 01 00 01 00 00 00 00", "49 FF FF FF FF 00 00 00", "4A 00 00 00 00 00 00 00",
-             "4B FF FF FF FF 00 00 00", false);
-    identify("48 00 00 00 00 00 00 00", "49 FF FF 00 00 00 00 00", "4A 00 00 00 00 00 00 00",
-             "4B FF FF FF FF 00 00 00", false);
-    identify("48 00 00 00 00 00 00 00", "49 FF FF FF FF 00 00 00", "4A 06 EE FF C0 00 00 00",
-             "4B FF FF FF FF 00 00 00", false);
-    identify("48 00 00 00 00 00 00 00", "49 FF FF FF FF 00 00 00", "4A 00 00 00 00 00 00 00",
-             "4B 04 EE FF C0 00 00 00", false);
+    identify((const uint32_t[]){0, 1, 0x10000, 0x10000, 0xC0FFEE05, 0xC0FFEE05}, true);
+    identify((const uint32_t[]){0, 1, 0x0FFFF, 0x10001, 0xC0FFEE04, 0xC0FFEE06}, true);
+    identify((const uint32_t[]){0, 1, 0, 0xFFFFFFFF, 0, 0xFFFFFFFF}, true);
+    identify((const uint32_t[]){0, 1, 0x10001, 0xFFFFFFFF, 0, 0xFFFFFFFF}, false);
+    identify((const uint32_t[]){0, 1, 0, 0x0FFFF, 0, 0xFFFFFFFF}, false);
+    identify((const uint32_t[]){0, 1, 0, 0xFFFFFFFF, 0xC0FFEE06, 0xFFFFFFFF}, false);
+    identify((const uint32_t[]){0, 1, 0, 0xFFFFFFFF, 0, 0xC0FFEE04}, false);
+    identify((const uint32_t[]){0, 0, 0, 0xFFFFFFFF, 0, 0xFFFFFFFF}, false);
+    identify((const uint32_t[]){0, 2, 0, 0xFFFFFFFF, 0, 0xFFFFFFFF}, false);
+    identify((const uint32_t[]){1, 1, 0, 0xFFFFFFFF, 0, 0xFFFFFFFF}, false);
     TEST_ASSERT_FALSE(configuring()); /* to be identified is not to be selected */
 }
 
@@ -230,12 +228,6 @@ static void test_steps_of_identify_out_of_order_are_none(void)
     lss("47 01 00 00 00 00 00 00", "");
     lss("49 FF FF FF FF 00 00 00", "");
     lss("48 00 00 00 00 00 00 00", "");
-    lss("4A 00 00 00 00 00 00 00", "");
-    lss("4B FF FF FF FF 00 00 00", "");
-    lss("46 07 00 00 00 00 00 00", ""); /* another vendor's */
-    lss("47 01 00 00 00 00 00 00", "");
-    lss("48 00 00 00 00 00 00 00", "");
-    lss("49 FF FF FF FF 00 00 00", "");
     lss("4A 00 00 00 00 00 00 00", "");
     lss("4B FF FF FF FF 00 00 00", "");
 }
@@ -251,6 +243,20 @@ static void test_node_without_id_or_hooks_waits_for_lss(void)
     bus_run_ms(&bus, 500);
     TEST_ASSERT_EQUAL_UINT(0, bus.count);
     lss("4C 00 00 00 00 00 00 00", "50 00 00 00 00 00 00 00");
+}
+
+static void test_both_resets_boot_a_node_that_has_got_an_id(void)
+{
+    static const char *const resets[] = {"81 00", "82 00"};
+    for (unsigned i = 0; i < 2; i++) {
+        start(OD_UNCONFIGURED);
+        configure();
+        lss("11 01 00 00 00 00 00 00", "11 00 00 00 00 00 00 00");
+        bus_clear(&bus);
+        bus_give(&bus, 0, resets[i]);
+        TEST_ASSERT_EQUAL_UINT(1, bus.count);
+        bus_expect(&bus, 0, 0x701, "00");
+    }
 }
 
 static void test_node_without_id_stays_so_when_it_is_switched_back_without_one(void)
@@ -473,9 +479,10 @@ int main(void)
     RUN_TEST(test_selection_is_answered_at_its_last_part_alone);
     RUN_TEST(test_selection_of_another_node_in_between_ends_it_and_a_new_one_begins_with_the_vendor);
     RUN_TEST(test_selection_with_a_part_left_out_or_repeated_is_none);
-    RUN_TEST(test_bounds_of_a_range_belong_to_it);
+    RUN_TEST(test_slave_identifies_itself_within_the_bounds_and_on_them);
     RUN_TEST(test_steps_of_identify_out_of_order_are_none);
     RUN_TEST(test_node_without_id_or_hooks_waits_for_lss);
+    RUN_TEST(test_both_resets_boot_a_node_that_has_got_an_id);
     RUN_TEST(test_node_without_id_stays_so_when_it_is_switched_back_without_one);
     RUN_TEST(test_node_with_an_id_is_not_reset_when_it_is_switched_back);
     RUN_TEST(test_fastscan_is_for_nodes_that_are_neither_configured_nor_found);

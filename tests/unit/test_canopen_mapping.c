@@ -93,6 +93,47 @@ static void test_rpdo_with_gaps_stores_what_is_around_them(void)
     TEST_ASSERT_FALSE(co_rpdo_carries(&bus.node, 1, 0x6040));
 }
 
+/* CiA 301, 7.4.2: data types 0002h..0007h */
+static void test_dummy_of_each_type_takes_its_place_and_stores_nothing(void)
+{
+    static const struct { uint32_t map; const char *frame; } dummies[] = {
+        {0x00020008, "FF 0F 00"}, {0x00030010, "FF FF 0F 00"}, {0x00040020, "FF FF FF FF 0F 00"},
+        {0x00050008, "FF 0F 00"}, {0x00060010, "FF FF 0F 00"}, {0x00070020, "FF FF FF FF 0F 00"}};
+    for (unsigned i = 0; i < sizeof dummies / sizeof dummies[0]; i++) {
+        setUp();
+        open_mapping(RPDO1);
+        TEST_ASSERT_EQUAL_HEX32(0, map(RPDO1, 1, dummies[i].map));
+        TEST_ASSERT_EQUAL_HEX32(0, map(RPDO1, 2, 0x68400010));
+        close_mapping(RPDO1, 2);
+        struct od_data expected = bus.od;
+        expected.axis[AXIS_Y].controlword = 0x000F;
+        bus_give(&bus, 0x205, dummies[i].frame);
+        TEST_ASSERT_EQUAL_UINT(1, bus.rpdos[1]);
+        TEST_ASSERT_EQUAL_MEMORY(&expected, &bus.od, sizeof expected);
+    }
+    bus_give(&bus, 0, "80 05");
+    open_mapping(RPDO1);
+    TEST_ASSERT_EQUAL_HEX32(0x06020000, map(RPDO1, 1, 0x00010008));
+    TEST_ASSERT_EQUAL_HEX32(0x06020000, map(RPDO1, 1, 0x00080020));
+    TEST_ASSERT_EQUAL_HEX32(0x06020000, map(RPDO1, 1, 0x00050108)); /* a sub */
+}
+
+/* Each kind at both ends of its objects: 1600h.. of what is received, 1A00h.. of what is sent */
+static void test_first_and_last_pdo_of_each_kind_map_what_fits_their_direction(void)
+{
+    static const struct { uint16_t index; uint32_t fits, does_not; } pdos[] = {
+        {0x1600, 0x22010108, 0x60410010},
+        {0x1602, 0x22010108, 0x60410010},
+        {0x1A00, 0x60410010, 0x22010108},
+        {0x1A04, 0x60410010, 0x22010108}};
+    for (unsigned i = 0; i < sizeof pdos / sizeof pdos[0]; i++) {
+        open_mapping(pdos[i].index);
+        TEST_ASSERT_EQUAL_HEX32(0, map(pdos[i].index, 1, pdos[i].fits));
+        TEST_ASSERT_EQUAL_HEX32(0x06040041, map(pdos[i].index, 2, pdos[i].does_not));
+        TEST_ASSERT_EQUAL_HEX32(0x06040042, map(pdos[i].index, 2, pdos[i].fits + 1)); /* a bit longer */
+    }
+}
+
 static void test_rpdo_with_a_value_out_of_its_range_is_not_taken(void)
 {
     open_mapping(RPDO1);
@@ -210,6 +251,10 @@ static void test_mapping_that_makes_no_sense_is_not_in_use(void)
     TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 4));
     TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 5));
     TEST_ASSERT_TRUE(co_tpdo_send(&bus.node, 3));
+    bus.od.tpdo5_map.map_1 = 0x10010008; /* 1 + 2 + 4 + 2: a byte too many */
+    bus.od.tpdo5_map.map_4 = 0x60410010;
+    co_pdo_refresh(&bus.node);
+    TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 5));
 }
 
 static void test_reset_communication_brings_the_default_mapping_back(void)
@@ -230,6 +275,8 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_tpdo_with_another_mapping_sends_it);
     RUN_TEST(test_rpdo_with_gaps_stores_what_is_around_them);
+    RUN_TEST(test_dummy_of_each_type_takes_its_place_and_stores_nothing);
+    RUN_TEST(test_first_and_last_pdo_of_each_kind_map_what_fits_their_direction);
     RUN_TEST(test_rpdo_with_a_value_out_of_its_range_is_not_taken);
     RUN_TEST(test_mapping_is_changed_only_out_of_use_and_when_it_is_empty);
     RUN_TEST(test_operational_changes_no_pdo);

@@ -78,6 +78,14 @@ static void test_reset_communication_restores_communication_objects_alone(void)
     TEST_ASSERT_EQUAL_STRING("other", bus.od.device_name);
 }
 
+static void test_every_reset_is_told_the_application_also_from_pre_operational(void)
+{
+    bus_give(&bus, 0, "82 05");
+    bus_give(&bus, 0, "81 05");
+    TEST_ASSERT_EQUAL_UINT(2, bus.resets);
+    TEST_ASSERT_EQUAL_UINT(3, bus.nmt_changes);
+}
+
 static void test_reset_node_restores_all_that_can_be_written(void)
 {
     bus.od.heartbeat_producer = 7;
@@ -203,6 +211,16 @@ static void test_lost_heartbeat_is_told_once_and_never_early(void)
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(1, bus.lost);
     bus_run_ms(&bus, 1000);
+    TEST_ASSERT_EQUAL_UINT(1, bus.lost);
+}
+
+static void test_shortest_consumer_time_is_a_millisecond(void)
+{
+    bus_sdo(&bus, "23 16 10 01 01 00 7F 00", "60 16 10 01 00 00 00 00");
+    bus_give(&bus, 0x77F, "05");
+    bus_run_ms(&bus, 1); /* this tick may have come at once */
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+    bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(1, bus.lost);
 }
 
@@ -392,6 +410,28 @@ static void test_emcy_and_answers_wait_in_order_until_the_bus_has_room(void)
     bus_expect(&bus, 2, 0x085, "00 00 00 00 00 00 00 00");
 }
 
+static void test_frames_that_wait_keep_their_order_when_room_comes_for_some(void)
+{
+    static const char *const requests[] = {"40 00 10 00 00 00 00 00", "40 01 10 00 00 00 00 00",
+                                           "40 17 10 00 00 00 00 00", "40 19 10 00 00 00 00 00",
+                                           "40 16 10 01 00 00 00 00"};
+    bus_clear(&bus);
+    bus.room = 0;
+    for (unsigned i = 0; i < 5; i++) {
+        bus_give(&bus, 0x605, requests[i]);
+    }
+    for (unsigned i = 0; i < 3; i++) {
+        bus.room = 2;
+        bus_run_ms(&bus, 1);
+    }
+    TEST_ASSERT_EQUAL_UINT(5, bus.count);
+    for (unsigned i = 0; i < 5; i++) {
+        const uint16_t index = (uint16_t)(bus.sent[i].data[1] | bus.sent[i].data[2] << 8);
+        static const uint16_t expected[] = {0x1000, 0x1001, 0x1017, 0x1019, 0x1016};
+        TEST_ASSERT_EQUAL_HEX16(expected[i], index);
+    }
+}
+
 static void test_frames_beyond_the_waiting_room_are_dropped_and_the_oldest_kept(void)
 {
     bus_clear(&bus);
@@ -415,6 +455,7 @@ int main(void)
     RUN_TEST(test_nmt_command_to_another_node_unknown_or_malformed_is_ignored);
     RUN_TEST(test_repeated_start_changes_nothing);
     RUN_TEST(test_reset_communication_restores_communication_objects_alone);
+    RUN_TEST(test_every_reset_is_told_the_application_also_from_pre_operational);
     RUN_TEST(test_reset_node_restores_all_that_can_be_written);
     RUN_TEST(test_reset_ends_an_sdo_transfer);
     RUN_TEST(test_stopped_node_answers_no_sdo);
@@ -425,6 +466,7 @@ int main(void)
     RUN_TEST(test_new_heartbeat_period_begins_when_it_is_written);
     RUN_TEST(test_heartbeat_is_not_missed_before_the_first_one);
     RUN_TEST(test_lost_heartbeat_is_told_once_and_never_early);
+    RUN_TEST(test_shortest_consumer_time_is_a_millisecond);
     RUN_TEST(test_regular_heartbeats_are_not_lost_and_the_watch_starts_anew_after_a_loss);
     RUN_TEST(test_heartbeat_of_another_node_does_not_count);
     RUN_TEST(test_consumer_switched_off_forgets_the_heartbeat);
@@ -441,6 +483,7 @@ int main(void)
     RUN_TEST(test_more_errors_than_are_kept_are_still_reported);
     RUN_TEST(test_stopped_node_sends_no_emcy);
     RUN_TEST(test_emcy_and_answers_wait_in_order_until_the_bus_has_room);
+    RUN_TEST(test_frames_that_wait_keep_their_order_when_room_comes_for_some);
     RUN_TEST(test_frames_beyond_the_waiting_room_are_dropped_and_the_oldest_kept);
     return UNITY_END();
 }

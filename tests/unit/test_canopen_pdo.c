@@ -193,9 +193,34 @@ static void test_tpdo_that_is_switched_off_is_not_sent(void)
     bus_give(&bus, 0, "80 05");
     bus_sdo(&bus, "23 01 18 01 85 02 00 C0", "60 01 18 01 00 00 00 00");
     bus_give(&bus, 0, "01 05");
+    bus_clear(&bus);
     bus_run_ms(&bus, 10);
     TEST_ASSERT_EQUAL_UINT(0, sent(0x285));
+    TEST_ASSERT_EQUAL_UINT(0, sent(0)); /* NMT's */
     TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 2));
+}
+
+static void test_writing_other_objects_leaves_running_pdos_alone(void)
+{
+    bus_run_ms(&bus, 5); /* half of the time of TPDO1 */
+    bus_sdo(&bus, "2B 17 10 00 00 00 00 00", "60 17 10 00 00 00 00 00");
+    bus_sdo(&bus, "23 10 21 01 A0 86 01 00", "60 10 21 01 00 00 00 00");
+    bus_clear(&bus);
+    bus_run_ms(&bus, 5);
+    TEST_ASSERT_EQUAL_UINT(0, sent(0x185));
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(1, sent(0x185));
+}
+
+static void test_rpdo_says_which_objects_it_carries(void)
+{
+    TEST_ASSERT_TRUE(co_rpdo_carries(&bus.node, 1, 0x6040));
+    TEST_ASSERT_TRUE(co_rpdo_carries(&bus.node, 1, 0x6840));
+    TEST_ASSERT_FALSE(co_rpdo_carries(&bus.node, 1, 0x2201));
+    TEST_ASSERT_TRUE(co_rpdo_carries(&bus.node, 2, 0x2201));
+    TEST_ASSERT_FALSE(co_rpdo_carries(&bus.node, 2, 0x6040));
+    TEST_ASSERT_TRUE(co_rpdo_carries(&bus.node, 3, 0x60C1));
+    TEST_ASSERT_TRUE(co_rpdo_carries(&bus.node, 3, 0x68C1));
 }
 
 static void test_tpdo_on_a_new_identifier(void)
@@ -255,6 +280,8 @@ int main(void)
     RUN_TEST(test_tpdo_sent_by_an_event_starts_its_timer_anew);
     RUN_TEST(test_event_time_may_be_changed_and_0_leaves_events_only);
     RUN_TEST(test_tpdo_that_is_switched_off_is_not_sent);
+    RUN_TEST(test_writing_other_objects_leaves_running_pdos_alone);
+    RUN_TEST(test_rpdo_says_which_objects_it_carries);
     RUN_TEST(test_tpdo_on_a_new_identifier);
     RUN_TEST(test_full_bus_drops_telemetry_and_keeps_nothing_stale);
     RUN_TEST(test_telemetry_does_not_overtake_a_waiting_emcy);

@@ -105,6 +105,9 @@ static void test_types_that_are_reserved_or_remote_are_refused(void)
         snprintf(request, sizeof request, "2F 00 18 02 %02X 00 00 00", type);
         bus_sdo(&bus, request, "80 00 18 02 30 00 09 06");
     }
+    tpdo1_type(240);
+    tpdo1_type(254);
+    tpdo1_type(255);
 }
 
 static void test_synchronous_tpdo_that_found_no_room_comes_at_the_next_sync(void)
@@ -134,6 +137,45 @@ static void test_counting_starts_anew_with_operational(void)
     TEST_ASSERT_EQUAL_UINT(0, bus.count);
     sync(1);
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
+}
+
+static void test_event_before_operational_ended_is_not_told_in_the_next(void)
+{
+    tpdo1_type(0);
+    start();
+    (void)co_tpdo_send(&bus.node, 1);
+    bus_give(&bus, 0, "80 05");
+    start();
+    sync(2);
+    TEST_ASSERT_EQUAL_UINT(0, sent(0x185));
+    (void)co_tpdo_send(&bus.node, 1);
+    sync(1);
+    TEST_ASSERT_EQUAL_UINT(1, sent(0x185));
+}
+
+static void test_all_pdos_may_be_synchronous_and_go_in_the_order_of_their_numbers(void)
+{
+    static const uint16_t ids[] = {0x185, 0x285, 0x385, 0x485, 0x1C5};
+    for (unsigned i = 0; i < OD_TPDOS; i++) {
+        char request[32], answer[32];
+        (void)snprintf(request, sizeof request, "2F %02X 18 02 01 00 00 00", i);
+        (void)snprintf(answer, sizeof answer, "60 %02X 18 02 00 00 00 00", i);
+        bus_sdo(&bus, request, answer);
+    }
+    bus_sdo(&bus, "2F 02 14 02 00 00 00 00", "60 02 14 02 00 00 00 00");
+    start();
+    bus_give(&bus, 0x405, "01 00 00 00 02 00 00 00");
+    sync(1);
+    TEST_ASSERT_EQUAL_UINT(OD_TPDOS, bus.count);
+    for (unsigned i = 0; i < OD_TPDOS; i++) {
+        TEST_ASSERT_EQUAL_HEX16(ids[i], bus.sent[i].id);
+    }
+    TEST_ASSERT_EQUAL_UINT(1, bus.rpdos[3]);
+    bus_give(&bus, 0x405, "01 00 00 00 02 00 00 00");
+    bus_give(&bus, 0, "80 05");
+    start();
+    sync(1);
+    TEST_ASSERT_EQUAL_UINT(1, bus.rpdos[3]); /* what waited is forgotten */
 }
 
 /* ---- inhibit time ---- */
@@ -172,6 +214,20 @@ static void test_inhibit_time_does_not_delay_the_timer_of_the_same_length(void)
     start();
     bus_run_ms(&bus, 30);
     TEST_ASSERT_EQUAL_UINT(10, sent(0x185));
+}
+
+static void test_inhibit_time_ends_with_operational(void)
+{
+    bus_sdo(&bus, "23 00 18 01 85 01 00 C0", "60 00 18 01 00 00 00 00");
+    bus_sdo(&bus, "2B 00 18 03 10 27 00 00", "60 00 18 03 00 00 00 00"); /* 1 s */
+    bus_sdo(&bus, "23 00 18 01 85 01 00 40", "60 00 18 01 00 00 00 00");
+    start();
+    bus_run_ms(&bus, 100);
+    TEST_ASSERT_EQUAL_UINT(1, sent(0x185));
+    bus_give(&bus, 0, "80 05");
+    start();
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(1, sent(0x185));
 }
 
 static void test_inhibit_time_changes_only_while_the_pdo_is_not_in_use(void)
@@ -271,6 +327,18 @@ static void test_counting_begins_with_the_sync_that_carries_the_start_value(void
     TEST_ASSERT_EQUAL_UINT(2, bus.count);
 }
 
+static void test_counter_without_start_value_counts_from_the_first_sync(void)
+{
+    bus_sdo(&bus, "23 06 10 00 00 00 00 00", "60 06 10 00 00 00 00 00");
+    bus_sdo(&bus, "2F 19 10 00 0A 00 00 00", "60 19 10 00 00 00 00 00");
+    tpdo1_type(2);
+    start();
+    bus_give(&bus, 0x80, "07");
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    bus_give(&bus, 0x80, "08");
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+}
+
 static void test_start_value_without_a_counter_in_the_sync_is_without_effect(void)
 {
     bus_sdo(&bus, "23 00 18 01 85 01 00 C0", "60 00 18 01 00 00 00 00");
@@ -331,8 +399,11 @@ int main(void)
     RUN_TEST(test_types_that_are_reserved_or_remote_are_refused);
     RUN_TEST(test_synchronous_tpdo_that_found_no_room_comes_at_the_next_sync);
     RUN_TEST(test_counting_starts_anew_with_operational);
+    RUN_TEST(test_event_before_operational_ended_is_not_told_in_the_next);
+    RUN_TEST(test_all_pdos_may_be_synchronous_and_go_in_the_order_of_their_numbers);
     RUN_TEST(test_event_within_the_inhibit_time_is_told_once_after_it_with_the_values_of_then);
     RUN_TEST(test_inhibit_time_does_not_delay_the_timer_of_the_same_length);
+    RUN_TEST(test_inhibit_time_ends_with_operational);
     RUN_TEST(test_inhibit_time_changes_only_while_the_pdo_is_not_in_use);
     RUN_TEST(test_synchronous_rpdo_takes_effect_at_the_next_sync_alone_and_the_latest_counts);
     RUN_TEST(test_rpdo_that_waits_is_forgotten_when_operational_ends);
@@ -340,6 +411,7 @@ int main(void)
     RUN_TEST(test_sync_on_another_identifier);
     RUN_TEST(test_sync_of_a_wrong_length_is_not_taken_and_reported_once);
     RUN_TEST(test_counting_begins_with_the_sync_that_carries_the_start_value);
+    RUN_TEST(test_counter_without_start_value_counts_from_the_first_sync);
     RUN_TEST(test_start_value_without_a_counter_in_the_sync_is_without_effect);
     RUN_TEST(test_synchronous_tpdo_that_is_not_in_use_is_not_sent);
     RUN_TEST(test_tpdos_of_a_sync_say_what_was_before_the_rpdos_it_releases);
