@@ -121,8 +121,8 @@ static void test_begin_of_every_error_in_effect_is_told_whatever_else_happens(vo
     bus_expect(&bus, bus.count - 1, 0x085, "10 82 33 E8 03 00 00 00");
 }
 
-/* The least room there is: two begins of each of the most errors that are kept. */
-static void test_as_many_errors_as_are_kept_that_all_came_twice_are_all_told(void)
+/* Three messages each, for which there is no room. */
+static void test_errors_that_all_came_twice_are_all_told(void)
 {
     bus_give(&bus, 0, "02 05");
     for (uint16_t i = 0; i < CO_ERRORS; i++) {
@@ -218,7 +218,7 @@ int main(void)
     RUN_TEST(test_stopped_node_tells_when_it_is_no_longer_stopped);
     RUN_TEST(test_full_bus_loses_no_message_and_leaves_room_for_answers);
     RUN_TEST(test_begin_of_every_error_in_effect_is_told_whatever_else_happens);
-    RUN_TEST(test_as_many_errors_as_are_kept_that_all_came_twice_are_all_told);
+    RUN_TEST(test_errors_that_all_came_twice_are_all_told);
     RUN_TEST(test_of_messages_about_errors_that_are_over_the_oldest_is_left_out_first);
     RUN_TEST(test_register_is_that_of_the_errors_left_whichever_ends_first);
     RUN_TEST(test_message_identifier_changes_only_while_it_is_not_in_use);

@@ -73,16 +73,41 @@ static void test_motion_under_a_constant_force_is_the_exact_one(void)
     TEST_ASSERT_DOUBLE_WITHIN(NUM_FIXED ? 0.5 : 2e-2, x, um());
 }
 
+/* z = C dt / M = 1: all of the series counts, and so does from where the axis starts. */
+static void test_strongly_damped_motion_is_the_exact_one_from_rest_on_both_ways(void)
+{
+    const double c = MASS / DT;
+    cfg.axis[0].viscous = mk(c);
+    machine_design(&cfg);
+    for (int sign = -1; sign <= 1; sign += 2) {
+        machine_reset(&cfg, &machine);
+        step(sign * 400000);
+        double x = 0, v = 0;
+        for (int i = 0; i < 3; i++) {
+            const double end = (400 - COULOMB) / c;
+            step(sign * 400000);
+            x += end * DT - (end - v) * (1 - exp(-1)) * DT;
+            v = end - (end - v) * exp(-1);
+            /* fixed point: half a step of the gain, 2^-20, times force over mass, over e/(e - 1) periods */
+            TEST_ASSERT_DOUBLE_WITHIN(NUM_FIXED ? 1.5e-4 : 1e-6, sign * v, val(machine.axis[0].vel));
+            TEST_ASSERT_DOUBLE_WITHIN(NUM_FIXED ? 5e-6 : 1e-7, sign * x, um());
+        }
+    }
+}
+
 static void test_moving_axis_stops_within_a_period_and_stays(void)
 {
-    machine.axis[0].vel = mk(0.1);
-    step(0);
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(machine.axis[0].vel));
-    const double stopped = um();
-    /* v^2 / 2 a with a = (L + C v) / M */
-    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 0.1 * 0.1 / 2 * MASS / COULOMB, stopped);
-    step(0);
-    TEST_ASSERT_EQUAL_DOUBLE(stopped, um());
+    for (int sign = -1; sign <= 1; sign += 2) {
+        machine_reset(&cfg, &machine);
+        machine.axis[0].vel = mk(sign * 0.1);
+        step(0);
+        TEST_ASSERT_EQUAL_DOUBLE(0, val(machine.axis[0].vel));
+        const double stopped = um();
+        /* v^2 / 2 a with a = (L + C v) / M */
+        TEST_ASSERT_DOUBLE_WITHIN(1e-5, sign * 0.1 * 0.1 / 2 * MASS / COULOMB, stopped);
+        step(0);
+        TEST_ASSERT_EQUAL_DOUBLE(stopped, um());
+    }
 }
 
 static void test_force_beyond_friction_turns_an_axis_round_within_a_period(void)
@@ -106,6 +131,9 @@ static void test_axis_without_power_gets_no_force_and_no_noise(void)
     machine_step(&cfg, &machine, &off);
     TEST_ASSERT_TRUE(machine.axis[0].pos == 0);
     TEST_ASSERT_EQUAL_UINT32(1, machine.random);
+    cfg.axis[0].coulomb = mk(0); /* nothing that would hold it */
+    machine_step(&cfg, &machine, &off);
+    TEST_ASSERT_TRUE(machine.axis[0].pos == 0);
 }
 
 static void test_noise_has_no_mean_and_the_deviation_asked_for(void)
@@ -165,6 +193,7 @@ int main(void)
     RUN_TEST(test_force_acts_a_period_after_it_was_written);
     RUN_TEST(test_axis_at_rest_sticks_below_friction_and_goes_beyond_it);
     RUN_TEST(test_motion_under_a_constant_force_is_the_exact_one);
+    RUN_TEST(test_strongly_damped_motion_is_the_exact_one_from_rest_on_both_ways);
     RUN_TEST(test_moving_axis_stops_within_a_period_and_stays);
     RUN_TEST(test_force_beyond_friction_turns_an_axis_round_within_a_period);
     RUN_TEST(test_axis_without_power_gets_no_force_and_no_noise);
