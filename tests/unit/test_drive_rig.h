@@ -40,6 +40,7 @@ struct rig {
     uint8_t emcy_reg[EMCY_MAX];
     unsigned emcy_count;
     uint32_t heartbeat_every_ms;  /* of the master; 0: silent */
+    bool busy;                    /* the background is: only the tick runs */
     uint32_t ms;
 };
 
@@ -166,7 +167,9 @@ static inline void rig_run(struct rig *r, unsigned periods)
         app_tick(&r->app);
         const double force_N[2] = {r->out.enable[0] ? r->out.force_mN[0] * 1e-3 : 0.0,
                                    r->out.enable[1] ? r->out.force_mN[1] * 1e-3 : 0.0};
-        app_poll(&r->app);
+        if (!r->busy) {
+            app_poll(&r->app);
+        }
         plant_step(&r->plant, force_N);
         if (r->plant.period % 10 == 0) {
             r->ms++;

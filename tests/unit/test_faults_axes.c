@@ -25,6 +25,13 @@ static void block(int axis, bool blocked)
     rig.plant.machine.coulomb_N[axis] = blocked ? 1e6 : nominal_machine()->coulomb_N[axis];
 }
 
+static void wait_for_force(int axis, int32_t dN)
+{
+    for (unsigned i = 0; i < 3000 && labs((long)loop_snapshot(&rig.app.drive.loop)->force_dN[axis]) < dN; i++) {
+        rig_run(&rig, 1);
+    }
+}
+
 static void test_following_error_cuts_the_power(void)
 {
     rig_write(&rig, 0x2121, 1, 2, 0);
@@ -133,11 +140,12 @@ static void test_encoder_frozen_while_the_axis_is_pushed_cuts_the_power(void)
     stream.length_nm = 4e6; /* up to 5 mm/s, 2 um in 0.5 ms */
     be_on_the_way();
     rig.frozen[0] = true;
-    const unsigned n = periods_to_detect(ROW_ENCODER_FROZEN, 1500);
-    TEST_ASSERT_TRUE(n > 200); /* 2121h:1 */
+    wait_for_force(0, 3000);
+    const unsigned n = periods_to_detect(ROW_ENCODER_FROZEN, 210);
+    TEST_ASSERT_TRUE_MESSAGE(n >= 200, "2121h:1");
     expect_reaction(ROW_ENCODER_FROZEN, 0);
     rig.frozen[0] = false;
-    rig_ms(&rig, 2000);        /* it runs out */
+    rig_ms(&rig, 2000); /* it runs out */
     expect_clearing(ROW_ENCODER_FROZEN, 0);
 }
 
@@ -183,8 +191,9 @@ static void test_saturation_that_lasts_stops_on_the_path(void)
     rig_write(&rig, 0x6865, 0, 4, 100000000); /* an axis may be as far from its reference as it likes */
     be_on_the_way();
     block(1, true);
-    const unsigned n = periods_to_detect(ROW_SATURATION, 3500);
-    TEST_ASSERT_TRUE_MESSAGE(n > 2500, "250 ms");
+    wait_for_force(1, 5999);
+    const unsigned n = periods_to_detect(ROW_SATURATION, 2510);
+    TEST_ASSERT_TRUE_MESSAGE(n >= 2500, "2121h:2");
     off_path_nm = 1e9;
     expect_reaction(ROW_SATURATION, 0);
     block(1, false);
