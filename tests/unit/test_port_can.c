@@ -74,6 +74,21 @@ static void test_a_frame_in_the_fifo_is_received(void)
     TEST_ASSERT_EQUAL_HEX8(0x44, got.data[3]);
 }
 
+static void test_a_remote_frame_is_sent_and_received_as_one(void)
+{
+    const struct can_frame remote = {.id = 0x701, .len = 1, .rtr = true};
+    struct can_frame got;
+    TEST_ASSERT_TRUE(can_send(&remote));
+    can_tx_irq();
+    TEST_ASSERT_EQUAL_HEX32(0x701u << 21 | CAN_IR_RTR | CAN_IR_TXRQ, chip.can1.TX[0].IR);
+    chip.can1.RX[0] = (struct can_mailbox){.IR = 0x701u << 21 | CAN_IR_RTR, .DTR = 15}; /* a length above 8 means 8 */
+    chip.can1.RF0R = 1;
+    can_rx_irq();
+    TEST_ASSERT_TRUE(can_receive(&got));
+    TEST_ASSERT_TRUE(got.rtr);
+    TEST_ASSERT_EQUAL_UINT8(8, got.len);
+}
+
 static void test_the_filter_lets_data_frames_of_11_bits_pass_only(void)
 {
     TEST_ASSERT_EQUAL_HEX32(1, chip.can1.FA1R);
@@ -144,6 +159,17 @@ static void test_frames_without_room_are_counted(void)
     TEST_ASSERT_GREATER_THAN_UINT32(before, status.rx_lost);
 }
 
+static void test_frames_that_the_controller_had_no_room_for_are_counted(void)
+{
+    struct hal_can_status before, after;
+    can_status(&before);
+    chip.can1.RF0R = CAN_RF0R_FOVR;
+    can_rx_irq();
+    can_status(&after);
+    TEST_ASSERT_EQUAL_UINT32(before.rx_lost + 1u, after.rx_lost);
+    TEST_ASSERT_EQUAL_HEX32(0, chip.can1.RF0R & CAN_RF0R_FOVR);
+}
+
 static bool never(const reg *r, uint32_t mask, uint32_t value)
 {
     (void)r, (void)mask, (void)value;
@@ -160,6 +186,31 @@ static void test_a_controller_that_does_not_answer_is_off_and_swallows_frames(vo
     TEST_ASSERT_EQUAL(HAL_CAN_OFF, status.state);
 }
 
+/* QEMU has no bxCAN; the drive is on its serial line there. */
+static void test_an_emulator_without_a_controller_is_not_off(void)
+{
+    struct hal_can_status status;
+    chip_waits = never;
+    TEST_ASSERT_FALSE(can_init(1000));
+    chip.can1 = (struct can){0};
+    chip.rcc.CR = 0;
+    can_status(&status);
+    TEST_ASSERT_EQUAL(HAL_CAN_ACTIVE, status.state);
+}
+
+static void test_a_bit_rate_is_changed_when_that_is_asked_for_and_possible(void)
+{
+    const uint32_t before = chip.can1.BTR;
+    chip.can1.TSR = 0;
+    TEST_ASSERT_TRUE(can_bitrate(125, false));
+    TEST_ASSERT_EQUAL_HEX32(before, chip.can1.BTR);
+    TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TSR); /* nothing that waits is dropped */
+    TEST_ASSERT_TRUE(can_bitrate(125, true));
+    TEST_ASSERT_NOT_EQUAL_HEX32(before, chip.can1.BTR);
+    TEST_ASSERT_FALSE(can_init(800));
+    TEST_ASSERT_TRUE(can_send(&frame)); /* swallowed */
+}
+
 static void test_a_bus_held_dominant_is_off(void)
 {
     struct hal_can_status status;
@@ -174,11 +225,15 @@ int main(void)
     RUN_TEST(test_bit_timing_has_the_rate_and_a_sample_point_of_cia_301);
     RUN_TEST(test_a_frame_sent_is_in_a_mailbox_bit_by_bit);
     RUN_TEST(test_a_frame_in_the_fifo_is_received);
+    RUN_TEST(test_a_remote_frame_is_sent_and_received_as_one);
     RUN_TEST(test_the_filter_lets_data_frames_of_11_bits_pass_only);
     RUN_TEST(test_nobody_acknowledges_the_queue_fills_and_no_call_blocks);
     RUN_TEST(test_bus_off_is_counted_once_drops_what_waits_and_ends);
     RUN_TEST(test_frames_without_room_are_counted);
+    RUN_TEST(test_frames_that_the_controller_had_no_room_for_are_counted);
     RUN_TEST(test_a_controller_that_does_not_answer_is_off_and_swallows_frames);
+    RUN_TEST(test_an_emulator_without_a_controller_is_not_off);
+    RUN_TEST(test_a_bit_rate_is_changed_when_that_is_asked_for_and_possible);
     RUN_TEST(test_a_bus_held_dominant_is_off);
     return UNITY_END();
 }

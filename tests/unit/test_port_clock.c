@@ -65,6 +65,48 @@ static void test_a_chip_on_which_nothing_gets_ready_still_gets_through(void)
     TEST_ASSERT_LESS_THAN_UINT(20, chip_waited);
 }
 
+static bool no_lock_on_the_crystal(const reg *r, uint32_t mask, uint32_t value)
+{
+    (void)value;
+    return !(r == &chip.rcc.CR && mask == RCC_CR_PLLRDY && (chip.rcc.PLLCFGR & RCC_PLLCFGR_HSE) != 0);
+}
+
+static void test_a_crystal_that_the_pll_does_not_lock_on_is_reported_and_replaced(void)
+{
+    chip_waits = no_lock_on_the_crystal;
+    TEST_ASSERT_FALSE(clock_start());
+    TEST_ASSERT_TRUE(clock_degraded());
+    assert_168_mhz_from(16);
+}
+
+static bool no_wait_states(const reg *r, uint32_t mask, uint32_t value)
+{
+    (void)mask, (void)value;
+    return r != &chip.flash.ACR;
+}
+
+static void test_the_clock_is_never_faster_than_the_flash_is_set_for(void)
+{
+    chip_waits = no_wait_states;
+    TEST_ASSERT_FALSE(clock_start());
+    TEST_ASSERT_TRUE(clock_degraded());
+    TEST_ASSERT_EQUAL_UINT32(RCC_CFGR_SW_HSI, chip.rcc.CFGR & RCC_CFGR_SW);
+}
+
+static void test_an_nmi_without_a_failed_crystal_makes_outputs_safe_alone(void)
+{
+    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000}, {.full_scale_mN = 100000}};
+    const struct hal_drive_out pushing = {.force_mN = {50000, 50000}, .enable = {true, true}};
+    clock_start();
+    output_init();
+    output_configure(cfg);
+    output_write(&pushing);
+    clock_failed_irq();
+    TEST_ASSERT_FALSE(chip_pin('B', 12));
+    TEST_ASSERT_FALSE(clock_degraded());
+    assert_168_mhz_from(8);
+}
+
 static void test_a_crystal_that_stops_makes_outputs_safe_and_is_reported(void)
 {
     const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000}, {.full_scale_mN = 100000}};
@@ -90,6 +132,9 @@ int main(void)
     RUN_TEST(test_with_a_crystal_it_runs_at_168_mhz_and_watches_the_crystal);
     RUN_TEST(test_a_crystal_that_does_not_start_is_reported_and_replaced);
     RUN_TEST(test_a_chip_on_which_nothing_gets_ready_still_gets_through);
+    RUN_TEST(test_a_crystal_that_the_pll_does_not_lock_on_is_reported_and_replaced);
+    RUN_TEST(test_the_clock_is_never_faster_than_the_flash_is_set_for);
+    RUN_TEST(test_an_nmi_without_a_failed_crystal_makes_outputs_safe_alone);
     RUN_TEST(test_a_crystal_that_stops_makes_outputs_safe_and_is_reported);
     return UNITY_END();
 }

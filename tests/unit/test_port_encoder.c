@@ -130,6 +130,44 @@ static void test_lost_counts_show_at_the_next_index_pulse(void)
     TEST_ASSERT_EQUAL_UINT8(HAL_ENCODER_FAULT, in.inputs[AXIS_X]);
 }
 
+static void test_an_index_pulse_within_a_line_fits_on_either_side_and_beyond_it_does_not(void)
+{
+    static const struct { int32_t off; bool fits; } pulses[] = {{4, true}, {-4, true}, {5, false}, {-5, false}};
+    for (unsigned i = 0; i < sizeof pulses / sizeof pulses[0]; i++) {
+        configure(false);
+        walk_to(340);
+        index_at(340);
+        walk_to(340 + COUNTS);
+        index_at(340 + COUNTS + pulses[i].off);
+        TEST_ASSERT_EQUAL_UINT8(pulses[i].fits ? 0 : HAL_ENCODER_FAULT, in.inputs[AXIS_X]);
+    }
+}
+
+static void test_an_index_pulse_of_an_inverted_encoder_is_where_it_was(void)
+{
+    configure(true);
+    read_at(0, 0);
+    const int32_t start = in.count[AXIS_X];
+    chip.tim2.CNT += 300;
+    chip.tim2.SR = INDEX_FLAG;
+    chip.tim2.CCR[2] = chip.tim2.CNT - 10;
+    read_at(chip.tim2.CNT, 0);
+    TEST_ASSERT_EQUAL_INT32(start - 300, in.count[AXIS_X]);
+    TEST_ASSERT_EQUAL_INT32(start - 290, in.index_count[AXIS_X]);
+}
+
+static void test_index_pulses_are_counted_also_where_their_distance_is_not_checked(void)
+{
+    for (unsigned i = 1; i <= 3; i++) {
+        chip.tim5.SR = INDEX_FLAG;
+        chip.tim5.CCR[2] = 111 * i;
+        read_at(0, 111 * i + 5);
+        TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_Y]);
+        TEST_ASSERT_EQUAL_UINT8(i, in.index_pulses[AXIS_Y]);
+        TEST_ASSERT_EQUAL_INT32(111 * (int32_t)i, in.index_count[AXIS_Y]);
+    }
+}
+
 static void test_new_wiring_starts_the_index_check_anew(void)
 {
     walk_to(340);
@@ -159,6 +197,9 @@ int main(void)
     RUN_TEST(test_the_index_pulse_tells_the_count_at_which_it_was);
     RUN_TEST(test_index_pulses_a_revolution_apart_fit_both_ways_within_a_line);
     RUN_TEST(test_lost_counts_show_at_the_next_index_pulse);
+    RUN_TEST(test_an_index_pulse_within_a_line_fits_on_either_side_and_beyond_it_does_not);
+    RUN_TEST(test_an_index_pulse_of_an_inverted_encoder_is_where_it_was);
+    RUN_TEST(test_index_pulses_are_counted_also_where_their_distance_is_not_checked);
     RUN_TEST(test_new_wiring_starts_the_index_check_anew);
     RUN_TEST(test_in_an_emulator_whose_timers_count_time_the_axes_stand);
     return UNITY_END();

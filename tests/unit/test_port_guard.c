@@ -1,16 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What guards the STM32F405: inputs, watchdog, crash record, flash sectors. */
+/* What guards the STM32F405: inputs, watchdog, flash sectors. */
 #include <string.h>
 
 #include "chip.h"
-#include "crash.h"
 #include "inputs.h"
 #include "output.h"
 #include "sectors.h"
 #include "unity.h"
 #include "watchdog.h"
-
-extern uint32_t kontur_stack_bottom[16]; /* tests/unit/chip.c */
 
 void setUp(void)
 {
@@ -125,105 +122,6 @@ static void test_the_watchdog_starves_when_the_background_does_not_keep_up(void)
     }
 }
 
-/* ---- crash ---- */
-
-static void push(void)
-{
-    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000}, {.full_scale_mN = 100000}};
-    const struct hal_drive_out out = {.force_mN = {90000, -90000}, .enable = {true, true}};
-    output_configure(cfg);
-    output_write(&out);
-}
-
-static void crash_at(uint32_t pc)
-{
-    uint32_t *frame = &kontur_stack_bottom[4];
-    frame[5] = 0x08001235;
-    frame[6] = pc;
-    frame[7] = 0x0100000F;
-    chip.scb.CFSR = 0x00008200;
-    chip.scb.HFSR = 0x40000000;
-    chip.scb.BFAR = 0x1FFF7A10;
-    crash_record(frame);
-}
-
-/* As at power-on: whatever an earlier test has left is gone. */
-static void power_on(void)
-{
-    enum hal_reset reset;
-    struct hal_crash crash;
-    chip.rcc.CSR = RCC_CSR_PORRSTF | RCC_CSR_BORRSTF | RCC_CSR_PINRSTF;
-    crash_read(&reset, &crash);
-    TEST_ASSERT_EQUAL(HAL_RESET_POWER, reset);
-    TEST_ASSERT_EQUAL_UINT32(0, crash.count);
-    chip.rcc.CSR = 0;
-}
-
-static void test_a_hard_fault_makes_outputs_safe_and_resets(void)
-{
-    push();
-    TEST_ASSERT_TRUE(chip_pin('B', 12));
-    crash_at(0x0800BEEE);
-    TEST_ASSERT_FALSE(chip_pin('B', 12));
-    TEST_ASSERT_FALSE(chip_pin('B', 13));
-    TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
-    TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.BDTR & TIM_BDTR_MOE);
-    TEST_ASSERT_EQUAL_HEX32(SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ, chip.scb.AIRCR);
-}
-
-static void test_the_record_of_a_crash_outlives_the_reset_and_is_told_once(void)
-{
-    enum hal_reset reset;
-    struct hal_crash crash;
-    power_on();
-    crash_at(0x0800BEEE);
-    chip.rcc.CSR = RCC_CSR_SFTRSTF | RCC_CSR_PINRSTF;
-    crash_read(&reset, &crash);
-    TEST_ASSERT_EQUAL(HAL_RESET_CRASH, reset);
-    TEST_ASSERT_EQUAL_HEX32(0x0800BEEE, crash.pc);
-    TEST_ASSERT_EQUAL_HEX32(0x08001235, crash.lr);
-    TEST_ASSERT_EQUAL_HEX32(0x0100000F, crash.psr);
-    TEST_ASSERT_EQUAL_HEX32(0x00008200, crash.cfsr);
-    TEST_ASSERT_EQUAL_HEX32(0x40000000, crash.hfsr);
-    TEST_ASSERT_EQUAL_HEX32(0x1FFF7A10, crash.bfar);
-    TEST_ASSERT_EQUAL_UINT32(1, crash.count);
-    TEST_ASSERT_TRUE((chip.rcc.CSR & RCC_CSR_RMVF) != 0);
-
-    chip.rcc.CSR = RCC_CSR_PINRSTF;
-    crash_read(&reset, &crash);
-    TEST_ASSERT_EQUAL(HAL_RESET_PIN, reset);
-    TEST_ASSERT_EQUAL_UINT32(1, crash.count);
-
-    crash_at(0x08010000);
-    crash_read(&reset, &crash);
-    TEST_ASSERT_EQUAL(HAL_RESET_CRASH, reset);
-    TEST_ASSERT_EQUAL_UINT32(2, crash.count);
-    power_on();
-}
-
-static void test_a_crash_with_the_stack_lost_is_recorded_without_its_place(void)
-{
-    enum hal_reset reset;
-    struct hal_crash crash;
-    power_on();
-    uint32_t elsewhere[8] = {0};
-    crash_record(elsewhere);
-    crash_read(&reset, &crash);
-    TEST_ASSERT_EQUAL(HAL_RESET_CRASH, reset);
-    TEST_ASSERT_EQUAL_HEX32(0, crash.pc);
-    TEST_ASSERT_EQUAL_UINT32(1, crash.count);
-}
-
-static void test_a_watchdog_reset_is_told(void)
-{
-    enum hal_reset reset;
-    struct hal_crash crash;
-    power_on();
-    chip.rcc.CSR = RCC_CSR_IWDGRSTF | RCC_CSR_PINRSTF;
-    crash_read(&reset, &crash);
-    TEST_ASSERT_EQUAL(HAL_RESET_WATCHDOG, reset);
-}
-
 /* ---- flash sectors ---- */
 
 static void test_words_written_are_read_back_and_the_flash_is_locked_again(void)
@@ -244,6 +142,12 @@ static void test_what_is_outside_the_store_is_not_touched(void)
     TEST_ASSERT_FALSE(sectors_write(0, 16380, words, 8));
     TEST_ASSERT_FALSE(sectors_write(0, 2, words, 4));
     TEST_ASSERT_FALSE(sectors_write(0, 0, words, 6));
+    TEST_ASSERT_FALSE(sectors_write(0, 16388, words, 0));
+    TEST_ASSERT_FALSE(sectors_write(0, UINT32_MAX - 3, words, 8)); /* the end wraps */
+    uint32_t back = 7;
+    sectors_read(2, 0, &back, 4);
+    sectors_read(0, 16384, &back, 4);
+    TEST_ASSERT_EQUAL_UINT32(7, back);
     TEST_ASSERT_FALSE(sectors_erase(2));
     TEST_ASSERT_EQUAL_HEX32(0, chip.flash.KEYR);
 }
@@ -276,6 +180,15 @@ static void test_a_sector_that_does_not_erase_is_an_error(void)
     TEST_ASSERT_EQUAL_HEX32(FLASH_ACR_DCEN, chip.flash.ACR & (FLASH_ACR_DCEN | FLASH_ACR_DCRST));
 }
 
+static void test_a_flash_that_stays_busy_is_an_error_after_a_bounded_wait(void)
+{
+    const uint32_t word = 0x12345678;
+    chip.flash.SR = FLASH_SR_BSY;
+    TEST_ASSERT_FALSE(sectors_write(0, 0, &word, 4));
+    TEST_ASSERT_TRUE(was_fed()); /* an erasure takes longer than the watchdog waits */
+    TEST_ASSERT_EQUAL_HEX32(FLASH_CR_LOCK, chip.flash.CR);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -286,13 +199,10 @@ int main(void)
     RUN_TEST(test_the_watchdog_is_fed_when_tick_and_background_are_well);
     RUN_TEST(test_the_watchdog_starves_when_the_servo_tick_stands);
     RUN_TEST(test_the_watchdog_starves_when_the_background_does_not_keep_up);
-    RUN_TEST(test_a_hard_fault_makes_outputs_safe_and_resets);
-    RUN_TEST(test_the_record_of_a_crash_outlives_the_reset_and_is_told_once);
-    RUN_TEST(test_a_crash_with_the_stack_lost_is_recorded_without_its_place);
-    RUN_TEST(test_a_watchdog_reset_is_told);
     RUN_TEST(test_words_written_are_read_back_and_the_flash_is_locked_again);
     RUN_TEST(test_what_is_outside_the_store_is_not_touched);
     RUN_TEST(test_in_an_emulator_the_store_is_in_ram_and_behaves_the_same);
     RUN_TEST(test_a_sector_that_does_not_erase_is_an_error);
+    RUN_TEST(test_a_flash_that_stays_busy_is_an_error_after_a_bounded_wait);
     return UNITY_END();
 }

@@ -123,7 +123,7 @@ static void test_bit_rates_are_accepted_when_closed(void)
     answered("S8\rs1234\r", "\a\a");
     type("C\r");
     answered("S0\rS8\rs1C4a\r", "\r\r\r");
-    answered("S9\rS\rS88\rs123\rs12G4\r", "\a\a\a\a\a");
+    answered("S9\rS/\rS\rS88\rs123\rs12G4\r", "\a\a\a\a\a\a");
 }
 
 static void test_version_serial_and_acceptance_filter(void)

@@ -1,0 +1,192 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The STM32F405's crash record, which outlives a reset, and what it says of the reset. The module itself is part of this
+ * program, so that its record can be damaged. */
+#include "chip.h"
+#include "crash.c"
+#include "unity.h"
+
+void setUp(void)
+{
+    chip_reset();
+    output_init();
+}
+
+void tearDown(void)
+{
+}
+
+static void push(void)
+{
+    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000}, {.full_scale_mN = 100000}};
+    const struct hal_drive_out out = {.force_mN = {90000, -90000}, .enable = {true, true}};
+    output_configure(cfg);
+    output_write(&out);
+}
+
+static void crash_at(uint32_t pc)
+{
+    uint32_t *frame = &kontur_stack_bottom[4];
+    frame[5] = 0x08001235;
+    frame[6] = pc;
+    frame[7] = 0x0100000F;
+    chip.scb.CFSR = 0x00008200;
+    chip.scb.HFSR = 0x40000000;
+    chip.scb.BFAR = 0x1FFF7A10;
+    crash_record(frame);
+}
+
+/* As at power-on: whatever an earlier test has left is gone. */
+static void power_on(void)
+{
+    enum hal_reset reset;
+    struct hal_crash crash;
+    chip.rcc.CSR = RCC_CSR_PORRSTF | RCC_CSR_BORRSTF | RCC_CSR_PINRSTF;
+    crash_read(&reset, &crash);
+    TEST_ASSERT_EQUAL(HAL_RESET_POWER, reset);
+    TEST_ASSERT_EQUAL_UINT32(0, crash.count);
+    chip.rcc.CSR = 0;
+}
+
+static void test_a_hard_fault_makes_outputs_safe_and_resets(void)
+{
+    push();
+    TEST_ASSERT_TRUE(chip_pin('B', 12));
+    crash_at(0x0800BEEE);
+    TEST_ASSERT_FALSE(chip_pin('B', 12));
+    TEST_ASSERT_FALSE(chip_pin('B', 13));
+    TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
+    TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.BDTR & TIM_BDTR_MOE);
+    TEST_ASSERT_EQUAL_HEX32(SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ, chip.scb.AIRCR);
+}
+
+static void test_the_record_of_a_crash_outlives_the_reset_and_is_told_once(void)
+{
+    enum hal_reset reset;
+    struct hal_crash crash;
+    power_on();
+    crash_at(0x0800BEEE);
+    chip.rcc.CSR = RCC_CSR_SFTRSTF | RCC_CSR_PINRSTF;
+    crash_read(&reset, &crash);
+    TEST_ASSERT_EQUAL(HAL_RESET_CRASH, reset);
+    TEST_ASSERT_EQUAL_HEX32(0x0800BEEE, crash.pc);
+    TEST_ASSERT_EQUAL_HEX32(0x08001235, crash.lr);
+    TEST_ASSERT_EQUAL_HEX32(0x0100000F, crash.psr);
+    TEST_ASSERT_EQUAL_HEX32(0x00008200, crash.cfsr);
+    TEST_ASSERT_EQUAL_HEX32(0x40000000, crash.hfsr);
+    TEST_ASSERT_EQUAL_HEX32(0x1FFF7A10, crash.bfar);
+    TEST_ASSERT_EQUAL_UINT32(1, crash.count);
+    TEST_ASSERT_TRUE((chip.rcc.CSR & RCC_CSR_RMVF) != 0);
+
+    chip.rcc.CSR = RCC_CSR_PINRSTF;
+    crash_read(&reset, &crash);
+    TEST_ASSERT_EQUAL(HAL_RESET_PIN, reset);
+    TEST_ASSERT_EQUAL_UINT32(1, crash.count);
+
+    crash_at(0x08010000);
+    crash_read(&reset, &crash);
+    TEST_ASSERT_EQUAL(HAL_RESET_CRASH, reset);
+    TEST_ASSERT_EQUAL_UINT32(2, crash.count);
+    power_on();
+}
+
+static void test_a_crash_with_the_stack_lost_is_recorded_without_its_place(void)
+{
+    enum hal_reset reset;
+    struct hal_crash crash;
+    power_on();
+    uint32_t elsewhere[8] = {0};
+    crash_record(elsewhere);
+    crash_read(&reset, &crash);
+    TEST_ASSERT_EQUAL(HAL_RESET_CRASH, reset);
+    TEST_ASSERT_EQUAL_HEX32(0, crash.pc);
+    TEST_ASSERT_EQUAL_UINT32(1, crash.count);
+}
+
+static void test_a_watchdog_reset_is_told(void)
+{
+    enum hal_reset reset;
+    struct hal_crash crash;
+    power_on();
+    chip.rcc.CSR = RCC_CSR_IWDGRSTF | RCC_CSR_PINRSTF;
+    crash_read(&reset, &crash);
+    TEST_ASSERT_EQUAL(HAL_RESET_WATCHDOG, reset);
+}
+
+static void expect_cause(uint32_t flags, enum hal_reset expected)
+{
+    enum hal_reset reset;
+    struct hal_crash crash;
+    power_on();
+    chip.rcc.CSR = flags | RCC_CSR_PINRSTF; /* the pin is low in every reset (RM0090 6.1.1) */
+    crash_read(&reset, &crash);
+    TEST_ASSERT_EQUAL(expected, reset);
+    TEST_ASSERT_EQUAL_UINT32(0, crash.count);
+}
+
+static void test_each_cause_of_a_reset_has_its_name(void)
+{
+    expect_cause(RCC_CSR_BORRSTF, HAL_RESET_BROWN_OUT);
+    expect_cause(RCC_CSR_IWDGRSTF, HAL_RESET_WATCHDOG);
+    expect_cause(RCC_CSR_WWDGRSTF, HAL_RESET_WATCHDOG);
+    expect_cause(RCC_CSR_SFTRSTF, HAL_RESET_SOFTWARE);
+    expect_cause(0, HAL_RESET_PIN);
+    enum hal_reset reset;
+    struct hal_crash crash;
+    chip.rcc.CSR = 0;
+    crash_read(&reset, &crash);
+    TEST_ASSERT_EQUAL(HAL_RESET_UNKNOWN, reset);
+}
+
+/* The supply was away for a moment: what RAM holds is not to be believed. */
+static void test_a_brown_out_forgets_crashes(void)
+{
+    enum hal_reset reset;
+    struct hal_crash crash;
+    crash_at(0x0800BEEE);
+    chip.rcc.CSR = RCC_CSR_BORRSTF;
+    crash_read(&reset, &crash);
+    TEST_ASSERT_EQUAL(HAL_RESET_BROWN_OUT, reset);
+    TEST_ASSERT_EQUAL_UINT32(0, crash.count);
+}
+
+static void test_a_record_with_any_bit_flipped_is_none(void)
+{
+    for (size_t bit = 0; bit < 8 * sizeof record; bit++) {
+        enum hal_reset reset;
+        struct hal_crash crash;
+        power_on();
+        crash_at(0x0800BEEE);
+        ((uint8_t *)&record)[bit / 8] ^= (uint8_t)(1u << bit % 8);
+        chip.rcc.CSR = RCC_CSR_SFTRSTF;
+        crash_read(&reset, &crash);
+        TEST_ASSERT_EQUAL(HAL_RESET_SOFTWARE, reset);
+        TEST_ASSERT_EQUAL_UINT32(0, crash.count);
+    }
+}
+
+static void test_a_frame_at_the_very_end_of_the_stack_is_not_read_beyond_it(void)
+{
+    enum hal_reset reset;
+    struct hal_crash crash;
+    kontur_stack_bottom[15] = 0x0800BEEE; /* where pc would be */
+    for (unsigned i = 8; i <= 9; i++) {
+        power_on();
+        crash_record(&kontur_stack_bottom[i]);
+        crash_read(&reset, &crash);
+        TEST_ASSERT_EQUAL_HEX32(i == 8 ? kontur_stack_bottom[14] : 0, crash.pc);
+    }
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_a_hard_fault_makes_outputs_safe_and_resets);
+    RUN_TEST(test_the_record_of_a_crash_outlives_the_reset_and_is_told_once);
+    RUN_TEST(test_a_crash_with_the_stack_lost_is_recorded_without_its_place);
+    RUN_TEST(test_a_watchdog_reset_is_told);
+    RUN_TEST(test_each_cause_of_a_reset_has_its_name);
+    RUN_TEST(test_a_brown_out_forgets_crashes);
+    RUN_TEST(test_a_record_with_any_bit_flipped_is_none);
+    RUN_TEST(test_a_frame_at_the_very_end_of_the_stack_is_not_read_beyond_it);
+    return UNITY_END();
+}
