@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The whole firmware of the STM32F405 on simulated registers: a master at bxCAN's mailboxes, hands at the pins and timers. What
  * goes wrong ends with safe outputs and is told. */
+#include <string.h>
+
 #include "can.h"
 #include "chip.h"
 #include "clock.h"
@@ -80,6 +82,15 @@ static uint32_t read_object(uint16_t index, uint8_t sub)
     TEST_ASSERT_TRUE_MESSAGE(master.sdo_answered, "no SDO answer");
     TEST_ASSERT_NOT_EQUAL_HEX8(0x80, master.sdo[0]);
     return master.sdo[4] | (uint32_t)master.sdo[5] << 8 | (uint32_t)master.sdo[6] << 16 | (uint32_t)master.sdo[7] << 24;
+}
+
+static void write_object(uint16_t index, uint8_t sub, uint32_t value, unsigned bytes)
+{
+    master.sdo_answered = false;
+    give(0x601, 8, (0x23u | (4u - bytes) << 2) | (uint32_t)index << 8 | (uint32_t)sub << 24, value);
+    ticks(20);
+    TEST_ASSERT_TRUE_MESSAGE(master.sdo_answered, "no SDO answer");
+    TEST_ASSERT_EQUAL_HEX8(0x60, master.sdo[0]);
 }
 
 static bool told(uint16_t code)
@@ -251,6 +262,50 @@ static void test_a_watchdog_reset_is_a_fault_of_the_next_run(void)
     expect_fault(0x6010);
 }
 
+static void test_a_brown_out_is_a_fault_of_the_next_run(void)
+{
+    power_on();
+    chip.rcc.CSR = RCC_CSR_BORRSTF | RCC_CSR_PINRSTF;
+    start();
+    TEST_ASSERT_EQUAL_UINT32(HAL_RESET_BROWN_OUT, read_object(0x2031, 0) & 0xFF);
+    expect_fault(0x5110);
+}
+
+static void test_what_is_saved_is_in_the_flash_and_there_in_the_next_run(void)
+{
+    write_object(0x1017, 0, 70, 2);
+    write_object(0x1010, 1, 0x65766173, 4); /* "save" */
+    write_object(0x1017, 0, 80, 2);
+    chip.rcc.CSR = RCC_CSR_SFTRSTF;
+    start();
+    TEST_ASSERT_EQUAL_UINT32(70, read_object(0x1017, 0) & 0xFFFF);
+    memset(chip_store, 0xFF, sizeof chip_store);
+    start();
+    TEST_ASSERT_EQUAL_UINT32(100, read_object(0x1017, 0) & 0xFFFF);
+}
+
+/* 2034h, 1006h. The clock control reads as zero there; here that begins when it has been set up. */
+static void test_in_an_emulator_time_passes_with_sync_if_that_is_chosen(void)
+{
+    write_object(0x2034, 0, 1, 1);
+    const uint32_t by_itself = read_object(0x2020, 3);
+    TEST_ASSERT_GREATER_THAN_UINT32(by_itself, read_object(0x2020, 3)); /* a chip's does, always */
+    chip.rcc.CR = 0;
+    ticks(1);
+    write_object(0x1006, 0, 2000, 4);
+    const uint32_t before = read_object(0x2020, 3);
+    ticks(1000);
+    TEST_ASSERT_EQUAL_UINT32(before, read_object(0x2020, 3));
+    give(0x80, 0, 0, 0);
+    ticks(5);
+    TEST_ASSERT_EQUAL_UINT32(before + 2, read_object(0x2020, 3));
+    give(0x81, 0, 0, 0); /* another frame */
+    ticks(5);
+    TEST_ASSERT_EQUAL_UINT32(before + 2, read_object(0x2020, 3));
+    write_object(0x2034, 0, 0, 1);
+    TEST_ASSERT_GREATER_THAN_UINT32(before + 2, read_object(0x2020, 3));
+}
+
 static void test_ticks_that_take_longer_than_their_period_are_a_fault(void)
 {
     enable();
@@ -278,6 +333,9 @@ int main(void)
     RUN_TEST(test_a_servo_tick_that_stands_still_starves_the_watchdog);
     RUN_TEST(test_a_background_that_does_not_run_starves_the_watchdog);
     RUN_TEST(test_a_watchdog_reset_is_a_fault_of_the_next_run);
+    RUN_TEST(test_a_brown_out_is_a_fault_of_the_next_run);
+    RUN_TEST(test_what_is_saved_is_in_the_flash_and_there_in_the_next_run);
+    RUN_TEST(test_in_an_emulator_time_passes_with_sync_if_that_is_chosen);
     RUN_TEST(test_ticks_that_take_longer_than_their_period_are_a_fault);
     return UNITY_END();
 }
