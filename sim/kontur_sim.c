@@ -374,8 +374,8 @@ int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_m
     cfg.newton = newton != 0;
     cfg.lag_max = n_ratio(lag_max_ms, 5);
     for (uint32_t i = 0; i < count; i++) {
-        const struct path_state path = {
-            .s = llround(path_s[i] * 1e3 * (double)PATH_ONE), .rate = NUM(1), .rate_dot = NUM(0), .count = knots};
+        struct path_state path = {.rate = NUM(1), .rate_dot = NUM(0), .count = knots};
+        path_set(&path, llround(path_s[i] * 1e3 * (double)PATH_ONE));
         pos_t q[2];
         for (int k = 0; k < 2; k++) {
             q[k] = llround(position_m[2 * i + (uint32_t)k] * 1e9 * POS_PER_NM);

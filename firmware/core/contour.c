@@ -1,53 +1,49 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "contour.h"
 
-/* What a step needs of the curve near the axes: mostly all three points lie on one piece. Actual positions count from
- * its first knot, so that each is subtracted once. */
-struct near {
+/* Where the curve is read. */
+struct source {
     const struct spline_ring *ring;
     struct spline_kept *kept;
     uint32_t count;
     const pos_t *axes;
-    const struct spline_piece *piece;
-    vec2 q; /* from piece->pos */
-    num u;  /* path time of the point, knots from piece->begin */
 };
 
-static inline void take_piece(struct near *at, uint32_t knot, num u)
+/* What a step needs of the curve near the axes: mostly all three points lie on one piece. Actual positions count from
+ * its first knot, so that each is subtracted once. */
+struct near {
+    const struct spline_piece *piece;
+    vec2 q; /* from piece->pos */
+    num u;  /* path time of the point, knots from piece->knot */
+};
+
+static inline struct near take_piece(const struct source *from, uint32_t knot, num u)
 {
-    at->piece = spline_keep(at->kept, at->ring, at->count, knot);
-    at->u = u;
-    at->q = v2(pos_sub(at->axes[0], at->piece->pos[0]), pos_sub(at->axes[1], at->piece->pos[1]));
+    const struct spline_piece *piece = spline_keep(from->kept, from->ring, from->count, knot);
+    const struct near at = {
+        piece, v2(pos_sub(from->axes[0], piece->pos[0]), pos_sub(from->axes[1], piece->pos[1])), u};
+    return at;
 }
 
-/* The same for path time s >= 0. */
-static void take_piece_at(struct near *at, path_t s)
+/* The point `u` knots from knot `knot`, which lies on another piece; not before the beginning of the path. */
+__attribute__((noinline)) static struct near change_piece(const struct source *from, uint32_t knot, num u)
 {
-    uint32_t rest;
-    const uint32_t knot = path_knots(s, &rest);
-    take_piece(at, knot, n_ratio(rest, PATH_ONE));
-}
-
-/* Onto another piece; not to before the beginning of the path. */
-__attribute__((noinline)) static void change_piece(struct near *at)
-{
-    const uint32_t knot = at->piece->knot;
-    if (knot > 0 && n_lt(at->u, NUM(0)) && n_lt(NUM(-1), at->u)) { /* mostly to the one before */
-        take_piece(at, knot - 1u, n_add(at->u, NUM(1)));
-    } else if (!n_lt(at->u, NUM(1)) && n_lt(at->u, NUM(2))) {
-        take_piece(at, knot + 1u, n_sub(at->u, NUM(1)));
-    } else {
-        const path_t s = path_time(at->piece->begin, at->u);
-        take_piece_at(at, s > 0 ? s : 0);
+    int32_t on = n_to_scaled(u, 1);
+    num rest = n_sub(u, n_ratio(on, 1));
+    if (n_lt(rest, NUM(0))) {
+        rest = n_add(rest, NUM(1));
+        on--;
     }
+    const bool before = on < 0 && knot < 0u - (uint32_t)on;
+    return take_piece(from, before ? 0u : knot + (uint32_t)on, before ? NUM(0) : rest);
 }
 
 /* On by t_T0, but not to before the beginning of the path. */
-static inline void shift(struct near *at, num t_T0)
+static inline void shift(const struct source *from, struct near *at, num t_T0)
 {
     at->u = n_mad(at->u, NUM(SPLINE_PER_T0), t_T0);
     if (n_lt(at->u, NUM(0)) || !n_lt(at->u, NUM(1))) {
-        change_piece(at);
+        *at = change_piece(from, at->piece->knot, at->u);
     }
 }
 
@@ -101,24 +97,24 @@ static inline num foot_slope(const struct frame *f, const struct foot *foot)
 }
 
 /* (3)-(6): errors at r(s), delay, foot point; returns the frame there */
-static inline struct frame find_foot(const struct contour_cfg *cfg, struct near *at, vec2 d1, struct foot *foot,
-                                     struct contour_out *o)
+static inline struct frame find_foot(const struct contour_cfg *cfg, const struct source *from, struct near *at, vec2 d1,
+                                     struct foot *foot, struct contour_out *o)
 {
     const struct frame ref = frame_at(cfg, d1);
     o->e_l = v2_to_frame(ref.t, o->e_w); /* (4) */
     o->t_d = ref.still ? NUM(0) : n_within(n_div(n_neg(o->e_l.x), n_add(ref.speed, ref.drag)), cfg->lag_max); /* (5) */
-    shift(at, n_neg(o->t_d));
+    shift(from, at, n_neg(o->t_d));
     *foot = foot_at(at); /* (6) */
 
     if (cfg->newton) {
         const struct frame f = frame_at(cfg, foot->d1);
         if (!f.still) {
             const num step = n_div(v2_dot(foot->e, f.t), foot_slope(&f, foot));
-            shift(at, n_within(step, cfg->lag_max));
+            shift(from, at, n_within(step, cfg->lag_max));
             *foot = foot_at(at);
         }
     }
-    o->foot_begin = at->piece->begin;
+    o->foot_knot = at->piece->knot;
     o->foot_u = at->u;
     return frame_at(cfg, foot->d1);
 }
@@ -176,12 +172,8 @@ static inline void adjust_reference(const struct path_state *path, const struct 
 void contour_step(const struct contour_cfg *cfg, struct spline_kept *kept, const struct spline_ring *ring,
                   const struct path_state *path, const pos_t q[2], vec2 q_dot, struct contour_out *out)
 {
-    struct near at;
-    at.ring = ring;
-    at.kept = kept;
-    at.count = path->count;
-    at.axes = q;
-    take_piece_at(&at, path->s);
+    const struct source from = {ring, kept, path->count, q};
+    struct near at = take_piece(&from, path->knot, n_ratio(path->rest, PATH_ONE));
     const struct spline_local ref = spline_on(at.piece, at.u);
     out->r[0] = pos_add(at.piece->pos[0], ref.way.x);
     out->r[1] = pos_add(at.piece->pos[1], ref.way.y);
@@ -191,7 +183,7 @@ void contour_step(const struct contour_cfg *cfg, struct spline_kept *kept, const
     out->e_w_dot = v2_sub(q_dot, out->r_dot);
 
     struct foot foot;
-    const struct frame f = find_foot(cfg, &at, ref.d1, &foot, out);
+    const struct frame f = find_foot(cfg, &from, &at, ref.d1, &foot, out);
     out->t = f.t;
     if (f.still) {
         keep_reference(path, out);

@@ -43,7 +43,7 @@ struct contour_cfg {
 
 /* Where the reference is on its path: written once a control period by the drive layer. */
 struct path_state {
-    path_t s;       /* path time, >= 0 */
+    uint32_t knot, rest; /* path time s: knots passed, and path time since the last of them */
     num rate;       /* sigma = ds/dt, 0..1.2 */
     num rate_dot;   /* d sigma/dt, 1/T0 */
     uint32_t count; /* valid knots */
@@ -55,7 +55,7 @@ struct contour_out {
     vec2 e_w, e_w_dot;
     vec2 e_l;
     num t_d;
-    path_t foot_begin;        /* tau: path time of the last knot before, and knots from there */
+    uint32_t foot_knot;       /* tau: the last knot before, and knots from there */
     num foot_u;
     num nu;
     vec2 t;
@@ -71,6 +71,17 @@ void contour_step(const struct contour_cfg *cfg, struct spline_kept *kept, const
 
 static inline path_t contour_tau(const struct contour_out *out)
 {
-    return path_time(out->foot_begin, out->foot_u);
+    return path_time(out->foot_knot, out->foot_u);
+}
+
+static inline path_t path_s(const struct path_state *path)
+{
+    return (path_t)path->knot * PATH_ONE + (path_t)path->rest;
+}
+
+/* s >= 0 */
+static inline void path_set(struct path_state *path, path_t s)
+{
+    path->knot = path_knots(s, &path->rest);
 }
 #endif

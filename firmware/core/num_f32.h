@@ -96,11 +96,14 @@ static inline uint32_t n_bits(num x)
     return u.bits;
 }
 
-/* The nearest num, halves to even. */
+/* The nearest num, halves to even; n_from_wide() for what 32 bits do not hold. Mostly they do. */
 num n_from_wide(int64_t i);
 static inline num n_from_i64(int64_t i)
 {
-    return i == (int32_t)i ? (num)(int32_t)i : i == (uint32_t)i ? (num)(uint32_t)i : n_from_wide(i);
+    if (__builtin_expect(i == (int32_t)i, 1)) {
+        return (num)(int32_t)i;
+    }
+    return i == (uint32_t)i ? (num)(uint32_t)i : n_from_wide(i);
 }
 
 /* The integer next to x towards 0; saturated at 4e18, where an out-of-range conversion would differ between machines. */
@@ -108,7 +111,7 @@ int64_t n_to_wide(num x);
 static inline int64_t n_to_i64(num x)
 {
     const num size = __builtin_fabsf(x);
-    if (size < 2147483648.0f) {
+    if (__builtin_expect(size < 2147483648.0f, 1)) {
         return (int32_t)x;
     }
     return size < 274877906944.0f ? (int64_t)(int32_t)(x * (1.0f / 128)) * 128 : n_to_wide(x); /* 24 bits: nothing is cut */
@@ -157,7 +160,7 @@ int32_t n_to_wide_scaled(num y);
 static inline int32_t n_to_scaled(num x, int32_t k)
 {
     const num y = x * (num)k;
-    if (__builtin_fabsf(y) < 4194304.0f) { /* 2^22: the last bit of 1.5 * 2^23 + y stands for 1 */
+    if (__builtin_expect(__builtin_fabsf(y) < 4194304.0f, 1)) { /* 2^22: the last bit of 1.5 * 2^23 + y stands for 1 */
         return (int32_t)(n_bits(y + 12582912.0f) - 0x4B400000u);
     }
     return n_to_wide_scaled(y);

@@ -60,7 +60,6 @@ struct servo_history {
 
 struct servo_state {
     struct observer_state observer[2];
-    struct spline_kept kept;    /* emptied by who gives another sequence of knots (in.ring) */
     struct asmc_state asmc;
     struct uncertainty_state uncertainty;
     struct learning_state learning; /* kept when the controller changes or the power goes */
@@ -72,6 +71,7 @@ struct servo_state {
     bool saturated; /* in the last period */
     int turn;       /* in this period: energy of axis 0, 1, learning of axis 0, 1; each with the worth of all turns */
     struct servo_history last[2]; /* of the last period, and of the one before: that one's force has just acted */
+    struct spline_kept kept;      /* emptied by who gives another sequence of knots (in.ring) */
 };
 
 struct servo_out {

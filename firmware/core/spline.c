@@ -17,34 +17,52 @@ static num um(uint32_t nm)
 
 __attribute__((noinline)) void spline_piece(const struct spline_ring *ring, uint32_t count, uint32_t knot, struct spline_piece *piece)
 {
-    const struct knot *c[4];
-    piece->knot = knot;
-    piece->whole = knot >= 1u && (uint64_t)knot + 2u < count;
-    if (piece->whole) {
-        for (uint32_t k = 0; k < 4; k++) {
-            c[k] = &ring->knot[(knot - 1u + k) % SPLINE_RING];
-        }
-    } else {
-        for (int k = 0; k < 4; k++) {
-            c[k] = knot_at(ring, count, (int64_t)knot - 1 + k);
-        }
+    struct knot c[4];
+    const bool whole = (uint64_t)knot + 2u < count;
+    for (uint32_t k = 0; k < 4u; k++) {
+        c[k] = whole && knot >= 1u ? ring->knot[(knot - 1u + k) % SPLINE_RING]
+                                   : *knot_at(ring, count, (int64_t)knot - 1 + k);
     }
     num half[2] = {NUM(0), NUM(0)}, first[2] = {NUM(0), NUM(0)}, jerk[2] = {NUM(0), NUM(0)};
     for (int i = 0; i < 2; i++) {
-        const uint32_t d0 = (uint32_t)c[1]->nm[i] - (uint32_t)c[0]->nm[i];
-        const uint32_t d1 = (uint32_t)c[2]->nm[i] - (uint32_t)c[1]->nm[i];
-        const uint32_t d2 = (uint32_t)c[3]->nm[i] - (uint32_t)c[2]->nm[i];
-        piece->pos[i] = pos_from_nm(c[1]->nm[i]);
+        const uint32_t d0 = (uint32_t)c[1].nm[i] - (uint32_t)c[0].nm[i];
+        const uint32_t d1 = (uint32_t)c[2].nm[i] - (uint32_t)c[1].nm[i];
+        const uint32_t d2 = (uint32_t)c[3].nm[i] - (uint32_t)c[2].nm[i];
+        piece->pos[i] = pos_from_nm(c[1].nm[i]);
         half[i] = n_mul(NUM(0.5), um(d0 + d1));
         first[i] = um(d1 - d0);
         jerk[i] = n_sub(um(d2 - d1), first[i]);
     }
-    piece->begin = (path_t)knot * PATH_ONE;
+    piece->knot = knot;
+    piece->whole = whole ? knot + 1u : 0u;
+    piece->made = count;
     piece->half = v2(half[0], half[1]);
     piece->first = v2(first[0], first[1]);
     piece->jerk = v2(jerk[0], jerk[1]);
     piece->first_6 = v2_scale(NUM(1.0 / 6), piece->first);
     piece->jerk_3 = v2_scale(NUM(1.0 / 3), piece->jerk);
+}
+
+__attribute__((noinline)) const struct spline_piece *spline_make(struct spline_kept *kept, const struct spline_ring *ring,
+                                                                uint32_t count, uint32_t knot)
+{
+    struct spline_piece *piece = &kept->piece[knot % SPLINE_KEPT];
+    if (piece->knot != knot || piece->made != count || count == 0) {
+        spline_piece(ring, count, knot, piece);
+    }
+    return piece;
+}
+
+__attribute__((noinline)) void spline_make_next(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count,
+                                                uint32_t knot)
+{
+    if (kept->ready - knot > SPLINE_READY) { /* path time was there before: it has jumped */
+        kept->ready = knot;
+    }
+    if (kept->ready + 2u < count) {
+        (void)spline_keep(kept, ring, count, kept->ready);
+        kept->ready++;
+    }
 }
 
 void spline_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_point *out)

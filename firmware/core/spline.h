@@ -47,10 +47,10 @@ static inline uint32_t path_knots(path_t s, uint32_t *rest)
     return knots;
 }
 
-/* u knots after path time `begin` */
-static inline path_t path_time(path_t begin, num u)
+/* u knots after knot `knot` */
+static inline path_t path_time(uint32_t knot, num u)
 {
-    return begin + n_to_q32(u) / 8 * (PATH_ONE / (1 << 29));
+    return (path_t)knot * PATH_ONE + n_to_q32(u) / 8 * (PATH_ONE / (1 << 29));
 }
 
 struct spline_point {
@@ -61,9 +61,9 @@ struct spline_point {
 /* The curve from one knot to the next as a polynomial: differences of knots are exact integers, so nothing cancels in
  * floating point. All in um and knots. */
 struct spline_piece {
-    path_t begin;   /* path time of its first knot */
-    uint32_t knot;  /* its number */
-    bool whole;     /* all four of its control points are there: it changes no more */
+    uint32_t knot;  /* number of its first knot */
+    uint32_t whole; /* ... plus one, if all four of its control points are there, so that it changes no more; else 0 */
+    uint32_t made;  /* knots that there were when it was */
     pos_t pos[2];   /* control point of that knot: what `way` of a point counts from */
     vec2 half;      /* half the way from the control point before to the one after */
     vec2 first;     /* second difference there */
@@ -72,10 +72,14 @@ struct spline_piece {
 };
 
 /* The pieces in use, kept from period to period: ten periods share one, and the foot point mostly lies on the same or on
- * the one before. Zero is empty; it must be emptied when the ring gets another sequence of knots. */
-#define SPLINE_KEPT 4u
+ * the one before, but where the path is about to stand it may be anywhere within contour_cfg.lag_max. Those that path time comes
+ * to are made before it does, not more than one in a period. Zero is empty; it must be emptied when the ring gets another
+ * sequence of knots. */
+#define SPLINE_KEPT 16u  /* a power of two */
+#define SPLINE_READY 7u  /* made ahead of path time */
 struct spline_kept {
     struct spline_piece piece[SPLINE_KEPT]; /* that from knot i on in piece[i % SPLINE_KEPT] */
+    uint32_t ready;                         /* knot of the next one to make */
 };
 
 /* A point of a piece. */
@@ -86,15 +90,25 @@ struct spline_local {
 
 /* The piece from knot `knot` on. `count` knots are valid (a snapshot of ring->count), and second differences below 2.1 m. */
 void spline_piece(const struct spline_ring *ring, uint32_t count, uint32_t knot, struct spline_piece *piece);
-/* The same, from those that are kept where it is there. */
+/* The same, where it is not kept as a whole one: */
+const struct spline_piece *spline_make(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count,
+                                       uint32_t knot);
 static inline const struct spline_piece *spline_keep(struct spline_kept *kept, const struct spline_ring *ring,
                                                      uint32_t count, uint32_t knot)
 {
-    struct spline_piece *piece = &kept->piece[knot % SPLINE_KEPT];
-    if (!piece->whole || piece->knot != knot || count <= knot + 2u) {
-        spline_piece(ring, count, knot, piece);
+    const struct spline_piece *piece = &kept->piece[knot % SPLINE_KEPT];
+    return piece->whole == knot + 1u && knot + 2u < count ? piece : spline_make(kept, ring, count, knot);
+}
+/* Make the next piece ready of those that path time, at knot `knot`, comes to, if its knots have come: `now`, or as soon as there
+ * are few. */
+void spline_make_next(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count, uint32_t knot);
+static inline void spline_prepare(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count, uint32_t knot,
+                                  bool now)
+{
+    const uint32_t ahead = kept->ready - knot;
+    if (ahead != SPLINE_READY + 1u && (now || ahead <= 2u)) {
+        spline_make_next(kept, ring, count, knot);
     }
-    return piece;
 }
 
 /* The curve at path time s >= 0. */

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "loop.h"
 
+#include <string.h>
+
 #define TICKS_PER_MS (CONTROL_HZ / 1000u)
 
 /* The tick interrupts the background on the same core (or both run in one thread): its own loads and stores need no
@@ -8,7 +10,10 @@
 #define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
 #define STORE(x, value) atomic_store_explicit(&(x), value, memory_order_relaxed)
 
-__attribute__((noinline, cold)) void loop_raise(struct loop *loop, enum fault f)
+/* What a period seldom has to do is kept out of the way of what it always does. */
+#define SELDOM __attribute__((noinline, cold))
+
+SELDOM void loop_raise(struct loop *loop, enum fault f)
 {
     if (atomic_fetch_or(&loop->faults, FAULT_BIT(f)) == 0) {
         STORE(loop->first, (uint8_t)f);
@@ -16,35 +21,38 @@ __attribute__((noinline, cold)) void loop_raise(struct loop *loop, enum fault f)
 }
 
 /* The machine at the connector, or the simulated one, which leaves the outputs off. */
-static void read_machine(struct loop *loop, const struct loop_cfg *cfg, struct hal_drive_in *in)
+static inline void read_machine(const struct loop *loop, struct hal_drive_in *in)
 {
     loop->hal->drive_read(loop->hal->ctx, in);
-    if (cfg->machine.simulated != loop->simulated) {
-        loop->simulated = cfg->machine.simulated;
-        machine_reset(&cfg->machine, &loop->machine);
-    }
     if (loop->simulated) {
         machine_read(&loop->machine, in);
     }
 }
 
-static void write_machine(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_out *out)
+SELDOM static void write_simulated(struct loop *loop, const struct hal_drive_out *out)
 {
     static const struct hal_drive_out off;
-    loop->hal->drive_write(loop->hal->ctx, loop->simulated ? &off : out);
+    loop->hal->drive_write(loop->hal->ctx, &off);
+    machine_step(&loop->use->machine, &loop->machine, out);
+}
+
+static inline void write_machine(struct loop *loop, const struct hal_drive_out *out)
+{
     if (loop->simulated) {
-        machine_step(&cfg->machine, &loop->machine, out);
+        write_simulated(loop, out);
+    } else {
+        loop->hal->drive_write(loop->hal->ctx, out);
     }
 }
 
 /* Encoder counts since power-on to positions; the counter wraps, the position does not. What a count adds is kept to
  * 2^-48 nm, so that no error adds up. */
-static void measure(struct loop *loop, const struct hal_drive_in *in, pos_t measured[2])
+static inline void measure(struct loop *loop, const struct hal_drive_in *in, pos_t measured[2])
 {
     for (int i = 0; i < 2; i++) {
         struct loop_encoder *e = &loop->encoder[i];
         const int32_t moved = (int32_t)((uint32_t)in->count[i] - (uint32_t)e->last);
-        const int64_t rest = (int64_t)moved * (int64_t)e->length_rest + (int64_t)e->rest;
+        const int64_t rest = (int64_t)moved * e->length_rest + (int64_t)e->rest;
         e->last = in->count[i];
         e->moved = moved;
         e->rest = (uint32_t)rest;
@@ -58,8 +66,9 @@ static void measure(struct loop *loop, const struct hal_drive_in *in, pos_t meas
 static void scale_encoder(struct loop_encoder *e, uint32_t length)
 {
     const uint64_t x = (uint64_t)length * 2048u;
-    e->length = (uint32_t)(x / 3125u);
-    e->length_rest = (uint32_t)((x % 3125u << 32) / 3125u);
+    const uint32_t part = (uint32_t)((x % 3125u << 32) / 3125u);
+    e->length = (uint32_t)(x / 3125u) + (part >> 31);
+    e->length_rest = (int32_t)part;
     const int64_t low = (e->count & 0xFFFF) * (int64_t)e->length_rest;
     const int64_t high = (e->count >> 16) * (int64_t)e->length_rest + (low >> 16);
     e->pos = e->count * (int64_t)e->length + (high >> 16);
@@ -77,8 +86,10 @@ static num wanted_rate(struct loop *loop)
     return loop->rate;
 }
 
-/* Keeps `standing`, `at_end`, `executed` up to date. */
-static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
+static const path_t STEP = PATH_ONE / TICKS_PER_MS;
+
+/* Path time that begins, stands, or changes its rate. */
+__attribute__((noinline)) static void change_path(struct loop *loop, const struct loop_cfg *cfg, bool complete, bool run)
 {
     const uint32_t begin = LOAD(loop->command.begin);
     if (begin != LOAD(loop->begun)) {
@@ -86,15 +97,12 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
         loop->servo.kept = (struct spline_kept){0};
         loop->error = (struct loop_error){0};
     }
-    /* `complete` is read before the count: a stream that completes in between counts as not complete yet */
-    const bool complete = LOAD(loop->command.complete);
-    const bool run = LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0;
     const struct path_in in = {
         .complete = complete,
         .count = LOAD(loop->ring->count),
         .rate = run ? wanted_rate(loop) : NUM(0),
         .stop_time = cfg->stop_time,
-        .step = PATH_ONE / TICKS_PER_MS,
+        .step = STEP,
     };
     const bool rest = LOAD(loop->command.rest);
     const enum path_event event = path_step(&loop->path, &in);
@@ -106,11 +114,23 @@ static void follow_path(struct loop *loop, const struct loop_cfg *cfg)
     STORE(loop->starved, !rest && (event == PATH_STARVED || (slowed && LOAD(loop->starved))));
     STORE(loop->at_end, event == PATH_AT_END || (event == PATH_UNDERRUN && rest));
     STORE(loop->standing, standing);
-    STORE(loop->executed, path_executed(&loop->path));
     STORE(loop->begun, begin);
 }
 
-static void watch_inputs(struct loop *loop, unsigned inputs)
+/* Keeps `standing`, `at_end`, `executed` up to date. */
+static inline void follow_path(struct loop *loop, const struct loop_cfg *cfg)
+{
+    /* `complete` is read before the count: a stream that completes in between counts as not complete yet */
+    const bool complete = LOAD(loop->command.complete);
+    const bool run = LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0;
+    const bool on = run && LOAD(loop->command.rate) == 1000u && LOAD(loop->command.begin) == LOAD(loop->begun);
+    if (!on || !path_run_on(&loop->path, LOAD(loop->ring->count), complete, STEP)) {
+        change_path(loop, cfg, complete, run);
+    }
+    STORE(loop->executed, path_executed(&loop->path));
+}
+
+SELDOM static void watch_inputs(struct loop *loop, unsigned inputs)
 {
     if ((inputs & HAL_AMPLIFIER_FAULT) != 0) {
         loop_raise(loop, FAULT_AMPLIFIER);
@@ -131,9 +151,14 @@ static bool finite(const struct loop *loop, const struct servo_out *out)
     return n_finite(n_add(nought.x, nought.y));
 }
 
-static inline void supervise_axis(struct loop *loop, const struct loop_cfg *cfg, int i, num e_w, num speed)
+static inline bool jumps(const struct loop *loop, const struct loop_cfg *cfg, int i)
 {
-    if ((uint32_t)loop->encoder[i].moved + cfg->jump_counts[i] > 2u * cfg->jump_counts[i]) {
+    return (uint32_t)loop->encoder[i].moved + cfg->jump_counts[i] > 2u * cfg->jump_counts[i];
+}
+
+static void supervise_axis(struct loop *loop, const struct loop_cfg *cfg, int i, num e_w, num speed)
+{
+    if (jumps(loop, cfg, i)) {
         loop_raise(loop, FAULT_ENCODER_JUMP);
     }
     if (!n_lt(n_abs(speed), cfg->speed_max)) {
@@ -153,32 +178,46 @@ static inline void supervise_axis(struct loop *loop, const struct loop_cfg *cfg,
     }
 }
 
-static void supervise(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_in *in,
-                      const bool powered[2], const struct servo_out *out)
+SELDOM static void look_closer(struct loop *loop, const struct loop_cfg *cfg, unsigned inputs, const bool powered[2],
+                               const struct servo_out *out)
 {
-    const unsigned inputs = in->inputs[0] | in->inputs[1];
-    if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) != 0) {
-        watch_inputs(loop, inputs);
-    }
+    watch_inputs(loop, inputs);
     if (!finite(loop, out)) {
         loop_raise(loop, FAULT_LAW);
         loop->configured = UINT32_MAX; /* what is no number stays so: the next tick starts anew */
         return;
     }
-    if (powered[0]) {
-        supervise_axis(loop, cfg, 0, out->contour.e_w.x, out->velocity.x);
-    } else {
-        loop->late[0] = 0;
+    const num e_w[2] = {out->contour.e_w.x, out->contour.e_w.y};
+    const num speed[2] = {out->velocity.x, out->velocity.y};
+    for (int i = 0; i < 2; i++) {
+        if (powered[i]) {
+            supervise_axis(loop, cfg, i, e_w[i], speed[i]);
+        } else {
+            loop->late[i] = 0;
+        }
     }
-    if (powered[1]) {
-        supervise_axis(loop, cfg, 1, out->contour.e_w.y, out->velocity.y);
+}
+
+/* Mostly nothing is wrong with either axis, powered or not: then nothing more is to be found out. */
+static inline void supervise(struct loop *loop, const struct loop_cfg *cfg, const struct hal_drive_in *in,
+                             const bool powered[2], const struct servo_out *out)
+{
+    const unsigned inputs = in->inputs[0] | in->inputs[1];
+    const vec2 v = out->velocity;
+    const vec2 e_w = out->contour.e_w;
+    const vec2 model = loop->servo.last[0].model;
+    if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) == 0 && !jumps(loop, cfg, 0) &&
+        !jumps(loop, cfg, 1) && n_lt(n_abs(v.x), cfg->speed_max) && n_lt(n_abs(v.y), cfg->speed_max) &&
+        !n_lt(cfg->following_max[0], n_abs(e_w.x)) && !n_lt(cfg->following_max[1], n_abs(e_w.y)) &&
+        n_finite(n_add(n_sub(model.x, model.x), n_sub(model.y, model.y)))) {
+        loop->late[0] = loop->late[1] = 0;
     } else {
-        loop->late[1] = 0;
+        look_closer(loop, cfg, inputs, powered, out);
     }
 }
 
 /* Where the encoder was at a limit switch's edge: to a control period, however late the background is */
-static void watch_switches(struct loop *loop, const struct hal_drive_in *in, const pos_t measured[2])
+SELDOM static void watch_switches(struct loop *loop, const struct hal_drive_in *in, const pos_t measured[2])
 {
     for (int i = 0; i < 2; i++) {
         if (((in->inputs[i] ^ loop->inputs[i]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0) {
@@ -197,7 +236,7 @@ static void add_error(struct loop_error *error, int32_t e_n2_nm)
 }
 
 /* Of a record, what moves slowly: in another period than the rest, so that none has to do it all. */
-static void record_slow(struct loop *loop, const struct hal_drive_in *in, struct loop_record *r)
+__attribute__((noinline)) static void record_slow(struct loop *loop, const struct hal_drive_in *in, struct loop_record *r)
 {
     for (int i = 0; i < 2; i++) {
         r->energy_mJ[i] = loop->servo.energy[i].mJ;
@@ -213,7 +252,7 @@ static void record_slow(struct loop *loop, const struct hal_drive_in *in, struct
 }
 
 /* The rest, beside what servo_step() has put there. To scale it for the wire is the background's. */
-static void publish(struct loop *loop, struct loop_record *r, enum controller controller)
+__attribute__((noinline)) static void publish(struct loop *loop, struct loop_record *r, enum controller controller)
 {
     const uint32_t n = LOAD(loop->published) + 1u;
     r->ms = n;
@@ -226,6 +265,7 @@ static void publish(struct loop *loop, struct loop_record *r, enum controller co
     r->error = loop->error;
     r->rate = loop->path.at.rate;
     r->controller = (uint8_t)controller;
+    loop->next = &loop->record[(n + 1u) % LOOP_RECORDS];
     atomic_signal_fence(memory_order_release);
     STORE(loop->published, n);
 }
@@ -267,9 +307,21 @@ static void scale(struct loop *loop, const struct loop_record *r)
     s->controller = r->controller;
 }
 
-/* A configuration is taken over, which happens without power only. */
-static void configure(struct loop *loop, const struct loop_cfg *cfg, pos_t measured[2])
+/* A configuration is taken over, which happens without power only: the machine's part before it is read, */
+SELDOM static void configure_machine(struct loop *loop, uint32_t configured)
 {
+    loop->use = &loop->cfg[configured % 2u];
+    if (loop->use->machine.simulated != loop->simulated) {
+        loop->simulated = loop->use->machine.simulated;
+        machine_reset(&loop->use->machine, &loop->machine);
+    }
+}
+
+/* and then the rest. */
+SELDOM static void configure(struct loop *loop, uint32_t configured, pos_t measured[2])
+{
+    const struct loop_cfg *cfg = loop->use;
+    loop->configured = configured;
     for (int i = 0; i < 2; i++) {
         scale_encoder(&loop->encoder[i], cfg->encoder_10fm[i]);
         measured[i] = loop->encoder[i].pos;
@@ -293,31 +345,42 @@ void loop_init(struct loop *loop, const struct hal *hal, const struct spline_rin
     }
     atomic_store(&loop->command.rate, 1000u);
     loop->configured = UINT32_MAX; /* the first tick resets the servo */
+    loop->next = &loop->record[1];
     atomic_store(&loop->standing, true);
 }
 
-void loop_tick(struct loop *loop)
+SELDOM static void reset_energy(struct loop *loop)
+{
+    STORE(loop->command.energy_reset, false);
+    energy_reset(&loop->servo.energy[0]);
+    energy_reset(&loop->servo.energy[1]);
+}
+
+__attribute__((noinline, noclone)) void loop_tick(struct loop *loop)
 {
     atomic_signal_fence(memory_order_acquire);
     const uint32_t configured = LOAD(loop->command.configured);
-    const struct loop_cfg *cfg = &loop->cfg[configured % 2u];
+    const bool anew = configured != loop->configured;
     struct hal_drive_in in;
     struct servo_in servo;
-    struct loop_record *record = &loop->record[(LOAD(loop->published) + 1u) % LOOP_RECORDS];
+    struct loop_record *record = loop->next;
     struct servo_out *out = &record->out;
 
     /* read */
-    read_machine(loop, cfg, &in);
+    if (anew) {
+        configure_machine(loop, configured);
+    }
+    const struct loop_cfg *cfg = loop->use;
+    read_machine(loop, &in);
     measure(loop, &in, servo.measured);
-    watch_switches(loop, &in, servo.measured);
-    if (configured != loop->configured) {
-        loop->configured = configured;
-        configure(loop, cfg, servo.measured);
+    if (memcmp(in.inputs, loop->inputs, sizeof in.inputs) != 0) {
+        watch_switches(loop, &in, servo.measured);
+    }
+    if (anew) {
+        configure(loop, configured, servo.measured);
     }
     if (LOAD(loop->command.energy_reset)) {
-        STORE(loop->command.energy_reset, false);
-        energy_reset(&loop->servo.energy[0]);
-        energy_reset(&loop->servo.energy[1]);
+        reset_energy(loop);
     }
 
     /* reference, law */
@@ -343,7 +406,7 @@ void loop_tick(struct loop *loop)
         .force_mN = {n_to_scaled(out->force.x, 1000), n_to_scaled(out->force.y, 1000)},
         .enable = {servo.enabled[0], servo.enabled[1]},
     };
-    write_machine(loop, cfg, &drive);
+    write_machine(loop, &drive);
     const uint32_t ticks = LOAD(loop->ticks);
     scope_step(&loop->scope, (const void *const[SCOPE_BASES]){loop, out}, ticks, LOAD(loop->faults));
 
@@ -353,6 +416,9 @@ void loop_tick(struct loop *loop)
         record_slow(loop, &in, record);
     } else if (left == 0) {
         publish(loop, record, servo.controller);
+    } else {
+        const struct path_state *at = &loop->path.at;
+        spline_prepare(&loop->servo.kept, loop->ring, at->count, at->knot, out->contour.foot_knot == at->knot);
     }
 }
 

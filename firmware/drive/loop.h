@@ -97,7 +97,6 @@ struct loop {
     const struct hal *hal;
     const struct spline_ring *ring;
     struct loop_command command;
-    struct loop_cfg cfg[2];
     _Atomic uint32_t faults;    /* FAULT_BIT()s */
     _Atomic uint8_t first;      /* ... the first one of them, enum fault */
     _Atomic uint32_t begun;     /* command.begin that the next four words belong to */
@@ -106,31 +105,36 @@ struct loop {
     _Atomic bool starved;       /* path time is slowed for want of knots */
     _Atomic uint32_t executed;  /* knots passed */
     _Atomic uint32_t published; /* records so far: one a millisecond */
-    struct loop_record record[LOOP_RECORDS];
-    struct loop_snapshot snapshot; /* the background's own */
 
     /* the tick's own */
-    struct servo_state servo;
-    struct path path;
-    num rate;                   /* command.rate of the last period, as a num */
-    uint16_t permille;          /* ... as it was given */
-    struct machine machine;     /* in place of the real one while cfg.machine.simulated */
-    bool simulated;
-    struct loop_encoder {
-        int32_t last;                  /* as read */
-        int32_t moved;                 /* in the last period */
-        int64_t count;                 /* since power-on */
-        pos_t pos;                     /* count times the length of one, and 2^-32 of its unit */
-        uint32_t rest;
-        uint32_t length, length_rest;  /* of one count, in the same way */
-    } encoder[2];
-    pos_t lowest[2], highest[2]; /* user's positions beyond which an axis may trip: the soft limits and following_max */
+    uint32_t configured;        /* taken over so far */
+    const struct loop_cfg *use; /* that one */
+    struct loop_record *next;   /* to be published */
+    _Atomic uint32_t ticks;     /* control periods since power-on */
     uint32_t late[2];           /* periods since the following error is too large */
     uint8_t inputs[2];          /* of the last period */
+    bool simulated;
+    struct path path;
+    struct loop_encoder {
+        int32_t last;           /* as read */
+        int32_t moved;          /* in the last period */
+        int64_t count;          /* since power-on */
+        pos_t pos;              /* count times the length of one, and 2^-32 of its unit */
+        uint32_t rest;
+        uint32_t length;        /* of one count, in the same way, */
+        int32_t length_rest;    /* to the nearest */
+    } encoder[2];
+    struct servo_state servo;
+    num rate;                   /* command.rate when it was not 1 last, as a num */
+    uint16_t permille;          /* ... as it was given */
+    struct machine machine;     /* in place of the real one while cfg.machine.simulated */
+    pos_t lowest[2], highest[2]; /* user's positions beyond which an axis may trip: the soft limits and following_max */
     int32_t edge_nm[2];
     struct loop_error error;
-    _Atomic uint32_t ticks;     /* control periods since power-on */
-    uint32_t configured; /* taken over so far */
+
+    struct loop_cfg cfg[2];
+    struct loop_record record[LOOP_RECORDS];
+    struct loop_snapshot snapshot; /* the background's own */
     struct scope scope;         /* last: the largest */
 };
 

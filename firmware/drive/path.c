@@ -84,31 +84,13 @@ void path_reset(struct path *p)
 
 uint32_t path_executed(const struct path *p)
 {
-    return p->at.s == 0 ? 0 : p->knot + 1u;
-}
-
-/* At sigma = 1, to stay there, and knots enough lie ahead: nothing else is to be found out. */
-static bool runs_on(const struct path *p, const struct path_in *in)
-{
-    const uint32_t ahead = in->complete ? 2u : p->spare;
-    return p->spare != 0 && !n_lt(in->rate, NUM(1)) && !n_lt(NUM(1), in->rate) && p->knot + ahead < in->count;
-}
-
-static void run_on(struct path *p, const struct path_in *in)
-{
-    p->at.s += in->step;
-    p->at.count = in->count;
-    p->rest += (uint32_t)in->step;
-    if (p->rest >= (uint32_t)PATH_ONE) {
-        p->rest -= (uint32_t)PATH_ONE;
-        p->knot++;
-    }
+    return p->at.knot == 0 && p->at.rest == 0 ? 0 : p->at.knot + 1u;
 }
 
 enum path_event path_step(struct path *p, const struct path_in *in)
 {
-    if (runs_on(p, in)) {
-        run_on(p, in);
+    const bool to_1 = !n_lt(in->rate, NUM(1)) && !n_lt(NUM(1), in->rate);
+    if (to_1 && path_run_on(p, in->count, in->complete, in->step)) {
         return PATH_NOTHING;
     }
     /* s may go to `last`: the last knot of a complete stream, else as far as all four knots of an interval are there */
@@ -116,23 +98,24 @@ enum path_event path_step(struct path *p, const struct path_in *in)
     const path_t last = in->count < margin ? 0 : (path_t)(in->count - margin) * PATH_ONE;
     const num period = n_div(n_ratio(in->step >> 19, (PATH_ONE >> 19) / ACC_GAIN), in->stop_time);
 
-    p->at.s += is_steady(&p->motion, NUM(1)) ? in->step : n_to_q32(p->at.rate) / 16 * in->step / (1 << 28);
+    const path_t way = is_steady(&p->motion, NUM(1)) ? in->step : n_to_q32(p->at.rate) / 16 * in->step / (1 << 28);
+    const path_t s = path_s(&p->at) + way;
     p->at.count = in->count;
     p->spare = 0;
-    if (in->complete && p->at.s >= last) {
+    if (in->complete && s >= last) {
         p->motion = steady(NUM(0));
-        p->knot = path_knots(last, &p->rest);
-        p->at = (struct path_state){.s = last, .rate = NUM(0), .rate_dot = NUM(0), .count = in->count};
+        p->at = (struct path_state){.rate = NUM(0), .rate_dot = NUM(0), .count = in->count};
+        path_set(&p->at, last);
         return PATH_AT_END;
     }
-    p->knot = path_knots(p->at.s, &p->rest);
+    path_set(&p->at, s);
     const bool run = n_lt(NUM(0), in->rate);
-    const bool start = p->at.s == 0; /* the path itself starts from rest */
+    const bool start = s == 0; /* the path itself starts from rest */
     const struct motion faster = start ? steady(in->rate) : moved(&p->motion, in->rate, period);
     const num step = n_mul(acc_to(faster.rate), n_ratio(in->step, PATH_ONE));
     const num spare = n_lt(acc_to(faster.rate), CRAWL) ? n_add(step, CRAWL_SPARE) : step;
     const num needed = n_mad(spare, in->stop_time, stopping(&faster));
-    const bool room = in->complete || !n_lt(knots(p->at.s, last), needed);
+    const bool room = in->complete || !n_lt(knots(s, last), needed);
     const struct motion next = room ? faster : start ? steady(NUM(0)) : moved(&p->motion, NUM(0), period);
     p->motion = (struct motion){acc_state(next.rate), acc_state(next.slope)};
     if (room && is_steady(&p->motion, NUM(1))) {

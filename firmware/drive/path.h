@@ -32,8 +32,7 @@ struct path {
     struct motion {       /* what a control period adds may be far below the resolution of a num */
         acc_t rate, slope; /* sigma, and its change in a stop_time */
     } motion;
-    uint32_t knot, rest; /* at.s: knots passed, and path time since */
-    uint32_t spare;      /* while sigma is 1: knots from `knot` on with which it may surely stay so; else 0 */
+    uint32_t spare; /* while sigma is 1: knots from at.knot on with which it may surely stay so; else 0 */
 };
 
 enum path_event {
@@ -47,6 +46,21 @@ enum path_event {
 void path_reset(struct path *p);
 /* One control period on. */
 enum path_event path_step(struct path *p, const struct path_in *in);
+/* The same where sigma is 1, is to stay so, and knots enough lie ahead, as mostly: then nothing else is to be found out
+ * (PATH_NOTHING). false: nothing is done. */
+static inline bool path_run_on(struct path *p, uint32_t count, bool complete, path_t step)
+{
+    if (p->spare == 0 || p->at.knot + (complete ? 2u : p->spare) >= count) {
+        return false;
+    }
+    p->at.count = count;
+    p->at.rest += (uint32_t)step;
+    if (p->at.rest >= (uint32_t)PATH_ONE) {
+        p->at.rest -= (uint32_t)PATH_ONE;
+        p->at.knot++;
+    }
+    return true;
+}
 /* Knots passed: those with an index <= s. */
 uint32_t path_executed(const struct path *p);
 #endif

@@ -4,13 +4,18 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "contour.h"
 #include "params.h"
-#include "spline.h"
 
 /* The tick and the background share a core (scope.h): the order that the compiler keeps is enough. */
 #define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
 
 /* ---- the tick ---- */
+
+static uint32_t path_hundredths(const struct path_state *p)
+{
+    return p->knot * 100u + (uint32_t)((uint64_t)p->rest * (100u / 5u) >> 29); /* PATH_ONE is 5 2^29 */
+}
 
 static uint32_t sample(const struct scope_signal *s, const void *const base[])
 {
@@ -19,7 +24,7 @@ static uint32_t sample(const struct scope_signal *s, const void *const base[])
     case SCOPE_NUM: return n_word(*(const num *)at);
     case SCOPE_ACC: return n_word(acc_to(*(const acc_t *)at));
     case SCOPE_POS: return (uint32_t)pos_to_nm(*(const pos_t *)at);
-    case SCOPE_PATH: return (uint32_t)(*(const path_t *)at * 100 / PATH_ONE);
+    case SCOPE_PATH: return path_hundredths(at);
     case SCOPE_U8: return *(const uint8_t *)at;
     default: return *(const uint32_t *)at;
     }

@@ -176,8 +176,9 @@ void api_spline(const api_drive *d, int64_t s, struct api_point *out)
 
 static struct path_state path_in(const api_drive *d, const struct api_path *path)
 {
-    return (struct path_state){
-        .s = path->s, .rate = mk(path->rate), .rate_dot = mk(path->rate_dot * T0), .count = d->ring.count};
+    struct path_state at = {.rate = mk(path->rate), .rate_dot = mk(path->rate_dot * T0), .count = d->ring.count};
+    path_set(&at, path->s);
+    return at;
 }
 
 void api_contour(const api_drive *d, const struct api_path *path, const int64_t *q, const double *q_dot,

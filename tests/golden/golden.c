@@ -130,12 +130,13 @@ static void modules(const struct servo_cfg *c)
     }
     vector = "contour";
     for (int i = 0; i < 16; i++) {
-        struct path_state path = {.s = (path_t)(any(1 << 30) + (1 << 30)) * 600, .count = ring.count};
-        put64(path.s);
+        struct path_state path = {.count = ring.count};
+        path_set(&path, (path_t)(any(1 << 30) + (1 << 30)) * 600);
+        put64(path_s(&path));
         path.rate = n_abs(in(1000));
         path.rate_dot = in(100);
         struct spline_point p;
-        spline_at(&ring, ring.count, path.s, &p);
+        spline_at(&ring, ring.count, path_s(&path), &p);
         pos_t q[2];
         in_pos2(20000, q);
         q[0] += p.pos[0];
@@ -250,7 +251,7 @@ static void modules(const struct servo_cfg *c)
         p.rate = i < 100 ? NUM(1) : i < 350 ? NUM(0) : i < 500 ? NUM(1.2) : NUM(0.7);
         path_step(&path, &p);
         if (i % 25 == 0) {
-            put64(path.at.s);
+            put64(path_s(&path.at));
             put(path.at.rate);
             put(path.at.rate_dot);
         }

@@ -63,10 +63,15 @@ static inline struct servo_cfg nominal(void)
     return cfg;
 }
 
+static inline path_t path_time_of(double knots)
+{
+    return (path_t)llround(knots * (double)PATH_ONE);
+}
+
 static inline struct path_state path_at(const struct spline_ring *ring, double knots)
 {
-    const struct path_state path = {
-        .s = (path_t)llround(knots * (double)PATH_ONE), .rate = mk(1), .rate_dot = mk(0), .count = ring->count};
+    struct path_state path = {.rate = mk(1), .rate_dot = mk(0), .count = ring->count};
+    path_set(&path, path_time_of(knots));
     return path;
 }
 

@@ -70,7 +70,7 @@ static double apart(num x)
 static void period(double knots, double rate)
 {
     measure();
-    in.path.s = path_at(&ring, knots).s;
+    path_set(&in.path, path_time_of(knots));
     in.path.rate = mk(rate);
     servo_step(&cfg, &state, &in, &out);
     const double force[2] = {val(out.force.x), val(out.force.y)};

@@ -24,7 +24,7 @@ void tearDown(void)
 
 static double s(void)
 {
-    return (double)path.at.s / (double)PATH_ONE;
+    return (double)path_s(&path.at) / (double)PATH_ONE;
 }
 
 static enum path_event step(unsigned periods)
@@ -48,11 +48,11 @@ static void cruise(void)
 static void test_path_starts_at_once_at_rate_1(void)
 {
     TEST_ASSERT_EQUAL(PATH_NOTHING, step(1));
-    TEST_ASSERT_EQUAL_INT64(0, path.at.s);
+    TEST_ASSERT_EQUAL_INT64(0, path_s(&path.at));
     TEST_ASSERT_EQUAL_DOUBLE(1, val(path.at.rate));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(path.at.rate_dot));
     step(1);
-    TEST_ASSERT_EQUAL_INT64(PATH_ONE / 10, path.at.s);
+    TEST_ASSERT_EQUAL_INT64(PATH_ONE / 10, path_s(&path.at));
 }
 
 static void test_ten_periods_are_one_knot_without_drift_over_a_million_periods(void)
@@ -60,7 +60,7 @@ static void test_ten_periods_are_one_knot_without_drift_over_a_million_periods(v
     step(1);
     for (unsigned i = 1; i <= 100000; i++) {
         step(PERIODS);
-        TEST_ASSERT_EQUAL_INT64((int64_t)i * PATH_ONE, path.at.s);
+        TEST_ASSERT_EQUAL_INT64((int64_t)i * PATH_ONE, path_s(&path.at));
     }
 }
 
@@ -68,7 +68,7 @@ static void test_path_waits_at_its_start_until_told_to_run(void)
 {
     in.rate = NUM(0);
     TEST_ASSERT_EQUAL(PATH_STANDS, step(100));
-    TEST_ASSERT_EQUAL_INT64(0, path.at.s);
+    TEST_ASSERT_EQUAL_INT64(0, path_s(&path.at));
 }
 
 static void test_path_waits_at_its_start_for_the_knots_that_a_stop_needs(void)
@@ -93,14 +93,14 @@ static void test_path_ends_exactly_at_the_last_knot_of_a_complete_stream(void)
     in.count = 200;
     in.complete = true;
     TEST_ASSERT_EQUAL(PATH_NOTHING, step(1990));
-    TEST_ASSERT_EQUAL_INT64(PATH_ONE * 1989 / 10, path.at.s);
+    TEST_ASSERT_EQUAL_INT64(PATH_ONE * 1989 / 10, path_s(&path.at));
     TEST_ASSERT_EQUAL(PATH_AT_END, step(1));
-    TEST_ASSERT_EQUAL_INT64(199 * PATH_ONE, path.at.s);
+    TEST_ASSERT_EQUAL_INT64(199 * PATH_ONE, path_s(&path.at));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(path.at.rate));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(path.at.rate_dot));
     TEST_ASSERT_EQUAL_UINT32(200, path_executed(&path));
     TEST_ASSERT_EQUAL(PATH_AT_END, step(100));
-    TEST_ASSERT_EQUAL_INT64(199 * PATH_ONE, path.at.s);
+    TEST_ASSERT_EQUAL_INT64(199 * PATH_ONE, path_s(&path.at));
 }
 
 static void test_executed_counts_the_knots_at_or_before_s(void)
@@ -155,9 +155,9 @@ static void check_stop_and_resume(double stop_time, double tolerance)
         last_rate = val(path.at.rate);
     }
     TEST_ASSERT_EQUAL(PATH_STANDS, step(3));
-    const int64_t stood_at = path.at.s;
+    const int64_t stood_at = path_s(&path.at);
     TEST_ASSERT_EQUAL(PATH_STANDS, step(1000));
-    TEST_ASSERT_EQUAL_INT64(stood_at, path.at.s);
+    TEST_ASSERT_EQUAL_INT64(stood_at, path_s(&path.at));
 
     in.rate = NUM(1);
     const double again = s();
@@ -242,7 +242,7 @@ static void test_path_starts_at_the_rate_of_the_override(void)
     TEST_ASSERT_EQUAL(PATH_NOTHING, step(1));
     TEST_ASSERT_EQUAL_DOUBLE(0.75, val(path.at.rate));
     step(1000);
-    TEST_ASSERT_EQUAL_INT64(75 * PATH_ONE, path.at.s);
+    TEST_ASSERT_EQUAL_INT64(75 * PATH_ONE, path_s(&path.at));
 }
 
 static void test_rate_goes_to_the_override_and_stays_there(void)
@@ -401,20 +401,20 @@ static void test_path_never_outruns_its_knots_whenever_they_come(void)
             }
             const enum path_event event = path_step(&path, &in);
             const int64_t end = in.complete ? (int64_t)total - 1 : in.count > 3 ? (int64_t)in.count - 3 : 0;
-            TEST_ASSERT_TRUE_MESSAGE(path.at.s <= end * PATH_ONE, "s is beyond the knots");
-            TEST_ASSERT_TRUE_MESSAGE(path.at.s >= before, "s went back");
+            TEST_ASSERT_TRUE_MESSAGE(path_s(&path.at) <= end * PATH_ONE, "s is beyond the knots");
+            TEST_ASSERT_TRUE_MESSAGE(path_s(&path.at) >= before, "s went back");
             const double most = trial % 5 < 2 ? 1.2 : 1.00002;
             TEST_ASSERT_TRUE_MESSAGE(val(path.at.rate) >= 0 && val(path.at.rate) <= val(mk(most)), "sigma too high");
             if (event == PATH_UNDERRUN) {
                 TEST_ASSERT_EQUAL_DOUBLE(0, val(path.at.rate));
-                TEST_ASSERT_TRUE(val(in.rate) > 0 && !in.complete && path.at.s > 0);
+                TEST_ASSERT_TRUE(val(in.rate) > 0 && !in.complete && path_s(&path.at) > 0);
             }
             if (event == PATH_AT_END) {
                 TEST_ASSERT_TRUE(in.complete);
-                TEST_ASSERT_EQUAL_INT64(((int64_t)total - 1) * PATH_ONE, path.at.s);
+                TEST_ASSERT_EQUAL_INT64(((int64_t)total - 1) * PATH_ONE, path_s(&path.at));
                 break;
             }
-            before = path.at.s;
+            before = path_s(&path.at);
         }
         if (trial % 2 == 0) {
             in.count = total;
@@ -422,7 +422,7 @@ static void test_path_never_outruns_its_knots_whenever_they_come(void)
             in.rate = NUM(1);
             for (unsigned i = 0; i < 40000 && path_step(&path, &in) != PATH_AT_END; i++) {
             }
-            TEST_ASSERT_EQUAL_INT64(((int64_t)total - 1) * PATH_ONE, path.at.s);
+            TEST_ASSERT_EQUAL_INT64(((int64_t)total - 1) * PATH_ONE, path_s(&path.at));
         }
     }
 }

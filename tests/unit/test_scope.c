@@ -152,7 +152,7 @@ static void test_each_kind_of_signal_comes_in_its_unit(void)
     out.contour.e_n.y = NUM(-1.5);
     loop.servo.learning.friction[1] = acc_from(NUM(2.25));
     loop.servo.observer[1].pos = pos_from_nm(-123456789);
-    loop.path.at.s = 12 * PATH_ONE + PATH_ONE / 2;
+    path_set(&loop.path.at, 12 * PATH_ONE + PATH_ONE / 2);
     out.force.x = NUM(-600);
     out.asmc.k_hat.x = NUM(0.5);
     loop.servo.energy[0].mJ = -17;

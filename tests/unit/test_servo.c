@@ -17,7 +17,7 @@ static double place(double behind_um, double out_um)
 {
     const double knots = 50 + periods / 10.0, phi = knots * 0.005 - behind_um / 20000;
     at_um((20000 + out_um) * cos(phi), (20000 + out_um) * sin(phi), in.measured);
-    in.path.s = path_at(&ring, knots).s;
+    path_set(&in.path, path_time_of(knots));
     return phi;
 }
 
@@ -149,7 +149,7 @@ static void test_an_axis_that_is_disabled_and_rests_is_seen_at_rest(void)
     servo_reset(&cfg, &state, in.measured);
     const pos_t x = in.measured[0];
     for (int i = 0; i < 20; i++) {
-        in.path.s = path_at(&ring, 50 + i / 10.0).s;
+        path_set(&in.path, path_time_of(50 + i / 10.0));
         in.measured[0] = x;
         servo_step(&cfg, &state, &in, &out);
         TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));

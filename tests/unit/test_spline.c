@@ -17,7 +17,7 @@ static struct spline_point at(double knots)
 {
     struct spline_point p;
     const struct path_state path = path_at(&ring, knots);
-    spline_at(&ring, path.count, path.s, &p);
+    spline_at(&ring, path.count, path_s(&path), &p);
     return p;
 }
 
@@ -143,7 +143,7 @@ static void test_knots_beyond_the_snapshot_are_not_seen(void)
 {
     line_ring(&ring, 0, 0, 3, 0, 50);
     struct spline_point p;
-    spline_at(&ring, 20, path_at(&ring, 30).s, &p);
+    spline_at(&ring, 20, path_time_of(30), &p);
     TEST_ASSERT_EQUAL_DOUBLE(3 * 19, um_of(p.pos[0]));
 }
 
