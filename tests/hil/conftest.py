@@ -45,13 +45,6 @@ def rig(target: Target) -> Iterator[Rig]:
 
 
 @pytest.fixture
-def real_time(target: Target) -> None:
-    """Asked for by what the wall clock judges while the axes have power."""
-    if not target.real_time:
-        pytest.skip("an emulator does not hold the control period by the wall clock; --target slcan or vcan does")
-
-
-@pytest.fixture
 def clock_rig(target: Target) -> Iterator[Rig]:
     """The same, but its time is the wall clock's."""
     with target.power_on(pace="clock") as drive, Rig(drive) as rig:

@@ -22,7 +22,7 @@ Metres = NDArray[np.float64]
 RESET_NODE, RESET_COMMUNICATION, START, STOP, PRE_OPERATIONAL = 129, 130, 1, 2, 128
 STATE_OF = {START: 0x05, STOP: 0x04, PRE_OPERATIONAL: 0x7F}
 BOOT_S = 3.0
-SEEN_LATE_M = 2e-6  # for a host that came at the end; an axis whose power is cut goes on for millimetres
+STOPPED = 5  # 2200h state
 STANDS_MPS = 2e-3  # slower than that an axis is said to stand: above what noise and a stop's end make of it
 
 _TELEMETRY_TPDOS, _NOT_VALID = (2, 3, 4, 5), 1 << 31
@@ -55,6 +55,7 @@ class Rig:
             self.fall_silent()  # again: the clock of a drive that follows SYNC has come, and a heartbeat with it
         self.seen_late = self.drive.truth_m is None and not heartbeat
         if self.seen_late:
+            self.note_error()
             self.link.record()
 
     def fall_silent(self) -> None:
@@ -64,7 +65,8 @@ class Rig:
     def __enter__(self) -> Rig:
         self.reset()
         self.device.set_parameters(self.drive.parameters if self.drive.simulated else self._safe())
-        if self.drive.simulated and not self.drive.stepped:
+        self.muted = self.drive.simulated and not self.drive.stepped
+        if self.muted:
             self._mute_telemetry()
         return self
 
@@ -122,11 +124,21 @@ class Rig:
         position_m = self.link.recorded(start_nm).position_m
         return position_m[~np.isnan(position_m).any(axis=1)], 1e-3  # a record may begin within a millisecond
 
+    def note_error(self) -> None:
+        """Of the motion so far, by the drive's own estimate: what a stop is measured by that nobody else has seen."""
+        self.before_m = self.device.read("path_error.max")
+        self.before_knots = self.device.read("stream.executed")
+
     def assert_stopped_on_the_path(self) -> None:
         """The stop at the end of the motion was no further from the circle than the motion before, plus one encoder
-        count; than SEEN_LATE_M, where too little is known of that. The last thing to do with a drive."""
+        count. The last thing to do with a drive."""
         stop_s = self.device.read("limits.path_stop_time") * 1e-3
         count_m = self.device.read("plant_x.encoder") * 1e-6
+        if self.muted and self.drive.truth_m is None:  # by the drive's own word, of each millisecond
+            assert self.device.read("stream.state") == STOPPED
+            assert self.device.read("stream.executed") > self.before_knots + 0.5 * stop_s * 1e3
+            assert self.device.read("path_error.max") <= self.before_m + count_m
+            return
         position_m, step_s = self.positions_m()
         off_m = self.off_circle_m(position_m)
         window = round(1e-3 / step_s)
@@ -138,7 +150,7 @@ class Rig:
         assert speed_mps[begin - window] > 0.9 * self.feed_mps, "it was slow before it stopped"
         way_m = np.hypot(*np.diff(position_m[begin : moving[-1]], axis=0).T).sum()
         assert way_m > 0.3 * self.feed_mps * stop_s, f"{way_m * 1e3:.3f} mm in its stop: not along the path"
-        before_m = SEEN_LATE_M if self.seen_late else off_m[:begin].max()
+        before_m = self.before_m if self.seen_late else off_m[:begin].max()
         assert off_m[begin:].max() <= before_m + count_m
 
     def _safe(self) -> dict[str, float]:

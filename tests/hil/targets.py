@@ -58,11 +58,11 @@ class Drive:
 class Target(ABC):
     """`outlives_host`: the drive is no part of the host's process, which may be killed.
 
-    `real_time`: it holds the control period by the wall clock, with power on its axes.
+    `watched`: its motion is known for when no host listens, too.
     """
 
     outlives_host = True
-    real_time = True
+    watched = True
     simulated = True
 
     @abstractmethod
@@ -133,7 +133,7 @@ class Process(Target):
 class Image(Target):
     """The STM32F405 image in QEMU, slcan on its serial line. It moves the machine that it simulates by itself."""
 
-    real_time = False
+    watched = False
 
     @contextmanager
     def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> Iterator[Drive]:

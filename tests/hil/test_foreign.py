@@ -20,7 +20,6 @@ _EXAMPLE_S, _LISTEN_S = 180.0, 10.0
 
 
 @pytest.mark.motion
-@pytest.mark.usefixtures("real_time")
 def test_python_canopen_alone_drives_circles_by_records_and_by_knots(target: Target) -> None:
     if not target.simulated:
         pytest.skip("needs more room than the 2 mm of this suite: run examples/canopen_only.py by hand")

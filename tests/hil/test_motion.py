@@ -120,7 +120,6 @@ class StallingHost:
         self._seen_s = time.monotonic()
 
 
-@pytest.mark.usefixtures("real_time")
 def test_host_that_stalls_for_200_ms_is_not_noticed(clock_rig: Rig) -> None:
     """A host that its machine has kept from running for long besides shows nothing, and tries again."""
     knots_nm = clock_rig.circle(8.0)
