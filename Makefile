@@ -83,7 +83,7 @@ test-c: $(TEST_PROGRAMS)  ## the C tests alone
 	  else failed=1; printf '%-32s FAILED\n' $${t#build/unit/}; grep -v ':PASS$$' $$t.log; fi; done; \
 	if [ $$failed = 0 ]; then echo "C tests: $(words $^) programs passed"; else echo "C tests: FAILED"; exit 1; fi
 
-test-host: setup lib firmware build/qemu.stamp  ## the Python tests alone, those of the image in QEMU among them
+test-host: setup lib firmware-all build/qemu.stamp  ## the Python tests alone, those of the image in QEMU among them
 	$(PY) -m pytest
 
 # On each target in turn; a real drive: make test-hil TARGET=can0 NO_MOTION=1, and then without NO_MOTION.
@@ -222,9 +222,11 @@ $(LIB)/kontur-sim: $(LINUX)
 	$(Q)$(CC) -o $@ $^ -ldl
 
 # --- image ------------------------------------------------------------------------------------------------------------
-# The STM32F405 image. BOARD=feather builds it for firmware/port/stm32f405/board_feather.h, CONTROL_HZ=20000 for servo ticks at 20 kHz.
+# The STM32F405 image. BOARD=feather builds it for firmware/port/stm32f405/board_feather.h, CONTROL_HZ=20000 for servo ticks at 20 kHz;
+# each has its own name: kontur-feather.elf, kontur-20khz.elf, kontur-feather-20khz.elf.
 BOARD    := kontur
 CONTROL_HZ := 10000
+IMAGE_NAME := kontur$(if $(filter-out kontur,$(BOARD)),-$(BOARD))$(if $(filter-out 10000,$(CONTROL_HZ)),-$(CONTROL_HZ:%000=%khz))
 VARIANT  := build/firmware/$(BOARD)-$(CONTROL_HZ)
 ARM      := arm-none-eabi-
 IMAGE    := $(VARIANT)/kontur
@@ -235,9 +237,15 @@ ARM_FLAGS := $(ARM_CPU) $(CFLAGS) -ffunction-sections -fdata-sections -fno-commo
 IMAGE_SOURCES := $(FIRMWARE) $(wildcard firmware/port/*.c $(PORT)/*.c)
 IMAGE_OBJECTS := $(IMAGE_SOURCES:%.c=$(VARIANT)/%.o)
 
-firmware: $(IMAGE).elf $(IMAGE).bin $(IMAGE).hex $(IMAGE).dfu  ## the image for an STM32F405: build/firmware/kontur.elf .bin .hex .dfu
-	@for f in elf bin hex dfu; do cp $(IMAGE).$$f build/firmware/; done
+firmware: $(IMAGE).elf $(IMAGE).bin $(IMAGE).hex $(IMAGE).dfu  ## the image for an STM32F405: build/firmware/kontur.elf .bin .hex .dfu; BOARD=feather, CONTROL_HZ=20000
+	@for f in elf bin hex dfu; do cp $(IMAGE).$$f build/firmware/$(IMAGE_NAME).$$f; done
 	$(Q)$(PY) $(PORT)/check_image.py $(IMAGE).elf --map $(IMAGE).map --tools $(ARM)
+
+# The other images: what a test builds and runs, so that they do not rot.
+firmware-all: firmware
+	@$(MAKE) --no-print-directory firmware CONTROL_HZ=20000
+	@$(MAKE) --no-print-directory firmware BOARD=feather
+.PHONY: firmware-all
 
 flash: firmware build/openocd.stamp  ## write it to a board by ST-Link (OpenOCD); parameters stay
 	openocd -f interface/stlink.cfg -f target/stm32f4x.cfg -c 'program $(IMAGE).elf verify reset exit'
