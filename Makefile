@@ -427,7 +427,7 @@ FUZZ_SANITIZE_asan := -fsanitize=address,undefined -fno-sanitize-recover=all
 FUZZ_SANITIZE_ub := -fsanitize=undefined -fno-sanitize-recover=all
 # Without a call at each comparison, which would take half of the time: what the firmware compares with, the fuzzers know.
 FUZZ_FLAGS = $(CFLAGS) $(f32_HOST) -Itests/fuzz $(INCLUDE) -Itests/unit -DKONTUR_BUILD_ID='"fuzz"' -DKONTUR_VERSION='"$(VERSION)"' \
-	-fsanitize=fuzzer-no-link -fno-sanitize-coverage=trace-cmp,indirect-calls
+	-fsanitize=fuzzer-no-link -fno-sanitize-coverage=trace-cmp,indirect-calls -Wno-unknown-attributes
 FUZZ_SOURCES := $(SOURCES) firmware/port/slcan.c
 
 build/clang.stamp:
