@@ -198,22 +198,29 @@ static uint32_t check_settings(struct app *app, const struct od_entry *entry, in
 }
 
 /* 2140h: the drive is held by the heartbeat that is watched meanwhile. */
-static uint32_t check_claim(struct app *app, uint8_t id)
+static uint32_t check_claim(struct app *app, uint32_t value)
 {
     struct guard *guard = &app->drive.guard;
-    if (!guard_claim(guard, id, drive_powered(&app->drive))) {
+    const uint8_t id = (uint8_t)value;
+    const uint8_t before = guard->holder;
+    if (id > 127u) {
+        return SDO_ABORT_VALUE;
+    }
+    if (!guard_claim(guard, id, value >> 8, drive_powered(&app->drive))) {
         app->od.master.refused++;
         watch_event(&app->drive.watch, FAULT_SECOND_MASTER);
         return SDO_ABORT_STATE;
     }
-    co_guard(&app->node, id);
+    if (id != before) {
+        co_guard(&app->node, id);
+    }
     return SDO_OK;
 }
 
 static uint32_t check_master(struct app *app, const struct od_entry *entry, int64_t value)
 {
     if (entry->sub == 2) {
-        return check_claim(app, (uint8_t)value);
+        return check_claim(app, (uint32_t)value);
     }
     return guard_arm(&app->drive.guard, (uint32_t)value, drive_now(&app->drive)) ? SDO_OK : SDO_ABORT_STATE;
 }

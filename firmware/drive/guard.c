@@ -8,13 +8,24 @@ void guard_reset(struct guard *g)
     *g = (struct guard){0};
 }
 
-bool guard_claim(struct guard *g, uint8_t id, bool powered)
+static void hold(struct guard *g, uint8_t id, uint32_t key)
 {
-    if (powered || (id != 0 && g->holder != 0)) {
+    g->holder = id;
+    g->key = key;
+    g->lost = g->drawn = g->armed = false;
+}
+
+bool guard_claim(struct guard *g, uint8_t id, uint32_t key, bool powered)
+{
+    const bool same = g->holder != 0 && key == g->key;
+    if (id != 0 && same && id == g->holder && key != 0) {
+        return true;
+    }
+    const bool may = id != 0 ? g->holder == 0 : g->holder == 0 || same;
+    if (!may || powered) {
         return false;
     }
-    g->holder = id;
-    g->lost = g->drawn = g->armed = false;
+    hold(g, id, key);
     return true;
 }
 
@@ -28,7 +39,7 @@ bool guard_ended(struct guard *g, bool powered)
     if (!g->lost || powered) {
         return false;
     }
-    (void)guard_claim(g, 0, false);
+    hold(g, 0, 0);
     return true;
 }
 
@@ -41,10 +52,13 @@ uint32_t guard_draw(struct guard *g, uint32_t now)
 
 bool guard_arm(struct guard *g, uint32_t ticket, uint32_t now)
 {
-    g->armed = g->holder != 0 && g->drawn && ticket == g->ticket;
-    g->armed_at = now;
+    const bool right = g->holder != 0 && (g->drawn || g->armed) && ticket == g->ticket;
+    if (right && !g->armed) {
+        g->armed = true;
+        g->armed_at = now;
+    }
     g->drawn = false;
-    return g->armed;
+    return right;
 }
 
 void guard_disarm(struct guard *g)

@@ -18,6 +18,7 @@ enum { GUARD_PERIODS = 5, GUARD_ARM_MS = 1000 };
 
 struct guard {
     uint8_t holder;       /* node id, 0 nobody */
+    uint32_t key;         /* ... and what it claimed with: tells it from another one with the same id; 0: none */
     bool lost;            /* ... and its heartbeat has ceased: it holds on until no axis has power */
     bool drawn, armed;    /* a ticket is out; was written back */
     uint32_t ticket;
@@ -30,13 +31,14 @@ struct guard {
 
 /* Nobody holds it, no state has been told. */
 void guard_reset(struct guard *g);
-/* 2140h claim: 1..127 claims, 0 releases; neither while an axis has power: false. */
-bool guard_claim(struct guard *g, uint8_t id, bool powered);
+/* 2140h claim: 1..127 claims, 0 releases what has the same key; neither while an axis has power: false. The holder may say
+ * it again, if it has a key: its answer may have been lost. */
+bool guard_claim(struct guard *g, uint8_t id, uint32_t key, bool powered);
 /* The holder's heartbeat has ceased. */
 void guard_lost(struct guard *g);
 /* Each millisecond. true: the claim of a holder that was lost has ended. */
 bool guard_ended(struct guard *g, bool powered);
-/* 2140h ticket is read, arm is written (false: another ticket, or nobody holds the drive). `now`: servo periods, as below. */
+/* 2140h ticket is read, arm is written (false: another ticket, or nobody holds the drive; until it is used, it may come again). `now`: servo periods, as below. */
 uint32_t guard_draw(struct guard *g, uint32_t now);
 bool guard_arm(struct guard *g, uint32_t ticket, uint32_t now);
 /* An axis lost its power, or both have it: the next time takes another ticket. */

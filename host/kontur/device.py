@@ -7,6 +7,7 @@ Names, units and ranges come from the EDS alone (docs/objects.md): `asmc.lambda`
 from __future__ import annotations
 
 import math
+import secrets
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from kontur import wire
 from kontur.emcy import describe_emcy
-from kontur.errors import BusError, DeviceError, EmcyError, KonturError, NoAnswerError, ParameterError
+from kontur.errors import BusError, DeviceError, EmcyError, HeldError, KonturError, NoAnswerError, ParameterError
 from kontur.link import Link
 from kontur.pathtime import RATE_MAX
 
@@ -38,7 +39,9 @@ _ABORTS_OF_TRANSFER = (0x05030000, 0x05040001, 0x05040004)  # toggle bit, comman
 _SEGMENT, _PROGRESS_EACH = 7, 64  # bytes of a segment of SDO; segments
 RESEND_S = 0.05
 """Time after which a command that shows no effect is sent again."""
-_HOST_TIMEOUT_MS = 500
+_ABORT_STATE = 0x08000022
+_HOST_TIMEOUT_MS = 500  # of the drive, for the heartbeat of who holds it
+_KEY_BITS = 24
 _STATE_TIMEOUT_S = 2.0
 _SETTLE_S = 0.01  # after power-on or a change of state, until what the drive tells of itself is of now
 _READY_AT_ONCE = ("socket://", "/dev/pts/")
@@ -137,6 +140,8 @@ class Device:
             name: _parameter(name, v) for name, v in self._variables.items() if v.storage_location == "PARAMETER"
         }
         self._written: dict[str, float] = {}  # parameters, as they are to be
+        self._key = 1 + secrets.randbelow((1 << _KEY_BITS) - 1)  # another one than that of any other host
+        self._holders = 0  # claims within each other
         self.read("device_name")
         if self.confirmed("clock.pace"):
             self._follow_sync()
@@ -286,51 +291,98 @@ class Device:
         """Go on after hold()."""
         self.override_feed(rate)
 
+    # --- who commands ---
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """The drive is this host's alone inside, as long as its heartbeat comes: wait by `link`, not otherwise.
+
+        Raises HeldError when another program holds it. May be nested.
+        """
+        self.claim()
+        self._holders += 1
+        try:
+            yield
+        finally:
+            self._holders -= 1
+            if not self._holders:
+                with suppress(KonturError):  # what happened first is what is told
+                    self.release()
+                self.link.rest()  # at the latest this ends the claim
+
+    def claim(self) -> None:
+        """Hold the drive: it watches this host's heartbeat from now on. Raises HeldError when another program does."""
+        end_s = self.link.time_s + 2e-3 * _HOST_TIMEOUT_MS
+        while True:
+            try:
+                self.write("master.claim", self._key << 8 | wire.HOST_NODE_ID)
+            except DeviceError as error:
+                aborted = error.__cause__
+                if not isinstance(aborted, SdoAbortedError) or aborted.code != _ABORT_STATE:
+                    raise
+                raise self._held_by(int(self.read("master.holder"))) from error
+            if self.read("master.holder") == wire.HOST_NODE_ID:
+                self.link.beat()
+                return
+            if self.link.time_s > end_s:  # a corrupted request has claimed it for a node that nobody is
+                raise DeviceError("the drive cannot be claimed: master.holder reads differently from what was written")
+            self.link.wait(lambda: False, RESEND_S)
+
+    def release(self) -> None:
+        """Hold the drive no longer, and send no heartbeat. Raises DeviceError while an axis is enabled."""
+        self.link.wait(lambda: "fault reaction active" not in self.states(), _STOP_TIMEOUT_S)
+        self.write("master.claim", self._key << 8)
+        self.link.rest()
+
     # --- state machine ---
 
     def enable(self) -> None:
         """Bring both axes to *operation enabled*, holding their position; a latched fault is reset first.
 
-        From here on the drive watches the host's heartbeat. Raises DeviceError with the state that it got stuck in.
+        The drive is claimed, and from here on watches the host's heartbeat. Raises HeldError when another program holds
+        it, DeviceError with the state that it got stuck in.
         """
+        self.claim()
         self._start_node()
         self._take_emergencies()
         for name, value in self._written.items():  # it may have been reset since
             if self.read(name) != value:
                 self.write(name, value)
-        self._write_entry("heartbeat_consumer", 1, wire.HOST_NODE_ID << 16 | _HOST_TIMEOUT_MS)
-        self.link.beat()  # the drive watches from the first one on
         self.write("mode_x", _MODE_INTERPOLATED)
         self.write("mode_y", _MODE_INTERPOLATED)
         end_s = self.link.time_s + _STATE_TIMEOUT_S
         while (states := self.states()) != ("operation enabled", "operation enabled"):
             if self.link.time_s > end_s:
                 raise DeviceError(self._stuck("enabled", states))
+            if "switched on" in states:
+                self._arm()
             self.controlwords(*(_TOWARDS_ENABLED.get(state, DISABLE_VOLTAGE) for state in states))
             self.link.wait(lambda before=states: self.states() != before, RESEND_S)  # type: ignore[misc]
         self.link.wait(lambda: False, _SETTLE_S)
 
     @contextmanager
     def enabled(self) -> Iterator[None]:
-        """Both axes enabled inside, switched off afterwards, whatever happened."""
-        self.enable()
-        try:
-            yield
-        except BaseException:
-            with suppress(KonturError):  # what happened first is what is told
-                self.disable()
-            raise
-        self.disable()
+        """The drive held, and both axes enabled inside; switched off afterwards, whatever happened."""
+        with self.held():
+            self.enable()
+            try:
+                yield
+            except BaseException:
+                with suppress(KonturError):  # what happened first is what is told
+                    self.disable()
+                raise
+            self.disable()
 
     def disable(self) -> None:
-        """Stop on the path if it runs, switch both axes off, stop watching the host.
+        """Stop on the path if it runs, switch both axes off, and release the drive unless it is held().
 
         Raises DeviceError when they stay enabled.
         """
         for controlword, left in ((SWITCH_ON, "operation enabled"), (DISABLE_VOLTAGE, "switched on")):
             if not self.insist(controlword, lambda left=left: left not in self.states(), _STOP_TIMEOUT_S):  # type: ignore[misc]
                 raise DeviceError(self._stuck("disabled", self.states()))
-        self._write_entry("heartbeat_consumer", 1, 0)
+        if not self._holders:
+            self.release()
 
     def controlwords(self, x: int, y: int) -> None:
         """Send both controlwords in one frame."""
@@ -405,6 +457,26 @@ class Device:
             )
         self.link.follow_sync(self.confirmed("clock.tick"), period_us // 1000)
 
+    def _arm(self) -> None:
+        """Let the drive be enabled by the next controlwords. Where a frame of it was lost, it is for another time."""
+        try:
+            self.write("master.arm", self.read("master.ticket"))
+        except NoAnswerError:
+            raise
+        except DeviceError:
+            pass
+
+    def _held_by(self, holder: int) -> HeldError:
+        drive = f"drive {self.link.node_id} on {self.link.bus.channel_info}"
+        if not holder:
+            return HeldError(
+                f"{drive} has power for a master that has not claimed it: switch it off there, or reset the drive"
+            )
+        return HeldError(
+            f"{drive} is held by master {holder}, another program that commands it: stop that program, or wait until "
+            f"its heartbeat has been gone for {_HOST_TIMEOUT_MS} ms"
+        )
+
     def _take_emergencies(self) -> list[tuple[int, int, bytes]]:
         taken, self.link.emergencies = self.link.emergencies, []
         return taken
@@ -459,9 +531,6 @@ class Device:
             raise DeviceError(f"the drive (node {self.link.node_id}) stores nothing: {why}") from error
         finally:
             sdo.RESPONSE_TIMEOUT = before_s
-
-    def _write_entry(self, name: str, subindex: int, value: int) -> None:
-        self._download(name, self._dictionary[name][subindex], value, read_back=True)
 
     def _download(self, name: str, variable: ODVariable, raw: int, read_back: bool) -> None:
         """Write, and read back; again where a corrupted frame wrote something else."""

@@ -61,6 +61,10 @@ class NoAnswerError(DeviceError):
     """The drive does not answer."""
 
 
+class HeldError(DeviceError):
+    """Another program commands the drive."""
+
+
 class StreamError(DeviceError):
     """A trajectory could not be streamed to its end."""
 

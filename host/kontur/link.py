@@ -13,6 +13,7 @@ lost, and every now and then, the drive is asked for its tick: no SYNC is sent t
 from __future__ import annotations
 
 import logging
+import math
 import queue
 import time
 from collections import deque
@@ -75,7 +76,7 @@ class Link:
         self._rounds = 0
         # A bus whose time passes by its own rules, in the simulator, says so by having a `time_s`.
         self._clock: Callable[[], float] = (lambda: bus.time_s) if hasattr(bus, "time_s") else time.monotonic
-        self._next_heartbeat_s = self._clock()
+        self._next_heartbeat_s = math.inf
         self.frames = 0
         """Sent and received so far."""
         self._recording = False
@@ -115,7 +116,8 @@ class Link:
         self._clock = lambda: self._tick_ms * 1e-3
         if isinstance(self.bus, FaultyBus):
             self.bus.clock = self._clock
-        self._next_heartbeat_s = self._clock()
+        if self._next_heartbeat_s < math.inf:
+            self._next_heartbeat_s = self._clock()
 
     def send(self, cob_id: int, data: bytes) -> None:
         """Send one frame. Raises BusError."""
@@ -126,9 +128,16 @@ class Link:
             raise BusError(f"{self.bus.channel_info}: sending failed: {error}") from error
 
     def beat(self) -> None:
-        """Send the host's heartbeat now; pump() does so every HEARTBEAT_S. Raises BusError."""
+        """Send the host's heartbeat now; from now on pump() does so every HEARTBEAT_S, until rest(). Raises BusError.
+
+        Who only looks on sends none: it would pass for that of a host that holds the drive, and has died.
+        """
         self._next_heartbeat_s = self._clock() + HEARTBEAT_S
         self.send(wire.HEARTBEAT + wire.HOST_NODE_ID, _HEARTBEAT_OPERATIONAL)
+
+    def rest(self) -> None:
+        """Send no heartbeat any more."""
+        self._next_heartbeat_s = math.inf
 
     def pump(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` for one frame and handle it; False when none came. Raises BusError.

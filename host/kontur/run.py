@@ -142,7 +142,7 @@ def run(
     start_m = trajectory.program.start_m
     if target.place_at_start:
         target = dataclasses.replace(target, machine=target.machine.starting_at(start_m))
-    with connect(target) as device:
+    with connect(target) as device, device.held():
         bus = device.link.bus
         drive = simulated(bus)
         sim = drive.sim if drive else None

@@ -103,8 +103,8 @@ static void test_enable_moving_that_is_asked_for_no_more_is_no_warning(void)
 static void test_second_master_is_refused_and_told(void)
 {
     rig_nmt(&rig, 1);
-    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 1, 5));
-    TEST_ASSERT_EQUAL_HEX32(0x08000022, rig_write(&rig, 0x2140, 2, 1, 6));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 4, 5));
+    TEST_ASSERT_EQUAL_HEX32(0x08000022, rig_write(&rig, 0x2140, 2, 4, 6));
     expect_reaction(ROW_SECOND_MASTER, 0);
     TEST_ASSERT_EQUAL_UINT32(5, rig_read(&rig, 0x2140, 1));
     TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2140, 5));
@@ -114,7 +114,7 @@ static void test_second_master_is_refused_and_told(void)
 static void test_second_master_leaves_a_path_alone_that_nobody_has_claimed(void)
 {
     be_on_the_way();
-    TEST_ASSERT_EQUAL_HEX32(0x08000022, rig_write(&rig, 0x2140, 2, 1, 5));
+    TEST_ASSERT_EQUAL_HEX32(0x08000022, rig_write(&rig, 0x2140, 2, 4, 5));
     expect_reaction(ROW_SECOND_MASTER, 0);
     expect_path_runs();
     expect_clearing(ROW_SECOND_MASTER, 1001);

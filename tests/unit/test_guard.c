@@ -21,9 +21,14 @@ void tearDown(void)
 {
 }
 
+static uint32_t claim_with(uint32_t key, uint8_t id)
+{
+    return rig_write(&rig, 0x2140, CLAIM, 4, key << 8 | id);
+}
+
 static uint32_t claim(uint8_t id)
 {
-    return rig_write(&rig, 0x2140, CLAIM, 1, id);
+    return claim_with(0, id);
 }
 
 static uint32_t read(uint8_t sub)
@@ -79,6 +84,26 @@ static void test_claim_is_for_who_comes_first_and_for_nobody_else_not_even_with_
     TEST_ASSERT_EQUAL_UINT32(0, read(HOLDER));
     TEST_ASSERT_EQUAL_HEX32(0, claim(5));
     TEST_ASSERT_EQUAL_UINT32(5, read(HOLDER));
+}
+
+static void test_key_tells_a_holder_from_another_one_with_the_same_id(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, claim_with(0x123456, 127));
+    rig_ms(&rig, 400);
+    TEST_ASSERT_EQUAL_HEX32(0, claim_with(0x123456, 127)); /* the answer was lost */
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, claim_with(0x123457, 127));
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, claim_with(0x123456, 126));
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, claim_with(0, 0));
+    TEST_ASSERT_EQUAL_UINT32(127, read(HOLDER));
+    TEST_ASSERT_EQUAL_HEX32(0, claim_with(0x123456, 0));
+    TEST_ASSERT_EQUAL_UINT32(0, read(HOLDER));
+    TEST_ASSERT_EQUAL_HEX32(0, claim_with(0x123456, 0));
+    TEST_ASSERT_EQUAL_HEX32(0x06090030, claim(128));
+    TEST_ASSERT_EQUAL_HEX32(0, claim_with(5, 127));
+    rig_ms(&rig, 400);
+    TEST_ASSERT_EQUAL_HEX32(0, claim_with(5, 127)); /* no heartbeat for all that */
+    rig_ms(&rig, 103);
+    TEST_ASSERT_EQUAL_UINT32(0, read(HOLDER));
 }
 
 static void test_holder_whose_heartbeat_never_comes_loses_the_drive(void)
@@ -315,9 +340,13 @@ static void test_held_drive_is_enabled_with_its_ticket_and_not_without(void)
     TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, arm(ticket)); /* one trial a ticket */
     both(ENABLE);
     expect_power(false);
-    TEST_ASSERT_EQUAL_HEX32(0, arm(read(TICKET)));
+    const uint32_t next = read(TICKET);
+    TEST_ASSERT_EQUAL_HEX32(0, arm(next));
+    TEST_ASSERT_EQUAL_HEX32(0, arm(next)); /* the answer was lost */
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, arm(next + 1));
     both(ENABLE);
     expect_power(true);
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, arm(next));
 }
 
 static void test_ticket_is_good_for_one_enabling_and_for_a_second(void)
@@ -389,6 +418,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_claim_is_for_who_comes_first_and_for_nobody_else_not_even_with_the_same_id);
+    RUN_TEST(test_key_tells_a_holder_from_another_one_with_the_same_id);
     RUN_TEST(test_holder_whose_heartbeat_never_comes_loses_the_drive);
     RUN_TEST(test_heartbeat_keeps_the_claim_and_others_do_not);
     RUN_TEST(test_time_of_1016h_is_that_of_its_node_alone);

@@ -35,7 +35,7 @@ def command(*, target: Target, axis: str, method: str | None, offset: float | No
         parameters[f"homing_method_{axis}"] = axes.METHODS[method]
     if offset is not None:
         parameters[f"home_offset_{axis}"] = round(offset * 1e6)
-    with connect(target) as device:
+    with connect(target) as device, device.held():
         device.set_parameters(parameters)
         with interruptible() as stop_requested, device.enabled():
             homed = axes.home(device, axis, stop_requested)

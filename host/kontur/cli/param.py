@@ -62,7 +62,7 @@ def get_command(*, target: Target, names: tuple[str, ...]) -> None:
 @target_options
 def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
     """Set parameters; none is set when one of them cannot be."""
-    with connect(target) as device:
+    with connect(target) as device, device.held():
         device.set_parameters(parameter_values(pairs))
 
 
@@ -85,7 +85,7 @@ def dump_command(*, target: Target, file: Path | None) -> None:
 def load_command(*, target: Target, file: Path) -> None:
     """Set all parameters that are in FILE, as `dump` writes it."""
     values = paramfile.read(file)
-    with connect(target) as device:
+    with connect(target) as device, device.held():
         device.set_parameters(values)
 
 
@@ -97,7 +97,7 @@ _EVERYTHING = click.option("--all", "everything", is_flag=True, help="Communicat
 @target_options
 def save_command(*, target: Target, everything: bool) -> None:
     """Let the drive start with its parameters as they are now; no axis may have power."""
-    with connect(target) as device:
+    with connect(target) as device, device.held():
         device.save_parameters(everything)
     click.echo("saved: the drive starts with what is set now")
 
@@ -107,6 +107,6 @@ def save_command(*, target: Target, everything: bool) -> None:
 @target_options
 def restore_command(*, target: Target, everything: bool) -> None:
     """Let the drive start with the defaults again; its node id and bit rate stay, and no axis may have power."""
-    with connect(target) as device:
+    with connect(target) as device, device.held():
         device.restore_defaults(everything)
     click.echo("restored: the defaults are in effect after the drive's next power-on or reset")

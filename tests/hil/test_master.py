@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A second program on the bus: refused, and the first one's motion goes on as if nobody had asked."""
+
+import subprocess
+import sys
+
+import pytest
+from rig import Rig, checksum
+from targets import Target
+
+from kontur.device import Device
+from kontur.errors import HeldError
+from kontur.link import Link
+from kontur.stream import stream
+
+pytestmark = pytest.mark.motion
+
+_COMMAND_S = 60.0
+
+
+def assert_undisturbed(rig: Rig) -> None:
+    assert rig.device.read("stream.underruns") == 0
+    assert rig.device.states() == ("operation enabled", "operation enabled")
+
+
+def test_second_master_is_refused_while_the_first_ones_path_runs_on(rig: Rig) -> None:
+    knots_nm = rig.circle(2.0)
+    told: list[str] = []
+
+    def ask(share: float) -> None:
+        if share > 0.5 and not told:
+            other = Device(Link(rig.bus, rig.drive.node_id))
+            with pytest.raises(HeldError) as refused:
+                other.enable()
+            told.append(str(refused.value))
+
+    with rig.device.enabled():
+        result = stream(rig.device, knots_nm, progress=ask)
+        assert_undisturbed(rig)
+        assert rig.device.read("stream.checksum") == checksum(knots_nm)
+    assert result.completed
+    assert "held by master 127" in told[0]
+    assert rig.device.read("master.refused") > 0
+    assert rig.device.read("master.holder") == 0
+
+
+def test_second_kontur_is_refused_while_the_first_one_runs(target: Target) -> None:
+    with target.power_on(pace="clock") as drive, Rig(drive) as rig:
+        if not drive.listeners:
+            pytest.skip("a bus for one program; --target vcan has one for many")
+        knots_nm = rig.circle(30.0)
+        bus = ["-i", str(drive.bus_options["interface"]), "-c", str(drive.bus_options["channel"])]
+        command = [sys.executable, "-m", "kontur.cli", "jog", "--x", "1", *bus, "--node", str(drive.node_id)]
+        others: list[subprocess.Popen[str]] = []
+
+        def ask(share: float) -> None:
+            if share > 0.1 and not others:
+                others.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+
+        with rig.device.enabled():
+            result = stream(
+                rig.device, knots_nm, progress=ask, stop_requested=lambda: bool(others) and others[0].poll() is not None
+            )
+            assert result.fault is None
+            assert_undisturbed(rig)
+        _, said = others[0].communicate(timeout=_COMMAND_S)
+        assert others[0].returncode == 1
+        assert "held by master 127" in said
