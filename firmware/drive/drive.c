@@ -281,6 +281,7 @@ static void obey(struct drive *d, int i, bool fresh, bool may_enable)
     axis->quick_stop = d->od->axis[i].quick_stop_option;
     cia402_command(axis, d->od->axis[i].controlword, may_enable && permitted);
     if (fresh && may_enable && !permitted && cia402_waits(axis)) {
+        guard_refused(&d->guard, i, drive_now(d));
         watch_event(&d->watch, FAULT_STALE_COMMAND);
     }
     if (was_fault && axis->state != CIA402_FAULT) {

@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "guard.h"
 
-#include "params.h"
-
 void guard_reset(struct guard *g)
 {
     *g = (struct guard){0};
@@ -88,4 +86,9 @@ bool guard_permits(const struct guard *g, int axis, uint32_t changes, bool claim
     const bool armed = g->armed && !g->lost && now - g->armed_at < GUARD_ARM_MS * (CONTROL_HZ / 1000u);
     return a->told == changes && now - a->told_at >= GUARD_PERIODS &&
            (g->holder != 0 ? armed : !claim_required);
+}
+
+void guard_refused(struct guard *g, int axis, uint32_t now)
+{
+    g->axis[axis].told_at = now;
 }

@@ -28,6 +28,7 @@ PATIENCE_S = 3600.0
 PACES = ("lockstep", "clock", "sync")
 
 _CLOCK_SLICE_S = 1e-3
+_WIRE_S = 2e-4  # that a frame, and one that it answers, take at 1 Mbit/s
 
 
 class KonturBus(can.BusABC):
@@ -60,6 +61,7 @@ class KonturBus(can.BusABC):
         self.channel_info = f"kontur simulated drive, machine {plant.name!r}, seed {seed}, node {node_id}"
         self._lock = threading.Lock()
         self._clock_start_s = time.monotonic() if pace == "clock" else None
+        self._sent_s = 0.0
         self._by_sync = pace == "sync"
         self.sim.run(on_for_ms * self.sim.control_hz // 1000)
         while on_for_ms and self.sim.recv() is not None:  # nobody was there to hear it
@@ -73,8 +75,10 @@ class KonturBus(can.BusABC):
         return self.sim.tick / self.sim.control_hz
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Hand a frame to the device, which handles it at once."""
+        """Hand a frame to the device, which handles it at once; by the wall clock, after its time on a wire."""
         with self._lock:
+            if self._clock_start_s is not None:
+                self._take_wire_time()
             if msg.is_extended_id or msg.is_fd or not self.sim.send(msg.arbitration_id, msg.data, msg.is_remote_frame):
                 raise can.CanOperationError("the simulated drive takes classic frames with 11-bit identifiers only")
             if self._by_sync and not msg.is_remote_frame:
@@ -111,6 +115,12 @@ class KonturBus(can.BusABC):
         """Power the drive off."""
         super().shutdown()
         self.sim.close()
+
+    def _take_wire_time(self) -> None:
+        """Not sooner after the frame before than it would come on a wire, and in the drive's time of this moment."""
+        time.sleep(max(0.0, self._sent_s + _WIRE_S - time.monotonic()))
+        self.sim.run(self._periods_to(self.sim.tick + self.sim.control_hz))
+        self._sent_s = time.monotonic()
 
     def _periods_to(self, end_tick: int) -> int:
         if self._clock_start_s is not None:

@@ -239,6 +239,19 @@ static bool receive_slowly(void *ctx, struct can_frame *f)
     return rig_can_receive(ctx, f);
 }
 
+static void test_burst_gives_no_power_however_long_it_is(void)
+{
+    both(SHUTDOWN);
+    for (unsigned i = 0; i < 100; i++) {
+        rig_run(&rig, i % GUARD_PERIODS);
+        both(ENABLE);
+        TEST_ASSERT_FALSE(rig.out.enable[0] || rig.out.enable[1]);
+    }
+    expect_power(false);
+    both(ENABLE);
+    expect_power(true);
+}
+
 static void test_command_that_came_before_the_statusword_went_is_no_answer_however_late_it_is_handled(void)
 {
     const uint8_t words[] = {SHUTDOWN, ENABLE};
@@ -428,6 +441,7 @@ int main(void)
     RUN_TEST(test_drive_with_power_is_neither_claimed_nor_released);
     RUN_TEST(test_resets_end_a_claim);
     RUN_TEST(test_burst_of_controlwords_gives_no_power);
+    RUN_TEST(test_burst_gives_no_power_however_long_it_is);
     RUN_TEST(test_command_that_came_before_the_statusword_went_is_no_answer_however_late_it_is_handled);
     RUN_TEST(test_one_stray_frame_after_power_on_a_stop_or_a_fault_gives_no_power);
     RUN_TEST(test_master_that_waits_for_the_statusword_is_enabled_straight_from_ready);

@@ -23,6 +23,7 @@
 #include "say.h"
 
 enum { SLICE_HZ = 1000, FRAMES_A_TURN = 256 };
+enum { WIRE_HZ = 5000 }; /* a frame, and one that it answers, take 1/5000 s at 1 Mbit/s */
 
 static const char usage[] =
     "usage: kontur-sim --machine FILE (--can INTERFACE | --slcan-tcp [HOST:]PORT | --slcan-pty)\n"
@@ -56,6 +57,7 @@ struct sim {
     struct bus bus;
     struct pace pace;
     ks *ks;
+    uint64_t taken_at; /* device time when a frame was last handled, periods */
     bool sync;
     bool told_slow;
 };
@@ -150,6 +152,7 @@ static bool take_frames(struct sim *s)
         if (!s->bus.receive(s->bus.ctx, &frame)) {
             return false;
         }
+        s->taken_at = s->lib.ks_tick(s->ks);
         (void)s->lib.ks_send(s->ks, frame.id, frame.rtr, frame.len, frame.data);
         send_what_waits(s);
         if (s->sync && !frame.rtr && frame.id == s->lib.ks_sync_id(s->ks)) {
@@ -219,8 +222,14 @@ static void run(struct sim *s, int signals)
             (void)!read(timer, &expirations, sizeof expirations);
         }
         s->bus.ready(s->bus.ctx, &fds[2], count);
-        more = take_frames(s);
-        more = (!s->sync && keep_pace(s)) || more;
+        more = !s->sync && keep_pace(s); /* first: a frame that comes now is handled now */
+        if (s->sync || s->lib.ks_tick(s->ks) - s->taken_at >= s->pace.hz / WIRE_HZ) {
+            more = take_frames(s) || more;
+        } else {
+            const struct timespec a_little = {.tv_nsec = 50000};
+            (void)nanosleep(&a_little, NULL);
+            more = true;
+        }
     }
     close(timer);
 }
