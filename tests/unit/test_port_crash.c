@@ -94,12 +94,14 @@ static void test_a_crash_with_the_stack_lost_is_recorded_without_its_place(void)
     enum hal_reset reset;
     struct hal_crash crash;
     power_on();
-    uint32_t elsewhere[8] = {0};
-    crash_record(elsewhere);
-    crash_read(&reset, &crash);
-    TEST_ASSERT_EQUAL(HAL_RESET_CRASH, reset);
-    TEST_ASSERT_EQUAL_HEX32(0, crash.pc);
-    TEST_ASSERT_EQUAL_UINT32(1, crash.count);
+    const uint32_t *const elsewhere[] = {kontur_stack_top, (const uint32_t *)sizeof(uint32_t)}; /* above, below */
+    for (unsigned i = 0; i < 2; i++) {
+        crash_record(elsewhere[i]);
+        crash_read(&reset, &crash);
+        TEST_ASSERT_EQUAL(HAL_RESET_CRASH, reset);
+        TEST_ASSERT_EQUAL_HEX32(0, crash.pc);
+        TEST_ASSERT_EQUAL_UINT32(i + 1, crash.count);
+    }
 }
 
 static void test_a_watchdog_reset_is_told(void)

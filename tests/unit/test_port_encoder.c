@@ -168,6 +168,16 @@ static void test_index_pulses_are_counted_also_where_their_distance_is_not_check
     }
 }
 
+static void test_a_jump_is_a_fault_also_with_an_index_pulse_that_fits(void)
+{
+    walk_to(340);
+    index_at(340);
+    walk_to(340 + COUNTS - 600);
+    chip.tim2.CNT += 600;
+    index_at(340 + COUNTS);
+    TEST_ASSERT_EQUAL_UINT8(HAL_ENCODER_FAULT, in.inputs[AXIS_X]);
+}
+
 static void test_new_wiring_starts_the_index_check_anew(void)
 {
     walk_to(340);
@@ -197,6 +207,7 @@ int main(void)
     RUN_TEST(test_the_index_pulse_tells_the_count_at_which_it_was);
     RUN_TEST(test_index_pulses_a_revolution_apart_fit_both_ways_within_a_line);
     RUN_TEST(test_lost_counts_show_at_the_next_index_pulse);
+    RUN_TEST(test_a_jump_is_a_fault_also_with_an_index_pulse_that_fits);
     RUN_TEST(test_an_index_pulse_within_a_line_fits_on_either_side_and_beyond_it_does_not);
     RUN_TEST(test_an_index_pulse_of_an_inverted_encoder_is_where_it_was);
     RUN_TEST(test_index_pulses_are_counted_also_where_their_distance_is_not_checked);

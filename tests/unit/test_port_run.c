@@ -6,6 +6,7 @@
 #include "can.h"
 #include "chip.h"
 #include "clock.h"
+#include "crash.h"
 #include "run.h"
 #include "unity.h"
 
@@ -118,7 +119,8 @@ static void expect_safe(void)
 static void expect_fault(uint16_t code)
 {
     expect_safe();
-    ticks(20);
+    give(0, 2, 0x0101, 0); /* NMT start: statuswords come */
+    ticks(200);
     expect_safe();
     TEST_ASSERT_TRUE(told(code));
     TEST_ASSERT_EQUAL_HEX16(code, read_object(0x603F, 0) & 0xFFFF);
@@ -139,6 +141,7 @@ static void start(void)
 {
     run_start();
     chip.can1.MSR = 0;
+    master.statusword = 0xFFFF; /* not told yet */
     ticks(30);
 }
 
@@ -271,6 +274,20 @@ static void test_a_brown_out_is_a_fault_of_the_next_run(void)
     expect_fault(0x5110);
 }
 
+static void test_a_crash_is_a_fault_of_the_next_run(void)
+{
+    static const uint32_t no_stack[8];
+    enable();
+    crash_record(no_stack);
+    expect_safe();
+    chip.rcc.CSR = RCC_CSR_SFTRSTF | RCC_CSR_PINRSTF;
+    master.emcys = 0;
+    start();
+    TEST_ASSERT_EQUAL_UINT32(HAL_RESET_CRASH, read_object(0x2031, 0) & 0xFF);
+    expect_fault(0x6010);
+    TEST_ASSERT_EQUAL_UINT32(1, read_object(0x2030, 7)); /* count */
+}
+
 static void test_what_is_saved_is_in_the_flash_and_there_in_the_next_run(void)
 {
     write_object(0x1017, 0, 70, 2);
@@ -300,6 +317,9 @@ static void test_in_an_emulator_time_passes_with_sync_if_that_is_chosen(void)
     ticks(5);
     TEST_ASSERT_EQUAL_UINT32(before + 2, read_object(0x2020, 3));
     give(0x81, 0, 0, 0); /* another frame */
+    chip.can1.RX[0] = (struct can_mailbox){.IR = 0x80u << CAN_IR_STID | CAN_IR_RTR};
+    chip.can1.RF0R = 1;
+    can_rx_irq(); /* a request for one */
     ticks(5);
     TEST_ASSERT_EQUAL_UINT32(before + 2, read_object(0x2020, 3));
     write_object(0x2034, 0, 0, 1);
@@ -321,6 +341,17 @@ static void test_ticks_that_take_longer_than_their_period_are_a_fault(void)
     expect_fault(0x6100);
 }
 
+/* Its time is the host's. */
+static void test_late_ticks_of_an_emulator_say_nothing(void)
+{
+    enable();
+    chip.rcc.CR = 0;
+    chip.scb.ICSR = SCB_ICSR_PENDSTSET;
+    ticks(20);
+    TEST_ASSERT_TRUE(enabled());
+    TEST_ASSERT_EQUAL_HEX8(0, read_object(0x1001, 0) & 0xFF);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -334,8 +365,10 @@ int main(void)
     RUN_TEST(test_a_background_that_does_not_run_starves_the_watchdog);
     RUN_TEST(test_a_watchdog_reset_is_a_fault_of_the_next_run);
     RUN_TEST(test_a_brown_out_is_a_fault_of_the_next_run);
+    RUN_TEST(test_a_crash_is_a_fault_of_the_next_run);
     RUN_TEST(test_what_is_saved_is_in_the_flash_and_there_in_the_next_run);
     RUN_TEST(test_in_an_emulator_time_passes_with_sync_if_that_is_chosen);
     RUN_TEST(test_ticks_that_take_longer_than_their_period_are_a_fault);
+    RUN_TEST(test_late_ticks_of_an_emulator_say_nothing);
     return UNITY_END();
 }
