@@ -21,6 +21,11 @@ static bool in_effect(const struct co_emcy *emcy, uint16_t code)
     return false;
 }
 
+uint16_t co_emcy_code(const struct co_node *node, unsigned i)
+{
+    return i < node->emcy.count ? node->emcy.code[i] : 0;
+}
+
 bool co_emcy_of_node(const struct co_node *node)
 {
     static const uint16_t codes[] = {CO_EMCY_PDO_SHORT, CO_EMCY_PDO_LONG, CO_EMCY_SYNC_LENGTH,

@@ -52,6 +52,8 @@ void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t msef
 /* It ends; nothing happens when it is not in effect. */
 void co_emcy_reset(struct co_node *node, uint16_t code);
 
+/* The i-th code in effect, oldest first; 0: there are not so many. */
+uint16_t co_emcy_code(const struct co_node *node, unsigned i);
 /* An error that the node raises itself is in effect. */
 bool co_emcy_of_node(const struct co_node *node);
 

@@ -257,6 +257,10 @@ static void before_read(void *ctx, const struct od_entry *entry)
     struct app *app = ctx;
     if (entry->index == 0x2300) {
         scope_report(&app->drive.loop.scope, &app->od);
+    } else if (entry->index == 0x2033) {
+        for (unsigned i = 0; i < sizeof app->od.errors / sizeof app->od.errors[0]; i++) {
+            app->od.errors[i] = co_emcy_code(&app->node, i);
+        }
     } else if (entry->index == 0x2140) {
         app->od.master.holder = app->drive.guard.holder;
         if (entry->sub == 3) {

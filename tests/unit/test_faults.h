@@ -70,7 +70,17 @@ static inline void expect_no_power(void)
     }
 }
 
-/* EMCY and its register, 1001h, 1003h; 603Fh of both axes: of what stops them alone */
+/* In 2033h, which has one entry for each and then zeros */
+static inline bool in_effect(uint16_t code)
+{
+    unsigned found = 0;
+    for (uint8_t i = 1; i <= 8; i++) {
+        found += rig_read(&rig, 0x2033, i) == code ? 1u : 0u;
+    }
+    return code == 0 ? found == 8 : found == 1;
+}
+
+/* EMCY and its register, 1001h, 1003h, 2033h; 603Fh of both axes: of what stops them alone */
 static inline void expect_told(enum row r, bool stops)
 {
     const struct promise *p = &promises[r];
@@ -82,6 +92,7 @@ static inline void expect_told(enum row r, bool stops)
     TEST_ASSERT_EQUAL_HEX8(p->reg | CO_REG_GENERIC, rig.emcy_reg[i]);
     TEST_ASSERT_EQUAL_HEX8(p->reg | CO_REG_GENERIC, rig_read(&rig, 0x1001, 0));
     TEST_ASSERT_EQUAL_HEX16(p->emcy, rig_read(&rig, 0x1003, 1) & 0xFFFFu);
+    TEST_ASSERT_TRUE_MESSAGE(in_effect(p->emcy), "2033h");
     const uint16_t code = stops ? p->emcy : 0;
     TEST_ASSERT_EQUAL_HEX16(code, rig_read(&rig, 0x603F, 0));
     TEST_ASSERT_EQUAL_HEX16(code, rig_read(&rig, 0x683F, 0));
@@ -194,6 +205,7 @@ static inline void expect_latched(enum row r)
     rig_expect_states(&rig, RIG_DISABLED, RIG_DISABLED);
     TEST_ASSERT_EQUAL_HEX16(0, rig.emcy[rig.emcy_count - 1]);
     TEST_ASSERT_EQUAL_HEX8(0, rig_read(&rig, 0x1001, 0));
+    TEST_ASSERT_TRUE(in_effect(0));
     TEST_ASSERT_EQUAL_HEX16(0, rig_read(&rig, 0x603F, 0));
     TEST_ASSERT_EQUAL_HEX16(0, rig_read(&rig, 0x683F, 0));
     TEST_ASSERT_EQUAL_UINT32(SCOPE_WAITING, rig_read(&rig, 0x2300, 2));
@@ -240,6 +252,7 @@ static inline void expect_end(enum row r, unsigned ms)
     TEST_ASSERT_EQUAL_HEX16(0, rig.emcy[rig.emcy_count - 1]);
     TEST_ASSERT_EQUAL_HEX8(0, rig.emcy_reg[rig.emcy_count - 1]);
     TEST_ASSERT_EQUAL_HEX8(0, rig_read(&rig, 0x1001, 0));
+    TEST_ASSERT_TRUE(in_effect(0));
     if (!promises[r].captured) {
         expect_capture(r);
     }

@@ -196,8 +196,10 @@ static void test_gain_at_its_limit_is_warned_of(void)
     rig_write(&rig, 0x2121, 3, 2, 20);
     rig_enable(&rig);
     rig_go(&rig, &stream, 100);
-    for (unsigned i = 0; i < 5000 && loop_snapshot(&rig.app.drive.loop)->k_hat[1] < 1001; i++) {
+    const struct loop_snapshot *now = loop_snapshot(&rig.app.drive.loop);
+    for (unsigned i = 0; i < 5000 && now->k_hat[0] < 1001 && now->k_hat[1] < 1001; i++) {
         rig_run(&rig, 1);
+        now = loop_snapshot(&rig.app.drive.loop);
     }
     expect_reaction(ROW_GAIN, 200); /* 2121h:3 */
     expect_path_runs();
