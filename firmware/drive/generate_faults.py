@@ -168,7 +168,8 @@ def docs(faults: list[Fault]) -> str:
         "Generated from `firmware/drive/faults.toml` by `firmware/drive/generate_faults.py`: do not edit.",
         "",
         "What the drive watches, and what it does about it. Each row has a test that injects the cause on the "
-        "simulated drive and checks all that stands here (`tests/unit/test_faults*.c`). The reaction comes within two control periods of the "
+        "simulated drive and checks all that stands here (`tests/unit/test_faults*.c`). "
+        "The reaction comes within two control periods of the "
         "detection; *delay* is how long the detection takes. The code is the one of the EMCY and, where an axis goes "
         "into fault, of 603Fh, "
         "which keeps the first one of several. A fault is latched until fault reset (controlword bit 7 of each axis), "
@@ -198,9 +199,10 @@ def docs(faults: list[Fault]) -> str:
 
 
 def table(faults: list[Fault]) -> str:
-    """What the host says of a code, by code."""
+    """What the host says of a code, by code; `bit` of a FAULT_BIT()."""
     keys = ("name", "fault", "cause", "remedy", "reaction", "captured")
-    rows = {f"{f.emcy:04X}": {key: getattr(f, key) for key in keys} for f in faults}
+    bits = {f.name: bit for bit, f in enumerate(f for f in faults if not f.node)}
+    rows = {f"{f.emcy:04X}": {key: getattr(f, key) for key in keys} | {"bit": bits.get(f.name)} for f in faults}
     return json.dumps(rows, indent=1) + "\n"
 
 

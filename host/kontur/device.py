@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from decimal import Decimal
+from itertools import takewhile
 from typing import Any
 
 import can
@@ -19,7 +20,7 @@ from canopen.objectdictionary import ObjectDictionaryError, ODVariable, datatype
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from kontur import wire
-from kontur.emcy import describe_emcy
+from kontur.emcy import describe_emcy, faults
 from kontur.errors import BusError, DeviceError, EmcyError, HeldError, KonturError, NoAnswerError, ParameterError
 from kontur.link import Link
 from kontur.pathtime import RATE_MAX
@@ -70,6 +71,8 @@ _TOWARDS_ENABLED = {
 }
 BIT_TARGET_REACHED, BIT_PATH_RUNS = 1 << 10, 1 << 12
 _BIT_FAULT = 1 << 3
+_ERRORS = 8  # entries of 2033h
+_CAN_STATES = ("error active", "error warning", "error passive", "off")
 
 # Objects that are read back when they are written, besides the parameters.
 _READ_BACK = (
@@ -97,7 +100,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Info:
-    """Who answered."""
+    """Who answered. `warnings`, `error_code`: EMCY codes; `can`: what its CAN controller says of the bus."""
 
     node_id: int
     name: str
@@ -108,6 +111,8 @@ class Info:
     state: tuple[str, str]
     position_m: tuple[float, float]
     error_code: tuple[int, int]
+    warnings: tuple[int, ...]
+    can: str
 
 
 def open_bus(options: Mapping[str, Any]) -> can.BusABC:
@@ -255,6 +260,8 @@ class Device:
             state=states,
             position_m=self.position_m(),
             error_code=(self.read("error_code_x"), self.read("error_code_y")),
+            warnings=self.warnings(),
+            can=_CAN_STATES[self.read("can.state")],
         )
 
     def position_nm(self) -> tuple[int, int]:
@@ -445,6 +452,20 @@ class Device:
                 reported = {emcy[0]: emcy for emcy in self._take_emergencies()}
                 _, register, data = reported.get(code, (code, self.read("error_register"), b""))
                 raise EmcyError(code, register, data, f"the drive reports {describe_emcy(code)}")
+
+    def errors(self) -> tuple[int, ...]:
+        """EMCY codes of all errors and warnings in effect, oldest first."""
+        if not self.read("error_register"):
+            return ()
+        codes = (int(self.read(f"errors.entry_{i}")) for i in range(1, _ERRORS + 1))
+        return tuple(takewhile(bool, codes))
+
+    def warnings(self) -> tuple[int, ...]:
+        """EMCY codes of what the drive has warned of since it is connected, or was warning of before, each once."""
+        known = faults()
+        option = {"tunnel": self.read("tunnel.reaction") == 0}  # of rows that only may warn
+        codes = dict.fromkeys((*self.link.reported, *self.errors()))
+        return tuple(c for c in codes if c in known and (known[c].warns or option.get(known[c].name, False)))
 
     # --- inside ---
 

@@ -14,7 +14,7 @@ TABLE = Path(__file__).with_name("fault_table.json")
 @dataclass(frozen=True)
 class Fault:
     """A row of firmware/drive/faults.toml. `reaction`: warn, refuse, path stop, quick stop or disable; `captured`: the
-    scope in the drive keeps what led to it."""
+    scope in the drive keeps what led to it; `bit` of it there, None where the CANopen node raises it."""
 
     name: str
     fault: str
@@ -22,6 +22,12 @@ class Fault:
     remedy: str
     reaction: str
     captured: bool
+    bit: int | None
+
+    @property
+    def warns(self) -> bool:
+        """It stops nothing, whatever the options."""
+        return self.reaction in ("warn", "refuse")
 
 
 @lru_cache(maxsize=1)

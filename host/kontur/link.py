@@ -56,8 +56,8 @@ class Link:
 
     `status` is the latest TPDO1, None before the first, `status_count` how many came; `statuswords` are those that came
     the same twice running, so that one corrupted frame tells nothing; `emergencies` are the EMCY objects received and
-    not yet taken by the caller, as (code, register, data). `astray` are objects, (index, subindex), that the drive says
-    it has set when it was told to set others: the request was corrupted.
+    not yet taken by the caller, as (code, register, data), `reported` the codes of all so far, each once. `astray` are
+    objects, (index, subindex), that the drive says it has set when it was told to set others: the request was corrupted.
     """
 
     def __init__(self, bus: can.BusABC, node_id: int, eds: str | Path = EDS) -> None:
@@ -71,6 +71,7 @@ class Link:
         self.astray: list[tuple[int, int]] = []
         self._round_trips_s: deque[float] = deque(maxlen=16)
         self.emergencies: list[tuple[int, int, bytes]] = []
+        self.reported: list[int] = []
         self._sync_ms = 0  # device time that passes at each SYNC; 0: time passes by itself
         self._tick_ms = 0
         self._rounds = 0
@@ -89,7 +90,7 @@ class Link:
         self.node = _PumpedNode(self, node_id, str(eds))
         self._network.add_node(self.node)
         self._network.subscribe(wire.TPDO1 + node_id, self._on_status)
-        self.node.emcy.add_callback(lambda e: self.emergencies.append((e.code, e.register, bytes(e.data))))
+        self.node.emcy.add_callback(self._on_emergency)
 
     @property
     def time_s(self) -> float:
@@ -264,6 +265,11 @@ class Link:
             return None
         tick_ms = int.from_bytes(answers[0], "little")
         return tick_ms if 0 <= tick_ms - self._tick_ms <= _AHEAD_MS else None
+
+    def _on_emergency(self, emcy: Any) -> None:
+        self.emergencies.append((emcy.code, emcy.register, bytes(emcy.data)))
+        if emcy.code not in self.reported:
+            self.reported.append(emcy.code)
 
     def _on_status(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
         if len(data) == 8:

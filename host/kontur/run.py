@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kontur import pathtime, scoring, wire
+from kontur import emcy, pathtime, scoring, wire
 from kontur import scope as scopes
 from kontur.device import Device, connected, open_bus
 from kontur.errors import DeviceError, EmcyError
@@ -91,7 +91,8 @@ class RunResult:
     """`log` of the run; `truth` at the control rate from the start of the path to its end, None on a real drive.
 
     `fault`: what the drive reported, where that ended the run. `capture`: what its scope recorded, where that was asked
-    for and triggered, or where a fault ended the run.
+    for and triggered, or where a fault ended the run, or a warning that it captures came. `warnings`: EMCY codes of
+    what the drive warned of.
     """
 
     log: RunLog
@@ -99,6 +100,7 @@ class RunResult:
     completed: bool
     fault: EmcyError | None = None
     capture: scopes.Capture | None = None
+    warnings: tuple[int, ...] = ()
 
 
 def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: float | None = None) -> Limits:
@@ -176,7 +178,9 @@ def run(
             )
             truth = sim.truth() if sim is not None else None
             telemetry = device.link.recorded(start_nm)
-        capture = scopes.held(device, progress) if scope is not None or streamed.fault is not None else None
+        warnings = device.warnings()
+        captured = streamed.fault is not None or any(emcy.faults()[code].captured for code in warnings)
+        capture = scopes.held(device, progress) if scope is not None or captured else None
         if scope is not None and streamed.fault is None:
             scopes.release(device)
         meta: dict[str, Any] = {
@@ -188,6 +192,8 @@ def run(
         }
         if streamed.fault is not None:
             meta["fault"] = str(streamed.fault)
+        if warnings:
+            meta["warnings"] = [emcy.describe_emcy(code) for code in warnings]
         if sim is not None:
             meta |= {"plant": dataclasses.asdict(target.machine), "seed": target.seed}
         meta |= {
@@ -206,7 +212,7 @@ def run(
     if truth is not None:
         truth = _cut(truth, clock.start_period - recorded_from, clock.periods)
         meta |= _score(columns, truth, trajectory, clock, score_from_s)
-    return RunResult(RunLog(meta, columns), truth, streamed.completed, streamed.fault, capture)
+    return RunResult(RunLog(meta, columns), truth, streamed.completed, streamed.fault, capture, warnings)
 
 
 def summary(log: RunLog) -> dict[str, Any]:

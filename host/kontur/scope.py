@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from kontur import emcy
 from kontur.device import Device
 from kontur.errors import DeviceError, FileError, ParameterError
 from kontur.files import write_whole
@@ -114,7 +115,8 @@ class Capture:
     """What the scope recorded: `values` (frames, signals) in their units, one frame each `periods` control periods.
 
     `first_period`, `trigger_period`: control periods since power-on, of the first frame and of the trigger;
-    `trigger_frame` is the first frame at or after the trigger; `fault`: EMCY code of the fault that triggered, or 0.
+    `trigger_frame` is the first frame at or after the trigger; `fault`: EMCY code of the fault or warning that
+    triggered, or 0.
     """
 
     signals: tuple[Signal, ...]
@@ -196,8 +198,15 @@ def read(device: Device, progress: Callable[[float], None] = lambda share: None)
         first_period=first,
         trigger_period=at,
         trigger_frame=frame,
-        fault=int(device.read("error_code_x") or device.read("error_code_y")) if cause else 0,
+        fault=_cause(device, cause),
     )
+
+
+def _cause(device: Device, bits: int) -> int:
+    """EMCY code of what triggered: of several at once the one that the drive names in 603Fh."""
+    codes = [code for code, fault in emcy.faults().items() if fault.bit is not None and bits >> fault.bit & 1]
+    named = int(device.read("error_code_x") or device.read("error_code_y"))
+    return named if named in codes or (bits and not codes) else next(iter(codes), 0)
 
 
 def save(capture: Capture, path: Path) -> None:

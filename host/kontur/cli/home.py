@@ -9,9 +9,9 @@ import click
 
 from kontur import axes
 from kontur.cli import EXIT_INTERRUPTED
-from kontur.cli.options import interruptible, target_options
+from kontur.cli.options import drive_of, interruptible, target_options
 from kontur.cli.output import print_json
-from kontur.run import Target, connect
+from kontur.run import Target
 
 
 @click.command(name="home")
@@ -35,7 +35,7 @@ def command(*, target: Target, axis: str, method: str | None, offset: float | No
         parameters[f"homing_method_{axis}"] = axes.METHODS[method]
     if offset is not None:
         parameters[f"home_offset_{axis}"] = round(offset * 1e6)
-    with connect(target) as device, device.held():
+    with drive_of(target) as device, device.held():
         device.set_parameters(parameters)
         with interruptible() as stop_requested, device.enabled():
             homed = axes.home(device, axis, stop_requested)

@@ -8,7 +8,7 @@ import dataclasses
 import click
 
 from kontur.cli.options import target_options
-from kontur.cli.output import print_json
+from kontur.cli.output import print_json, print_warnings, warnings_json
 from kontur.emcy import describe_emcy
 from kontur.run import Target, connect
 
@@ -22,12 +22,13 @@ def command(*, target: Target, as_json: bool) -> None:
         info = device.info()
         bus = str(device.link.bus.channel_info)
     if as_json:
-        print_json({"bus": bus, **dataclasses.asdict(info)})
+        print_json({"bus": bus, **dataclasses.asdict(info), "warnings": warnings_json(info.warnings)})
         return
-    click.echo(f"bus         {bus}")
+    click.echo(f"bus         {bus}, CAN {info.can}")
     click.echo(f"drive       {info.name}, node {info.node_id}")
     click.echo(f"firmware    {info.build}, numbers {info.num}, control {info.control_hz} Hz")
     click.echo(f"controller  {info.controller}")
     for axis, state, position_m, code in zip("xy", info.state, info.position_m, info.error_code, strict=True):
         fault = f", error {describe_emcy(code)}" if code else ""
         click.echo(f"axis {axis}      {state}, at {position_m * 1e3:.6f} mm{fault}")
+    print_warnings(info.warnings)

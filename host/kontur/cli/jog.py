@@ -9,9 +9,9 @@ import click
 
 from kontur import axes
 from kontur.cli import EXIT_INTERRUPTED
-from kontur.cli.options import interruptible, target_options
+from kontur.cli.options import drive_of, interruptible, target_options
 from kontur.cli.output import print_json
-from kontur.run import Target, connect
+from kontur.run import Target
 
 DURATION_MAX_S = 60.0
 
@@ -39,7 +39,7 @@ def command(*, target: Target, x: float | None, y: float | None, duration_s: flo
     if not velocity_mps:
         raise click.UsageError("which axis? Give a speed with --x or --y")
     interrupted = False
-    with connect(target) as device, interruptible() as stop_requested, device.enabled():
+    with drive_of(target) as device, interruptible() as stop_requested, device.enabled():
         before_m = device.position_m()
         whole = axes.jog(device, velocity_mps, duration_s, stop_requested)
         interrupted = stop_requested()

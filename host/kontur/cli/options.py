@@ -17,9 +17,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from kontur import machine as machines
+from kontur.cli.output import print_warnings
+from kontur.device import Device
 from kontur.errors import FileError, ParameterError
 from kontur.faults import FAULT_NAMES, Faults
-from kontur.run import Target
+from kontur.run import Target, connect
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -177,6 +179,14 @@ def parameter_values(pairs: tuple[tuple[str, str], ...]) -> dict[str, float]:
         except ValueError as error:
             raise ParameterError(f"{name}: {text!r} is not a number") from error
     return values
+
+
+@contextmanager
+def drive_of(target: Target) -> Iterator[Device]:
+    """connect(); at the end what the drive has warned of is printed to stderr."""
+    with connect(target) as device:
+        yield device
+        print_warnings(device.warnings())
 
 
 @contextmanager

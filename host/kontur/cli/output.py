@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import click
 from rich.console import Console
 from rich.table import Table
+
+from kontur.emcy import describe_emcy
 
 _HEADINGS = {
     "mean_um": "mean µm",
@@ -45,3 +47,14 @@ def _text(value: Any) -> str:
     if value is None:
         return "-"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def print_warnings(codes: Iterable[int]) -> None:
+    """What a drive has warned of, EMCY codes, with cause and remedy; to stderr."""
+    for code in codes:
+        click.echo(f"Warning: the drive reports {describe_emcy(code)}.", err=True)
+
+
+def warnings_json(codes: Iterable[int]) -> list[dict[str, str]]:
+    """The same for print_json()."""
+    return [{"code": f"{code:04X}h", "text": describe_emcy(code)} for code in codes]

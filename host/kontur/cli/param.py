@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 
 from kontur import paramfile
-from kontur.cli.options import KEY_VALUE, parameter_values, target_options
+from kontur.cli.options import KEY_VALUE, drive_of, parameter_values, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.files import write_whole
-from kontur.run import Target, connect
+from kontur.run import Target
 
 
 @click.group(name="param")
@@ -27,7 +27,7 @@ def command() -> None:
 @target_options
 def list_command(*, target: Target, as_json: bool) -> None:
     """List all parameters with value, range and unit."""
-    with connect(target) as device:
+    with drive_of(target) as device:
         rows = [
             {
                 "name": p.name,
@@ -51,7 +51,7 @@ def list_command(*, target: Target, as_json: bool) -> None:
 @target_options
 def get_command(*, target: Target, names: tuple[str, ...]) -> None:
     """Read parameters, or any other object, by name."""
-    with connect(target) as device:
+    with drive_of(target) as device:
         for name in names:
             unit = device.unit(name)
             click.echo(f"{name} = {device.read(name)}{f' {unit}' if unit else ''}")
@@ -62,7 +62,7 @@ def get_command(*, target: Target, names: tuple[str, ...]) -> None:
 @target_options
 def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
     """Set parameters; none is set when one of them cannot be."""
-    with connect(target) as device, device.held():
+    with drive_of(target) as device, device.held():
         device.set_parameters(parameter_values(pairs))
 
 
@@ -71,7 +71,7 @@ def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
 @target_options
 def dump_command(*, target: Target, file: Path | None) -> None:
     """Write all parameters to FILE (TOML), or to the terminal."""
-    with connect(target) as device:
+    with drive_of(target) as device:
         text = paramfile.text(device.dump(), device.parameters)
     if file is None:
         click.echo(text, nl=False)
@@ -85,7 +85,7 @@ def dump_command(*, target: Target, file: Path | None) -> None:
 def load_command(*, target: Target, file: Path) -> None:
     """Set all parameters that are in FILE, as `dump` writes it."""
     values = paramfile.read(file)
-    with connect(target) as device, device.held():
+    with drive_of(target) as device, device.held():
         device.set_parameters(values)
 
 
@@ -97,7 +97,7 @@ _EVERYTHING = click.option("--all", "everything", is_flag=True, help="Communicat
 @target_options
 def save_command(*, target: Target, everything: bool) -> None:
     """Let the drive start with its parameters as they are now; no axis may have power."""
-    with connect(target) as device, device.held():
+    with drive_of(target) as device, device.held():
         device.save_parameters(everything)
     click.echo("saved: the drive starts with what is set now")
 
@@ -107,6 +107,6 @@ def save_command(*, target: Target, everything: bool) -> None:
 @target_options
 def restore_command(*, target: Target, everything: bool) -> None:
     """Let the drive start with the defaults again; its node id and bit rate stay, and no axis may have power."""
-    with connect(target) as device, device.held():
+    with drive_of(target) as device, device.held():
         device.restore_defaults(everything)
     click.echo("restored: the defaults are in effect after the drive's next power-on or reset")

@@ -25,7 +25,7 @@ from kontur.cli.options import (
     progress_bar,
     target_options,
 )
-from kontur.cli.output import print_json, print_table
+from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
 from kontur.device import CONTROLLERS
 from kontur.errors import FileError
 from kontur.log import RunLog
@@ -111,7 +111,7 @@ def _scope_setup(signals: str | None, trigger: str | None, pre: float, divider: 
 
 
 def _save_capture(result: RunResult, controller: str, several: bool, log: Path | None, out: Path | None) -> None:
-    """To where it was asked for, or beside the log where a fault left it."""
+    """To where it was asked for, or beside the log where a fault or a warning left it."""
     if result.capture is None:
         if out is not None:
             click.echo("The scope has not been triggered in the run.", err=True)
@@ -120,8 +120,9 @@ def _save_capture(result: RunResult, controller: str, several: bool, log: Path |
         scopes.save(result.capture, log_path(out, controller, several))
     elif log is not None:
         beside = log_path(log, controller, several)
+        what = "fault" if result.fault is not None else "warning"
         for suffix in (".csv", ".png"):
-            scopes.save(result.capture, beside.with_name(f"{beside.stem}-fault{suffix}"))
+            scopes.save(result.capture, beside.with_name(f"{beside.stem}-{what}{suffix}"))
 
 
 @click.command(name="run")
@@ -205,7 +206,8 @@ def command(
 
     SIGUSR1 holds the drive on the path, SIGUSR2 lets it go on. Ctrl-C stops it there; the log is complete up to there,
     and so it is when a fault ends the run: what the drive recorded of the 500 ms before is put beside the log then
-    (LOG-fault.csv, .png).
+    (LOG-fault.csv, .png). What the drive warns of is told at the end, with its remedy; where it captures that
+    (contour tunnel), too, it is put there as LOG-warning.
     """
     check_output(log, ".csv", ".mf4")
     check_output(report, ".html")
@@ -220,6 +222,7 @@ def command(
     controllers = CONTROLLERS if "all" in controller else tuple(dict.fromkeys(controller))
     runs: list[RunLog] = []
     completed, fault = True, None
+    warnings: dict[int, None] = {}  # each once, whichever runs it came in
     for name in controllers:
         with progress_bar(name) as progress, interruptible() as stop_requested, held_by_signals() as held:
             result = run(
@@ -239,6 +242,7 @@ def command(
         if log is not None:
             logs.write(result.log, log_path(log, name, len(controllers) > 1))
         _save_capture(result, name, len(controllers) > 1, log, scope_out)
+        warnings |= dict.fromkeys(result.warnings)
         completed, fault = result.completed, result.fault
         if not completed:
             break
@@ -249,9 +253,11 @@ def command(
 
     rows = [{"controller": run_log.meta["controller"], **summary(run_log)} for run_log in runs]
     if as_json:
-        print_json({"program": program.name, "duration_s": trajectory.duration_s, "runs": rows})
+        print_json({"program": program.name, "duration_s": trajectory.duration_s, "runs": rows,
+                    "warnings": warnings_json(warnings)})  # fmt: skip
     else:
         print_table(rows, f"{program.name}, {trajectory.duration_s:.2f} s: contour error")
+    print_warnings(warnings)
     if fault is not None:
         raise fault
     if not completed:

@@ -13,12 +13,12 @@ import click
 
 from kontur import scope
 from kontur.cli import EXIT_INTERRUPTED
-from kontur.cli.options import check_output, interruptible, progress_bar, target_options
+from kontur.cli.options import check_output, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.device import Device
 from kontur.emcy import describe_emcy
 from kontur.errors import DeviceError, KonturError
-from kontur.run import Target, connect
+from kontur.run import Target
 from kontur.scope import Capture, Setup
 
 
@@ -63,7 +63,7 @@ def command(
     for path in outputs:
         check_output(path, *scope.SUFFIXES)
     setup = Setup(scope.names(signals), scope.trigger(trigger), pre, divider)
-    with connect(target) as device, _armed_at_the_end(device):
+    with drive_of(target) as device, _armed_at_the_end(device):
         capture = _last(device) if last else _record(device, setup, wait_s)
         for path in outputs:
             scope.save(capture, path)
@@ -132,4 +132,4 @@ def show(capture: Capture, as_json: bool) -> None:
     span = f"{capture.time_s[0] * 1e3:.1f} to {capture.time_s[-1] * 1e3:.1f} ms"
     print_table(rows, f"{facts['frames']} frames, {span} from the trigger")
     if capture.fault:
-        click.echo(f"Triggered by fault {describe_emcy(capture.fault)}.")
+        click.echo(f"Triggered by {describe_emcy(capture.fault)}.")

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the drive only warns of is told with its remedy: by `kontur info`, at the end of a run, in its log."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from kontur import log, machine, scope
+from kontur.cli import main
+from kontur.device import Device
+from kontur.emcy import describe_emcy
+from kontur.errors import DeviceError
+from kontur.run import Target, connect
+
+CIRCLE = ("run", "circle", "--radius", "4", "--feed", "50")
+NARROW = ("--set", "tunnel.radius=200", "--set", "tunnel.debounce=0", "--set", "tunnel.reaction=0")
+TUNNEL, CONFIG_ENABLED = 0xFF14, 0xFF18
+
+
+def kontur(*args: str) -> Result:
+    result = CliRunner().invoke(main, args)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def refuse_a_parameter(device: Device) -> None:
+    """While an axis has power the drive warns of it for a second."""
+    with device.enabled(), pytest.raises(DeviceError, match="refuses"):
+        device.write("asmc.k_0", 120.0)
+
+
+def test_run_without_a_warning_tells_none() -> None:
+    result = kontur(*CIRCLE, "--json")
+    assert json.loads(result.stdout)["warnings"] == []
+    assert result.stderr == ""
+
+
+def test_run_tells_each_warning_once_with_its_remedy_and_keeps_it_in_the_log(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    result = kontur(*CIRCLE, *NARROW, "--controller", "track", "--controller", "cc", "--log", str(path), "--json")
+    text = describe_emcy(TUNNEL)
+    assert result.stderr == f"Warning: the drive reports {text}.\n"
+    assert json.loads(result.stdout)["warnings"] == [{"code": "FF14h", "text": text}]
+    assert "Remedy: lower the feed" in text
+    assert log.read(tmp_path / "run-cc.csv").meta["warnings"] == [text]
+
+
+def test_tunnel_that_only_warns_leaves_its_capture_beside_the_log(tmp_path: Path) -> None:
+    kontur(*CIRCLE, *NARROW, "--controller", "track", "--log", str(tmp_path / "run.csv"))
+    head = (tmp_path / "run-warning.csv").read_text().splitlines()
+    assert '# fault: "FF14h"' in head
+    assert (tmp_path / "run-warning.png").exists()
+
+
+def test_warnings_are_those_since_the_connection_and_those_in_effect() -> None:
+    with connect(Target(machine=machine.load())) as device:
+        assert device.warnings() == ()
+        assert device.errors() == ()
+        refuse_a_parameter(device)
+        assert device.errors() == (CONFIG_ENABLED,)
+        assert device.info().warnings == (CONFIG_ENABLED,)
+        device.link.wait(lambda: False, 1.1)
+        assert device.errors() == ()
+        assert device.warnings() == (CONFIG_ENABLED,)
+
+
+def test_warning_from_before_the_connection_is_told_while_it_lasts() -> None:
+    with connect(Target(machine=machine.load())) as device:
+        refuse_a_parameter(device)
+        device.link.reported.clear()  # as if another host had been there
+        assert device.warnings() == (CONFIG_ENABLED,)
+
+
+def test_fault_is_no_warning() -> None:
+    with connect(Target(machine=machine.load())) as device:
+        device.link.reported.append(0x8611)
+        device.link.reported.append(TUNNEL)  # stops the axes by default
+        device.link.reported.append(0x1234)
+        assert device.warnings() == ()
+
+
+def test_capture_names_what_triggered_it_though_the_drive_is_not_in_fault() -> None:
+    result = kontur(*CIRCLE, *NARROW, "--controller", "track", "--json")
+    assert "FF14h" in result.stdout
+    bits = {code: fault.bit for code, fault in scope.emcy.faults().items()}
+    assert bits[TUNNEL] is not None
+    assert bits[0x8120] is None
