@@ -56,8 +56,9 @@ class Link:
 
     `status` is the latest TPDO1, None before the first, `status_count` how many came; `statuswords` are those that came
     the same twice running, so that one corrupted frame tells nothing; `emergencies` are the EMCY objects received and
-    not yet taken by the caller, as (code, register, data), `reported` the codes of all so far, each once. `astray` are
-    objects, (index, subindex), that the drive says it has set when it was told to set others: the request was corrupted.
+    not yet taken by the caller, as (code, register, data), `reported` the codes of all so far. `astray` are
+    objects, (index, subindex), that the drive says it has set when it was told to set others: the request was
+    corrupted.
     """
 
     def __init__(self, bus: can.BusABC, node_id: int, eds: str | Path = EDS) -> None:
