@@ -68,8 +68,11 @@ def _wait_for(port: int) -> None:
 
 
 @contextmanager
-def start(image: Path) -> Iterator[Emulator]:
-    """Power on a board with `image`, an ELF file. Raises SimulatorError when QEMU or the image is not there."""
+def start(image: Path, usart: int = 1) -> Iterator[Emulator]:
+    """Power on a board with `image`, an ELF file, whose slcan is on `usart`.
+
+    Raises SimulatorError when QEMU or the image is not there.
+    """
     program = shutil.which(PROGRAM)
     if program is None:
         raise SimulatorError(f"{PROGRAM} is not installed; on Debian: sudo apt-get install qemu-system-arm")
@@ -81,7 +84,7 @@ def start(image: Path) -> Iterator[Emulator]:
         arguments = [program, "-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-kernel", str(image)]
         for name, listener in (("serial", serial), ("debugger", debugger)):
             arguments += ["-chardev", f"socket,id={name},fd={listener.fileno()},server=on,wait=off,nodelay=on"]
-        arguments += ["-serial", "chardev:serial", "-gdb", "chardev:debugger"]
+        arguments += ["-serial", "null"] * (usart - 1) + ["-serial", "chardev:serial", "-gdb", "chardev:debugger"]
         process = stack.enter_context(
             subprocess.Popen(
                 arguments, pass_fds=(serial.fileno(), debugger.fileno()), stdin=subprocess.DEVNULL, stderr=stderr
