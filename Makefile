@@ -45,7 +45,7 @@ CHIP_SOURCES := $(filter-out %/start.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/u
 HOST_TESTS := app can_errors chk fuzz machine_file pace power_cut sim slcan store $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_port_*.c))
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
-NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden homing ip learning loop machine modes num observer params path scope servo spline trig uncertainty
+NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden homing ip learning loop machine modes num observer on_chip params path scope servo spline trig uncertainty
 # Not for the checking back end: in these an encoder jumps out of the range of `num`, where fixed point saturates and chk
 # stops; and it has no words of its own.
 NOT_CHK  := drive golden loop
