@@ -124,7 +124,7 @@ enum path_event path_step(struct path *p, const struct path_in *in)
     p->at.rate = acc_to(p->motion.rate);
     p->at.rate_dot = n_mul(acc_to(p->motion.slope), n_div(NUM(SPLINE_PER_T0), in->stop_time));
     if (!n_lt(NUM(0), p->at.rate)) {
-        return run && !room && !start ? PATH_UNDERRUN : PATH_STANDS;
+        return run && !start ? PATH_UNDERRUN : PATH_STANDS; /* with room it would move */
     }
     return run && !room ? PATH_STARVED : PATH_NOTHING;
 }

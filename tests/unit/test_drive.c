@@ -293,13 +293,18 @@ static void test_knot_that_comes_at_the_last_moment_keeps_an_open_ended_stream_f
     TEST_ASSERT_EQUAL(QUEUE_TAKEN, drive_push(&drive, (struct knot){{5, 0}}));
 }
 
-static void test_resting_knots_that_come_at_the_last_moment_do_not_keep_the_stream_from_ending(void)
+static void test_last_knots_that_come_at_the_last_moment_are_gone_through_before_the_stream_ends(void)
 {
-    rest_and_then(0, 10); /* too few for path time to go on */
-    TEST_ASSERT_EQUAL_UINT8(STREAM_DONE, od.stream.state);
-    TEST_ASSERT_EQUAL_UINT32(110, od.stream.executed);
-    ms(200);
-    TEST_ASSERT_EQUAL_HEX32(0, drive.faults);
+    for (int32_t nm = 0; nm <= 5; nm += 5) { /* resting, and on to somewhere else */
+        setUp();
+        rest_and_then(nm, 5);
+        TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.queue.open);
+        ms(200);
+        TEST_ASSERT_EQUAL_UINT8(STREAM_DONE, od.stream.state);
+        TEST_ASSERT_EQUAL_UINT32(105, od.stream.executed);
+        TEST_ASSERT_EQUAL_INT32(nm, loop_snapshot(&drive.loop)->reference_nm[0]);
+        TEST_ASSERT_EQUAL_HEX32(0, drive.faults);
+    }
 }
 
 int main(void)
@@ -318,6 +323,6 @@ int main(void)
     RUN_TEST(test_reset_cuts_the_power_and_keeps_position_and_time);
     RUN_TEST(test_underrun_counts_once_however_long_it_lasts);
     RUN_TEST(test_knot_that_comes_at_the_last_moment_keeps_an_open_ended_stream_from_ending);
-    RUN_TEST(test_resting_knots_that_come_at_the_last_moment_do_not_keep_the_stream_from_ending);
+    RUN_TEST(test_last_knots_that_come_at_the_last_moment_are_gone_through_before_the_stream_ends);
     return UNITY_END();
 }

@@ -423,6 +423,21 @@ static void test_stream_that_runs_into_a_limit_switch_stops_on_its_path_with_a_f
     TEST_ASSERT_DOUBLE_WITHIN(0.2, -20, mmps(1));
 }
 
+static void test_end_of_the_last_jog_is_not_taken_for_that_of_the_next(void)
+{
+    start_jog_mode();
+    velocity(0, 10000);
+    rig_ms(&rig, 200);
+    velocity(0, 0);
+    rig_ms(&rig, 200);
+    velocity(0, 10000);
+    rig_controlwords_at_once(&rig, ENABLE, ENABLE); /* begins a path */
+    rig_controlwords_at_once(&rig, ENABLE, ENABLE); /* the tick still stands at the end of the one before */
+    rig_ms(&rig, 200);
+    TEST_ASSERT_DOUBLE_WITHIN(0.2, 10, mmps(0));
+    TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
+}
+
 static void test_total_of_the_next_stream_does_not_end_a_jog(void)
 {
     start_jog_mode();
@@ -486,5 +501,6 @@ int main(void)
 #ifndef KONTUR_NUM_CHK
     RUN_TEST(test_jog_that_nobody_makes_knots_for_stops_with_a_fault);
 #endif
+    RUN_TEST(test_end_of_the_last_jog_is_not_taken_for_that_of_the_next);
     return UNITY_END();
 }

@@ -260,6 +260,26 @@ static void test_rate_goes_to_the_override_and_stays_there(void)
     }
 }
 
+static void test_override_above_1_takes_a_path_on_that_runs_at_1(void)
+{
+    cruise();
+    in.rate = NUM(1.2);
+    TEST_ASSERT_EQUAL(PATH_NOTHING, step(700));
+    TEST_ASSERT_EQUAL_DOUBLE(val(NUM(1.2)), val(path.at.rate));
+}
+
+static void test_smallest_override_with_the_longest_stop_is_no_underrun_from_its_first_period_on(void)
+{
+    in.stop_time = NUM(1000);
+    step(20001);
+    in.rate = NUM(0);
+    TEST_ASSERT_EQUAL(PATH_STANDS, step(30000));
+    in.rate = NUM(0.001);
+    for (int i = 0; i < 100; i++) {
+        TEST_ASSERT_EQUAL(PATH_NOTHING, step(1));
+    }
+}
+
 static void test_override_of_0_stands_and_is_no_underrun(void)
 {
     cruise();
@@ -455,5 +475,7 @@ int main(void)
     RUN_TEST(test_hiccup_slows_the_path_and_it_recovers);
     RUN_TEST(test_knots_at_half_the_rate_halve_the_speed_without_a_stop);
     RUN_TEST(test_path_never_outruns_its_knots_whenever_they_come);
+    RUN_TEST(test_override_above_1_takes_a_path_on_that_runs_at_1);
+    RUN_TEST(test_smallest_override_with_the_longest_stop_is_no_underrun_from_its_first_period_on);
     return UNITY_END();
 }

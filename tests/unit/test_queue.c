@@ -416,6 +416,9 @@ static void test_open_ended_stream_is_given_its_end_while_it_is_open(void)
     TEST_ASSERT_FALSE_MESSAGE(queue_end(&queue, 3), "it has an end");
     queue_begin(&queue, origin, 10);
     TEST_ASSERT_FALSE(queue_end(&queue, 20));
+    queue_begin(&queue, origin, 0);
+    queue_close(&queue);
+    TEST_ASSERT_FALSE(queue_end(&queue, 20));
 }
 
 static void test_each_of_the_four_soft_limits_is_watched(void)

@@ -179,6 +179,19 @@ static void test_knots_passed_are_those_of_a_division_however_long_the_path(void
     }
 }
 
+static void test_piece_of_a_ring_that_was_emptied_is_made_anew(void)
+{
+    struct spline_kept kept = {0};
+    struct spline_piece rest;
+    four_knots();
+    const num before = spline_keep(&kept, &ring, ring.count, 3)->half.x;
+    TEST_ASSERT_TRUE(val(before) != 0);
+    TEST_ASSERT_TRUE(spline_keep(&kept, &ring, ring.count, 3)->whole);
+    spline_piece(&ring, 0, 3, &rest); /* the background has emptied it, and has not begun the next path yet */
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(rest.half.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(spline_keep(&kept, &ring, 0, 3)->half.x));
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -196,5 +209,6 @@ int main(void)
     RUN_TEST(test_two_metres_out_the_curve_is_the_same_to_the_last_bit);
     RUN_TEST(test_control_periods_of_10_and_20_khz_are_whole_numbers_of_path_time);
     RUN_TEST(test_knots_passed_are_those_of_a_division_however_long_the_path);
+    RUN_TEST(test_piece_of_a_ring_that_was_emptied_is_made_anew);
     return UNITY_END();
 }
