@@ -25,7 +25,7 @@ else:
     import tomli as tomllib
 
 HELD = ("firmware/core", "firmware/drive", "firmware/canopen")
-LEAST = {**dict.fromkeys(HELD, 0.95), "firmware/port": 0.80}  # of the branches of each folder
+LEAST = dict.fromkeys((*HELD, "firmware/port"), 0.95)  # of the branches of each folder
 
 
 @dataclass(frozen=True, order=True)

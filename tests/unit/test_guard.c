@@ -378,6 +378,19 @@ static void test_ticket_is_good_for_one_enabling_and_for_a_second(void)
     expect_power(false);
 }
 
+static void test_ticket_is_good_for_nothing_from_the_moment_in_which_its_holder_is_lost(void)
+{
+    struct guard guard;
+    guard_reset(&guard);
+    TEST_ASSERT_TRUE(guard_claim(&guard, 127, false));
+    TEST_ASSERT_TRUE(guard_arm(&guard, guard_draw(&guard, 1000), 1000));
+    guard_sent(&guard, AXIS_Y, 3);
+    guard_drained(&guard, 1000);
+    TEST_ASSERT_TRUE(guard_permits(&guard, AXIS_Y, 3, false, 1000 + GUARD_PERIODS));
+    guard_lost(&guard);
+    TEST_ASSERT_FALSE(guard_permits(&guard, AXIS_Y, 3, false, 1000 + GUARD_PERIODS));
+}
+
 static void test_recording_of_a_whole_session_does_not_enable_a_held_drive_again(void)
 {
     hold();
@@ -453,5 +466,6 @@ int main(void)
     RUN_TEST(test_recording_of_a_whole_session_does_not_enable_a_held_drive_again);
     RUN_TEST(test_drive_can_be_told_to_serve_only_who_holds_it);
     RUN_TEST(test_anybody_may_stop_a_held_drive);
+    RUN_TEST(test_ticket_is_good_for_nothing_from_the_moment_in_which_its_holder_is_lost);
     return UNITY_END();
 }
