@@ -236,24 +236,58 @@ static void test_nobody_acknowledges_and_the_drive_lives_on_and_tells_it_later(v
     TEST_ASSERT_EQUAL_HEX8(0, read_object(0x1001, 0) & 0xFF);
 }
 
+/* Frames pass in neither direction any more, with the axes on. */
+static void test_a_transceiver_that_dies_stops_the_axes_cuts_their_power_and_is_told_later(void)
+{
+    write_object(0x1016, 1, 0x7F0000 | 500, 4);
+    give(0x77F, 1, 5, 0);
+    enable();
+    master.listening = false;
+    chip.can1.TSR = 0;
+    chip.can1.ESR = 128u << CAN_ESR_TEC | CAN_ESR_EPVF | CAN_ESR_EWGF;
+    ticks(4900);
+    TEST_ASSERT_TRUE(enabled()); /* not for a frame or two */
+    ticks(1000);
+    expect_safe();
+
+    chip.can1.ESR = 0;
+    master.listening = true;
+    ticks(50);
+    expect_fault(0x8130);
+    TEST_ASSERT_EQUAL_HEX16(0x8130, read_object(0x1003, 1) & 0xFFFF);
+    TEST_ASSERT_EQUAL_HEX16(0x8120, read_object(0x1003, 2) & 0xFFFF);
+}
+
+/* What the chip does when nobody feeds its watchdog: all pins are inputs, and the firmware starts anew. */
+static void expect_watchdog_starved(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, chip.iwdg.KR);
+    power_on();
+    chip.rcc.CSR = RCC_CSR_IWDGRSTF | RCC_CSR_PINRSTF;
+    start();
+    expect_fault(0x6010);
+}
+
 static void test_a_servo_tick_that_stands_still_starves_the_watchdog(void)
 {
+    enable();
     run_pass();
     chip.iwdg.KR = 0;
     for (int i = 0; i < 1000; i++) {
         run_pass();
     }
-    TEST_ASSERT_EQUAL_HEX32(0, chip.iwdg.KR);
+    expect_watchdog_starved();
 }
 
 static void test_a_background_that_does_not_run_starves_the_watchdog(void)
 {
+    enable();
     run_pass();
     chip.iwdg.KR = 0;
     for (int i = 0; i < 10000; i++) {
         tick_irq();
     }
-    TEST_ASSERT_EQUAL_HEX32(0, chip.iwdg.KR);
+    expect_watchdog_starved();
 }
 
 static void test_a_watchdog_reset_is_a_fault_of_the_next_run(void)
@@ -361,6 +395,7 @@ int main(void)
     RUN_TEST(test_a_crystal_that_does_not_start_is_a_fault_until_it_is_acknowledged);
     RUN_TEST(test_a_crystal_that_stops_cuts_the_power_at_once);
     RUN_TEST(test_nobody_acknowledges_and_the_drive_lives_on_and_tells_it_later);
+    RUN_TEST(test_a_transceiver_that_dies_stops_the_axes_cuts_their_power_and_is_told_later);
     RUN_TEST(test_a_servo_tick_that_stands_still_starves_the_watchdog);
     RUN_TEST(test_a_background_that_does_not_run_starves_the_watchdog);
     RUN_TEST(test_a_watchdog_reset_is_a_fault_of_the_next_run);
