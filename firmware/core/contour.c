@@ -1,14 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "contour.h"
 
-/* Where the curve is read. */
-struct source {
-    const struct spline_ring *ring;
-    struct spline_kept *kept;
-    uint32_t count;
-    const pos_t *axes;
-};
-
 /* What a step needs of the curve near the axes: mostly all three points lie on one piece. Actual positions count from
  * its first knot, so that each is subtracted once. */
 struct near {
@@ -17,17 +9,26 @@ struct near {
     num u;  /* path time of the point, knots from piece->knot */
 };
 
-static inline struct near take_piece(const struct source *from, uint32_t knot, num u)
+/* Where the curve is read. */
+struct source {
+    const struct spline_ring *ring;
+    struct spline_kept *kept;
+    uint32_t count;
+    const pos_t *axes;
+};
+
+static inline struct near take_piece(struct source from, uint32_t knot, num u)
 {
-    const struct spline_piece *piece = spline_keep(from->kept, from->ring, from->count, knot);
+    const struct spline_piece *piece = spline_keep(from.kept, from.ring, from.count, knot);
     const struct near at = {
-        piece, v2(pos_sub(from->axes[0], piece->pos[0]), pos_sub(from->axes[1], piece->pos[1])), u};
+        piece, v2(pos_sub(from.axes[0], piece->pos[0]), pos_sub(from.axes[1], piece->pos[1])), u};
     return at;
 }
 
 /* The point `u` knots from knot `knot`, which lies on another piece; not before the beginning of the path. */
-__attribute__((noinline)) static struct near change_piece(const struct source *from, uint32_t knot, num u)
+__attribute__((noinline)) static struct near change_piece(struct source from, uint32_t knot, num u)
 {
+    from.kept->busy = true;
     int32_t on = n_to_scaled(u, 1);
     num rest = n_sub(u, n_ratio(on, 1));
     if (n_lt(rest, NUM(0))) {
@@ -39,10 +40,10 @@ __attribute__((noinline)) static struct near change_piece(const struct source *f
 }
 
 /* On by t_T0, but not to before the beginning of the path. */
-static inline void shift(const struct source *from, struct near *at, num t_T0)
+static inline void shift(struct source from, struct near *at, num t_T0)
 {
     at->u = n_mad(at->u, NUM(SPLINE_PER_T0), t_T0);
-    if (n_lt(at->u, NUM(0)) || !n_lt(at->u, NUM(1))) {
+    if (!n_lt(n_abs(n_sub(at->u, NUM(0.5))), NUM(0.5))) {
         *at = change_piece(from, at->piece->knot, at->u);
     }
 }
@@ -97,7 +98,7 @@ static inline num foot_slope(const struct frame *f, const struct foot *foot)
 }
 
 /* (3)-(6): errors at r(s), delay, foot point; returns the frame there */
-static inline struct frame find_foot(const struct contour_cfg *cfg, const struct source *from, struct near *at, vec2 d1,
+static inline struct frame find_foot(const struct contour_cfg *cfg, struct source from, struct near *at, vec2 d1,
                                      struct foot *foot, struct contour_out *o)
 {
     const struct frame ref = frame_at(cfg, d1);
@@ -173,17 +174,15 @@ void contour_step(const struct contour_cfg *cfg, struct spline_kept *kept, const
                   const struct path_state *path, const pos_t q[2], vec2 q_dot, struct contour_out *out)
 {
     const struct source from = {ring, kept, path->count, q};
-    struct near at = take_piece(&from, path->knot, n_ratio(path->rest, PATH_ONE));
+    struct near at = take_piece(from, path->knot, n_ratio(path->rest, PATH_ONE));
     const struct spline_local ref = spline_on(at.piece, at.u);
-    out->r[0] = pos_add(at.piece->pos[0], ref.way.x);
-    out->r[1] = pos_add(at.piece->pos[1], ref.way.y);
     out->r_dot = v2_scale(path->rate, ref.d1);
     out->r_ddot = v2_mad(v2_scale(n_mul(path->rate, path->rate), ref.d2), path->rate_dot, ref.d1);
     out->e_w = v2_sub(at.q, ref.way); /* (3) */
     out->e_w_dot = v2_sub(q_dot, out->r_dot);
 
     struct foot foot;
-    const struct frame f = find_foot(cfg, &from, &at, ref.d1, &foot, out);
+    const struct frame f = find_foot(cfg, from, &at, ref.d1, &foot, out);
     out->t = f.t;
     if (f.still) {
         keep_reference(path, out);

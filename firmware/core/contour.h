@@ -50,9 +50,8 @@ struct path_state {
 };
 
 struct contour_out {
-    pos_t r[2];               /* r(s) */
-    vec2 r_dot, r_ddot;       /* derivatives by time */
-    vec2 e_w, e_w_dot;
+    vec2 r_dot, r_ddot;       /* derivatives of r(s) by time */
+    vec2 e_w, e_w_dot;        /* q - e_w: r(s) */
     vec2 e_l;
     num t_d;
     uint32_t foot_knot;       /* tau: the last knot before, and knots from there */

@@ -113,8 +113,6 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     const bool fresh = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
     if (!in->enabled[0] && !in->enabled[1]) { /* no reference: where the axes stand */
         *out = (struct servo_out){.velocity = out->velocity};
-        out->contour.r[0] = q[0];
-        out->contour.r[1] = q[1];
     } else {
         contour_step(&cfg->contour, &state->kept, in->ring, &in->path, q, out->velocity, &out->contour);
         const bool switched = in->controller != state->controller;

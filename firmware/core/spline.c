@@ -56,10 +56,12 @@ __attribute__((noinline)) const struct spline_piece *spline_make(struct spline_k
 __attribute__((noinline)) void spline_make_next(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count,
                                                 uint32_t knot)
 {
+    const bool busy = kept->busy;
+    kept->busy = false;
     if (kept->ready - knot > SPLINE_READY) { /* path time was there before: it has jumped */
         kept->ready = knot;
     }
-    if (kept->ready + 2u < count) {
+    if ((!busy || kept->ready - knot <= 2u) && kept->ready + 2u < count) {
         (void)spline_keep(kept, ring, count, kept->ready);
         kept->ready++;
     }

@@ -80,6 +80,7 @@ struct spline_piece {
 struct spline_kept {
     struct spline_piece piece[SPLINE_KEPT]; /* that from knot i on in piece[i % SPLINE_KEPT] */
     uint32_t ready;                         /* knot of the next one to make */
+    bool busy;                              /* the foot point has changed its piece since one was made, or not, last */
 };
 
 /* A point of a piece. */
@@ -99,14 +100,12 @@ static inline const struct spline_piece *spline_keep(struct spline_kept *kept, c
     const struct spline_piece *piece = &kept->piece[knot % SPLINE_KEPT];
     return piece->whole == knot + 1u && knot + 2u < count ? piece : spline_make(kept, ring, count, knot);
 }
-/* Make the next piece ready of those that path time, at knot `knot`, comes to, if its knots have come: `now`, or as soon as there
- * are few. */
+/* Make the next piece ready of those that path time, at knot `knot`, comes to, if its knots have come and the period has not been
+ * busy: at most once in a period. */
 void spline_make_next(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count, uint32_t knot);
-static inline void spline_prepare(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count, uint32_t knot,
-                                  bool now)
+static inline void spline_prepare(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count, uint32_t knot)
 {
-    const uint32_t ahead = kept->ready - knot;
-    if (ahead != SPLINE_READY + 1u && (now || ahead <= 2u)) {
+    if (kept->ready != knot + SPLINE_READY + 1u) {
         spline_make_next(kept, ring, count, knot);
     }
 }

@@ -114,6 +114,7 @@ __attribute__((noinline)) static void change_path(struct loop *loop, const struc
     STORE(loop->starved, !rest && (event == PATH_STARVED || (slowed && LOAD(loop->starved))));
     STORE(loop->at_end, event == PATH_AT_END || (event == PATH_UNDERRUN && rest));
     STORE(loop->standing, standing);
+    STORE(loop->executed, path_executed(&loop->path));
     STORE(loop->begun, begin);
 }
 
@@ -124,10 +125,11 @@ static inline void follow_path(struct loop *loop, const struct loop_cfg *cfg)
     const bool complete = LOAD(loop->command.complete);
     const bool run = LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0;
     const bool on = run && LOAD(loop->command.rate) == 1000u && LOAD(loop->command.begin) == LOAD(loop->begun);
-    if (!on || !path_run_on(&loop->path, LOAD(loop->ring->count), complete, STEP)) {
+    if (on && path_run_on(&loop->path, LOAD(loop->ring->count), complete, STEP)) {
+        STORE(loop->executed, loop->path.at.knot + 1u);
+    } else {
         change_path(loop, cfg, complete, run);
     }
-    STORE(loop->executed, path_executed(&loop->path));
 }
 
 SELDOM static void watch_inputs(struct loop *loop, unsigned inputs)
@@ -283,7 +285,7 @@ static void scale(struct loop *loop, const struct loop_record *r)
     s->ms = r->ms;
     for (int i = 0; i < 2; i++) {
         s->position_nm[i] = pos_to_nm(r->position[i]);
-        s->reference_nm[i] = pos_to_nm(o->contour.r[i]);
+        s->reference_nm[i] = pos_to_nm(pos_add(r->position[i], n_neg(e_w[i])));
         s->velocity_umps[i] = n_to_scaled(v[i], 200);
         s->following_nm[i] = n_to_scaled(e_w[i], 1000);
         s->e_n_nm[i] = n_to_scaled(e_n[i], 1000);
@@ -408,7 +410,10 @@ __attribute__((noinline, noclone)) void loop_tick(struct loop *loop)
     };
     write_machine(loop, &drive);
     const uint32_t ticks = LOAD(loop->ticks);
-    scope_step(&loop->scope, (const void *const[SCOPE_BASES]){loop, out}, ticks, LOAD(loop->faults));
+    const uint32_t faults = LOAD(loop->faults);
+    if (scope_runs(&loop->scope, faults)) {
+        scope_step(&loop->scope, (const void *const[SCOPE_BASES]){loop, out}, ticks);
+    }
 
     STORE(loop->ticks, ticks + 1u);
     const uint32_t left = (ticks + 1u) % TICKS_PER_MS;
@@ -417,8 +422,7 @@ __attribute__((noinline, noclone)) void loop_tick(struct loop *loop)
     } else if (left == 0) {
         publish(loop, record, servo.controller);
     } else {
-        const struct path_state *at = &loop->path.at;
-        spline_prepare(&loop->servo.kept, loop->ring, at->count, at->knot, out->contour.foot_knot == at->knot);
+        spline_prepare(&loop->servo.kept, loop->ring, loop->path.at.count, loop->path.at.knot);
     }
 }
 

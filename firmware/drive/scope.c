@@ -4,8 +4,8 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "contour.h"
 #include "params.h"
+#include "servo.h"
 
 /* The tick and the background share a core (scope.h): the order that the compiler keeps is enough. */
 #define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
@@ -17,6 +17,17 @@ static uint32_t path_hundredths(const struct path_state *p)
     return p->knot * 100u + (uint32_t)((uint64_t)p->rest * (100u / 5u) >> 29); /* PATH_ONE is 5 2^29 */
 }
 
+static uint32_t reference_nm(const pos_t *position, unsigned axis, const struct servo_out *out)
+{
+    const vec2 e_w = out->contour.e_w;
+    return (uint32_t)pos_to_nm(pos_add(*position, n_neg(axis == 0 ? e_w.x : e_w.y)));
+}
+
+static bool is_position(const struct scope_signal *s)
+{
+    return s->kind == SCOPE_POS || s->kind == SCOPE_REFERENCE;
+}
+
 static uint32_t sample(const struct scope_signal *s, const void *const base[])
 {
     const void *at = (const unsigned char *)base[s->base] + s->offset;
@@ -24,6 +35,7 @@ static uint32_t sample(const struct scope_signal *s, const void *const base[])
     case SCOPE_NUM: return n_word(*(const num *)at);
     case SCOPE_ACC: return n_word(acc_to(*(const acc_t *)at));
     case SCOPE_POS: return (uint32_t)pos_to_nm(*(const pos_t *)at);
+    case SCOPE_REFERENCE: return reference_nm(at, s->axis, base[SCOPE_OUT]);
     case SCOPE_PATH: return path_hundredths(at);
     case SCOPE_U8: return *(const uint8_t *)at;
     default: return *(const uint32_t *)at;
@@ -47,9 +59,9 @@ static bool crosses(struct scope *s, const void *const base[])
     return crossed;
 }
 
-static bool triggers(struct scope *s, const void *const base[], uint32_t raised)
+static bool triggers(struct scope *s, const void *const base[])
 {
-    s->cause = raised | LOAD(s->told);
+    s->cause = s->raised | LOAD(s->told);
     if (s->cause != 0 || s->trigger == SCOPE_NOW) {
         return true;
     }
@@ -67,19 +79,13 @@ static void take_frame(struct scope *s, const void *const base[], uint32_t tick)
     s->last_tick = tick;
 }
 
-void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t tick, uint32_t faults)
+void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t tick)
 {
-    const uint32_t raised = faults & ~s->faults;
-    const uint8_t state = LOAD(s->state);
-    bool triggered = state == SCOPE_TRIGGERED;
-    s->faults = faults;
-    if (state == SCOPE_WAITING && triggers(s, base, raised)) {
+    bool triggered = LOAD(s->state) == SCOPE_TRIGGERED;
+    if (!triggered && triggers(s, base)) {
         s->trigger_tick = tick;
         triggered = true;
         atomic_store(&s->state, SCOPE_TRIGGERED);
-    }
-    if (state == SCOPE_OFF || state == SCOPE_DONE) {
-        return;
     }
     if (s->wait != 0) {
         s->wait--;
@@ -125,7 +131,7 @@ bool scope_arm(struct scope *s, const struct od_data *od, const int32_t origin_n
     s->before -= s->before == s->capacity ? 1u : 0u;
     if (level) {
         s->source = scope_signals[c->source];
-        const int32_t origin = s->source.kind == SCOPE_POS ? origin_nm[s->source.axis] : 0;
+        const int32_t origin = is_position(&s->source) ? origin_nm[s->source.axis] : 0;
         s->level = is_number(&s->source) ? n_word(n_ratio(c->level, s->source.scale))
                                          : (uint32_t)c->level - (uint32_t)origin;
     }
@@ -174,7 +180,7 @@ static uint32_t counts(const struct scope_signal *s, uint32_t word, const int32_
     if (is_number(s)) {
         return (uint32_t)n_to_scaled(n_of_word(word), s->scale);
     }
-    return s->kind == SCOPE_POS ? word + (uint32_t)origin_nm[s->axis] : word;
+    return is_position(s) ? word + (uint32_t)origin_nm[s->axis] : word;
 }
 
 /* Word i of what is read. */

@@ -26,7 +26,7 @@ enum scope_command { SCOPE_COMMAND_ARM = 1, SCOPE_COMMAND_DEFAULTS, SCOPE_COMMAN
 
 /* Where a signal is in the tick, and what it is: one row of signals.toml. */
 enum scope_base { SCOPE_LOOP, SCOPE_OUT, SCOPE_BASES };
-enum scope_kind { SCOPE_NONE, SCOPE_NUM, SCOPE_ACC, SCOPE_POS, SCOPE_PATH, SCOPE_I32, SCOPE_U8 };
+enum scope_kind { SCOPE_NONE, SCOPE_NUM, SCOPE_ACC, SCOPE_POS, SCOPE_REFERENCE, SCOPE_PATH, SCOPE_I32, SCOPE_U8 };
 struct scope_signal {
     uint8_t kind, base, axis;
     uint16_t offset;
@@ -37,7 +37,7 @@ extern const struct scope_signal scope_signals[SIGNALS];
 struct scope {
     _Atomic uint8_t state;
     _Atomic uint32_t told;      /* faults that the background has raised */
-    uint32_t faults;            /* of the last period: the tick's in every state */
+    uint32_t faults, raised;    /* of the last period, and which of them are new in it: the tick's in every state */
 
     /* set while OFF */
     struct scope_signal signal[SCOPE_CHANNELS], source;
@@ -59,8 +59,16 @@ struct scope {
     uint32_t sample[SCOPE_SAMPLES];
 };
 
-/* In the servo tick, last. base: struct loop, struct servo_out; tick: number of the control period; faults: FAULT_BIT()s. */
-void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t tick, uint32_t faults);
+/* In the servo tick, last: whether scope_step() has something to do. faults: FAULT_BIT()s. */
+static inline bool scope_runs(struct scope *s, uint32_t faults)
+{
+    const uint8_t state = atomic_load_explicit(&s->state, memory_order_relaxed);
+    s->raised = faults & ~s->faults;
+    s->faults = faults;
+    return state == SCOPE_WAITING || state == SCOPE_TRIGGERED;
+}
+/* base: struct loop, struct servo_out; tick: number of the control period. */
+void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t tick);
 
 /* Start anew with what 2300h and 2301h say; what was captured is gone. origin_nm: 2300h level of a position less the
  * servo's. false: no channel, or no source of a level. */

@@ -26,7 +26,10 @@ else:
 
 HERE = Path(__file__).resolve().parent
 C_HEAD = "/* SPDX-License-Identifier: Apache-2.0 */\n/* Generated from signals.toml by signals.py: do not edit. */\n"
-KINDS = {"num": "num", "acc": "acc_t", "pos": "pos_t", "path": "struct path_state", "i32": "int32_t", "u8": "uint8_t"}
+KINDS = {
+    **{"num": "num", "acc": "acc_t", "pos": "pos_t", "reference": "pos_t"},
+    **{"path": "struct path_state", "i32": "int32_t", "u8": "uint8_t"},
+}
 BASES = {"loop": "struct loop", "out": "struct servo_out"}
 
 

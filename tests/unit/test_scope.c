@@ -50,7 +50,10 @@ static void step(void)
     const void *const base[SCOPE_BASES] = {&loop, &out};
     loop.encoder[0].last = (int32_t)tick * 3;
     loop.inputs[1] = (uint8_t)tick;
-    scope_step(&loop.scope, base, tick++, faults);
+    if (scope_runs(&loop.scope, faults)) {
+        scope_step(&loop.scope, base, tick);
+    }
+    tick++;
 }
 
 static void steps(unsigned count)
@@ -257,10 +260,11 @@ static void test_level_of_a_position_is_the_users(void)
     od.scope.level = 1500;
     od.scope.pre = 0;
     TEST_ASSERT_TRUE(scope_arm(&loop.scope, &od, origin));
-    out.contour.r[1] = pos_from_nm(1000);
+    loop.servo.observer[1].pos = pos_from_nm(1010);
+    out.contour.e_w.y = NUM(0.010);
     steps(2);
     TEST_ASSERT_EQUAL(SCOPE_WAITING, atomic_load(&loop.scope.state));
-    out.contour.r[1] = pos_from_nm(1001);
+    loop.servo.observer[1].pos = pos_from_nm(1011);
     steps(1);
     TEST_ASSERT_EQUAL(SCOPE_TRIGGERED, atomic_load(&loop.scope.state));
 }
