@@ -28,9 +28,9 @@ uint16_t co_emcy_code(const struct co_node *node, unsigned i)
 
 bool co_emcy_of_node(const struct co_node *node)
 {
-    static const uint16_t codes[] = {CO_EMCY_PDO_SHORT, CO_EMCY_PDO_LONG, CO_EMCY_SYNC_LENGTH,
+    static const uint16_t codes[CO_ERRORS_OF_NODE] = {CO_EMCY_PDO_SHORT, CO_EMCY_PDO_LONG, CO_EMCY_SYNC_LENGTH,
                                      CO_EMCY_PASSIVE,   CO_EMCY_WAS_OFF,  CO_EMCY_OVERRUN};
-    for (unsigned i = 0; i < sizeof codes / sizeof codes[0]; i++) {
+    for (unsigned i = 0; i < CO_ERRORS_OF_NODE; i++) {
         if (in_effect(&node->emcy, codes[i])) {
             return true;
         }
@@ -122,16 +122,14 @@ void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t msef
 {
     struct co_emcy *emcy = &node->emcy;
     struct od_data *od = node->config.od;
-    if (in_effect(emcy, code)) {
+    if (in_effect(emcy, code) || emcy->count == CO_ERRORS) {
         return;
     }
     reg |= CO_REG_GENERIC;
-    if (emcy->count < CO_ERRORS) {
-        emcy->code[emcy->count] = code;
-        emcy->reg[emcy->count] = reg;
-        emcy->count++;
-        od->error_register |= reg;
-    }
+    emcy->code[emcy->count] = code;
+    emcy->reg[emcy->count] = reg;
+    emcy->count++;
+    od->error_register |= reg;
     remember(od, code | msef << 16);
     report(node, code, msef);
 }

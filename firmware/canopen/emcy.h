@@ -26,8 +26,10 @@ enum {
 /* Codes that the node raises itself; each ends with the next frame of the right length. */
 enum { CO_EMCY_PDO_SHORT = 0x8210, CO_EMCY_PDO_LONG = 0x8220, CO_EMCY_SYNC_LENGTH = 0x8240 };
 
-#define CO_ERRORS 16
-#define CO_EMCY_WAITING (2 * CO_ERRORS) /* more than CO_ERRORS, so that there is always one to leave out */
+/* Those of the node: these, and those of busstate.h */
+#define CO_ERRORS_OF_NODE 6
+#define CO_ERRORS 36       /* that there can be */
+#define CO_EMCY_WAITING 40 /* more than CO_ERRORS, so that there is always one to leave out */
 
 struct co_emcy_message {
     uint16_t code; /* 0: an error has ended */
@@ -47,7 +49,7 @@ struct co_emcy {
 struct co_node;
 
 /* An error begins; nothing happens when it is in effect already. msef: bytes 3..6 of the message, as
- * you like. More than CO_ERRORS at once are reported but not kept. */
+ * you like. Nor when CO_ERRORS are: who has more codes makes room for all. */
 void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t msef);
 /* It ends; nothing happens when it is not in effect. */
 void co_emcy_reset(struct co_node *node, uint16_t code);

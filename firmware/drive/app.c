@@ -77,6 +77,8 @@ static void report(struct app *app, const struct loop_snapshot *s)
     t->energy = energy < 0 ? 0 : (uint32_t)energy;
 }
 
+_Static_assert(FAULTS + CO_ERRORS_OF_NODE <= CO_ERRORS, "an error that has no room is not told");
+
 static void announce_fault(struct app *app, unsigned f, bool in_effect)
 {
     if (in_effect) {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What the CAN controller says of its bus: object 2032h, EMCY, error register. */
+#include "fault_gen.h"
 #include "test_canopen_bus.h"
 
 static struct bus bus;
@@ -109,6 +110,20 @@ static void test_both_error_counters_are_shown_and_told(void)
     bus_expect(&bus, 0, 0x085, "20 81 11 11 81 00 00 00");
 }
 
+static void test_a_bus_nobody_listens_on_is_told_once_also_with_every_fault_of_the_drive_in_effect(void)
+{
+    for (uint16_t i = 0; i < FAULTS; i++) {
+        co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, 0);
+    }
+    controller.state = HAL_CAN_PASSIVE;
+    ms(100);
+    TEST_ASSERT_EQUAL_UINT(1, told(0x8120));
+    TEST_ASSERT_EQUAL_HEX8(0x11, bus.od.error_register);
+    controller.state = HAL_CAN_ACTIVE;
+    ms(1);
+    TEST_ASSERT_EQUAL_HEX8(0x01, bus.od.error_register);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -117,5 +132,6 @@ int main(void)
     RUN_TEST(test_bus_off_is_told_when_it_is_over);
     RUN_TEST(test_lost_frames_are_told_until_a_second_has_gone_without_one);
     RUN_TEST(test_both_error_counters_are_shown_and_told);
+    RUN_TEST(test_a_bus_nobody_listens_on_is_told_once_also_with_every_fault_of_the_drive_in_effect);
     return UNITY_END();
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* EMCY messages that cannot go at once (CiA 301, 7.2.7, 1014h, 1015h). The plain ones are in test_canopen_node.c. */
+/* EMCY (CiA 301, 7.2.7, 1001h, 1003h, 1014h, 1015h), also messages that cannot go at once. */
 #include "test_canopen_bus.h"
 
 static struct bus bus;
@@ -13,6 +13,85 @@ void setUp(void)
 
 void tearDown(void)
 {
+}
+
+static void test_error_sends_one_message_with_register_and_details(void)
+{
+    bus_clear(&bus);
+    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0x12345678);
+    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0x12345678);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);
+    bus_expect(&bus, 0, 0x085, "11 86 21 78 56 34 12 00");
+    TEST_ASSERT_EQUAL_HEX8(0x21, bus.od.error_register);
+}
+
+static void test_register_falls_to_what_is_left_as_errors_end(void)
+{
+    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0);
+    co_emcy_set(&bus.node, 0x2310, CO_REG_CURRENT, 0);
+    bus_clear(&bus);
+    co_emcy_reset(&bus.node, 0x8611);
+    co_emcy_reset(&bus.node, 0x2310);
+    TEST_ASSERT_EQUAL_UINT(2, bus.count);
+    bus_expect(&bus, 0, 0x085, "00 00 03 00 00 00 00 00");
+    bus_expect(&bus, 1, 0x085, "00 00 00 00 00 00 00 00");
+}
+
+static void test_error_that_is_not_in_effect_cannot_end(void)
+{
+    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0);
+    bus_clear(&bus);
+    co_emcy_reset(&bus.node, 0x8130);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    TEST_ASSERT_EQUAL_HEX8(0x21, bus.od.error_register);
+}
+
+static void test_error_that_ended_may_begin_again(void)
+{
+    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
+    co_emcy_reset(&bus.node, 0x8130);
+    bus_clear(&bus);
+    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
+    bus_expect(&bus, 0, 0x085, "30 81 11 00 00 00 00 00");
+}
+
+static void test_history_holds_the_newest_error_first_and_at_most_eight(void)
+{
+    for (uint16_t i = 1; i <= 10; i++) {
+        co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, i);
+    }
+    bus_sdo(&bus, "40 03 10 00 00 00 00 00", "4F 03 10 00 08 00 00 00");
+    bus_sdo(&bus, "40 03 10 01 00 00 00 00", "43 03 10 01 0A FF 0A 00");
+    bus_sdo(&bus, "40 03 10 08 00 00 00 00", "43 03 10 08 03 FF 03 00");
+}
+
+static void test_history_is_cleared_by_writing_0_and_nothing_else(void)
+{
+    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
+    bus_sdo(&bus, "2F 03 10 00 01 00 00 00", "80 03 10 00 30 00 09 06");
+    bus_sdo(&bus, "2F 03 10 00 00 00 00 00", "60 03 10 00 00 00 00 00");
+    bus_sdo(&bus, "40 03 10 00 00 00 00 00", "4F 03 10 00 00 00 00 00");
+    bus_sdo(&bus, "40 03 10 01 00 00 00 00", "80 03 10 01 24 00 00 08"); /* no data available */
+}
+
+static void test_error_beyond_all_that_can_be_is_none(void)
+{
+    for (uint16_t i = 0; i < CO_ERRORS; i++) {
+        co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, 0);
+    }
+    TEST_ASSERT_EQUAL_UINT(CO_ERRORS, bus.count);
+    co_emcy_set(&bus.node, 0x2310, CO_REG_CURRENT, 0);
+    TEST_ASSERT_EQUAL_UINT(CO_ERRORS, bus.count);
+    TEST_ASSERT_EQUAL_HEX8(0x01, bus.od.error_register);
+}
+
+static void test_stopped_node_sends_no_emcy(void)
+{
+    bus_give(&bus, 0, "02 05");
+    bus_clear(&bus);
+    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
+    TEST_ASSERT_EQUAL_UINT(0, bus.count);
+    TEST_ASSERT_EQUAL_HEX8(0x11, bus.od.error_register);
 }
 
 static void inhibit_for_10_ms(void)
@@ -131,7 +210,6 @@ static void test_errors_that_all_came_twice_are_all_told(void)
         co_emcy_reset(&bus.node, code);
         co_emcy_set(&bus.node, code, 0, 1);
     }
-    co_emcy_set(&bus.node, 0x2310, 0, 0); /* not kept, but told if there is room */
     bus_give(&bus, 0, "80 05");
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(CO_EMCY_WAITING, bus.count);
@@ -140,7 +218,6 @@ static void test_errors_that_all_came_twice_are_all_told(void)
         newest += code_of(i) == 0xFF00 + newest && bus.sent[i].data[3] == 1;
     }
     TEST_ASSERT_EQUAL_UINT(CO_ERRORS, newest);
-    TEST_ASSERT_EQUAL_HEX16(0x2310, code_of(bus.count - 1));
 }
 
 static void test_of_messages_about_errors_that_are_over_the_oldest_is_left_out_first(void)
@@ -213,6 +290,14 @@ static void test_reset_communication_forgets_no_message(void)
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_error_sends_one_message_with_register_and_details);
+    RUN_TEST(test_register_falls_to_what_is_left_as_errors_end);
+    RUN_TEST(test_error_that_is_not_in_effect_cannot_end);
+    RUN_TEST(test_error_that_ended_may_begin_again);
+    RUN_TEST(test_history_holds_the_newest_error_first_and_at_most_eight);
+    RUN_TEST(test_history_is_cleared_by_writing_0_and_nothing_else);
+    RUN_TEST(test_error_beyond_all_that_can_be_is_none);
+    RUN_TEST(test_stopped_node_sends_no_emcy);
     RUN_TEST(test_messages_within_the_inhibit_time_come_later_one_by_one_as_they_were);
     RUN_TEST(test_inhibit_time_that_is_taken_back_lets_go_what_waits);
     RUN_TEST(test_stopped_node_tells_when_it_is_no_longer_stopped);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* NMT, heartbeats, EMCY: frames as CiA 301 prints them. */
+/* NMT, heartbeats, frames that wait: as CiA 301 prints them. */
 #include "test_canopen_bus.h"
 
 static struct bus bus;
@@ -309,85 +309,50 @@ static void test_lost_heartbeat_leads_to_the_nmt_state_of_the_error_behaviour(vo
     TEST_ASSERT_EQUAL(CO_STOPPED, state_after_loss(2, "80 05"));
 }
 
-/* ---- EMCY ---- */
+/* ---- co_guard ---- */
 
-static void test_error_sends_one_message_with_register_and_details(void)
+static void test_guarded_heartbeat_is_watched_before_its_first_one_and_in_place_of_1016h(void)
 {
-    bus_clear(&bus);
-    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0x12345678);
-    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0x12345678);
-    TEST_ASSERT_EQUAL_UINT(1, bus.count);
-    bus_expect(&bus, 0, 0x085, "11 86 21 78 56 34 12 00");
-    TEST_ASSERT_EQUAL_HEX8(0x21, bus.od.error_register);
+    watch_node_127_for_50_ms();
+    co_guard(&bus.node, 9);
+    bus_run_ms(&bus, CO_GUARD_MS);
+    bus_give(&bus, 0x709, "05");
+    bus_give(&bus, 0x77F, "05"); /* watched no more */
+    bus_run_ms(&bus, CO_GUARD_MS);
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(1, bus.lost);
 }
 
-static void test_register_falls_to_what_is_left_as_errors_end(void)
+static void test_guarded_heartbeat_of_the_node_of_1016h_has_its_time(void)
 {
-    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0);
-    co_emcy_set(&bus.node, 0x2310, CO_REG_CURRENT, 0);
-    bus_clear(&bus);
-    co_emcy_reset(&bus.node, 0x8611);
-    co_emcy_reset(&bus.node, 0x2310);
-    TEST_ASSERT_EQUAL_UINT(2, bus.count);
-    bus_expect(&bus, 0, 0x085, "00 00 03 00 00 00 00 00");
-    bus_expect(&bus, 1, 0x085, "00 00 00 00 00 00 00 00");
+    bus_sdo(&bus, "23 16 10 01 01 00 7F 00", "60 16 10 01 00 00 00 00"); /* 1 ms */
+    co_guard(&bus.node, 127);
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(1, bus.lost);
+    bus_sdo(&bus, "23 16 10 01 00 00 7F 00", "60 16 10 01 00 00 00 00"); /* no time */
+    co_guard(&bus.node, 127);
+    bus_run_ms(&bus, CO_GUARD_MS);
+    TEST_ASSERT_EQUAL_UINT(1, bus.lost);
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(2, bus.lost);
 }
 
-static void test_error_that_is_not_in_effect_cannot_end(void)
+static void test_guard_that_is_taken_off_leaves_1016h_from_its_next_heartbeat_on(void)
 {
-    co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0);
-    bus_clear(&bus);
-    co_emcy_reset(&bus.node, 0x8130);
-    TEST_ASSERT_EQUAL_UINT(0, bus.count);
-    TEST_ASSERT_EQUAL_HEX8(0x21, bus.od.error_register);
-}
-
-static void test_error_that_ended_may_begin_again(void)
-{
-    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
-    co_emcy_reset(&bus.node, 0x8130);
-    bus_clear(&bus);
-    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
-    bus_expect(&bus, 0, 0x085, "30 81 11 00 00 00 00 00");
-}
-
-static void test_history_holds_the_newest_error_first_and_at_most_eight(void)
-{
-    for (uint16_t i = 1; i <= 10; i++) {
-        co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, i);
-    }
-    bus_sdo(&bus, "40 03 10 00 00 00 00 00", "4F 03 10 00 08 00 00 00");
-    bus_sdo(&bus, "40 03 10 01 00 00 00 00", "43 03 10 01 0A FF 0A 00");
-    bus_sdo(&bus, "40 03 10 08 00 00 00 00", "43 03 10 08 03 FF 03 00");
-}
-
-static void test_history_is_cleared_by_writing_0_and_nothing_else(void)
-{
-    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
-    bus_sdo(&bus, "2F 03 10 00 01 00 00 00", "80 03 10 00 30 00 09 06");
-    bus_sdo(&bus, "2F 03 10 00 00 00 00 00", "60 03 10 00 00 00 00 00");
-    bus_sdo(&bus, "40 03 10 00 00 00 00 00", "4F 03 10 00 00 00 00 00");
-    bus_sdo(&bus, "40 03 10 01 00 00 00 00", "80 03 10 01 24 00 00 08"); /* no data available */
-}
-
-static void test_more_errors_than_are_kept_are_still_reported(void)
-{
-    for (uint16_t i = 0; i < CO_ERRORS; i++) {
-        co_emcy_set(&bus.node, (uint16_t)(0xFF00 + i), 0, 0);
-    }
-    bus_clear(&bus);
-    co_emcy_set(&bus.node, 0x2310, CO_REG_CURRENT, 0);
-    TEST_ASSERT_EQUAL_UINT(1, bus.count);
-    TEST_ASSERT_EQUAL_HEX8(0x01, bus.od.error_register);
-}
-
-static void test_stopped_node_sends_no_emcy(void)
-{
-    bus_give(&bus, 0, "02 05");
-    bus_clear(&bus);
-    co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
-    TEST_ASSERT_EQUAL_UINT(0, bus.count);
-    TEST_ASSERT_EQUAL_HEX8(0x11, bus.od.error_register);
+    watch_node_127_for_50_ms();
+    co_guard(&bus.node, 9);
+    co_guard(&bus.node, 0);
+    bus_run_ms(&bus, 2 * CO_GUARD_MS);
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+    bus_give(&bus, 0x709, "05");
+    bus_run_ms(&bus, 2 * CO_GUARD_MS);
+    TEST_ASSERT_EQUAL_UINT(0, bus.lost);
+    bus_give(&bus, 0x77F, "05");
+    bus_run_ms(&bus, 51);
+    TEST_ASSERT_EQUAL_UINT(1, bus.lost);
 }
 
 /* ---- a full bus ---- */
@@ -474,14 +439,9 @@ int main(void)
     RUN_TEST(test_reset_communication_ends_the_watch);
     RUN_TEST(test_boot_up_message_and_frames_of_a_wrong_length_are_no_heartbeats);
     RUN_TEST(test_lost_heartbeat_leads_to_the_nmt_state_of_the_error_behaviour);
-    RUN_TEST(test_error_sends_one_message_with_register_and_details);
-    RUN_TEST(test_register_falls_to_what_is_left_as_errors_end);
-    RUN_TEST(test_error_that_is_not_in_effect_cannot_end);
-    RUN_TEST(test_error_that_ended_may_begin_again);
-    RUN_TEST(test_history_holds_the_newest_error_first_and_at_most_eight);
-    RUN_TEST(test_history_is_cleared_by_writing_0_and_nothing_else);
-    RUN_TEST(test_more_errors_than_are_kept_are_still_reported);
-    RUN_TEST(test_stopped_node_sends_no_emcy);
+    RUN_TEST(test_guarded_heartbeat_is_watched_before_its_first_one_and_in_place_of_1016h);
+    RUN_TEST(test_guarded_heartbeat_of_the_node_of_1016h_has_its_time);
+    RUN_TEST(test_guard_that_is_taken_off_leaves_1016h_from_its_next_heartbeat_on);
     RUN_TEST(test_emcy_and_answers_wait_in_order_until_the_bus_has_room);
     RUN_TEST(test_frames_that_wait_keep_their_order_when_room_comes_for_some);
     RUN_TEST(test_frames_beyond_the_waiting_room_are_dropped_and_the_oldest_kept);
