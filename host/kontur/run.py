@@ -64,6 +64,12 @@ class Target:
     place_at_start: bool = True
     faults: Faults | None = None
 
+    @property
+    def in_process(self) -> bool:
+        """The drive is simulated here, and gone when the bus is closed."""
+        options = self.options()
+        return bool(options.get("inner", options["interface"]) == SIMULATED)
+
     def options(self) -> dict[str, Any]:
         """python-can's options to open the bus with."""
         options = dict(self.bus) if self.bus is not None else {"interface": SIMULATED, "channel": "sim"}
@@ -130,13 +136,15 @@ def run(
     rate: Callable[[], float] = lambda: 1.0,
     raise_fault: bool = True,
     scope: scopes.Setup | None = None,
+    resume: bool = False,
 ) -> RunResult:
     """Run `trajectory`; `parameters` are set before, by name, in their units.
 
     A real drive that does not stand at the start goes there first if `approach` gives the limits for that, else this
     is refused. `command` is kept in the log. When `stop_requested` returns True the drive stops on the path, and the
     log ends there; so it does at a fault of the drive where `raise_fault` is False. `rate` tells the feed override,
-    0 to 1.2, 0 to hold, which may change at any time. `scope` is armed just before the start.
+    0 to 1.2, 0 to hold, which may change at any time. `scope` is armed just before the start. `resume`: go on with this
+    same trajectory where the drive stopped on it, see stream(); the log has what is left.
 
     Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError; KeyboardInterrupt when the
     stop was requested on the way to the start, where there is no log yet.
@@ -151,7 +159,8 @@ def run(
         device.set_parameters(parameters or {})
         device.select_controller(controller)
         with device.enabled():
-            _go_to_start(device, start_m, approach, stop_requested)
+            if not resume:
+                _go_to_start(device, start_m, approach, stop_requested)
             device.write("energy.reset", 1)
             start_nm = device.position_nm()
 
@@ -175,6 +184,7 @@ def run(
                 stop_requested=stop_requested,
                 rate=rate,
                 raise_fault=raise_fault,
+                resume=resume,
             )
             truth = sim.truth() if sim is not None else None
             telemetry = device.link.recorded(start_nm)
@@ -192,6 +202,8 @@ def run(
         }
         if streamed.fault is not None:
             meta["fault"] = str(streamed.fault)
+        if resume:
+            meta["resumed_at_s"] = streamed.passed * wire.KNOT_PERIOD_S
         if warnings:
             meta["warnings"] = [emcy.describe_emcy(code) for code in warnings]
         if sim is not None:
@@ -252,8 +264,11 @@ class _PathClock:
             wanted.append((round((streamed.stop_s - streamed.start_s) * control_hz), 0.0))
         way = round(trajectory.duration_s * control_hz)
         last, rate = wanted[-1]
+        if streamed.passed:
+            wanted.insert(0, (0, 0.0))  # where it stands it does not start at full rate, as a path does
         horizon = last + round(pathtime.RATE_MAX * stop) + (math.ceil(way / rate) if rate > 0.0 else 0)
         self._periods, path = pathtime.curve(wanted, horizon, stop)
+        path += streamed.passed * wire.KNOT_PERIOD_S * control_hz
         self._path, self._way = path, way
         ends = float(np.interp(way, path, self._periods))  # there, or where it stands
         self.periods = round(ends) if path[-1] >= way else last + stop

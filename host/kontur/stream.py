@@ -48,7 +48,7 @@ class StreamResult:
     fault.
     `accepted`: knots taken by the drive; `executed`: knots passed; `retransmitted`: knot frames sent again;
     `rejected`: knot frames that the drive did not take, by reason. `rates`: from which time on which rate was asked for
-    (feed override), the first one from the start.
+    (feed override), the first one from the start. `passed`: knots that were passed before, of a path that goes on.
     """
 
     completed: bool
@@ -60,6 +60,7 @@ class StreamResult:
     rejected: dict[str, int]
     rates: tuple[tuple[float, float], ...] = ()
     fault: EmcyError | None = None
+    passed: int = 0
 
 
 def stream(
@@ -80,12 +81,13 @@ def stream(
     drive stops on the path. `rate` tells the feed override, 0 to 1.2, 0 to hold, and may change at any time.
 
     `resume`: go on with these knots, all of them as they were, where the drive stopped on the path before it was
-    switched off, by a fault or by its master; the axes must not have been moved since.
+    switched off, by a fault or by its master, as at `stop_requested`; the axes must not have been moved since.
 
     Raises StreamError, NoAnswerError, and EmcyError when the drive reports a fault; one during the motion is returned
     instead where `raise_fault` is False.
     """
     sender = _Sender(device, knots_nm, resume)
+    passed = int(device.confirmed("stream.executed")) if resume else 0
     sender.fill()
     while (now := rate()) == 0.0 and not stop_requested():
         sender.advance()
@@ -128,11 +130,10 @@ def stream(
         rejected={reason: int(device.confirmed(f"stream.rejected_{reason}")) for reason in ("sequence", "crc", "full")},
         rates=tuple(rates),
         fault=fault,
+        passed=passed,
     )
     if result.completed:
         _check_end(device, knots_nm)
-    elif fault is None:
-        device.write("stream.command", _ABORT)
     return result
 
 

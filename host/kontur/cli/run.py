@@ -164,6 +164,7 @@ def _save_capture(result: RunResult, controller: str, several: bool, log: Path |
 @click.option(
     "--approach", is_flag=True, help="Let a real drive go to the start of the path first, in a straight line."
 )
+@click.option("--resume", is_flag=True, help="Go on with this path where a fault, or Ctrl-C, stopped the drive on it.")
 @click.option("--log", type=click.Path(dir_okay=False, path_type=Path), help="Log to this .csv or .mf4 file.")
 @click.option("--report", type=click.Path(dir_okay=False, path_type=Path), help="Write an HTML report to this file.")
 @click.option(
@@ -192,6 +193,7 @@ def command(
     parameters: tuple[tuple[str, str], ...],
     override: float,
     approach: bool,
+    resume: bool,
     log: Path | None,
     report: Path | None,
     scope_signals: str | None,
@@ -204,11 +206,17 @@ def command(
 ) -> None:
     """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and tell the contour error.
 
-    SIGUSR1 holds the drive on the path, SIGUSR2 lets it go on. Ctrl-C stops it there; the log is complete up to there,
+    SIGUSR1 holds the drive on the path, SIGUSR2 lets it go on. Ctrl-C stops it there; so do the faults of the kind
+    "path stop" (docs/faults.md), and the end of this program. As long as the drive has power and the axes are not
+    moved, the same command with --resume goes on from there. The log is complete up to where it stopped,
     and so it is when a fault ends the run: what the drive recorded of the 500 ms before is put beside the log then
     (LOG-fault.csv, .png). What the drive warns of is told at the end, with its remedy; where it captures that
     (contour tunnel), too, it is put there as LOG-warning.
     """
+    if resume and (target.in_process or len(controller) > 1 or "all" in controller):
+        raise click.UsageError(
+            "--resume goes on with the one path that a drive has left: name its bus (-i, -c), and one controller"
+        )
     check_output(log, ".csv", ".mf4")
     check_output(report, ".html")
     check_output(scope_out, *scopes.SUFFIXES)
@@ -237,6 +245,7 @@ def command(
                 rate=lambda held=held: 0.0 if held() else override / 100.0,  # type: ignore[misc]
                 raise_fault=False,
                 scope=setup,
+                resume=resume,
             )
         runs.append(result.log)
         if log is not None:
@@ -261,5 +270,6 @@ def command(
     if fault is not None:
         raise fault
     if not completed:
-        click.echo("Interrupted: the drive stopped on the path.", err=True)
+        more = "" if target.in_process else " The same command with --resume goes on from there."
+        click.echo(f"Interrupted: the drive stopped on the path.{more}", err=True)
         sys.exit(EXIT_INTERRUPTED)
