@@ -119,7 +119,7 @@ static void expect_cause(uint32_t flags, enum hal_reset expected)
     enum hal_reset reset;
     struct hal_crash crash;
     power_on();
-    chip.rcc.CSR = flags | RCC_CSR_PINRSTF; /* the pin is low in every reset (RM0090 6.1.1) */
+    chip.rcc.CSR = flags | RCC_CSR_PINRSTF; /* the pin is low in every reset (RM0090 7.1) */
     crash_read(&reset, &crash);
     TEST_ASSERT_EQUAL(expected, reset);
     TEST_ASSERT_EQUAL_UINT32(0, crash.count);

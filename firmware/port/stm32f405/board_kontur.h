@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* board_kontur.h: a controller board with an STM32F405RG (LQFP64); docs/hardware.md has the same as a table.
  *
- * Alternate functions: ST, DS8626 "STM32F405xx STM32F407xx datasheet", table 9. Inputs are wired so that a broken wire
- * is active: a contact to ground that opens, against the chip's pull-up. Free: PA3, PA6 to PA8, PB0, PB2, PB4 to PB7,
- * PB11, PC8 to PC12, PC14, PC15, PD2; PA11, PA12 are left to USB (flashing), PA13, PA14 to SWD.
+ * Alternate functions: ST, DS8626 "STM32F405xx STM32F407xx datasheet". Inputs are wired so that
+ * a broken wire is active: a contact to ground that opens, against the chip's pull-up. Free: PA3, PA6 to PA8, PB0,
+ * PB2, PB4 to PB7, PB11, PC8 to PC12, PC14, PC15, PD2; PA11, PA12 are left to USB (flashing), PA13, PA14 to SWD.
  */
 #ifndef KONTUR_BOARD_KONTUR_H
 #define KONTUR_BOARD_KONTUR_H

@@ -6,10 +6,10 @@
 #include "output.h"
 
 _Static_assert(BOARD_HSE_MHZ >= 4 && BOARD_HSE_MHZ <= 26 && BOARD_HSE_MHZ % 2 == 0,
-               "the PLL wants 2 MHz (RM0090 6.3.2)");
+               "the PLL wants 2 MHz (RM0090 7.3.2)");
 
-/* Polls at 16 MHz take some 10 cycles each: HSE start-up is 2 ms typically (DS8626 table 40), the PLL locks within 300
- * us (table 43). 150,000 polls are about 100 ms, 10,000 about 6 ms. */
+/* Polls at 16 MHz take some 10 cycles each: HSE start-up is 2 ms typically, the PLL locks within 300 us (DS8626,
+ * oscillator and PLL characteristics). 150,000 polls are about 100 ms, 10,000 about 6 ms. */
 enum { POLLS_HSE = 150000, POLLS = 10000, HSI_MHZ = 16 };
 
 static volatile bool degraded;
@@ -32,7 +32,7 @@ static bool use_pll(uint32_t mhz, uint32_t source)
     if (!wait_until(&RCC->CR, RCC_CR_PLLRDY, RCC_CR_PLLRDY, POLLS)) {
         return false;
     }
-    /* five wait states at 2.7 to 3.6 V, before the clock is fast (RM0090 table 10) */
+    /* five wait states at 2.7 to 3.6 V, before the clock is fast (RM0090 3.5.1) */
     FLASH->ACR = 5u | FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN;
     if (!wait_until(&FLASH->ACR, FLASH_ACR_LATENCY, 5u, POLLS)) {
         return false;

@@ -2,8 +2,8 @@
 /* clock.h: 168 MHz out of the crystal, or out of the internal oscillator (HSI, 1 % at room temperature) when the
  * crystal does not start or stops. AHB 168 MHz, APB1 42 MHz (its timers 84), APB2 84 MHz (its timers 168).
  *
- * Sources: RM0090 6.2 (clocks), 6.2.3 (PLL: 2 MHz in, 336 MHz VCO), 6.2.7 (clock security system), 3.5.1 (wait
- * states), 5.1.3 (voltage scale 1 for more than 144 MHz).
+ * Sources: RM0090 7.2 (clocks; PLL: 2 MHz in, 336 MHz VCO; clock security system), 7.3, 3.5.1 (wait states), 5.4.1
+ * (voltage scale 1 for more than 144 MHz).
  */
 #ifndef KONTUR_CLOCK_H
 #define KONTUR_CLOCK_H

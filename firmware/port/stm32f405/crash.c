@@ -87,7 +87,7 @@ __attribute__((naked)) void crash_irq(void)
 }
 #endif
 
-/* RM0090 6.3.21; the pin is low in every reset, so its flag says least. */
+/* RM0090 7.3.21; the pin is low in every reset, so its flag says least. */
 static enum hal_reset cause(uint32_t csr)
 {
     if ((csr & RCC_CSR_PORRSTF) != 0) {

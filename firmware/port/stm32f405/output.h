@@ -4,7 +4,7 @@
  * DAC: 12 bits, code 2048 + n for n/2048 of full scale; the board makes -10..10 V of 0..3.3 V. PWM: 40 kHz in 4200
  * steps, with a direction pin, so that a dead line asks for no force. What a command loses in rounding is added to the
  * next one (first-order error feedback): its mean is exact, and the steps of the output appear as noise near the
- * control rate, where the mass of an axis is deaf. RM0090 14 (DAC), 17.3.10 (PWM mode).
+ * control rate, where the mass of an axis is deaf. RM0090 14 (DAC), 17 (PWM mode).
  */
 #ifndef KONTUR_OUTPUT_H
 #define KONTUR_OUTPUT_H

@@ -13,7 +13,7 @@
 enum pin_mode { PIN_INPUT, PIN_OUTPUT, PIN_ALTERNATE, PIN_ANALOG };
 enum pin_pull { PIN_FLOATING, PIN_PULL_UP, PIN_PULL_DOWN };
 
-/* alternate: AF number, DS8626 table 9; for PIN_ALTERNATE only. Nothing happens to PIN_NONE. */
+/* alternate: AF number, DS8626; for PIN_ALTERNATE only. Nothing happens to PIN_NONE. */
 void pin_setup(uint8_t pin, enum pin_mode mode, enum pin_pull pull, unsigned alternate);
 
 static inline void pin_write(uint8_t pin, bool high)

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* regs.h: the registers of the STM32F405 that this port uses, and no others. Background and interrupts.
  *
- * Sources: ST, RM0090 rev. 19 "STM32F405/415, STM32F407/417, ... reference manual" (section of each block beside it)
- * and ARM, "ARMv7-M Architecture Reference Manual" (DDI 0403E) for the core's own. Names are theirs, so that they can
- * be looked up.
+ * Sources: ST, RM0090 "STM32F405/415, STM32F407/417, ... reference manual" (section of each block beside it; numbers of
+ * its tables differ from revision to revision) and ARM, "ARMv7-M Architecture Reference Manual" (DDI 0403E) for the
+ * core's own. Names are theirs, so that they can be looked up. Addresses, offsets and bits were compared with ST's
+ * register description (STM32F40x.svd); what that lacks (PWR_CR VOS) with ST's CMSIS header.
  *
  * On the chip a block lies at its address. Compiled for a host it is a field of `struct chip chip`, which a test reads
  * and writes (tests/unit/chip.h).
@@ -15,7 +16,7 @@
 
 typedef volatile uint32_t reg;
 
-/* RM0090 6.3 (RCC registers of the F405) */
+/* RM0090 7.3 (RCC of the F405; chapter 6 is that of the F42x) */
 struct rcc {
     reg CR, PLLCFGR, CFGR, CIR, AHB1RSTR, AHB2RSTR, AHB3RSTR, unused_1c, APB1RSTR, APB2RSTR, unused_28[2];
     reg AHB1ENR, AHB2ENR, AHB3ENR, unused_3c, APB1ENR, APB2ENR, unused_48[2];
@@ -68,7 +69,7 @@ struct pwr {
 };
 enum { PWR_CR_VOS = 1 << 14 };
 
-/* RM0090 3.9 (flash interface of the F405) */
+/* RM0090 3.9 (flash interface) */
 struct flash {
     reg ACR, KEYR, OPTKEYR, SR, CR, OPTCR;
 };
@@ -76,7 +77,7 @@ struct flash {
 #define FLASH_KEY2 0xCDEF89ABu
 #define FLASH_CR_LOCK (1u << 31)
 enum {
-    FLASH_ACR_LATENCY = 15,
+    FLASH_ACR_LATENCY = 7,
     FLASH_ACR_PRFTEN = 1 << 8,
     FLASH_ACR_ICEN = 1 << 9,
     FLASH_ACR_DCEN = 1 << 10,
@@ -120,7 +121,7 @@ enum {
     TIM_BDTR_MOE = 1 << 15,
 };
 
-/* RM0090 14.5 (DAC) */
+/* RM0090 14 (DAC) */
 struct dac {
     reg CR, SWTRIGR, DHR12R1, DHR12L1, DHR8R1, DHR12R2, DHR12L2, DHR8R2, DHR12RD, DHR12LD, DHR8RD, DOR1, DOR2, SR;
 };
@@ -220,19 +221,19 @@ enum {
 struct nvic {
     reg ISER[8], unused_20[24], ICER[8], unused_a0[24], ISPR[8], unused_120[120], IPR[60];
 };
-/* Interrupt numbers: RM0090 12.2, table 61 */
+/* Interrupt numbers: RM0090 12, vector table of the STM32F405 */
 enum { IRQ_CAN1_TX = 19, IRQ_CAN1_RX0 = 20, IRQ_CAN1_SCE = 22, IRQ_USART1 = 37, IRQ_USART3 = 39 };
 
 /* Of the F405: 0 to 81 */
 enum { IRQS = 82, GPIO_PORTS = 9 };
 
 /* A field at the wrong offset would be a bug that only a board shows. */
-_Static_assert(offsetof(struct rcc, AHB1ENR) == 0x30 && offsetof(struct rcc, CSR) == 0x74, "RM0090 6.3");
+_Static_assert(offsetof(struct rcc, AHB1ENR) == 0x30 && offsetof(struct rcc, CSR) == 0x74, "RM0090 7.3");
 _Static_assert(offsetof(struct gpio, BSRR) == 0x18 && offsetof(struct gpio, AFR) == 0x20, "RM0090 8.4");
 _Static_assert(offsetof(struct tim, CNT) == 0x24 && offsetof(struct tim, CCR) == 0x34 &&
                    offsetof(struct tim, BDTR) == 0x44,
                "RM0090 17.4");
-_Static_assert(offsetof(struct dac, DHR12RD) == 0x20 && offsetof(struct dac, DOR1) == 0x2C, "RM0090 14.5");
+_Static_assert(offsetof(struct dac, DHR12RD) == 0x20 && offsetof(struct dac, DOR1) == 0x2C, "RM0090 14");
 _Static_assert(offsetof(struct can, TX) == 0x180 && offsetof(struct can, RX) == 0x1B0 &&
                    offsetof(struct can, FMR) == 0x200 && offsetof(struct can, FA1R) == 0x21C &&
                    offsetof(struct can, FR) == 0x240,
@@ -266,7 +267,7 @@ extern struct chip chip;
 #define KONTUR_REGS(type, address, field) (&chip.field)
 #endif
 
-/* Addresses: RM0090 2.3, table 1 */
+/* Addresses: RM0090 2.3, register boundary addresses */
 #define TIM2 KONTUR_REGS(tim, 0x40000000u, tim2)
 #define TIM3 KONTUR_REGS(tim, 0x40000400u, tim3)
 #define TIM4 KONTUR_REGS(tim, 0x40000800u, tim4)

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* sectors.h: the two sectors of the parameter store: sectors 1 and 2, 16 KiB each at 0x08004000 and 0x08008000
- * (RM0090 3.3, table 5), which the image leaves out (kontur.ld). Background only, without power on an axis.
+ * (RM0090 3.3), which the image leaves out (kontur.ld). Background only, without power on an axis.
  *
- * The F405 has one bank of flash: while it erases (250 ms, at most 800: DS8626 table 47) or writes (16 us a word, at
+ * The F405 has one bank of flash: while it erases (250 ms, at most 800: DS8626) or writes (16 us a word, at
  * most 100) nothing can be fetched from it. The wait runs from RAM with interrupts off and feeds the watchdog: no servo
  * tick, and no CAN frame beyond the three that bxCAN holds.
  */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* start.c: vector table and the way from reset to run_start() (DDI 0403E B1.5; RM0090 table 61). */
+/* start.c: vector table and the way from reset to run_start() (DDI 0403E B1.5; RM0090 12, vector table). */
 #include <stdint.h>
 
 #include "board.h"

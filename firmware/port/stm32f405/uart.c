@@ -44,7 +44,7 @@ void uart_irq(void)
             atomic_store(&rx.in, in + 1u);
         }
     }
-    /* Only where it has asked for it: with a byte received while the background sends (QEMU) both would send the same. */
+    /* Only where it has asked for it: for a byte received while the background sends (QEMU) both would. */
     if ((status & USART_SR_TXE) != 0 && (BOARD_UART->CR1 & USART_CR1_TXEIE) != 0) {
         const uint32_t out = atomic_load(&tx.out);
         if (out == atomic_load(&tx.in)) {

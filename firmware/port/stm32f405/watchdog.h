@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* watchdog.h: the independent watchdog (RM0090 21), 50 ms by its own oscillator (34 to 94 ms: LSI 17..47 kHz, DS8626
- * table 42). It resets the chip, which makes every output an input: the board's resistors disable the amplifiers.
+/* watchdog.h: the independent watchdog (RM0090 21), 50 ms by its own oscillator (34 to 94 ms: LSI 17..47 kHz,
+ * DS8626). It resets the chip, which makes every output an input: the board's resistors disable the amplifiers.
  * Background only.
  *
  * Fed only when both halves of the firmware are alive: by the background loop, in a pass that finds the servo tick
