@@ -3,7 +3,7 @@
 #include "test_canopen_bus.h"
 
 static struct bus bus;
-static unsigned can_do[9], can_do_count; /* kbit/s that the port can */
+static unsigned can_do[] = {1000, 500, 250, 125, 50, 20, 10, 800}, can_do_count; /* kbit/s that the port can */
 static unsigned rate;                    /* kbit/s it was changed to; 0: not yet */
 static unsigned changes;
 static bool stuck;                       /* the port refuses to change it */
@@ -31,10 +31,8 @@ static uint8_t load(void *ctx, bool communication_only)
 /* Power on with this id, at 1 Mbit/s. */
 static void start(uint8_t id)
 {
-    static const unsigned all[] = {1000, 500, 250, 125, 50, 20, 10};
     bus_start(&bus);
-    memcpy(can_do, all, sizeof all);
-    can_do_count = sizeof all / sizeof all[0];
+    can_do_count = 7;
     stuck = false;
     bus.hal.can_bitrate = can_bitrate;
     bus.od.node.id = id;
@@ -43,8 +41,7 @@ static void start(uint8_t id)
     config.node_id = id;
     config.hooks.load = load;
     co_init(&bus.node, &config);
-    rate = 0;
-    changes = 0;
+    rate = changes = 0;
     bus_clear(&bus);
 }
 
@@ -222,14 +219,17 @@ static void test_slave_identifies_itself_within_the_bounds_and_on_them(void)
     TEST_ASSERT_FALSE(configuring()); /* to be identified is not to be selected */
 }
 
-static void test_steps_of_identify_out_of_order_are_none(void)
+static void test_steps_of_identify_out_of_order_or_without_the_vendor_are_none(void)
 {
-    lss("46 00 00 00 00 00 00 00", "");
-    lss("47 01 00 00 00 00 00 00", "");
-    lss("49 FF FF FF FF 00 00 00", "");
-    lss("48 00 00 00 00 00 00 00", "");
-    lss("4A 00 00 00 00 00 00 00", "");
-    lss("4B FF FF FF FF 00 00 00", "");
+    static const char *const steps[] = {"46 00 00 00 00 00 00 00", "47 01 00 00 00 00 00 00", "49 FF FF FF FF 00 00 00",
+                                        "48 00 00 00 00 00 00 00", "4A 00 00 00 00 00 00 00", "4B FF FF FF FF 00 00 00"};
+    for (unsigned i = 0; i < 6; i++) {
+        lss(steps[i], "");
+    }
+    identify((const uint32_t[]){0, 1, 0, 0xFFFFFFFF, 0, 0xFFFFFFFF}, true);
+    for (unsigned i = 1; i < 6; i++) {
+        lss(steps[i == 2 ? 3 : i == 3 ? 2 : i], ""); /* in order */
+    }
 }
 
 /* ---- nodes without id ---- */
@@ -344,7 +344,7 @@ static void test_every_bit_rate_of_table_0_has_its_number(void)
     lss("13 00 09 00 00 00 00 00", "13 01 00 00 00 00 00 00"); /* automatic */
     lss("13 01 00 00 00 00 00 00", "13 01 00 00 00 00 00 00"); /* table 1 */
     TEST_ASSERT_EQUAL_UINT16(10, bus.od.node.bitrate);
-    can_do[can_do_count++] = 800;
+    can_do_count = 8;
     lss("13 00 01 00 00 00 00 00", "13 00 00 00 00 00 00 00");
     TEST_ASSERT_EQUAL_UINT16(800, bus.od.node.bitrate);
 }
@@ -480,7 +480,7 @@ int main(void)
     RUN_TEST(test_selection_of_another_node_in_between_ends_it_and_a_new_one_begins_with_the_vendor);
     RUN_TEST(test_selection_with_a_part_left_out_or_repeated_is_none);
     RUN_TEST(test_slave_identifies_itself_within_the_bounds_and_on_them);
-    RUN_TEST(test_steps_of_identify_out_of_order_are_none);
+    RUN_TEST(test_steps_of_identify_out_of_order_or_without_the_vendor_are_none);
     RUN_TEST(test_node_without_id_or_hooks_waits_for_lss);
     RUN_TEST(test_both_resets_boot_a_node_that_has_got_an_id);
     RUN_TEST(test_node_without_id_stays_so_when_it_is_switched_back_without_one);
