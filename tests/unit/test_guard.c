@@ -382,7 +382,7 @@ static void test_ticket_is_good_for_nothing_from_the_moment_in_which_its_holder_
 {
     struct guard guard;
     guard_reset(&guard);
-    TEST_ASSERT_TRUE(guard_claim(&guard, 127, false));
+    TEST_ASSERT_TRUE(guard_claim(&guard, 127, 0, false));
     TEST_ASSERT_TRUE(guard_arm(&guard, guard_draw(&guard, 1000), 1000));
     guard_sent(&guard, AXIS_Y, 3);
     guard_drained(&guard, 1000);
