@@ -200,7 +200,7 @@ static void take_up(struct drive *d)
 static void let_go(struct drive *d)
 {
     if (drive_stands(d) && drive_in_step(d)) {
-        d->left_at = d->queue.suspended ? d->left_at : drive_reference(d);
+        d->left_at = drive_reference(d);
         queue_suspend(&d->queue);
     } else {
         queue_close(&d->queue);

@@ -310,7 +310,7 @@ uint32_t modes_record(struct drive *d, struct knot record)
         }
         d->modes.by_record = true;
     }
-    if (d->modes.generating || d->modes.by_frame || d->queue.outside || d->queue.sharp) {
+    if (d->modes.generating || d->modes.by_frame) {
         s->rejected_state++;
         return SDO_ABORT_STATE;
     }
