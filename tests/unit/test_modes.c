@@ -44,6 +44,22 @@ static void test_mode_that_is_written_while_a_stream_runs_is_taken_when_it_stand
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 8, mm(0));
 }
 
+static void test_mode_that_is_written_while_a_stream_slows_down_is_taken_when_it_stands(void)
+{
+    struct rig_stream s = {.count = 500, .length_nm = 10e6};
+    rig_enable(&rig);
+    rig_go(&rig, &s, 200);
+    rig_controlwords(&rig, RUN | HALT, RUN | HALT);
+    rig_ms(&rig, 20);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x6060, 0, 1, VELOCITY));
+    rig_ms(&rig, 50);
+    TEST_ASSERT_TRUE(mmps(0) > 1);
+    TEST_ASSERT_EQUAL(PATH, rig_read(&rig, 0x6061, 0));
+    rig_ms(&rig, 100);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-2, 0, mmps(0));
+    TEST_ASSERT_EQUAL(VELOCITY, rig_read(&rig, 0x6061, 0));
+}
+
 static void test_mode_is_not_taken_from_a_stream_that_override_0_holds(void)
 {
     struct rig_stream s = {.count = 500, .length_nm = 10e6};
@@ -466,6 +482,7 @@ static void test_jog_that_nobody_makes_knots_for_stops_with_a_fault(void)
     rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
     TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0xFF10));
     TEST_ASSERT_FALSE(rig.out.enable[0]);
+    TEST_ASSERT_EQUAL_UINT32(DONE, rig_read(&rig, 0x2200, 5));
 }
 #endif
 
@@ -502,5 +519,6 @@ int main(void)
     RUN_TEST(test_jog_that_nobody_makes_knots_for_stops_with_a_fault);
 #endif
     RUN_TEST(test_end_of_the_last_jog_is_not_taken_for_that_of_the_next);
+    RUN_TEST(test_mode_that_is_written_while_a_stream_slows_down_is_taken_when_it_stands);
     return UNITY_END();
 }

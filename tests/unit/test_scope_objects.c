@@ -54,6 +54,8 @@ static void test_armed_by_command_it_records_what_it_was_told_to(void)
     TEST_ASSERT_EQUAL_UINT32(SCOPE_DONE, tells(2));
     TEST_ASSERT_EQUAL_UINT32(SCOPE_SAMPLES, tells(8));
     TEST_ASSERT_EQUAL_UINT32(20, tells(9));
+    TEST_ASSERT_EQUAL_HEX32(0, command(DEFAULTS));
+    TEST_ASSERT_EQUAL_UINT32_MESSAGE(0, tells(9), "of the capture before");
 }
 
 static void test_command_off_stops_it_whatever_comes(void)
