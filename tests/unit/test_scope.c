@@ -173,6 +173,22 @@ static void test_each_kind_of_signal_comes_in_its_unit(void)
     TEST_ASSERT_EQUAL_INT32(-17, read.value[7]);
 }
 
+/* Position less following error, in nm: core numbers are um. */
+static void test_reference_of_each_axis_is_its_own(void)
+{
+    const int32_t origin[2] = {7, -40};
+    const uint8_t numbers[SCOPE_CHANNELS] = {SIGNAL_REFERENCE_X, SIGNAL_REFERENCE_Y};
+    memcpy(od.scope_channels, numbers, sizeof numbers);
+    loop.servo.observer[0].pos = pos_from_nm(5000);
+    loop.servo.observer[1].pos = pos_from_nm(-7000);
+    out.contour.e_w = (vec2){NUM(0.25), NUM(-1.5)};
+    arm(SCOPE_NOW, 0, 0);
+    steps_until_done();
+    read_capture(origin);
+    TEST_ASSERT_EQUAL_INT32(5000 - 250 + 7, read.value[0]);
+    TEST_ASSERT_EQUAL_INT32(-7000 + 1500 - 40, read.value[1]);
+}
+
 /* ---- triggers ---- */
 
 static void test_level_triggers_in_the_period_that_crosses_it(void)
@@ -413,6 +429,7 @@ int main(void)
     RUN_TEST(test_scope_holds_four_thousand_samples_of_eight_signals);
     RUN_TEST(test_interval_is_whole_control_periods);
     RUN_TEST(test_each_kind_of_signal_comes_in_its_unit);
+    RUN_TEST(test_reference_of_each_axis_is_its_own);
     RUN_TEST(test_level_triggers_in_the_period_that_crosses_it);
     RUN_TEST(test_trigger_between_two_frames_is_known_to_its_period);
     RUN_TEST(test_falling_level_of_a_number_triggers);
