@@ -29,8 +29,8 @@ chk_FLAGS := -DKONTUR_NUM_CHK
 f32_HOST  = $(if $(shell $(CC) -march=native -dM -E - </dev/null 2>/dev/null | grep -w __FMA__),-mfma)
 NO_FLOAT := -mgeneral-regs-only
 # The control core and the servo tick for a microcontroller: optimised as a whole. What is left out moves values that the few
-# registers cannot hold: 3 % of the tick's instructions.
-TICK_FLAGS := -O3 -flto=auto -fno-if-conversion -fno-gcse
+# registers cannot hold: 3 % of the tick's instructions; and makes one function of equal ones, which the call graph would not know.
+TICK_FLAGS := -O3 -flto=auto -fno-if-conversion -fno-gcse -fno-ipa-icf
 TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/drive/,loop.c path.c machine.c)
 
 GENERATED := build/gen/od_gen.c build/gen/signal_gen.c build/gen/fault_gen.c

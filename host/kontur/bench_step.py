@@ -34,12 +34,12 @@ CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 STAGES = {
     "encoders, inputs": ("read_machine", "measure", "watch_switches", "drive_read"),
     "observer": ("observer.c", "energy.c"),
-    "path, spline": ("follow_path", "wanted_rate", "path.c", "spline.c"),
+    "path, spline": ("follow_path", "change_path", "wanted_rate", "spline_prepare", "path.c", "spline.c"),
     "contour": ("contour.c",),
     "law": ("asmc.c", "cascade.c"),
     "uncertainty, learning": ("uncertainty.c", "learning.c"),
-    "supervision": ("supervise", "supervise_axis"),
-    "publishing, scope": ("publish", "record_slow", "add_error", "scope.c"),
+    "supervision": ("supervise", "look_closer", "supervise_axis"),
+    "publishing, scope": ("publish", "record_slow", "add_error", "scope_runs", "scope.c"),
     "composing, output": (
         *("loop.c", "servo.c", "machine.c", "params.c"),
         *("rig.c", "bench_step.c", "semihost.c"),
