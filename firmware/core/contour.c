@@ -20,8 +20,8 @@ struct source {
 static inline struct near take_piece(struct source from, uint32_t knot, num u)
 {
     const struct spline_piece *piece = spline_keep(from.kept, from.ring, from.count, knot);
-    const struct near at = {
-        piece, v2(pos_sub(from.axes[0], piece->pos[0]), pos_sub(from.axes[1], piece->pos[1])), u};
+    const vec2 q = v2(pos_sub(from.axes[0], piece->pos[0]), pos_sub(from.axes[1], piece->pos[1]));
+    const struct near at = {.piece = piece, .q = q, .u = u};
     return at;
 }
 
@@ -35,7 +35,7 @@ __attribute__((noinline)) static struct near change_piece(struct source from, ui
         rest = n_add(rest, NUM(1));
         on--;
     }
-    const bool before = on < 0 && knot < 0u - (uint32_t)on;
+    const bool before = (int64_t)knot + on < 0;
     return take_piece(from, before ? 0u : knot + (uint32_t)on, before ? NUM(0) : rest);
 }
 
