@@ -28,7 +28,7 @@ CONTOUR = (
 def frame_acceleration(
     rot: np.ndarray, w: float, w_dot: float, e_w: np.ndarray, e_w_dot: np.ndarray, r_ddot: np.ndarray
 ) -> np.ndarray:
-    """The terms of (15) that are not feedback, r'' - theta'' I_e e_w + theta'^2 e_w - 2 theta' I_e e_w', in the frame."""
+    """Terms of (15) that are no feedback: r'' - theta'' I_e e_w + theta'^2 e_w - 2 theta' I_e e_w', in the frame."""
     i_e = oracle.I_E
     return rot.T @ (r_ddot - w_dot * i_e @ e_w + w**2 * e_w - 2.0 * w * i_e @ e_w_dot)
 
