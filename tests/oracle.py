@@ -39,7 +39,9 @@ KNOT_S = 1e-3
 STANDSTILL_MPS = 4e-6
 """At or below this path speed there is no direction: the axis frame is taken, and it does not turn (decision)."""
 TURNS = 4
-"""Periods in which energy and learning of each axis come once (decision)."""
+"""Periods in which energy, adaptation and learning of each axis come once (decision)."""
+BLENDED_N = 2.5e-4
+"""A switching offset below this is none (decision)."""
 NU_MAX = 4.0
 """Limit of the foot point's rate |nu| (decision)."""
 CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
@@ -437,11 +439,11 @@ def contouring_law(
     return p.mass_kg * acceleration + p.viscous_Nspm * q_dot, s_bar
 
 
-def adapt_k(k_hat: Array, s_bar: Array, p: Params) -> Array:
-    """(16) over one period: k' = xi |s| sign(|s| - epsilon) above zeta, a constant rate below; within 0..k_max."""
+def adapt_k(k_hat: Array, s_bar: Array, dt_s: float, p: Params) -> Array:
+    """(16) over dt_s: k' = xi |s| sign(|s| - epsilon) above zeta, a constant rate below; within 0..k_max."""
     size = np.abs(s_bar)
     rate = np.where(k_hat > p.zeta_1ps, p.xi_1pms * size * np.where(size > p.epsilon_mps, 1.0, -1.0), p.zeta_rate_1ps2)
-    return np.clip(k_hat + rate * p.dt_s, 0.0, p.k_max_1ps)
+    return np.clip(k_hat + rate * dt_s, 0.0, p.k_max_1ps)
 
 
 # --- Uncertainty compensator (2), (17)-(25) ---------------------------------------------------------------------------
@@ -467,11 +469,11 @@ def compensation(
     return z_n, s, v, p.mass_kg * (rot @ v)
 
 
-def adapt_mu(mu: Array, s: Array, p: Params) -> Array:
-    """(25) over one period: mu' = rho |s| outside the dead zone (printed: everywhere), up to mu_max (decision)."""
+def adapt_mu(mu: Array, s: Array, dt_s: float, p: Params) -> Array:
+    """(25) over dt_s: mu' = rho |s| outside the dead zone (printed: everywhere), up to mu_max (decision)."""
     size = np.abs(s)
     grow = np.full(2, True) if p.mu_printed else size > p.dead_zone_mps
-    return np.where(grow, np.minimum(mu + p.rho_1ps2 * size * p.dt_s, p.mu_max_mps2), mu)
+    return np.where(grow, np.minimum(mu + p.rho_1ps2 * size * dt_s, p.mu_max_mps2), mu)
 
 
 # --- Observer ---------------------------------------------------------------------------------------------------------
@@ -642,7 +644,7 @@ class Servo:
         p, s = self.p, self.state
         s.observer, acceleration = observe(s.observer, measured_m, s.last[1].force - s.last[1].balance, p, self.gains)
         q, q_dot = s.observer[0], s.observer[1]
-        s.turn = (s.turn + 1) % TURNS  # energy of one axis in a period, or learning of one, for all turns
+        s.turn = (s.turn + 1) % TURNS  # energy and adaptation of one axis in a period, or learning of one, for all turns
         turn = np.arange(2) == s.turn
         s.energy_J = s.energy_J + np.where(turn, power(q_dot, acceleration, p) * TURNS * p.dt_s, 0.0)
         c = contour_error(self.knots_m, self.start_m, t_s, rate, rate_dot_1ps, q, q_dot, p)
@@ -657,6 +659,8 @@ class Servo:
                 self._reset_laws(q, q_dot)
             u, balance, linear = self._law(controller, c, q, q_dot)
             s.offset = s.last[0].force - u if switched and not fresh else p.blend * s.offset
+            if not switched and np.all(np.abs(s.offset) < BLENDED_N):
+                s.offset = np.zeros(2)
             wanted = u + s.offset
             force = np.clip(wanted, -p.force_max_N, p.force_max_N)
             saturated = bool(np.any(wanted != force))
@@ -690,7 +694,8 @@ class Servo:
                 s.k_hat,
                 p,
             )
-        s.k_hat = adapt_k(s.k_hat, s_bar, p)
+        turn = np.arange(2) == s.turn
+        s.k_hat = np.where(turn, adapt_k(s.k_hat, s_bar, TURNS * p.dt_s, p), s.k_hat)
         u = linear + balance
         if controller != "ccu":
             return u, balance, linear
@@ -700,7 +705,7 @@ class Servo:
         z = np.clip(q - s.q_bar, -z_max, z_max)  # beyond it sat() is full and z would only wind up (decision)
         s.q_bar = q - z
         _, surface_s, _, compensator = compensation(z, q_dot - s.q_bar_dot, c.rotation, c.theta_dot, s.mu, p)
-        s.mu = adapt_mu(s.mu, surface_s, p)
+        s.mu = np.where(turn, adapt_mu(s.mu, surface_s, TURNS * p.dt_s, p), s.mu)
         learned = learned_force(s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, p)
         if not s.saturated:  # a force that was not given teaches nothing
             turn = np.arange(2) + 2 == s.turn

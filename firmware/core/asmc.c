@@ -29,10 +29,10 @@ static struct surface surface(const struct asmc_cfg *cfg, num e, num e_dot)
     return s;
 }
 
-/* (16) */
-static void adapt(const struct asmc_cfg *cfg, acc_t *k_hat, num s_bar, num dt)
+void asmc_adapt(const struct asmc_cfg *cfg, struct asmc_state *state, int axis, vec2 s_bar, num dt)
 {
-    const num s = n_abs(s_bar);
+    acc_t *k_hat = &state->k_hat[axis];
+    const num s = n_abs(axis == 0 ? s_bar.x : s_bar.y);
     num rate = cfg->zeta_rate;
     if (n_lt(cfg->zeta, acc_to(*k_hat))) {
         const num grow = n_mul(cfg->xi, s);
@@ -51,8 +51,8 @@ void asmc_reset(const struct asmc_cfg *cfg, struct asmc_state *state)
     state->k_hat[0] = state->k_hat[1] = acc_from(cfg->k_0);
 }
 
-void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct asmc_state *state,
-               const struct asmc_in *in, num dt, struct asmc_out *out)
+void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, const struct asmc_state *state,
+               const struct asmc_in *in, struct asmc_out *out)
 {
     const struct surface s1 = surface(cfg, in->e.x, in->e_dot.x);
     const struct surface s2 = surface(cfg, in->e.y, in->e_dot.y);
@@ -67,7 +67,4 @@ void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct
     out->u_linear = v2(n_mad(n_mul(plant->viscous.x, in->q_dot.x), plant->mass.x, a.x),
                        n_mad(n_mul(plant->viscous.y, in->q_dot.y), plant->mass.y, a.y));
     out->u_friction = v2_mul(plant->coulomb, in->direction);
-
-    adapt(cfg, &state->k_hat[0], out->s_bar.x, dt);
-    adapt(cfg, &state->k_hat[1], out->s_bar.y, dt);
 }

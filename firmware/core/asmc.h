@@ -63,9 +63,11 @@ struct asmc_out {
 };
 
 void asmc_reset(const struct asmc_cfg *cfg, struct asmc_state *state);
-/* One control period of length dt (T0). */
-void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, struct asmc_state *state,
-               const struct asmc_in *in, num dt, struct asmc_out *out);
+/* (10), (11), (15) */
+void asmc_step(const struct asmc_cfg *cfg, const struct plant_cfg *plant, const struct asmc_state *state,
+               const struct asmc_in *in, struct asmc_out *out);
+/* (16) over dt (T0), for one axis of the frame: 0 along the path, 1 across. */
+void asmc_adapt(const struct asmc_cfg *cfg, struct asmc_state *state, int axis, vec2 s_bar, num dt);
 /* sign(r_dot) with a boundary layer: sat(r_dot / friction_speed). Friction acts along it, for all controllers. */
 vec2 asmc_direction(num friction_speed, vec2 r_dot);
 #endif

@@ -13,7 +13,7 @@ vec2 learning_force(const struct learning_state *state, vec2 direction, vec2 r_d
 {
     const vec2 friction = v2(acc_to(state->friction[0]), acc_to(state->friction[1]));
     const vec2 mass = v2(acc_to(state->mass[0]), acc_to(state->mass[1]));
-    return v2_add(v2_mul(friction, direction), v2_mul(mass, r_ddot));
+    return v2(n_mad(n_mul(friction.x, direction.x), mass.x, r_ddot.x), n_mad(n_mul(friction.y, direction.y), mass.y, r_ddot.y));
 }
 
 /* gain: ACC_GAIN rate dt; what a period teaches is far below the resolution of a num. */

@@ -182,14 +182,14 @@ static inline acc_t acc_state(acc_t a)
     return a;
 }
 
-/* Compensated: the error of a sum is exact in float32 (D. E. Knuth, The Art of Computer Programming 2, 4.2.2, theorem B) and
- * goes into the next one, so the accumulator resolves 2^-48 of its value. */
+/* Compensated: what rounding takes off a sum is exact in float32 where less is added than is there (T. J. Dekker, A floating-point
+ * technique for extending the available precision, Numer. Math. 18, 1971) and goes into the next one, so the accumulator
+ * resolves 2^-48 of its value; where more is added, 2^-24 of that. */
 static inline acc_t acc_mad(acc_t a, num x, num y)
 {
-    const num add = x * y * (1.0f / ACC_GAIN) + a.rest;
+    const num add = n_mad(a.rest, x * (1.0f / ACC_GAIN), y);
     const num sum = a.sum + add;
-    const num added = sum - a.sum;
-    const acc_t r = {sum, (a.sum - (sum - added)) + (add - added)};
+    const acc_t r = {sum, add - (sum - a.sum)};
     return r;
 }
 #endif

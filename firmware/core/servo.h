@@ -28,7 +28,8 @@ enum controller {
     CONTROLLERS
 };
 
-#define SERVO_TURNS 4 /* periods in which energy and learning of both axes have had theirs: they are slow */
+#define SERVO_TURNS 4u /* periods in which what is slow has had its turn on both axes: energy, adaptation, learning */
+#define SERVO_BLENDED 2.5e-4 /* N: a switching offset below this is none */
 
 struct servo_cfg {
     num dt;    /* control period, T0 */
@@ -51,11 +52,10 @@ struct servo_in {
     const struct spline_ring *ring;
 };
 
-/* What a period asked for, N. */
-struct servo_history {
-    vec2 force;
-    vec2 balance;  /* its part that balances friction, and mass beyond the nominal: it accelerates nothing that is known */
-    vec2 model;    /* its part that the reference model sees */
+/* Parts of the force that a period asked for, N. */
+struct servo_asked {
+    vec2 moving; /* what observer and plant are moved by: without what balances friction, and mass beyond the nominal */
+    vec2 model;  /* what the reference model sees */
 };
 
 struct servo_state {
@@ -67,10 +67,12 @@ struct servo_state {
     struct energy_state energy[2];
     bool enabled[2];
     enum controller controller;
-    vec2 offset;
     bool saturated; /* in the last period */
-    int turn;       /* in this period: energy of axis 0, 1, learning of axis 0, 1; each with the worth of all turns */
-    struct servo_history last[2]; /* of the last period, and of the one before: that one's force has just acted */
+    bool blending;  /* there is an offset */
+    vec2 offset;
+    uint32_t turn;  /* in this period: energy and adaptation of axis 0, 1, learning of axis 0, 1; each for all turns' time */
+    vec2 force;     /* of the last period, N */
+    struct servo_asked asked[2]; /* of even and odd periods: that of the one before the last has just acted */
     struct spline_kept kept;      /* emptied by who gives another sequence of knots (in.ring) */
 };
 

@@ -10,9 +10,10 @@ static const struct knot *knot_at(const struct spline_ring *ring, uint32_t count
     return &ring->knot[(i > (int64_t)last ? last : (uint32_t)i) % SPLINE_RING];
 }
 
-static num um(uint32_t nm)
+/* nm / d, d > 0 */
+static num over(uint32_t nm, int32_t d)
 {
-    return n_ratio((int32_t)nm, 1000);
+    return n_ratio((int32_t)nm, d);
 }
 
 __attribute__((noinline)) void spline_piece(const struct spline_ring *ring, uint32_t count, uint32_t knot, struct spline_piece *piece)
@@ -23,24 +24,27 @@ __attribute__((noinline)) void spline_piece(const struct spline_ring *ring, uint
         c[k] = whole && knot >= 1u ? ring->knot[(knot - 1u + k) % SPLINE_RING]
                                    : *knot_at(ring, count, (int64_t)knot - 1 + k);
     }
-    num half[2] = {NUM(0), NUM(0)}, first[2] = {NUM(0), NUM(0)}, jerk[2] = {NUM(0), NUM(0)};
+    num c0[2] = {NUM(0), NUM(0)}, c1[2] = {NUM(0), NUM(0)}, c2[2] = {NUM(0), NUM(0)}, c3[2] = {NUM(0), NUM(0)};
+    num slope[2] = {NUM(0), NUM(0)};
     for (int i = 0; i < 2; i++) {
         const uint32_t d0 = (uint32_t)c[1].nm[i] - (uint32_t)c[0].nm[i];
         const uint32_t d1 = (uint32_t)c[2].nm[i] - (uint32_t)c[1].nm[i];
         const uint32_t d2 = (uint32_t)c[3].nm[i] - (uint32_t)c[2].nm[i];
         piece->pos[i] = pos_from_nm(c[1].nm[i]);
-        half[i] = n_mul(NUM(0.5), um(d0 + d1));
-        first[i] = um(d1 - d0);
-        jerk[i] = n_sub(um(d2 - d1), first[i]);
+        c0[i] = over(d1 - d0, 6000);
+        c1[i] = over(d0 + d1, 2000);
+        c2[i] = over(d1 - d0, 2000 / 4);
+        c3[i] = n_sub(over(d2 - d1, 6000 / 16), over(d1 - d0, 6000 / 16));
+        slope[i] = over(d0 + d1, 2000 / SPLINE_PER_T0);
     }
     piece->knot = knot;
     piece->whole = whole ? knot + 1u : 0u;
     piece->made = count;
-    piece->half = v2(half[0], half[1]);
-    piece->first = v2(first[0], first[1]);
-    piece->jerk = v2(jerk[0], jerk[1]);
-    piece->first_6 = v2_scale(NUM(1.0 / 6), piece->first);
-    piece->jerk_3 = v2_scale(NUM(1.0 / 3), piece->jerk);
+    piece->c0 = v2(c0[0], c0[1]);
+    piece->c1 = v2(c1[0], c1[1]);
+    piece->c2 = v2(c2[0], c2[1]);
+    piece->c3 = v2(c3[0], c3[1]);
+    piece->d1 = v2(slope[0], slope[1]);
 }
 
 __attribute__((noinline)) const struct spline_piece *spline_make(struct spline_kept *kept, const struct spline_ring *ring,

@@ -65,10 +65,8 @@ struct spline_piece {
     uint32_t whole; /* ... plus one, if all four of its control points are there, so that it changes no more; else 0 */
     uint32_t made;  /* knots that there were when it was */
     pos_t pos[2];   /* control point of that knot: what `way` of a point counts from */
-    vec2 half;      /* half the way from the control point before to the one after */
-    vec2 first;     /* second difference there */
-    vec2 jerk;      /* third difference */
-    vec2 first_6, jerk_3; /* a sixth and a third of these */
+    vec2 c0, c1, c2, c3; /* way = c0 + u (c1 + v (c2 + v c3)), v = u / 4: fixed point keeps more digits of c2 and c3 */
+    vec2 d1;             /* 5 c1, um/T0, with its own digits: where the path begins to move they give its direction */
 };
 
 /* The pieces in use, kept from period to period: ten periods share one, and the foot point mostly lies on the same or on
@@ -113,17 +111,20 @@ static inline void spline_prepare(struct spline_kept *kept, const struct spline_
 /* The curve at path time s >= 0. */
 void spline_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_point *out);
 
-/* r = c1 + a0/6 + u (v + u/2 (a0 + u/3 jerk)) at path time u after piece->begin, 0..1 knot */
+/* The curve at path time u after the first knot of p, 0..1 knot, with its derivatives: Horner's rule, for each of them once more on
+ * what it has come to (D. E. Knuth, The Art of Computer Programming 2, 4.6.4), a multiply-add each. */
 static inline struct spline_local spline_on(const struct spline_piece *p, num u)
 {
-    const num half_u = n_mul(NUM(0.5), u);
-    const vec2 acc = v2_mad(p->first, u, p->jerk);
-    const vec2 inner = v2_mad(p->half, half_u, v2_mad(p->first, u, p->jerk_3));
+    const num v = n_mul(NUM(1.0 / 4), u);
+    const num v_T0 = n_mul(NUM(SPLINE_PER_T0 / 4.0), u);
+    const vec2 a2 = v2_mad(p->c2, v, p->c3);
+    const vec2 a1 = v2_mad(p->c1, v, a2);
+    const vec2 b2 = v2_mad(a2, v, p->c3);
     const struct spline_local at = {
-        .way = v2_mad(p->first_6, u, inner),
-        .d1 = v2_scale(NUM(SPLINE_PER_T0), v2_mad(p->half, half_u, v2_add(p->first, acc))),
-        .d2 = v2_scale(NUM(SPLINE_PER_T0 * SPLINE_PER_T0), acc),
-        .d3 = v2_scale(NUM(SPLINE_PER_T0 * SPLINE_PER_T0 * SPLINE_PER_T0), p->jerk),
+        .way = v2_mad(p->c0, u, a1),
+        .d1 = v2_mad(p->d1, v_T0, v2_add(a2, b2)),
+        .d2 = v2_scale(NUM(2 * SPLINE_PER_T0 * SPLINE_PER_T0 / 4.0), v2_mad(b2, v, p->c3)),
+        .d3 = v2_scale(NUM(6 * SPLINE_PER_T0 * SPLINE_PER_T0 * SPLINE_PER_T0 / 16.0), p->c3),
     };
     return at;
 }

@@ -11,10 +11,10 @@ void uncertainty_reset(const struct uncertainty_cfg *cfg, struct uncertainty_sta
     state->mu[0] = state->mu[1] = acc_from(mu);
 }
 
-/* (25) */
-static void adapt(const struct uncertainty_cfg *cfg, acc_t *mu, num s, num dt)
+void uncertainty_adapt(const struct uncertainty_cfg *cfg, struct uncertainty_state *state, int axis, vec2 s, num dt)
 {
-    const num size = n_abs(s);
+    acc_t *mu = &state->mu[axis];
+    const num size = n_abs(axis == 0 ? s.x : s.y);
     if (cfg->law_printed || n_lt(cfg->dead_zone, size)) {
         *mu = acc_clamp(acc_mad(*mu, n_mul(cfg->rho, size), dt), NUM(0), cfg->mu_max);
     }
@@ -32,7 +32,7 @@ static num hold_within(num z, num limit, pos_t q, pos_t *q_bar)
 }
 
 void uncertainty_step(const struct uncertainty_cfg *cfg, const struct plant_cfg *plant,
-                      struct uncertainty_state *state, const pos_t q[2], vec2 q_dot, vec2 t, num theta_dot, num dt,
+                      struct uncertainty_state *state, const pos_t q[2], vec2 q_dot, vec2 t, num theta_dot,
                       struct uncertainty_out *out)
 {
     const num z_max = n_div(cfg->phi, cfg->alpha);
@@ -45,12 +45,9 @@ void uncertainty_step(const struct uncertainty_cfg *cfg, const struct plant_cfg 
 
     out->mu = v2(acc_to(state->mu[0]), acc_to(state->mu[1]));
     out->s = v2_mad(zn_dot, cfg->alpha, out->z_n); /* (21), desired z = 0 */
-    out->v.x = n_neg(n_mad(n_mul(cfg->alpha, zn_dot.x), out->mu.x, n_sat(out->s.x, cfg->phi))); /* (24) */
-    out->v.y = n_neg(n_mad(n_mul(cfg->alpha, zn_dot.y), out->mu.y, n_sat(out->s.y, cfg->phi)));
+    out->v.x = n_msub(n_neg(n_mul(cfg->alpha, zn_dot.x)), out->mu.x, n_sat(out->s.x, cfg->phi)); /* (24) */
+    out->v.y = n_msub(n_neg(n_mul(cfg->alpha, zn_dot.y)), out->mu.y, n_sat(out->s.y, cfg->phi));
     out->u = v2_mul(plant->mass, v2_from_frame(t, out->v));
-
-    adapt(cfg, &state->mu[0], out->s.x, dt);
-    adapt(cfg, &state->mu[1], out->s.y, dt);
 }
 
 static num model_axis(num mass, num viscous, num u, num dt, num *v)

@@ -52,10 +52,12 @@ struct uncertainty_out {
 /* The model starts where the plant is. */
 void uncertainty_reset(const struct uncertainty_cfg *cfg, struct uncertainty_state *state, const pos_t q[2],
                        vec2 q_dot);
-/* (17)-(25) in the frame t, theta_dot at position q, velocity q_dot. */
+/* (17)-(24) in the frame t, theta_dot at position q, velocity q_dot. */
 void uncertainty_step(const struct uncertainty_cfg *cfg, const struct plant_cfg *plant,
-                      struct uncertainty_state *state, const pos_t q[2], vec2 q_dot, vec2 t, num theta_dot, num dt,
+                      struct uncertainty_state *state, const pos_t q[2], vec2 q_dot, vec2 t, num theta_dot,
                       struct uncertainty_out *out);
+/* (25) over dt (T0), for one axis of the frame: 0 along the path, 1 across. */
+void uncertainty_adapt(const struct uncertainty_cfg *cfg, struct uncertainty_state *state, int axis, vec2 s, num dt);
 /* (2) over one control period under the force u_bar that acted in it. */
 void uncertainty_model(const struct plant_cfg *plant, struct uncertainty_state *state, vec2 u_bar, num dt);
 #endif

@@ -148,7 +148,7 @@ SELDOM static void watch_inputs(struct loop *loop, unsigned inputs)
 /* Whatever in the law is no number, the velocity or what was left of the force is none either. */
 static bool finite(const struct loop *loop, const struct servo_out *out)
 {
-    const vec2 model = loop->servo.last[0].model;
+    const vec2 model = loop->servo.asked[loop->servo.turn % 2u].model;
     const vec2 nought = v2_add(v2_sub(out->velocity, out->velocity), v2_sub(model, model));
     return n_finite(n_add(nought.x, nought.y));
 }
@@ -207,7 +207,7 @@ static inline void supervise(struct loop *loop, const struct loop_cfg *cfg, cons
     const unsigned inputs = in->inputs[0] | in->inputs[1];
     const vec2 v = out->velocity;
     const vec2 e_w = out->contour.e_w;
-    const vec2 model = loop->servo.last[0].model;
+    const vec2 model = loop->servo.asked[loop->servo.turn % 2u].model;
     if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) == 0 && !jumps(loop, cfg, 0) &&
         !jumps(loop, cfg, 1) && n_lt(n_abs(v.x), cfg->speed_max) && n_lt(n_abs(v.y), cfg->speed_max) &&
         !n_lt(cfg->following_max[0], n_abs(e_w.x)) && !n_lt(cfg->following_max[1], n_abs(e_w.y)) &&

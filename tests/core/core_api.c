@@ -216,7 +216,9 @@ void api_law(const api_drive *d, const struct api_law_in *in, double *k_hat, str
                               .direction = asmc_direction(d->cfg.asmc.friction_speed, in2(in->r_dot, MPS))};
     struct asmc_state state = {.k_hat = {acc_from(mk(k_hat[0] * T0)), acc_from(mk(k_hat[1] * T0))}};
     struct asmc_out o;
-    asmc_step(&d->cfg.asmc, &d->cfg.plant, &state, &x, d->cfg.dt, &o);
+    asmc_step(&d->cfg.asmc, &d->cfg.plant, &state, &x, &o);
+    asmc_adapt(&d->cfg.asmc, &state, 0, o.s_bar, d->cfg.dt);
+    asmc_adapt(&d->cfg.asmc, &state, 1, o.s_bar, d->cfg.dt);
     out2(v2(acc_to(state.k_hat[0]), acc_to(state.k_hat[1])), 1 / T0, k_hat);
     out2(o.s_bar, MPS, out->s_bar);
     out2(o.u_linear, 1, out->u_linear);
@@ -232,7 +234,9 @@ void api_compensation(const api_drive *d, const struct api_frame *frame, const i
     struct uncertainty_out o;
     bound_path_time = 0;
     uncertainty_step(&d->cfg.uncertainty, &d->cfg.plant, &state, at, in2(q_dot, MPS), in2(frame->t, 1),
-                     mk(frame->theta_dot * T0), d->cfg.dt, &o);
+                     mk(frame->theta_dot * T0), &o);
+    uncertainty_adapt(&d->cfg.uncertainty, &state, 0, o.s, d->cfg.dt);
+    uncertainty_adapt(&d->cfg.uncertainty, &state, 1, o.s, d->cfg.dt);
     q_bar[0] = told_pos(state.q_bar[0]);
     q_bar[1] = told_pos(state.q_bar[1]);
     out2(v2(acc_to(state.mu[0]), acc_to(state.mu[1])), MPS2, mu);

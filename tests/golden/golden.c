@@ -169,7 +169,9 @@ static void modules(const struct servo_cfg *c)
         a.q_dot = in2(500000);
         a.direction = asmc_direction(c->asmc.friction_speed, in2(400));
         struct asmc_out o;
-        asmc_step(&c->asmc, &c->plant, &law, &a, c->dt, &o);
+        asmc_step(&c->asmc, &c->plant, &law, &a, &o);
+        asmc_adapt(&c->asmc, &law, 0, o.s_bar, c->dt);
+        asmc_adapt(&c->asmc, &law, 1, o.s_bar, c->dt);
         put2(o.s_bar);
         put2(o.u_linear);
         put2(o.u_friction);
@@ -186,7 +188,9 @@ static void modules(const struct servo_cfg *c)
         struct uncertainty_out o;
         const vec2 t = in_tangent();
         const vec2 q_dot = in2(8000);
-        uncertainty_step(&c->uncertainty, &c->plant, &u, q, q_dot, t, in(200), c->dt, &o);
+        uncertainty_step(&c->uncertainty, &c->plant, &u, q, q_dot, t, in(200), &o);
+        uncertainty_adapt(&c->uncertainty, &u, 0, o.s, c->dt);
+        uncertainty_adapt(&c->uncertainty, &u, 1, o.s, c->dt);
         uncertainty_model(&c->plant, &u, in2(100000), c->dt);
         put2(o.z_n);
         put2(o.s);

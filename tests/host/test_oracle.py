@@ -312,7 +312,7 @@ def test_law_is_the_oracles_but_for_rounding(core: Core, e_m: float, e_dot_mps: 
             "s_bar": s_bar,
             "u_linear": force,
             "u_friction": oracle.friction(c["r_dot"], p),
-            "k_hat": oracle.adapt_k(k, s_bar, p),
+            "k_hat": oracle.adapt_k(k, s_bar, p.dt_s, p),
         }
         for name, value in expected.items():
             check(name, found[name], value, allowed[name])
@@ -332,7 +332,7 @@ def test_compensator_is_the_oracles_but_for_rounding(core: Core, z_m: float, z_d
         found, allowed = (d.compensation(rot[:, 0], w, q, q_dot, q_bar, q_bar_dot, mu) for d in (drive, limit))
         z = np.clip((q - q_bar) / POS_PER_M, -z_max, z_max)
         z_n, s, v, force = oracle.compensation(z, q_dot - q_bar_dot, rot, w, np.array(mu), p)
-        expected = {"z_n": z_n, "s": s, "v": v, "u": force, "mu": oracle.adapt_mu(np.array(mu), s, p)}
+        expected = {"z_n": z_n, "s": s, "v": v, "u": force, "mu": oracle.adapt_mu(np.array(mu), s, p.dt_s, p)}
         for name, value in expected.items():
             check(name, found[name], value, allowed[name])
         check("q_bar", (q - found["q_bar"]) / POS_PER_M, z, np.array(allowed["q_bar"]) / POS_PER_M + QUANTUM_M)

@@ -30,7 +30,8 @@ static void mix_servo(uint32_t *hash, const struct servo_state *s)
     mix(hash, &s->uncertainty.mu, sizeof s->uncertainty.mu);
     mix(hash, &s->learning, sizeof s->learning);
     mix(hash, &s->offset, sizeof s->offset);
-    mix(hash, s->last, sizeof s->last);
+    mix(hash, &s->force, sizeof s->force);
+    mix(hash, s->asked, sizeof s->asked);
 }
 
 int main(void)

@@ -29,7 +29,9 @@ void tearDown(void) {}
 
 static void step(void)
 {
-    asmc_step(&cfg, &plant, &state, &in, mk(DT), &out);
+    asmc_step(&cfg, &plant, &state, &in, &out);
+    asmc_adapt(&cfg, &state, 0, out.s_bar, mk(DT));
+    asmc_adapt(&cfg, &state, 1, out.s_bar, mk(DT));
 }
 
 /* What trig_cosh() promises, times gamma beta */

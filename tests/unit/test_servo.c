@@ -42,6 +42,12 @@ static void step(double behind_um, double out_um)
     periods++;
 }
 
+/* What the last period asked for */
+static const struct servo_asked *asked(void)
+{
+    return &state.asked[state.turn % 2];
+}
+
 static void test_reset_is_at_rest_where_the_encoders_are(void)
 {
     in.enabled[0] = in.enabled[1] = false;
@@ -90,7 +96,9 @@ static void test_after_a_switch_the_offset_fades_and_the_new_law_remains(void)
     run(CONTROLLER_TRACK, 1);
     ASSERT_NEAR(0.75 * x, val(state.offset.x), 100.0);
     run(CONTROLLER_TRACK, 100);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(2), 0, val(state.offset.x)); /* 0.75 of a step is a step */
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.offset.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.offset.y));
+    TEST_ASSERT_FALSE(state.blending);
     const vec2 u = v2_add(out.asmc.u_linear, out.asmc.u_friction);
     ASSERT_NEAR(val(u.x), val(out.force.x), 600.0);
 }
@@ -153,7 +161,7 @@ static void test_an_axis_that_is_disabled_and_rests_is_seen_at_rest(void)
         in.measured[0] = x;
         servo_step(&cfg, &state, &in, &out);
         TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
-        TEST_ASSERT_EQUAL_DOUBLE(0, val(state.last[0].model.x)); /* nor its reference model */
+        TEST_ASSERT_EQUAL_DOUBLE(0, val(asked()->model.x)); /* nor its reference model */
     }
 }
 
@@ -229,10 +237,10 @@ static void test_reference_model_as_printed_sees_the_friction_term(void)
     step(20, 4);
     step(20, 4);
     const double whole = val(out.asmc.u_linear.x) + val(out.asmc.u_friction.x);
-    ASSERT_NEAR(whole, val(state.last[0].model.x), 700.0);
+    ASSERT_NEAR(whole, val(asked()->model.x), 700.0);
     cfg.uncertainty.whole_input = false;
     step(20, 4);
-    ASSERT_NEAR(val(out.asmc.u_linear.x), val(state.last[0].model.x), 700.0);
+    ASSERT_NEAR(val(out.asmc.u_linear.x), val(asked()->model.x), 700.0);
 }
 
 static void test_reference_model_sees_the_switching_offset(void)
@@ -240,7 +248,7 @@ static void test_reference_model_sees_the_switching_offset(void)
     run(CONTROLLER_TRACK, 100);
     run(CONTROLLER_CCU, 3);
     TEST_ASSERT_TRUE(fabs(val(state.offset.x)) > 0.1);
-    ASSERT_NEAR(val(out.asmc.u_linear.x) + val(state.offset.x), val(state.last[0].model.x), 600.0);
+    ASSERT_NEAR(val(out.asmc.u_linear.x) + val(state.offset.x), val(asked()->model.x), 600.0);
 }
 
 static void test_reference_model_sees_that_the_force_is_limited(void)
@@ -251,7 +259,7 @@ static void test_reference_model_sees_that_the_force_is_limited(void)
     }
     TEST_ASSERT_TRUE(out.saturated);
     const double kept = val(out.force.x) - val(out.asmc.u_friction.x) - val(out.uncertainty.u.x);
-    ASSERT_NEAR(kept, val(state.last[0].model.x), 600.0);
+    ASSERT_NEAR(kept, val(asked()->model.x), 600.0);
 }
 
 static void test_cc_has_no_compensation_and_ccu_has(void)
@@ -306,12 +314,12 @@ static void test_what_is_learned_is_added_to_the_force_and_is_no_part_of_the_mod
     step(20, 4);
     const vec2 learned =
         learning_force(&state.learning, asmc_direction(cfg.asmc.friction_speed, out.contour.r_dot), out.contour.r_ddot);
-    ASSERT_NEAR(val(out.asmc.u_friction.x) + val(learned.x), val(state.last[0].balance.x), 100);
-    ASSERT_NEAR(val(out.asmc.u_friction.y) + val(learned.y), val(state.last[0].balance.y), 100);
+    ASSERT_NEAR(val(out.asmc.u_linear.x) + val(out.uncertainty.u.x), val(asked()->moving.x), 1000);
+    ASSERT_NEAR(val(out.asmc.u_linear.y) + val(out.uncertainty.u.y), val(asked()->moving.y), 1000);
     ASSERT_NEAR(val(out.asmc.u_linear.x) + val(out.asmc.u_friction.x) + val(out.uncertainty.u.x) + val(learned.x),
                 val(out.force.x), 1000);
-    ASSERT_NEAR(val(out.asmc.u_linear.x), val(state.last[0].model.x), 1000);
-    ASSERT_NEAR(val(out.asmc.u_linear.y), val(state.last[0].model.y), 1000);
+    ASSERT_NEAR(val(out.asmc.u_linear.x), val(asked()->model.x), 1000);
+    ASSERT_NEAR(val(out.asmc.u_linear.y), val(asked()->model.y), 1000);
 }
 
 static void test_a_limited_force_teaches_nothing(void)
@@ -378,6 +386,26 @@ static void test_velocity_is_that_of_the_encoders(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.1, 500 * cos(phi), val(out.velocity.y));
 }
 
+static void test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_turns(void)
+{
+    cfg.asmc.zeta = cfg.asmc.k_max; /* (16) is its constant rate */
+    cfg.uncertainty.law_printed = true;
+    servo_reset(&cfg, &state, in.measured);
+    double k[2] = {val(cfg.asmc.k_0), val(cfg.asmc.k_0)}, mu[2] = {0, 0};
+    for (int i = 1; i <= 8; i++) {
+        step(20, 4);
+        for (int axis = 0; axis < 2; axis++) {
+            const bool turn = i % 4 == axis;
+            const double s = axis == 0 ? val(out.uncertainty.s.x) : val(out.uncertainty.s.y);
+            k[axis] += turn ? val(cfg.asmc.zeta_rate) / ACC_GAIN * 4 * DT : 0;
+            mu[axis] += turn ? val(cfg.uncertainty.rho) / ACC_GAIN * fabs(s) * 4 * DT : 0;
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, k[axis], acc_val(state.asmc.k_hat[axis]));
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, mu[axis], acc_val(state.uncertainty.mu[axis]));
+        }
+    }
+    TEST_ASSERT_TRUE(k[0] > val(cfg.asmc.k_0) && k[1] > val(cfg.asmc.k_0) && mu[0] > 0 && mu[1] > 0);
+}
+
 static void test_energy_is_counted_for_both_axes(void)
 {
     run(CONTROLLER_CC, 400);
@@ -387,7 +415,7 @@ static void test_energy_is_counted_for_both_axes(void)
     state.observer[1].vel = state.observer[1].disturbance = mk(0);
     for (int i = 0; i < 50; i++) { /* y rests from now on, and nothing acts on it */
         const pos_t y = in.measured[1];
-        state.last[1].force.y = state.last[1].balance.y;
+        state.asked[0].moving.y = state.asked[1].moving.y = mk(0);
         place(20, 4);
         in.measured[1] = y;
         state.observer[1].pos = y;
@@ -424,6 +452,7 @@ int main(void)
     RUN_TEST(test_cc_works_on_the_error_at_the_foot_point);
     RUN_TEST(test_cascade_is_coupled_in_ccc_alone);
     RUN_TEST(test_velocity_is_that_of_the_encoders);
+    RUN_TEST(test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_turns);
     RUN_TEST(test_energy_is_counted_for_both_axes);
     return UNITY_END();
 }

@@ -26,7 +26,9 @@ static void apart(double dx, double dy, double vx, double vy)
 {
     pos_t p[2];
     at_um(100 + dx, 200 + dy, p);
-    uncertainty_step(&cfg, &plant, &state, p, mk2(6 + vx, 7 + vy), mk2(1, 0), mk(0), mk(DT), &out);
+    uncertainty_step(&cfg, &plant, &state, p, mk2(6 + vx, 7 + vy), mk2(1, 0), mk(0), &out);
+    uncertainty_adapt(&cfg, &state, 0, out.s, mk(DT));
+    uncertainty_adapt(&cfg, &state, 1, out.s, mk(DT));
 }
 
 static void test_the_model_starts_where_the_plant_is(void)
@@ -65,7 +67,7 @@ static void test_force_is_mass_times_the_compensation_turned_into_the_axis_frame
 {
     pos_t p[2];
     at_um(100 + 3, 200 + 4, p); /* along t = (0.6, 0.8): z_n = (5, 0) */
-    uncertainty_step(&cfg, &plant, &state, p, mk2(6, 7), mk2(0.6, 0.8), mk(0), mk(DT), &out);
+    uncertainty_step(&cfg, &plant, &state, p, mk2(6, 7), mk2(0.6, 0.8), mk(0), &out);
     ASSERT_NEAR(5, val(out.z_n.x), 5.0);
     ASSERT_NEAR(0, val(out.z_n.y), 5.0);
     const double v = -3 * 2.5 / 8;
@@ -80,7 +82,7 @@ static void test_rate_of_z_has_the_frames_rotation_in_it(void)
 {
     pos_t p[2];
     at_um(100 + 4, 200, p);
-    uncertainty_step(&cfg, &plant, &state, p, mk2(6, 7), mk2(1, 0), mk(0.25), mk(DT), &out);
+    uncertainty_step(&cfg, &plant, &state, p, mk2(6, 7), mk2(1, 0), mk(0.25), &out);
     TEST_ASSERT_EQUAL_DOUBLE(0.5 * 4, val(out.s.x));
     TEST_ASSERT_EQUAL_DOUBLE(-0.25 * 4, val(out.s.y));
 }
@@ -161,7 +163,7 @@ static void test_a_constant_disturbance_is_cancelled(void)
     for (int i = 0; i < 3000; i++) {
         pos_t p[2];
         at_um(100 + x, 200, p);
-        uncertainty_step(&cfg, &plant, &state, p, mk2(v, 0), mk2(1, 0), mk(0), mk(DT), &out);
+        uncertainty_step(&cfg, &plant, &state, p, mk2(v, 0), mk2(1, 0), mk(0), &out);
         v += (sigma + val(out.v.x)) * DT;
         x += v * DT;
     }
