@@ -238,8 +238,8 @@ IMAGE_SOURCES := $(FIRMWARE) $(wildcard firmware/port/*.c $(PORT)/*.c)
 IMAGE_OBJECTS := $(IMAGE_SOURCES:%.c=$(VARIANT)/%.o)
 
 firmware: $(IMAGE).elf $(IMAGE).bin $(IMAGE).hex $(IMAGE).dfu  ## the image for an STM32F405: build/firmware/kontur.elf .bin .hex .dfu; BOARD=feather, CONTROL_HZ=20000
-	@for f in elf bin hex dfu; do cp $(IMAGE).$$f build/firmware/$(IMAGE_NAME).$$f; done
 	$(Q)$(PY) $(PORT)/check_image.py $(IMAGE).elf --map $(IMAGE).map --tools $(ARM)
+	@for f in elf bin hex dfu; do cp $(IMAGE).$$f build/firmware/$(IMAGE_NAME).$$f; done
 
 # The other images: what a test builds and runs, so that they do not rot.
 firmware-all: firmware
