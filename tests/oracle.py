@@ -644,7 +644,7 @@ class Servo:
         p, s = self.p, self.state
         s.observer, acceleration = observe(s.observer, measured_m, s.last[1].force - s.last[1].balance, p, self.gains)
         q, q_dot = s.observer[0], s.observer[1]
-        s.turn = (s.turn + 1) % TURNS  # energy and adaptation of one axis in a period, or learning of one, for all turns
+        s.turn = (s.turn + 1) % TURNS  # energy and adaptation of an axis a period, or learning of one, for all turns
         turn = np.arange(2) == s.turn
         s.energy_J = s.energy_J + np.where(turn, power(q_dot, acceleration, p) * TURNS * p.dt_s, 0.0)
         c = contour_error(self.knots_m, self.start_m, t_s, rate, rate_dot_1ps, q, q_dot, p)
