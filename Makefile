@@ -42,7 +42,7 @@ PORT     := firmware/port/stm32f405
 # What of the STM32F405's port a host can run, on the registers of tests/unit/chip.c
 CHIP_SOURCES := $(filter-out %/start.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/unit/chip.c
 # Tests that need the host: a simulated chip's registers, more memory than a chip has
-HOST_TESTS := app can_errors chk fuzz machine_file pace power_cut sim slcan store $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_port_*.c))
+HOST_TESTS := app bitflip can_errors chk fuzz machine_file pace power_cut sim slcan store $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_port_*.c))
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
 NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden homing ip learning loop machine modes num observer on_chip params path scope servo spline trig uncertainty

@@ -147,12 +147,12 @@ static inline int64_t n_to_q32(num x)
 
 static inline num pos_sub(pos_t a, pos_t b)
 {
-    return n_from_i64(a - b) * (1.0f / 65536000.0f);
+    return n_from_i64((int64_t)((uint64_t)a - (uint64_t)b)) * (1.0f / 65536000.0f); /* wraps, whatever is in memory */
 }
 
 static inline pos_t pos_add(pos_t p, num x)
 {
-    return p + n_to_i64(x * 65536000.0f);
+    return (int64_t)((uint64_t)p + (uint64_t)n_to_i64(x * 65536000.0f));
 }
 
 /* Halves to even */

@@ -10,6 +10,8 @@
 #define KONTUR_VERSION "0.0.0"
 #endif
 
+enum { MOST_BEHIND_MS = 5000 }; /* more than writing the flash takes */
+
 static int32_t clamp(int32_t x, int32_t lo, int32_t hi)
 {
     return x < lo ? lo : x > hi ? hi : x;
@@ -309,7 +311,7 @@ static void on_write(void *ctx, const struct od_entry *entry)
 {
     struct app *app = ctx;
     if ((entry->flags & OD_CONFIG) != 0) {
-        drive_configure(&app->drive);
+        drive_configure(&app->drive, false);
     }
     switch (entry->index) {
     case 0x1010:
@@ -432,6 +434,10 @@ void app_poll(struct app *app)
         guard_drained(&app->drive.guard, drive_now(&app->drive));
     }
     const uint32_t published = atomic_load(&app->drive.loop.published);
+    if (published - app->ms > MOST_BEHIND_MS) { /* no background is so late: the count has changed by itself */
+        loop_raise(&app->drive.loop, FAULT_MEMORY);
+        app->ms = published - 1u;
+    }
     while (app->ms != published) {
         app->ms++;
         report(app, loop_snapshot(&app->drive.loop));

@@ -1,11 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "cia402.h"
 
+static uint32_t complement(const struct cia402 *c)
+{
+    return ~((uint32_t)c->state | (uint32_t)c->leave_to << 8);
+}
+
+bool cia402_intact(const struct cia402 *c)
+{
+    return c->not_state == complement(c) && c->state <= CIA402_FAULT && c->leave_to <= CIA402_FAULT;
+}
+
 static void enter(struct cia402 *c, enum cia402_state state, enum cia402_state leave_to)
 {
     c->changes += c->state != state ? 1u : 0u;
     c->state = state;
     c->leave_to = leave_to;
+    c->not_state = complement(c);
 }
 
 static void go(struct cia402 *c, enum cia402_state state)
@@ -32,6 +43,9 @@ static void leave(struct cia402 *c, enum cia402_state state)
 
 void cia402_stop(struct cia402 *c)
 {
+    if (!cia402_intact(c)) {
+        return;
+    }
     if (c->state == CIA402_OPERATION_ENABLED || c->state == CIA402_QUICK_STOP_ACTIVE) {
         enter(c, CIA402_QUICK_STOP_ACTIVE, CIA402_SWITCH_ON_DISABLED);
     } else {
@@ -44,6 +58,9 @@ void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable)
     const bool reset_edge = (controlword & CW_FAULT_RESET) != 0 && (c->controlword & CW_FAULT_RESET) == 0;
     c->controlword = controlword;
 
+    if (!cia402_intact(c)) {
+        return;
+    }
     if (c->state == CIA402_FAULT) {
         if (reset_edge) {
             go(c, CIA402_SWITCH_ON_DISABLED);
@@ -84,7 +101,7 @@ void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable)
 
 void cia402_poll(struct cia402 *c, bool standing)
 {
-    if (!standing) {
+    if (!standing || !cia402_intact(c)) {
         return;
     }
     if (c->state == CIA402_QUICK_STOP_ACTIVE && c->leave_to != CIA402_QUICK_STOP_ACTIVE) {
@@ -98,7 +115,7 @@ void cia402_poll(struct cia402 *c, bool standing)
 
 void cia402_fault(struct cia402 *c, bool stop_first)
 {
-    if (c->state == CIA402_FAULT) {
+    if (cia402_intact(c) && c->state == CIA402_FAULT) {
         return;
     }
     go(c, stop_first && cia402_powered(c) ? CIA402_FAULT_REACTION_ACTIVE : CIA402_FAULT);
@@ -106,13 +123,14 @@ void cia402_fault(struct cia402 *c, bool stop_first)
 
 bool cia402_powered(const struct cia402 *c)
 {
-    return c->state == CIA402_OPERATION_ENABLED || c->state == CIA402_QUICK_STOP_ACTIVE ||
-           c->state == CIA402_FAULT_REACTION_ACTIVE;
+    return cia402_intact(c) &&
+           (c->state == CIA402_OPERATION_ENABLED || c->state == CIA402_QUICK_STOP_ACTIVE ||
+            c->state == CIA402_FAULT_REACTION_ACTIVE);
 }
 
 bool cia402_enabled(const struct cia402 *c)
 {
-    return c->state == CIA402_OPERATION_ENABLED && c->leave_to == CIA402_OPERATION_ENABLED;
+    return cia402_intact(c) && c->state == CIA402_OPERATION_ENABLED && c->leave_to == CIA402_OPERATION_ENABLED;
 }
 
 bool cia402_waits(const struct cia402 *c)
@@ -130,5 +148,5 @@ uint16_t cia402_statusword(const struct cia402 *c)
         [CIA402_QUICK_STOP_ACTIVE] = 0x0007,  [CIA402_FAULT_REACTION_ACTIVE] = 0x000F,
         [CIA402_FAULT] = 0x0008,
     };
-    return (uint16_t)(bits[c->state] | 0x0210u);
+    return (uint16_t)(bits[cia402_intact(c) ? c->state : CIA402_FAULT] | 0x0210u);
 }

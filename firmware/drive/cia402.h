@@ -43,6 +43,7 @@ enum {
 
 struct cia402 {
     enum cia402_state state;
+    uint32_t not_state;         /* ~state, and leave_to from bit 8 on: a bit that turns over is seen */
     enum cia402_state leave_to; /* of OPERATION_ENABLED, QUICK_STOP_ACTIVE: where to go once the axis stands */
     uint32_t changes;           /* of state, counted from 1 */
     uint16_t controlword;
@@ -51,6 +52,8 @@ struct cia402 {
 
 /* Power-on, of what is zero; or again: `changes` goes on. */
 void cia402_init(struct cia402 *c);
+/* It is what this module has put there; else it has no power, and cia402_fault() is the way on. */
+bool cia402_intact(const struct cia402 *c);
 /* A controlword has been written. may_enable: the axis may enter operation enabled. */
 void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable);
 /* Stop and then power off, whatever 605Ah says. */

@@ -3,65 +3,6 @@
 
 #include <stddef.h>
 
-/* A speed of four times what the drive trips at is no movement; 100 counts of slack for coarse speeds. */
-static uint32_t jump_counts(const struct od_data *od, const struct od_axis *a)
-{
-    const uint64_t counts = (uint64_t)od->limits.velocity * 4u * 100000000u / CONTROL_HZ / a->plant.encoder;
-    return counts + 100u < INT32_MAX ? (uint32_t)counts + 100u : INT32_MAX;
-}
-
-struct loop_cfg drive_loop_cfg(const struct od_data *od)
-{
-    struct loop_cfg c = {.servo = params_to_cfg(od),
-                         .machine = params_to_machine(od),
-                         .speed_max = n_ratio(od->limits.velocity, 200),
-                         .stop_time = n_ratio(od->limits.path_stop_time, 1),
-                         .cut = fault_mask(od, REACT_DISABLE),
-                         .stop = fault_mask(od, REACT_PATH_STOP)};
-    for (int i = 0; i < 2; i++) {
-        const struct od_axis *a = &od->axis[i];
-        c.encoder_10fm[i] = a->plant.encoder;
-        c.following_max[i] = n_ratio(a->following_window, 1000);
-        c.following_ticks[i] = a->following_timeout * (CONTROL_HZ / 1000u);
-        c.min_nm[i] = a->position_limit.min;
-        c.max_nm[i] = a->position_limit.max;
-        c.jump_counts[i] = jump_counts(od, a);
-    }
-    return c;
-}
-
-static void configure_hal(const struct od_data *od, const struct hal *hal)
-{
-    struct hal_axis_cfg cfg[AXES];
-    for (int i = 0; i < AXES; i++) {
-        const struct od_axis *a = &od->axis[i];
-        cfg[i] = (struct hal_axis_cfg){
-            .output = a->wiring.output != 0 ? HAL_OUTPUT_PWM : HAL_OUTPUT_DAC,
-            .full_scale_mN = a->wiring.full_scale,
-            .invert_force = a->wiring.invert_force != 0,
-            .invert_encoder = a->wiring.invert_encoder != 0,
-            .index_counts = a->wiring.index_counts,
-            .jump_counts = jump_counts(od, a),
-        };
-    }
-    if (hal->drive_configure != NULL) {
-        hal->drive_configure(hal->ctx, cfg);
-    }
-}
-
-void drive_configure(struct drive *d)
-{
-    const uint32_t next = atomic_load(&d->loop.command.configured) + 1u;
-    d->configured_at = atomic_load(&d->loop.published);
-    d->loop.cfg[next % 2u] = drive_loop_cfg(d->od);
-    atomic_store(&d->loop.command.configured, next);
-    configure_hal(d->od, d->loop.hal);
-    for (int i = 0; i < 2; i++) {
-        d->queue.min_nm[i] = d->od->axis[i].position_limit.min;
-        d->queue.max_nm[i] = d->od->axis[i].position_limit.max;
-    }
-}
-
 static bool both_enabled(const struct drive *d)
 {
     return cia402_enabled(&d->axis[0]) && cia402_enabled(&d->axis[1]);
@@ -103,7 +44,8 @@ static void restart(struct drive *d)
 {
     atomic_store(&d->loop.command.complete, false);
     atomic_store(&d->loop.command.rest, false);
-    atomic_fetch_add(&d->loop.command.begin, 1u);
+    d->begun++;
+    atomic_store(&d->loop.command.begin, d->begun);
 }
 
 void drive_hold(struct drive *d)
@@ -239,7 +181,7 @@ static void apply(struct drive *d)
     }
     for (int i = 0; i < 2; i++) {
         d->powered[i] = cia402_powered(&d->axis[i]);
-        atomic_store(&d->loop.command.powered[i], d->powered[i]);
+        atomic_store(&d->loop.command.powered[i], d->powered[i] ? LOOP_ON : LOOP_OFF);
     }
     atomic_store(&d->loop.command.rate, d->modes.generating ? 1000u : d->od->feed_override);
     atomic_store(&d->loop.command.run, run_wanted(d));
@@ -333,7 +275,7 @@ void drive_reset(struct drive *d)
     queue_init(&d->queue, &d->od->stream);
     d->queue.origin_nm[0] = origin_nm[0];
     d->queue.origin_nm[1] = origin_nm[1];
-    drive_configure(d);
+    drive_configure(d, true);
     drive_hold(d);
     (void)scope_arm(&d->loop.scope, d->od, origin_nm);
 }
@@ -416,6 +358,11 @@ static void take_faults(struct drive *d)
 
 void drive_poll(struct drive *d)
 {
+    if (!drive_intact(d)) {
+        loop_raise(&d->loop, FAULT_MEMORY); /* cuts the power with the next tick, whatever the background makes of it */
+        drive_mend(d);
+        drive_fault(d, FAULT_MEMORY);
+    }
     take_faults(d);
     for (int i = 0; i < 2; i++) {
         cia402_poll(&d->axis[i], modes_stands(d, i));

@@ -10,6 +10,7 @@
 #include "cia402.h"
 #include "guard.h"
 #include "loop.h"
+#include "memory.h"
 #include "modes.h"
 #include "queue.h"
 #include "watch.h"
@@ -28,7 +29,9 @@ struct drive {
     bool refused;        /* an axis is to be enabled while it moves */
     bool store_lost;     /* set by app.c: settings_lost() */
     bool node_warns;     /* set by app.c: errors of the CANopen node are in effect */
+    struct memory memory;
     bool powered[2];
+    uint32_t configured, begun; /* loop.command's, as they are to be */
     uint32_t configured_at; /* snapshots published by then */
     bool starved;
     struct knot left_at; /* where a suspended path stands, nm */
@@ -40,8 +43,8 @@ struct loop_cfg drive_loop_cfg(const struct od_data *od);
 void drive_init(struct drive *d, struct od_data *od, const struct hal *hal);
 /* As at power-on, while the tick goes on: power off at once, no stream, no fault. Position and time are kept. */
 void drive_reset(struct drive *d);
-/* Parameters have changed (without power) and fit together: take them over. */
-void drive_configure(struct drive *d);
+/* Parameters have changed (without power) and fit together: take them over. anew: all of them have, by a reset. */
+void drive_configure(struct drive *d, bool anew);
 /* Controlwords in od have been written, just now those of the axes of which bit 0, 1 of `received` is set. */
 void drive_command(struct drive *d, unsigned received);
 /* A statusword, as it is in od, goes to the master. */
@@ -70,6 +73,10 @@ struct knot drive_position(struct drive *d);
 bool drive_powered(const struct drive *d);
 
 /* Between the files of this folder: */
+/* No bit has turned over where that would matter. Each millisecond. */
+bool drive_intact(struct drive *d);
+/* ... one has: no power, and the rest as it is to be. FAULT_MEMORY follows. */
+void drive_mend(struct drive *d);
 /* Path time stands. */
 bool drive_stands(const struct drive *d);
 /* The tick has seen the last stream begin: what it says of the path is about this one. */

@@ -309,6 +309,17 @@ static void scale(struct loop *loop, const struct loop_record *r)
     s->controller = r->controller;
 }
 
+/* Where an axis has power one of the two numbers has changed by itself; but in the first tick, and after FAULT_LAW. */
+SELDOM static bool may_configure(struct loop *loop)
+{
+    const bool powered = LOAD(loop->command.powered[0]) == LOOP_ON || LOAD(loop->command.powered[1]) == LOOP_ON;
+    if (powered && loop->configured != UINT32_MAX) {
+        loop_raise(loop, FAULT_MEMORY);
+        return false;
+    }
+    return true;
+}
+
 /* A configuration is taken over, which happens without power only: the machine's part before it is read, */
 SELDOM static void configure_machine(struct loop *loop, uint32_t configured)
 {
@@ -346,6 +357,8 @@ void loop_init(struct loop *loop, const struct hal *hal, const struct spline_rin
         loop->encoder[i].count = in.count[i];
     }
     atomic_store(&loop->command.rate, 1000u);
+    atomic_store(&loop->command.powered[0], LOOP_OFF);
+    atomic_store(&loop->command.powered[1], LOOP_OFF);
     loop->configured = UINT32_MAX; /* the first tick resets the servo */
     loop->next = &loop->record[1];
     atomic_store(&loop->standing, true);
@@ -362,7 +375,7 @@ __attribute__((noinline, noclone)) void loop_tick(struct loop *loop)
 {
     atomic_signal_fence(memory_order_acquire);
     const uint32_t configured = LOAD(loop->command.configured);
-    const bool anew = configured != loop->configured;
+    const bool anew = configured != loop->configured && may_configure(loop);
     struct hal_drive_in in;
     struct servo_in servo;
     struct loop_record *record = loop->next;
@@ -389,7 +402,7 @@ __attribute__((noinline, noclone)) void loop_tick(struct loop *loop)
     follow_path(loop, cfg);
     const bool cut = (LOAD(loop->faults) & cfg->cut) != 0;
     for (int i = 0; i < 2; i++) {
-        servo.enabled[i] = !cut && LOAD(loop->command.powered[i]);
+        servo.enabled[i] = !cut && LOAD(loop->command.powered[i]) == LOOP_ON;
     }
     servo.controller = (enum controller)LOAD(loop->command.controller);
     servo.path = loop->path.at;

@@ -33,8 +33,12 @@ struct loop_cfg {
     struct machine_cfg machine;
 };
 
+/* Each other's complement: no bit that turns over makes one of the other. */
+#define LOOP_ON 0x5AC369F0u
+#define LOOP_OFF 0xA53C960Fu
+
 struct loop_command {
-    _Atomic bool powered[2];   /* power stage on, law active */
+    _Atomic uint32_t powered[2]; /* LOOP_ON: power stage on, law active; anything but LOOP_OFF beside it is an error */
     _Atomic bool run;          /* path time may run */
     _Atomic uint16_t rate;     /* ... at this rate, 1/1000, up to 1000 PATH_RATE_MAX; 0: it stands */
     _Atomic bool complete;     /* all knots of the stream are in the ring */

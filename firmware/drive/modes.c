@@ -10,6 +10,7 @@ void modes_reset(struct drive *d)
     d->modes.generating = false;
     for (int i = 0; i < 2; i++) {
         d->modes.axis[i].mode = MODE_PATH;
+        jog_start(&d->modes.axis[i].jog, 0); /* of use for nothing, but never without a sense */
         if (home_busy(&d->modes.axis[i].home)) {
             d->modes.axis[i].home.state = HOME_NONE;
         }

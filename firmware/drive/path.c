@@ -87,6 +87,12 @@ uint32_t path_executed(const struct path *p)
     return p->at.knot == 0 && p->at.rest == 0 ? 0 : p->at.knot + 1u;
 }
 
+/* Of any rate, also of one that memory has made up: it wraps. */
+static path_t way_at(num rate, path_t step)
+{
+    return (path_t)((uint64_t)(n_to_q32(rate) / 16) * (uint64_t)step) / (1 << 28);
+}
+
 enum path_event path_step(struct path *p, const struct path_in *in)
 {
     const bool to_1 = !n_lt(in->rate, NUM(1)) && !n_lt(NUM(1), in->rate);
@@ -98,7 +104,7 @@ enum path_event path_step(struct path *p, const struct path_in *in)
     const path_t last = in->count < margin ? 0 : (path_t)(in->count - margin) * PATH_ONE;
     const num period = n_div(n_ratio(in->step >> 19, (PATH_ONE >> 19) / ACC_GAIN), in->stop_time);
 
-    const path_t way = is_steady(&p->motion, NUM(1)) ? in->step : n_to_q32(p->at.rate) / 16 * in->step / (1 << 28);
+    const path_t way = is_steady(&p->motion, NUM(1)) ? in->step : way_at(p->at.rate, in->step);
     const path_t s = path_s(&p->at) + way;
     p->at.count = in->count;
     p->spare = 0;

@@ -45,7 +45,7 @@ void rig_init(struct rig *r, enum controller controller)
     loop_init(&r->loop, &r->hal, &r->ring);
     r->loop.cfg[0] = drive_loop_cfg(&od);
     for (int i = 0; i < 2; i++) {
-        atomic_store(&r->loop.command.powered[i], true);
+        atomic_store(&r->loop.command.powered[i], LOOP_ON);
     }
     atomic_store(&r->loop.command.controller, (uint8_t)controller);
     atomic_store(&r->loop.command.run, true);

@@ -119,7 +119,7 @@ static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void
     wires.count[0] = 1000000;
     ms(300);
     od.axis[0].plant.encoder = 2 * 7629000;
-    drive_configure(&drive);
+    drive_configure(&drive, false);
     command(0x06, 0x06);
     command(0x0F, 0x0F);
     TEST_ASSERT_FALSE(drive_powered(&drive));
@@ -139,7 +139,7 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
         od.axis[i].position_limit.min = -4567891 - i;
         od.axis[i].position_limit.max = 5678912 + i;
     }
-    drive_configure(&drive);
+    drive_configure(&drive, false);
     const struct loop_cfg *c = &drive.loop.cfg[atomic_load(&drive.loop.command.configured) % 2u];
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 123456 * 5e-3, val(c->speed_max)); /* um/T0 */
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 234, val(c->stop_time));
@@ -231,7 +231,7 @@ static void test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled(voi
     tick(1);
     drive_poll(&drive);
     TEST_ASSERT_FALSE(drive_powered(&drive));
-    TEST_ASSERT_FALSE(atomic_load(&drive.loop.command.powered[0]));
+    TEST_ASSERT_EQUAL_HEX32(LOOP_OFF, atomic_load(&drive.loop.command.powered[0]));
     TEST_ASSERT_FALSE(drive.queue.open);
 }
 

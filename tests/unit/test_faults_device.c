@@ -11,6 +11,66 @@ void tearDown(void)
 {
 }
 
+static void test_memory_that_changes_by_itself_cuts_the_power(void)
+{
+    const struct drive *d = &rig.app.drive;
+    void *const changed[] = {&rig.app.drive.axis[0].state, &rig.app.drive.axis[1].leave_to,
+                             &rig.app.drive.loop.command.controller, &rig.app.drive.loop.cfg[d->configured % 2u].following_max,
+                             &rig.app.drive.faults};
+    for (unsigned i = 0; i < sizeof changed / sizeof changed[0]; i++) {
+        power_on();
+        be_on_the_way();
+        uint8_t byte;
+        memcpy(&byte, changed[i], 1);
+        byte ^= 2u;
+        memcpy(changed[i], &byte, 1);
+        expect_reaction(ROW_MEMORY, 0);
+        rig_ms(&rig, 400); /* the axes run out */
+        expect_clearing(ROW_MEMORY, 0);
+    }
+}
+
+static void test_memory_of_a_command_to_the_tick_that_changes_gives_no_power_and_takes_it(void)
+{
+    rig_nmt(&rig, 1);
+    rig_ms(&rig, 5);
+    atomic_store(&rig.app.drive.loop.command.powered[0], LOOP_OFF ^ 0x400u);
+    rig_run(&rig, 5);
+    expect_no_power();
+    rig_ms(&rig, 2);
+    rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+    power_on();
+    be_on_the_way();
+    atomic_fetch_add(&rig.app.drive.loop.command.configured, 1u);
+    rig_run(&rig, 1);
+    expect_no_power();
+    rig_ms(&rig, 1);
+    rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+}
+
+static void test_memory_of_a_parameter_that_changes_is_mended_by_a_reset_of_the_node(void)
+{
+    be_on_the_way();
+    const uint32_t before = rig.app.od.tunnel.debounce;
+    rig.app.od.tunnel.debounce ^= 0x40u;
+    rig_ms(&rig, 30);
+    rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0x5510));
+    expect_no_power();
+    rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
+    rig_ms(&rig, 30);
+    rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2121, 1, 2, 20)); /* another one: it does not pass for all */
+    rig_controlwords(&rig, 0, 0);
+    rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
+    rig_ms(&rig, 30);
+    rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+    rig_nmt(&rig, 129);
+    TEST_ASSERT_EQUAL_UINT32(before, rig_read(&rig, 0x2120, 2));
+    rig_ms(&rig, 500);
+    rig_enable(&rig);
+}
+
 static void test_clock_that_fails_cuts_the_power(void)
 {
     be_on_the_way();
@@ -289,6 +349,9 @@ static void test_warning_is_told_again_after_a_reset_of_the_node(void)
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_memory_that_changes_by_itself_cuts_the_power);
+    RUN_TEST(test_memory_of_a_command_to_the_tick_that_changes_gives_no_power_and_takes_it);
+    RUN_TEST(test_memory_of_a_parameter_that_changes_is_mended_by_a_reset_of_the_node);
     RUN_TEST(test_clock_that_fails_cuts_the_power);
     RUN_TEST(test_restart_by_watchdog_or_crash_is_a_fault_from_power_on);
     RUN_TEST(test_brown_out_is_a_fault_from_power_on);

@@ -69,7 +69,7 @@ static void power(void)
 {
     for (int i = 0; i < 2; i++) {
         ring.start.nm[i] = loop_snapshot(&loop)->position_nm[i];
-        atomic_store(&loop.command.powered[i], true);
+        atomic_store(&loop.command.powered[i], LOOP_ON);
     }
     tick(1);
     TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
@@ -118,7 +118,7 @@ static void test_force_is_zero_without_power(void)
 
 static void test_axis_without_power_gets_no_force_while_the_other_one_is_held(void)
 {
-    atomic_store(&loop.command.powered[1], true);
+    atomic_store(&loop.command.powered[1], LOOP_ON);
     wires.count[0] = wires.count[1] = 5;
     tick(2);
     TEST_ASSERT_FALSE(out.enable[0]);
@@ -207,8 +207,8 @@ static void test_following_error_cuts_the_power_in_the_period_that_sees_it(void)
     for (int axis = 0; axis < 2; axis++) {
         for (int sign = -1; sign <= 1; sign += 2) {
             start(0, 0);
-            atomic_store(&loop.command.powered[0], false);
-            atomic_store(&loop.command.powered[1], false);
+            atomic_store(&loop.command.powered[0], LOOP_OFF);
+            atomic_store(&loop.command.powered[1], LOOP_OFF);
             ring.start.nm[0] = ring.start.nm[1] = 0;
             power();
             ring.start.nm[axis] = sign * 100010; /* reference 100.01 um away; window 100 um */
@@ -235,8 +235,8 @@ static void test_overspeed_cuts_the_power_in_the_period_that_sees_it(void)
     for (int axis = 0; axis < 2; axis++) {
         for (int sign = -1; sign <= 1; sign += 2) {
             start(0, 0);
-            atomic_store(&loop.command.powered[0], false);
-            atomic_store(&loop.command.powered[1], false);
+            atomic_store(&loop.command.powered[0], LOOP_OFF);
+            atomic_store(&loop.command.powered[1], LOOP_OFF);
             ring.start.nm[0] = ring.start.nm[1] = 0;
             power();
             loop.cfg[0].speed_max = NUM(5); /* 1 mm/s */
@@ -260,7 +260,7 @@ static void test_axis_outside_the_limits_is_no_fault_while_it_is_where_its_refer
         start(sign * 30000, 0); /* 3 mm */
         for (int axis = 0; axis < 2; axis++) {
             ring.start.nm[axis] = loop_snapshot(&loop)->position_nm[axis];
-            atomic_store(&loop.command.powered[axis], true);
+            atomic_store(&loop.command.powered[axis], LOOP_ON);
         }
         tick(100);
         TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
@@ -277,7 +277,7 @@ static void test_limits_are_the_users_and_move_with_the_origin(void)
         start(0, 0);
         atomic_store(&loop.command.origin_nm[0], beyond ? 1102000 : 1098000); /* limit and window: 1.1 mm */
         loop.cfg[0].following_ticks[0] = 1000000;
-        atomic_store(&loop.command.powered[0], true);
+        atomic_store(&loop.command.powered[0], LOOP_ON);
         ring.start.nm[0] = -200000;
         tick(1);
         TEST_ASSERT_EQUAL_HEX32(beyond ? FAULT_BIT(FAULT_TRAVEL) : 0, atomic_load(&loop.faults));
@@ -312,7 +312,7 @@ static void test_travel_ends_where_the_limits_and_the_window_do(void)
                 const int32_t nm = loop_snapshot(&loop)->position_nm[axis];
                 ring.start.nm[axis] = nm > 0 ? nm - 150000 : nm < 0 ? nm + 150000 : 0; /* inside, it has lost its way */
                 loop.cfg[0].following_ticks[axis] = 1000000;
-                atomic_store(&loop.command.powered[axis], true);
+                atomic_store(&loop.command.powered[axis], LOOP_ON);
             }
             tick(1);
             if (beyond) {

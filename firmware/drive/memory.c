@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "memory.h"
+
+#include <string.h>
+
+/* One bit of what goes in changes one bit, or more, of what comes out. */
+static uint32_t add(uint32_t sum, uint32_t word)
+{
+    return (sum << 5 | sum >> 27) + word;
+}
+
+static uint32_t cfg_sum(const struct loop_cfg *cfg)
+{
+    const uint8_t *bytes = (const uint8_t *)cfg;
+    uint32_t sum = 0;
+    for (uint32_t i = 0; i + 4u <= sizeof *cfg; i += 4u) {
+        uint32_t word;
+        memcpy(&word, &bytes[i], sizeof word);
+        sum = add(sum, word);
+    }
+    return sum;
+}
+
+static uint32_t add_entry(uint32_t sum, const struct od_data *od, const struct od_entry *entry)
+{
+    return (entry->flags & OD_CONFIG) != 0 ? add(sum, (uint32_t)od_read(od, entry)) : sum;
+}
+
+void memory_seal(struct memory *m, const struct loop_cfg *cfg, const struct od_data *od, bool anew)
+{
+    m->cfg = cfg_sum(cfg);
+    m->parameters = 0;
+    m->sum = 0;
+    m->at = 0;
+    for (uint16_t i = 0; i < od_table_len; i++) {
+        m->parameters = add_entry(m->parameters, od, &od_table[i]);
+    }
+    m->lost = m->lost && !anew;
+}
+
+bool memory_intact(struct memory *m, const struct loop_cfg *cfg, const struct od_data *od)
+{
+    for (unsigned i = 0; i < MEMORY_ENTRIES_MS && m->at < od_table_len; i++) {
+        m->sum = add_entry(m->sum, od, &od_table[m->at]);
+        m->at++;
+    }
+    if (m->at >= od_table_len) {
+        m->lost = m->lost || m->sum != m->parameters;
+        m->sum = 0;
+        m->at = 0;
+    }
+    return !m->lost && cfg_sum(cfg) == m->cfg;
+}

@@ -1,0 +1,358 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A campaign: every bit of the variables that decide on power, limits and stops, turned over while the firmware runs, one at a time,
+ * in each state of the drive.
+ *
+ * Whatever bit it is: where there is no power, there is none in any control period; where there is, the force stays within its limit,
+ * and while there is power the axis stays within the soft limits and 2130h:1, both with what a fault takes to be seen; in the end the
+ * drive does what its statuswords say, either as before or off. Nothing is undefined: this runs sanitized.
+ *
+ * Of a bool only the bit that C gives a meaning is turned, of a 64-bit position not the highest four, of a 64-bit rate not those above 4:
+ * there sums and products leave the type, which C leaves undefined (the chip wraps, and so does what the low bits do). Pointers are not: a wrong one ends in a HardFault, which switches the
+ * outputs off (port/stm32f405/crash.c), or in memory of this list. */
+#include <stddef.h>
+#include <stdio.h>
+
+#include "test_drive_rig.h"
+
+enum { SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, RUN = 0x1F, QUICK_STOP = 0x0B, FAULT_RESET = 0x80 };
+enum { OFF_PERIODS = 40, ON_PERIODS = 200 }; /* periods that a trial takes */
+enum { LARGE = 32, ONE_IN = 7 };              /* bytes; of a larger variable one bit in so many, others in each state */
+
+static struct rig rig, begin_with;
+static struct rig_stream stream;
+static unsigned flips, safe, stopped;
+
+#define LIMIT_M 0.06                 /* soft limits of the trials */
+#define WINDOW_M 1e-3                /* 6065h */
+#define FORCE_MAX_MN 600000
+#define SPEED_MAX_MPS 0.5            /* 2130h:1 */
+
+/* ---- the variables ---- */
+
+struct variable {
+    const char *name;
+    size_t offset;  /* in struct rig */
+    size_t size;    /* bytes */
+    enum { ANY, BOOL, WIDE, RATES } kind; /* the last two: 64-bit */
+};
+
+#define VAR(member) {#member, offsetof(struct rig, member), sizeof rig.member, ANY}
+#define FLAG(member) {#member, offsetof(struct rig, member), 1, BOOL}
+#define FAR(member) {#member, offsetof(struct rig, app.drive.loop.member), sizeof rig.app.drive.loop.member, WIDE}
+#define RATE(member) {#member, offsetof(struct rig, app.drive.loop.member), sizeof rig.app.drive.loop.member, RATES}
+#define LOOP(member) VAR(app.drive.loop.member)
+#define DRIVE(member) VAR(app.drive.member)
+
+static const struct variable variables[] = {
+    /* state and commands of the master */
+    DRIVE(axis[0].state), DRIVE(axis[0].leave_to), DRIVE(axis[0].changes), DRIVE(axis[0].controlword), DRIVE(axis[0].quick_stop),
+    DRIVE(axis[1].state), DRIVE(axis[1].leave_to), DRIVE(axis[1].changes), DRIVE(axis[1].controlword), DRIVE(axis[1].quick_stop),
+    VAR(app.od.axis[0].controlword), VAR(app.od.axis[1].controlword), VAR(app.od.axis[0].statusword),
+    VAR(app.od.axis[0].mode), VAR(app.od.axis[1].mode), VAR(app.od.axis[0].target_velocity), VAR(app.od.claim_required),
+    DRIVE(guard.holder), DRIVE(guard.key), DRIVE(guard.ticket), DRIVE(guard.armed_at), DRIVE(guard.axis),
+    FLAG(app.drive.guard.lost), FLAG(app.drive.guard.drawn), FLAG(app.drive.guard.armed),
+    VAR(app.node.state), VAR(app.node.guarded), VAR(app.node.consumer_left_ms),
+    /* what the background tells the tick */
+    LOOP(command.powered[0]), LOOP(command.powered[1]), FLAG(app.drive.loop.command.run), LOOP(command.rate),
+    FLAG(app.drive.loop.command.complete), FLAG(app.drive.loop.command.rest), LOOP(command.controller), LOOP(command.begin),
+    LOOP(command.configured), LOOP(command.origin_nm[0]), LOOP(command.origin_nm[1]),
+    /* what the tick tells the background */
+    LOOP(faults), LOOP(first), LOOP(begun), LOOP(executed), LOOP(published), LOOP(ticks),
+    FLAG(app.drive.loop.standing), FLAG(app.drive.loop.at_end), FLAG(app.drive.loop.starved),
+    /* limits and masks */
+    LOOP(cfg[0]), LOOP(cfg[1]), FAR(lowest), FAR(highest), LOOP(late[0]), LOOP(late[1]),
+    LOOP(configured), LOOP(inputs), LOOP(path.at.rate),  RATE(path.motion), LOOP(path.spare),
+    LOOP(permille), LOOP(rate), FLAG(app.drive.loop.simulated),
+    /* the law */
+    FAR(servo.observer[0].pos), LOOP(servo.observer[0].vel), LOOP(servo.observer[0].acc), LOOP(servo.controller), LOOP(servo.offset), LOOP(servo.turn), LOOP(servo.last), LOOP(servo.asmc),
+    LOOP(servo.uncertainty), LOOP(servo.learning), FAR(encoder[0].pos), FAR(encoder[0].count), LOOP(encoder[0].last), LOOP(encoder[0].rest),
+    FLAG(app.drive.loop.servo.enabled[0]), FLAG(app.drive.loop.servo.enabled[1]), FLAG(app.drive.loop.servo.saturated),
+    /* faults */
+    DRIVE(faults), DRIVE(warnings), DRIVE(first), FLAG(app.drive.refused), FLAG(app.drive.powered[0]), FLAG(app.drive.powered[1]),
+    DRIVE(configured_at), DRIVE(left_at), DRIVE(watch),
+    /* modes and queue */
+    DRIVE(modes.axis[0].mode), DRIVE(modes.axis[1].mode), FLAG(app.drive.modes.generating), FLAG(app.drive.modes.ending),
+    FLAG(app.drive.modes.by_record), FLAG(app.drive.modes.by_frame), DRIVE(modes.axis[0].home.state), DRIVE(modes.axis[0].wish_umps),
+    DRIVE(queue.total), DRIVE(queue.min_nm), DRIVE(queue.max_nm), DRIVE(queue.low_nm), DRIVE(queue.high_nm), DRIVE(queue.origin_nm),
+    DRIVE(queue.still), DRIVE(queue.max_nmpms2), DRIVE(queue.step_nm), FLAG(app.drive.queue.open), FLAG(app.drive.queue.suspended),
+    FLAG(app.drive.queue.outside), FLAG(app.drive.queue.sharp), DRIVE(queue.ring.start), DRIVE(queue.ring.count),
+    DRIVE(queue.ring.knot[0]), DRIVE(queue.ring.knot[100]), DRIVE(queue.ring.knot[401]), DRIVE(queue.ring.knot[402]),
+    DRIVE(queue.ring.knot[405]), DRIVE(queue.ring.knot[420]), DRIVE(queue.ring.knot[1000]),
+    VAR(app.od.stream.state), VAR(app.od.stream.accepted), VAR(app.od.stream.executed), VAR(app.od.stream.total),
+    VAR(app.od.stream.end_x), VAR(app.od.stream.free), VAR(app.od.feed_override),
+    /* the parameters that are looked at while there is power */
+    VAR(app.od.axis[0].quick_stop_option), VAR(app.od.axis[0].halt_option), VAR(app.od.axis[0].position_limit),
+    VAR(app.od.axis[0].plant), VAR(app.od.axis[0].following_window), VAR(app.od.limits), VAR(app.od.tunnel), VAR(app.od.watch),
+    VAR(app.od.controller),
+};
+
+/* ---- the states ---- */
+
+static void power_on(void)
+{
+    struct ks_machine machine = rig_machine();
+    rig_start(&rig, &machine);
+    for (uint16_t axis = 0; axis < 2; axis++) {
+        const uint16_t at = (uint16_t)(axis * 0x800);
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x607D + at, 1, 4, (int32_t)(-LIMIT_M * 1e9)));
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x607D + at, 2, 4, (int32_t)(LIMIT_M * 1e9)));
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x6065 + at, 0, 4, (int32_t)(WINDOW_M * 1e9)));
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x605A + at, 0, 2, 6));
+    }
+    rig_nmt(&rig, 1);
+    rig_ms(&rig, 5);
+}
+
+static void command(uint16_t controlword)
+{
+    rig_controlwords(&rig, controlword, controlword);
+    rig_ms(&rig, 2);
+}
+
+static void be_off(void)
+{
+}
+
+static void be_ready(void)
+{
+    command(SHUTDOWN);
+}
+
+static void be_switched_on(void)
+{
+    command(SHUTDOWN);
+    command(SWITCH_ON);
+}
+
+static void be_on(void)
+{
+    rig_enable(&rig);
+    rig_ms(&rig, 20);
+}
+
+static void be_on_the_way(void)
+{
+    be_on();
+    stream = (struct rig_stream){.count = 900, .length_nm = 50e6};
+    rig_go(&rig, &stream, 400);
+}
+
+static void be_stopping(void)
+{
+    be_on_the_way();
+    rig.heartbeat_every_ms = 0;
+    rig_ms(&rig, 230);
+    rig_expect_states(&rig, RIG_REACTION, RIG_REACTION);
+}
+
+static void be_at_fault(void)
+{
+    be_on_the_way();
+    rig.inputs[0] = HAL_AMPLIFIER_FAULT;
+    rig_ms(&rig, 2);
+    rig.inputs[0] = 0;
+    rig_ms(&rig, 300); /* the axes run out */
+}
+
+static void be_stopped(void)
+{
+    be_on_the_way();
+    command(QUICK_STOP);
+    rig_ms(&rig, 150);
+    rig_expect_states(&rig, RIG_QUICK_STOP, RIG_QUICK_STOP);
+}
+
+static void be_disabled_again(void)
+{
+    be_on_the_way();
+    command(ENABLE);
+    rig_ms(&rig, 150);
+    command(0);
+}
+
+static void be_filled(void)
+{
+    be_on();
+    stream = (struct rig_stream){.count = 900, .length_nm = 50e6};
+    TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &stream));
+    rig_feed(&rig, &stream, stream.count);
+    rig_ms(&rig, 2);
+}
+
+/* ---- a trial ---- */
+
+static char what[160];
+
+/* Bools within larger variables */
+static bool of_no_meaning(const struct variable *v, size_t bit)
+{
+#define IN_BOTH(member) offsetof(struct rig, app.drive.loop.cfg[0].member), offsetof(struct rig, app.drive.loop.cfg[1].member)
+    static const size_t bools[] = {
+        IN_BOTH(servo.contour.newton),
+        IN_BOTH(servo.asmc.psi_printed),
+        IN_BOTH(servo.uncertainty.law_printed),
+        IN_BOTH(servo.uncertainty.whole_input),
+        IN_BOTH(machine.simulated),
+    };
+    for (unsigned i = 0; i < sizeof bools / sizeof bools[0]; i++) {
+        if (v->offset + bit / 8 == bools[i] && bit % 8 != 0) {
+            return true;
+        }
+    }
+    return (v->kind == WIDE && bit % 64u >= 60u) || (v->kind == RATES && bit % 64u >= 34u);
+}
+
+static void flip(const struct variable *v, size_t bit)
+{
+    uint8_t *at = (uint8_t *)&rig + v->offset + bit / 8;
+    *at = (uint8_t)(*at ^ 1u << bit % 8);
+}
+
+static void expect_off(void)
+{
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_FALSE_MESSAGE(rig.out.enable[i], what);
+        TEST_ASSERT_EQUAL_INT32_MESSAGE(0, rig.out.force_mN[i], what);
+    }
+}
+
+static void expect_within_limits(void)
+{
+    for (int i = 0; i < 2; i++) {
+        const int32_t f = rig.out.force_mN[i];
+        TEST_ASSERT_TRUE_MESSAGE(f <= FORCE_MAX_MN && f >= -FORCE_MAX_MN, what);
+        TEST_ASSERT_TRUE_MESSAGE(f == 0 || rig.out.enable[i], what);
+        if (rig.out.enable[i]) {
+            TEST_ASSERT_TRUE_MESSAGE(fabs(rig.plant.pos_m[i]) < LIMIT_M + 2 * WINDOW_M, what);
+            TEST_ASSERT_TRUE_MESSAGE(fabs(rig.plant.vel_mps[i]) < 1.1 * SPEED_MAX_MPS, what);
+        }
+    }
+}
+
+/* In the end it is as it was, or off; what it says is what it does. */
+static void expect_consistent(void)
+{
+    for (int i = 0; i < 2; i++) {
+        const bool on = rig.out.enable[i];
+        TEST_ASSERT_EQUAL_MESSAGE(cia402_powered(&rig.app.drive.axis[i]), on, what);
+    }
+}
+
+static void trial(const char *state, const struct variable *v, size_t bit, bool has_power)
+{
+    memcpy(&rig, &begin_with, sizeof rig);
+    (void)snprintf(what, sizeof what, "%s: %s bit %zu", state, v->name, bit);
+    flip(v, bit);
+    flips++;
+    for (unsigned n = 0; n < (has_power ? ON_PERIODS : OFF_PERIODS); n++) {
+        rig_run(&rig, 1);
+        if (has_power) {
+            expect_within_limits();
+        } else {
+            expect_off();
+        }
+        rig.emcy_count = 0;
+    }
+    if (has_power) {
+        expect_consistent();
+    }
+    stopped += (rig.app.drive.faults & ~begin_with.app.drive.faults) != 0 ? 1u : 0u;
+    safe++;
+}
+
+static void campaign(const char *state, void (*be)(void), bool has_power)
+{
+    static unsigned from;
+    flips = safe = stopped = 0;
+    power_on();
+    be();
+    rig_run(&rig, 11 - (unsigned)rig.app.drive.loop.ticks % 10u); /* just after the background has had its millisecond */
+    begin_with = rig;
+    TEST_ASSERT_EQUAL(has_power, rig.out.enable[0]);
+    for (unsigned i = 0; i < sizeof variables / sizeof variables[0]; i++) {
+        const struct variable *v = &variables[i];
+        const size_t bits = v->kind == BOOL ? 1u : 8u * v->size, step = v->size > LARGE ? ONE_IN : 1u;
+        for (size_t bit = from % step; bit < bits; bit += step) {
+            if (!of_no_meaning(v, bit)) {
+                trial(state, v, bit, has_power);
+            }
+        }
+    }
+    from++;
+    printf("bit flips, %s: %u bits turned, %u of them a fault; unsafe outcomes: %u\n", state, flips, stopped, flips - safe);
+}
+
+void setUp(void)
+{
+}
+
+void tearDown(void)
+{
+}
+
+static void test_drive_that_was_never_enabled_stays_without_power(void)
+{
+    campaign("switched off", be_off, false);
+}
+
+static void test_drive_that_is_ready_stays_without_power(void)
+{
+    campaign("ready", be_ready, false);
+}
+
+static void test_drive_that_is_switched_on_stays_without_power(void)
+{
+    campaign("switched on", be_switched_on, false);
+}
+
+static void test_drive_that_was_switched_off_on_its_path_stays_without_power(void)
+{
+    campaign("switched off on its path", be_disabled_again, false);
+}
+
+static void test_drive_at_fault_stays_without_power(void)
+{
+    campaign("fault", be_at_fault, false);
+}
+
+static void test_drive_that_holds_its_position_goes_on_or_stops(void)
+{
+    campaign("enabled, standing", be_on, true);
+}
+
+static void test_drive_with_a_path_before_it_goes_on_or_stops(void)
+{
+    campaign("enabled, path not started", be_filled, true);
+}
+
+static void test_drive_on_its_path_goes_on_or_stops(void)
+{
+    campaign("enabled, on its path", be_on_the_way, true);
+}
+
+static void test_drive_that_stops_for_a_fault_stops(void)
+{
+    campaign("stopping for a fault", be_stopping, true);
+}
+
+static void test_drive_in_quick_stop_stays_there_or_stops(void)
+{
+    campaign("quick stop active", be_stopped, true);
+}
+
+int main(void)
+{
+    setvbuf(stdout, NULL, _IOLBF, 0);
+    UNITY_BEGIN();
+    RUN_TEST(test_drive_that_was_never_enabled_stays_without_power);
+    RUN_TEST(test_drive_that_is_ready_stays_without_power);
+    RUN_TEST(test_drive_that_is_switched_on_stays_without_power);
+    RUN_TEST(test_drive_that_was_switched_off_on_its_path_stays_without_power);
+    RUN_TEST(test_drive_at_fault_stays_without_power);
+    RUN_TEST(test_drive_that_holds_its_position_goes_on_or_stops);
+    RUN_TEST(test_drive_with_a_path_before_it_goes_on_or_stops);
+    RUN_TEST(test_drive_on_its_path_goes_on_or_stops);
+    RUN_TEST(test_drive_that_stops_for_a_fault_stops);
+    RUN_TEST(test_drive_in_quick_stop_stays_there_or_stops);
+    return UNITY_END();
+}
