@@ -64,7 +64,7 @@ static const struct variable variables[] = {
     LOOP(configured), LOOP(inputs), LOOP(path.at.rate),  RATE(path.motion), LOOP(path.spare),
     LOOP(permille), LOOP(rate), FLAG(app.drive.loop.simulated),
     /* the law */
-    FAR(servo.observer[0].pos), LOOP(servo.observer[0].vel), LOOP(servo.observer[0].acc), LOOP(servo.controller), LOOP(servo.offset), LOOP(servo.turn), LOOP(servo.last), LOOP(servo.asmc),
+    FAR(servo.observer[0].pos), LOOP(servo.observer[0].vel), LOOP(servo.observer[0].acc), LOOP(servo.controller), LOOP(servo.offset), LOOP(servo.turn), LOOP(servo.asked), LOOP(servo.asmc),
     LOOP(servo.uncertainty), LOOP(servo.learning), FAR(encoder[0].pos), FAR(encoder[0].count), LOOP(encoder[0].last), LOOP(encoder[0].rest),
     FLAG(app.drive.loop.servo.enabled[0]), FLAG(app.drive.loop.servo.enabled[1]), FLAG(app.drive.loop.servo.saturated),
     /* faults */
