@@ -7,7 +7,7 @@
 #define KONTUR_MEMORY_H
 #include "loop.h"
 
-enum { MEMORY_ENTRIES_MS = 16 }; /* entries of the dictionary looked at in a millisecond: all of them in some 20 ms */
+enum { MEMORY_ENTRIES_MS = 40 }; /* entries of the dictionary looked at in a millisecond: all of them in some 15 ms */
 
 struct memory {
     uint32_t cfg, parameters; /* as they are to be */
