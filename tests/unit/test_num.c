@@ -89,6 +89,21 @@ static void test_what_is_no_number_becomes_0_and_infinity_saturates(void)
     }
 }
 
+/* Of all sizes; and halfway between two numbers, where a single bit far below decides */
+static void test_integers_of_any_size_become_the_nearest_float(void)
+{
+    uint64_t random = 1;
+    for (int i = 0; i < (NUM_FIXED ? 0 : 20000); i++) {
+        random = random * 6364136223846793005u + 1442695040888963407u;
+        const int64_t any = (int64_t)random >> (i % 62);
+        const int64_t halfway = (int64_t)((random >> 39 | 1u << 24) * 2u + 1u) * ((int64_t)1 << (i % 37));
+        const int64_t each[] = {any, halfway, -halfway, halfway + 1, halfway - 1, 1 - halfway, -halfway - 1};
+        for (unsigned k = 0; k < sizeof each / sizeof *each; k++) {
+            TEST_ASSERT_TRUE(val(n_ratio(each[k], 1)) == (double)(float)each[k]);
+        }
+    }
+}
+
 static void test_sat_is_linear_inside_its_layer_and_one_outside(void)
 {
     TEST_ASSERT_EQUAL_DOUBLE(0.25, val(n_sat(mk(0.5), mk(2))));
@@ -183,6 +198,7 @@ int main(void)
     RUN_TEST(test_q32_and_scaled_integers_are_rounded_to_the_nearest);
     RUN_TEST(test_scaled_integers_above_2_to_the_23_are_exact);
     RUN_TEST(test_scaled_integers_saturate);
+    RUN_TEST(test_integers_of_any_size_become_the_nearest_float);
     RUN_TEST(test_sat_is_linear_inside_its_layer_and_one_outside);
     RUN_TEST(test_clamp_min_max_and_abs_pick_the_right_one);
     RUN_TEST(test_arithmetic_is_what_it_says);
