@@ -225,6 +225,7 @@ static void test_law_that_gives_no_number_cuts_the_power(void)
             power_on();
             be_on_the_way();
             struct servo_state *servo = &rig.app.drive.loop.servo;
+            servo->blending = true; /* so that the offset counts */
             *(where == 0 ? &servo->offset.x : where == 1 ? &servo->offset.y : &servo->observer[1].vel) = no_numbers[i];
             rig_run(&rig, 1); /* in the tick that computes it */
             TEST_ASSERT_TRUE(detected(ROW_LAW));
