@@ -56,7 +56,7 @@ static void configure_hal(const struct od_data *od, const struct hal *hal)
 }
 
 /* ... of parameters that are as they were set. */
-static void configure(struct drive *d)
+static void set_up(struct drive *d)
 {
     const uint32_t next = atomic_load(&d->loop.command.configured) + 1u;
     d->configured_at = atomic_load(&d->loop.published);
@@ -72,7 +72,7 @@ static void configure(struct drive *d)
 
 void drive_configure(struct drive *d, bool anew)
 {
-    configure(d);
+    set_up(d);
     memory_seal(&d->memory, in_use(d), d->od, anew);
 }
 
@@ -117,7 +117,7 @@ void drive_mend(struct drive *d)
     atomic_store(&d->loop.command.begin, d->begun);
     d->faults = 0; /* whatever it was: the one that follows */
     if (!d->memory.lost) {
-        configure(d);
+        set_up(d);
         memory_seal(&d->memory, in_use(d), d->od, false);
     }
 }

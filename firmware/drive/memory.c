@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "memory.h"
 
-#include <string.h>
-
 /* One bit of what goes in changes one bit, or more, of what comes out. */
 static uint32_t add(uint32_t sum, uint32_t word)
 {
@@ -14,9 +12,7 @@ static uint32_t cfg_sum(const struct loop_cfg *cfg)
     const uint8_t *bytes = (const uint8_t *)cfg;
     uint32_t sum = 0;
     for (uint32_t i = 0; i + 4u <= sizeof *cfg; i += 4u) {
-        uint32_t word;
-        memcpy(&word, &bytes[i], sizeof word);
-        sum = add(sum, word);
+        sum = add(sum, bytes[i] | (uint32_t)bytes[i + 1u] << 8 | (uint32_t)bytes[i + 2u] << 16 | (uint32_t)bytes[i + 3u] << 24);
     }
     return sum;
 }
