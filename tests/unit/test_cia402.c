@@ -260,6 +260,30 @@ static void test_statusword_of_each_state_has_the_bits_of_cia_402(void)
     }
 }
 
+static void test_state_with_a_bit_turned_over_has_no_power_tells_a_fault_and_is_left_by_a_fault_only(void)
+{
+    static const enum cia402_state states[] = {OE, QSA, FRA, FLT};
+    for (unsigned i = 0; i < sizeof states / sizeof states[0]; i++) {
+        for (unsigned bit = 0; bit < 32; bit++) {
+            bring_to(states[i]);
+            axis.not_state ^= 1u << bit;
+            TEST_ASSERT_FALSE(cia402_intact(&axis));
+            TEST_ASSERT_FALSE(cia402_powered(&axis) || cia402_enabled(&axis));
+            TEST_ASSERT_EQUAL_HEX16(0x0218, cia402_statusword(&axis));
+            cia402_command(&axis, FAULT_RESET, true);
+            cia402_command(&axis, DISABLE_VOLTAGE, true);
+            cia402_command(&axis, ENABLE, true);
+            cia402_stop(&axis);
+            cia402_poll(&axis, true);
+            TEST_ASSERT_EQUAL(states[i], axis.state);
+            TEST_ASSERT_FALSE(cia402_intact(&axis));
+            cia402_fault(&axis, true);
+            TEST_ASSERT_TRUE(cia402_intact(&axis));
+            TEST_ASSERT_EQUAL(FLT, axis.state);
+        }
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -279,5 +303,6 @@ int main(void)
     RUN_TEST(test_power_is_on_in_operation_enabled_and_while_stopping);
     RUN_TEST(test_axis_that_is_to_leave_keeps_its_power_but_counts_as_enabled_no_more);
     RUN_TEST(test_statusword_of_each_state_has_the_bits_of_cia_402);
+    RUN_TEST(test_state_with_a_bit_turned_over_has_no_power_tells_a_fault_and_is_left_by_a_fault_only);
     return UNITY_END();
 }

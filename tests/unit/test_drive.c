@@ -307,6 +307,22 @@ static void test_last_knots_that_come_at_the_last_moment_are_gone_through_before
     }
 }
 
+static void test_configuration_that_changes_by_itself_is_a_fault_whichever_axis_has_power(void)
+{
+    for (int powered = 0; powered < 2; powered++) {
+        setUp();
+        ms(3);
+        command(0x06, 0x06);
+        command(powered == 0 ? 0x0F : 0x06, powered == 1 ? 0x0F : 0x06);
+        tick(1);
+        TEST_ASSERT_TRUE(out.enable[powered] && !out.enable[1 - powered]);
+        drive.loop.configured ^= 1u;
+        tick(1);
+        TEST_ASSERT_TRUE((atomic_load(&drive.loop.faults) & FAULT_BIT(FAULT_MEMORY)) != 0);
+        TEST_ASSERT_FALSE(out.enable[powered]);
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -324,5 +340,6 @@ int main(void)
     RUN_TEST(test_underrun_counts_once_however_long_it_lasts);
     RUN_TEST(test_knot_that_comes_at_the_last_moment_keeps_an_open_ended_stream_from_ending);
     RUN_TEST(test_last_knots_that_come_at_the_last_moment_are_gone_through_before_the_stream_ends);
+    RUN_TEST(test_configuration_that_changes_by_itself_is_a_fault_whichever_axis_has_power);
     return UNITY_END();
 }
