@@ -117,8 +117,8 @@ static vec2 limit(const struct plant_cfg *plant, vec2 force)
 /* Is all of it given, as mostly? */
 static inline bool all_given(const struct servo_cfg *cfg, const struct servo_in *in, vec2 force)
 {
-    return in->enabled[0] && in->enabled[1] && !n_lt(cfg->plant.force_max.x, n_abs(force.x)) &&
-           !n_lt(cfg->plant.force_max.y, n_abs(force.y));
+    return in->enabled[0] && in->enabled[1] && n_lt(n_abs(force.x), cfg->plant.force_max.x) &&
+           n_lt(n_abs(force.y), cfg->plant.force_max.y); /* what is no number is not less: limits find it out */
 }
 
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2])

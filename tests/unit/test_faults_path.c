@@ -225,15 +225,17 @@ static void test_law_that_gives_no_number_cuts_the_power(void)
             power_on();
             be_on_the_way();
             struct servo_state *servo = &rig.app.drive.loop.servo;
+            float *const places[] = {&servo->uncertainty.q_bar_dot.x, &servo->offset.y, &servo->observer[1].vel};
             servo->blending = true; /* so that the offset counts */
-            *(where == 0 ? &servo->offset.x : where == 1 ? &servo->offset.y : &servo->observer[1].vel) = no_numbers[i];
+            *places[where] = no_numbers[i];
             rig_run(&rig, 1); /* in the tick that computes it */
             TEST_ASSERT_TRUE(detected(ROW_LAW));
             expect_no_power();
             expect_reaction(ROW_LAW, 0);
             rig_ms(&rig, 1000);
             expect_clearing(ROW_LAW, 0); /* with numbers again */
-            TEST_ASSERT_TRUE(isfinite(servo->offset.x) && isfinite(servo->observer[1].vel));
+            TEST_ASSERT_TRUE(isfinite(servo->uncertainty.q_bar_dot.x) && isfinite(servo->offset.y) &&
+                             isfinite(servo->observer[1].vel));
         }
     }
 }
