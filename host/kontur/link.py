@@ -177,7 +177,8 @@ class Link:
 
     def catch_up(self) -> None:
         """Handle the frames that have come already: after a pause of the host they say what was true long ago."""
-        if self.by_device_time:
+        drive = simulated(self.bus)
+        if self._sync_ms or (drive is not None and not drive.by_clock):
             return  # the drive waits for the host
         end_s = time.monotonic() + HEARTBEAT_S
         while self._take(0.0) and time.monotonic() < end_s:

@@ -74,10 +74,15 @@ class KonturBus(can.BusABC):
         """Time of the device since power-on."""
         return self.sim.tick / self.sim.control_hz
 
+    @property
+    def by_clock(self) -> bool:
+        """Whether the device's time keeps up with the wall clock, whatever the host does."""
+        return self._clock_start_s is not None
+
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Hand a frame to the device, which handles it at once; by the wall clock, after its time on a wire."""
         with self._lock:
-            if self._clock_start_s is not None:
+            if self.by_clock:
                 self._take_wire_time()
             if msg.is_extended_id or msg.is_fd or not self.sim.send(msg.arbitration_id, msg.data, msg.is_remote_frame):
                 raise can.CanOperationError("the simulated drive takes classic frames with 11-bit identifiers only")

@@ -62,6 +62,7 @@ def test_second_kontur_is_refused_while_the_first_one_runs(target: Target) -> No
                 rig.device, knots_nm, progress=ask, stop_requested=lambda: bool(others) and others[0].poll() is not None
             )
             assert result.fault is None
+            rig.link.wait(lambda: others[0].poll() is not None, _COMMAND_S)  # however long it takes to start
             assert_undisturbed(rig)
         _, said = others[0].communicate(timeout=_COMMAND_S)
         assert others[0].returncode == 1

@@ -2,9 +2,8 @@
 /* SDO block upload, byte by byte as in CiA 301, 7.2.4.3.12 to .16, and with a client that loses segments. */
 #include <stdio.h>
 
-#include "test_canopen_bus.h"
+#include "test_canopen_block.h"
 
-static struct bus bus;
 static char text[2001]; /* 285 segments and 5 bytes: more than two blocks of 127 */
 
 void setUp(void)
@@ -19,26 +18,6 @@ void setUp(void)
 
 void tearDown(void)
 {
-}
-
-static uint16_t crc16(const char *data, size_t count)
-{
-    uint16_t crc = 0;
-    for (size_t i = 0; i < 8 * count; i++) { /* bit by bit, as a shift register */
-        const unsigned in = (unsigned)(uint8_t)data[i / 8] >> (7 - i % 8) & 1u;
-        const unsigned out = (crc >> 15 & 1u) ^ in;
-        crc = (uint16_t)(crc << 1);
-        crc = out != 0 ? crc ^ 0x1021 : crc;
-    }
-    return crc;
-}
-
-/* A request that has no answer at once. */
-static void give(const char *request)
-{
-    bus_clear(&bus);
-    bus_give(&bus, 0x600 + NODE, request);
-    TEST_ASSERT_EQUAL_UINT(0, bus.count);
 }
 
 static void test_upload_of_a_short_text_in_one_block(void)

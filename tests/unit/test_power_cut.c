@@ -13,36 +13,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "flash.h"
-#include "store.h"
-#include "unity.h"
+#include "test_flash.h"
 
-enum { NODE = 5, ALL = STORE_COMMUNICATION | STORE_APPLICATION | STORE_NODE };
 enum { LEVELS = 20, SETS = LEVELS + 3, ERASE_WAYS = 16 }; /* an erase that is cut can leave much: it is tried more often */
 enum { FIRST_STRIDE = 61, SECOND_STRIDE = 41, EDGE = 4, THIRD_SAVE = 61 };
 
-static struct sim_flash flash;
-static struct hal hal;
-static struct store store;
 static struct od_data od, whole[SETS]; /* what is found where set i is stored; 0: none */
 static unsigned kept;                  /* objects in a set */
 static unsigned long singles, pairs, operations;
 static bool every;
-
-static void flash_read(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes)
-{
-    sim_flash_read(ctx, sector, offset, data, bytes);
-}
-
-static bool flash_erase(void *ctx, unsigned sector)
-{
-    return sim_flash_erase(ctx, sector);
-}
-
-static bool flash_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
-{
-    return sim_flash_write(ctx, sector, offset, data, bytes);
-}
 
 static void power_on(void)
 {
@@ -169,8 +148,7 @@ static void test_power_cut_once_and_twice_leaves_a_whole_set_at_every_fill_level
 
 void setUp(void)
 {
-    sim_flash_init(&flash, 1);
-    hal = (struct hal){.ctx = &flash, .flash_read = flash_read, .flash_erase = flash_erase, .flash_write = flash_write};
+    flash_start();
     const char *how = getenv("POWER_CUT");
     every = how != NULL && strcmp(how, "all") == 0;
     kept = 0;

@@ -1,33 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The parameter store: what is kept, other layouts, wear, failing flash, and a supply that fails three times. */
-#include "store.h"
-
 #include <string.h>
 
-#include "flash.h"
-#include "unity.h"
+#include "test_flash.h"
 
-enum { NODE = 5, ALL = STORE_COMMUNICATION | STORE_APPLICATION | STORE_NODE };
-
-static struct sim_flash flash;
-static struct hal hal;
-static struct store store;
 static struct od_data od;
-
-static void flash_read(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes)
-{
-    sim_flash_read(ctx, sector, offset, data, bytes);
-}
-
-static bool flash_erase(void *ctx, unsigned sector)
-{
-    return sim_flash_erase(ctx, sector);
-}
-
-static bool flash_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
-{
-    return sim_flash_write(ctx, sector, offset, data, bytes);
-}
 
 /* Power-on: the dictionary at its defaults, and what is stored put over them. */
 static void power_on(void)
@@ -40,8 +17,7 @@ static void power_on(void)
 
 void setUp(void)
 {
-    sim_flash_init(&flash, 1);
-    hal = (struct hal){.ctx = &flash, .flash_read = flash_read, .flash_erase = flash_erase, .flash_write = flash_write};
+    flash_start();
     power_on();
 }
 
