@@ -12,7 +12,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("kontur", "the drive under test")
     group.addoption(
         "--target",
-        help="inproc, slcan, vcan: simulated drives. A real one: the name of its SocketCAN interface (can0), or "
+        help="inproc, slcan, vcan, qemu: simulated drives. A real one: the name of its SocketCAN interface (can0), or "
         "python-can's INTERFACE:CHANNEL[@BITRATE]; it moves within 2 mm of where it stands",
     )
     group.addoption("--no-motion", action="store_true", help="leave the axes without power")
@@ -25,7 +25,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if config.getoption("--target", default=None) is None:
-        raise pytest.UsageError("tests/hil: which drive? --target inproc, slcan, vcan, or an interface such as can0")
+        raise pytest.UsageError("tests/hil: which drive? --target inproc, slcan, vcan, qemu, or an interface: can0")
     if config.getoption("--no-motion"):
         for item in items:
             if item.get_closest_marker("motion"):

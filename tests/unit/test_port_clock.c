@@ -93,21 +93,7 @@ static void test_the_clock_is_never_faster_than_the_flash_is_set_for(void)
     TEST_ASSERT_EQUAL_UINT32(RCC_CFGR_SW_HSI, chip.rcc.CFGR & RCC_CFGR_SW);
 }
 
-static void test_an_nmi_without_a_failed_crystal_makes_outputs_safe_alone(void)
-{
-    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000}, {.full_scale_mN = 100000}};
-    const struct hal_drive_out pushing = {.force_mN = {50000, 50000}, .enable = {true, true}};
-    clock_start();
-    output_init();
-    output_configure(cfg);
-    output_write(&pushing);
-    clock_failed_irq();
-    TEST_ASSERT_FALSE(chip_pin('B', 12));
-    TEST_ASSERT_FALSE(clock_degraded());
-    assert_168_mhz_from(8);
-}
-
-static void test_a_crystal_that_stops_makes_outputs_safe_and_is_reported(void)
+static void start_and_push(void)
 {
     const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000}, {.full_scale_mN = 100000}};
     const struct hal_drive_out pushing = {.force_mN = {50000, 50000}, .enable = {true, true}};
@@ -116,6 +102,20 @@ static void test_a_crystal_that_stops_makes_outputs_safe_and_is_reported(void)
     output_configure(cfg);
     output_write(&pushing);
     TEST_ASSERT_TRUE(chip_pin('B', 12));
+}
+
+static void test_an_nmi_without_a_failed_crystal_makes_outputs_safe_alone(void)
+{
+    start_and_push();
+    clock_failed_irq();
+    TEST_ASSERT_FALSE(chip_pin('B', 12));
+    TEST_ASSERT_FALSE(clock_degraded());
+    assert_168_mhz_from(8);
+}
+
+static void test_a_crystal_that_stops_makes_outputs_safe_and_is_reported(void)
+{
+    start_and_push();
     chip.rcc.CIR = RCC_CIR_CSSF;
     clock_failed_irq();
     TEST_ASSERT_FALSE(chip_pin('B', 12));
