@@ -61,7 +61,7 @@ class KonturBus(can.BusABC):
         self.channel_info = f"kontur simulated drive, machine {plant.name!r}, seed {seed}, node {node_id}"
         self._lock = threading.Lock()
         self._clock_start_s = time.monotonic() if pace == "clock" else None
-        self._sent_s = 0.0
+        self._wire_free_s = 0.0
         self._by_sync = pace == "sync"
         self.sim.run(on_for_ms * self.sim.control_hz // 1000)
         while on_for_ms and self.sim.recv() is not None:  # nobody was there to hear it
@@ -102,6 +102,7 @@ class KonturBus(can.BusABC):
                 if frame is None and self.sim.tick < end_tick and self.sim.step(self._periods_to(end_tick)):
                     continue
             if frame is not None:
+                self._note_frame(frame.tick)
                 message = can.Message(
                     timestamp=frame.tick / self.sim.control_hz,
                     arbitration_id=frame.id,
@@ -122,10 +123,15 @@ class KonturBus(can.BusABC):
         self.sim.close()
 
     def _take_wire_time(self) -> None:
-        """Not sooner after the frame before than it would come on a wire, and in the drive's time of this moment."""
-        time.sleep(max(0.0, self._sent_s + _WIRE_S - time.monotonic()))
+        """Not sooner after the last frame, either way, than it would come on a wire, and in the drive's time of now."""
+        time.sleep(max(0.0, self._wire_free_s - time.monotonic()))
         self.sim.run(self._periods_to(self.sim.tick + self.sim.control_hz))
-        self._sent_s = time.monotonic()
+        self._note_frame(self.sim.tick)
+
+    def _note_frame(self, tick: int) -> None:
+        if self._clock_start_s is not None:
+            free_s = self._clock_start_s + tick / self.sim.control_hz + _WIRE_S
+            self._wire_free_s = max(self._wire_free_s, free_s)
 
     def _periods_to(self, end_tick: int) -> int:
         if self._clock_start_s is not None:

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """State machine of both axes and their faults (CiA 402), as the wire shows them. The axes have power here and stand."""
 
+import time
+
 import pytest
 from rig import Rig
 
+from kontur import wire
 from kontur.device import DISABLE_VOLTAGE, ENABLE, FAULT_RESET, RUN_PATH, SHUTDOWN, SWITCH_ON
 from kontur.errors import EmcyError
 from kontur.stream import stream
@@ -11,6 +14,8 @@ from kontur.stream import stream
 pytestmark = pytest.mark.motion
 
 HEARTBEAT_LOST, OVERSPEED, KNOT_OUTSIDE = 0x8130, 0x8400, 0xFF11
+EMCY = 0x80
+STATE, ENABLED = 0x6F, 0x27  # of a statusword
 
 
 def come_to(rig: Rig, controlword: int, state: str) -> None:
@@ -47,6 +52,30 @@ def test_both_axes_go_through_all_states_up_and_down(rig: Rig) -> None:
         (DISABLE_VOLTAGE, "switch on disabled"),
     ):
         come_to(rig, controlword, state)
+
+
+def test_the_quickest_answer_to_a_statusword_is_taken(clock_rig: Rig) -> None:
+    """A master without a pause between a statusword and its controlword is refused nothing (FF1Ah)."""
+    bus, node_id = clock_rig.bus, clock_rig.drive.node_id
+    answers = {0x21: SWITCH_ON, 0x23: ENABLE, ENABLED: DISABLE_VOLTAGE}
+    enabled, answered, answered_s = 0, 0, 0.0
+    told: set[int] = set()
+    clock_rig.nmt(1)
+    end_s = time.monotonic() + 30.0
+    while enabled < 50 and time.monotonic() < end_s:
+        message = bus.recv(0.1)
+        if message is not None and message.arbitration_id == EMCY + node_id:
+            told.add(int.from_bytes(message.data[:2], "little"))
+        if message is None or message.arbitration_id != wire.TPDO1 + node_id:
+            continue
+        x, y = (word & STATE for word in wire.unpack_status(bytes(message.data)).statusword)
+        if x == y and (x != answered or time.monotonic() - answered_s > 0.5):  # an axis that still moves is not enabled
+            enabled += x == ENABLED
+            answered, answered_s = x, time.monotonic()
+            command = answers.get(x, SHUTDOWN)
+            clock_rig.link.send(wire.RPDO1 + node_id, wire.pack_controlwords(command, command))
+    assert enabled == 50
+    assert told == set()
 
 
 def test_enabled_axes_hold_their_position(rig: Rig) -> None:

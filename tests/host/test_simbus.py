@@ -98,6 +98,14 @@ def test_clock_pace_does_not_outrun_the_wall_clock() -> None:
         assert time.monotonic() - begin >= 0.19
 
 
+def test_an_answer_at_clock_pace_takes_the_time_of_a_wire() -> None:
+    with open_bus(pace="clock") as bus:
+        for _ in range(5):
+            beat = first(bus, HEARTBEAT)
+            bus.send(READ_DEVICE_TYPE)
+            assert bus.time_s - beat.timestamp > 1.9e-4  # type: ignore[attr-defined]
+
+
 def test_time_passes_with_sync_alone_at_sync_pace() -> None:
     with open_bus(pace="sync", on_for_ms=5) as bus:
         assert bus.recv(1.0) is None

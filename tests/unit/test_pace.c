@@ -70,6 +70,17 @@ static void test_sync_periods_add_up_exactly(void)
     TEST_ASSERT_EQUAL_UINT32(1, pace_sync(&pace, 50));
 }
 
+static void test_an_answer_cannot_come_sooner_than_a_wire_carries_it(void)
+{
+    TEST_ASSERT_TRUE(pace_wire_free(&pace, 0)); /* nothing has come yet */
+    pace_frame(&pace, 100);
+    TEST_ASSERT_FALSE(pace_wire_free(&pace, 100));
+    TEST_ASSERT_FALSE(pace_wire_free(&pace, 101));
+    TEST_ASSERT_TRUE(pace_wire_free(&pace, 102)); /* 0.2 ms */
+    pace_frame(&pace, 102);
+    TEST_ASSERT_FALSE(pace_wire_free(&pace, 103));
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -79,5 +90,6 @@ int main(void)
     RUN_TEST(test_a_short_stall_is_made_up_for);
     RUN_TEST(test_what_goes_beyond_is_lost_once_and_counted);
     RUN_TEST(test_sync_periods_add_up_exactly);
+    RUN_TEST(test_an_answer_cannot_come_sooner_than_a_wire_carries_it);
     return UNITY_END();
 }

@@ -23,7 +23,6 @@
 #include "say.h"
 
 enum { SLICE_HZ = 1000, FRAMES_A_TURN = 256 };
-enum { WIRE_HZ = 5000 }; /* a frame, and one that it answers, take 1/5000 s at 1 Mbit/s */
 
 static const char usage[] =
     "usage: kontur-sim --machine FILE (--can INTERFACE | --slcan-tcp [HOST:]PORT | --slcan-pty)\n"
@@ -57,7 +56,6 @@ struct sim {
     struct bus bus;
     struct pace pace;
     ks *ks;
-    uint64_t taken_at; /* device time when a frame was last handled, periods */
     bool sync;
     bool told_slow;
 };
@@ -124,23 +122,29 @@ static struct options parse(int argc, char **argv)
     return o;
 }
 
-static void send_what_waits(struct sim *s)
+/* true: there was something to send. */
+static bool send_what_waits(struct sim *s)
 {
     struct ks_frame frame;
+    bool sent = false;
     while (s->lib.ks_recv(s->ks, &frame)) {
         s->bus.send(s->bus.ctx, &frame, (uint32_t)(frame.tick * 1000u / s->pace.hz));
+        pace_frame(&s->pace, frame.tick);
+        sent = true;
     }
+    return sent;
 }
 
 static void pass(struct sim *s, uint32_t periods)
 {
     while (periods > 0) {
         periods -= s->lib.ks_step(s->ks, periods);
-        send_what_waits(s);
+        (void)send_what_waits(s);
     }
 }
 
-/* Frames at most for one turn, so that a flood does not stop time; true: there may be more. */
+/* Frames at most for one turn, so that a flood does not stop time; true: there may be more. By the wall clock, what comes
+ * after a frame that the device answered may be an answer to that: it comes later than that, too. */
 static bool take_frames(struct sim *s)
 {
     struct ks_frame frame;
@@ -152,9 +156,11 @@ static bool take_frames(struct sim *s)
         if (!s->bus.receive(s->bus.ctx, &frame)) {
             return false;
         }
-        s->taken_at = s->lib.ks_tick(s->ks);
+        pace_frame(&s->pace, s->lib.ks_tick(s->ks));
         (void)s->lib.ks_send(s->ks, frame.id, frame.rtr, frame.len, frame.data);
-        send_what_waits(s);
+        if (send_what_waits(s) && !s->sync) {
+            return true;
+        }
         if (s->sync && !frame.rtr && frame.id == s->lib.ks_sync_id(s->ks)) {
             pass(s, pace_sync(&s->pace, s->lib.ks_sync_us(s->ks)));
         }
@@ -165,8 +171,9 @@ static bool take_frames(struct sim *s)
 /* A slice of the device time that is due; true: there is more. */
 static bool keep_pace(struct sim *s)
 {
-    const uint32_t due = pace_due(&s->pace, now_ns(), s->lib.ks_tick(s->ks));
-    const uint32_t slice = s->pace.hz / SLICE_HZ;
+    const uint64_t tick = s->lib.ks_tick(s->ks);
+    const uint32_t due = pace_due(&s->pace, now_ns(), tick);
+    const uint32_t slice = s->pace.hz / (pace_wire_free(&s->pace, tick) ? SLICE_HZ : PACE_WIRE_HZ);
     if (s->pace.lost_ms > 0 && !s->told_slow) {
         say("this machine does not keep up with the wall clock: %llu ms of device time are lost (told once); close "
             "other programs, or use --pace sync, where it does not matter",
@@ -223,9 +230,9 @@ static void run(struct sim *s, int signals)
         }
         s->bus.ready(s->bus.ctx, &fds[2], count);
         more = !s->sync && keep_pace(s); /* first: a frame that comes now is handled now */
-        if (s->sync || s->lib.ks_tick(s->ks) - s->taken_at >= s->pace.hz / WIRE_HZ) {
+        if (s->sync || pace_wire_free(&s->pace, s->lib.ks_tick(s->ks))) {
             more = take_frames(s) || more;
-        } else {
+        } else if (!more) {
             const struct timespec a_little = {.tv_nsec = 50000};
             (void)nanosleep(&a_little, NULL);
             more = true;

@@ -29,6 +29,16 @@ uint32_t pace_due(struct pace *pace, uint64_t now_ns, uint64_t tick)
     return now > tick ? (uint32_t)(now - tick) : 0;
 }
 
+void pace_frame(struct pace *pace, uint64_t tick)
+{
+    pace->wire_free = tick + pace->hz / PACE_WIRE_HZ;
+}
+
+bool pace_wire_free(const struct pace *pace, uint64_t tick)
+{
+    return tick >= pace->wire_free;
+}
+
 uint32_t pace_sync(struct pace *pace, uint32_t us)
 {
     const uint64_t passed = (uint64_t)us * pace->hz + pace->rest;
