@@ -118,7 +118,7 @@ static void check_health(struct app *app)
     static const struct {
         uint8_t bit;
         enum fault fault;
-    } rows[] = {{HAL_CLOCK, FAULT_CLOCK}, {HAL_RESET, FAULT_RESTART}, {HAL_OVERRUN, FAULT_OVERRUN}};
+    } rows[] = {{HAL_CLOCK, FAULT_CLOCK}, {HAL_RESET, FAULT_RESTART}};
     struct hal_health h;
     if (app->hal->health == NULL) {
         return;

@@ -64,7 +64,6 @@ struct hal_axis_cfg {
 enum hal_health_bit {
     HAL_CLOCK = 1,   /* runs on its internal oscillator: the crystal has not started, or has stopped */
     HAL_RESET = 2,   /* the last run was ended by the watchdog, a crash or a brown-out: `reset` says which */
-    HAL_OVERRUN = 4, /* servo ticks have taken longer than their period; reported once */
 };
 enum hal_reset { HAL_RESET_UNKNOWN, HAL_RESET_POWER, HAL_RESET_PIN, HAL_RESET_SOFTWARE, HAL_RESET_WATCHDOG, HAL_RESET_CRASH,
                  HAL_RESET_BROWN_OUT };

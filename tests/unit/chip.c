@@ -33,10 +33,17 @@ void chip_reset(void)
 {
     memset((void *)&chip, 0, sizeof chip);
     chip.rcc.CR = RCC_CR_HSION | RCC_CR_HSIRDY;
+    cpu_look();
     memset(chip_store, 0xFF, sizeof chip_store);
     memset(chip_emulated_store, 0, sizeof chip_emulated_store);
     chip_waits = all_well;
     chip_waited = 0;
+}
+
+void chip_emulate(void)
+{
+    chip.rcc.CR = 0;
+    cpu_look();
 }
 
 bool chip_pin(char port, unsigned number)

@@ -18,6 +18,8 @@ extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
 
 /* All registers zero but what an emulator is known by; an erased store; hardware that gets ready when it is waited for. */
 void chip_reset(void);
+/* From now on this is an emulator, for who asks. */
+void chip_emulate(void);
 /* The level that the port drives at a pin. */
 bool chip_pin(char port, unsigned number);
 /* The level at an input. */

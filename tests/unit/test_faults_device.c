@@ -104,9 +104,8 @@ static void test_brown_out_is_a_fault_from_power_on(void)
 static void test_overrun_of_the_servo_tick_cuts_the_power(void)
 {
     be_on_the_way();
-    rig.health.bits = HAL_OVERRUN;
+    loop_raise(&rig.app.drive.loop, FAULT_OVERRUN); /* as the port does from the tick itself */
     expect_reaction(ROW_OVERRUN, 0);
-    rig.health.bits = 0;
     expect_clearing(ROW_OVERRUN, 0);
 }
 

@@ -119,29 +119,56 @@ static void test_nobody_acknowledges_the_queue_fills_and_no_call_blocks(void)
     TEST_ASSERT_EQUAL_UINT8(128, status.tx_errors);
 }
 
-static void test_bus_off_is_counted_once_drops_what_waits_and_ends(void)
+/* BOFF is set with an interrupt, and ends without one. */
+static void be_off(void)
 {
-    struct hal_can_status status;
-    uint32_t before;
-    can_status(&status);
-    before = status.bus_offs;
-    TEST_ASSERT_TRUE((chip.can1.MCR & CAN_MCR_ABOM) != 0);
-    can_send(&frame);
     chip.can1.ESR = CAN_ESR_BOFF | CAN_ESR_EPVF | CAN_ESR_EWGF | 248u << CAN_ESR_TEC;
+    chip.can1.MSR = CAN_MSR_ERRI;
     can_error_irq();
-    can_error_irq();
-    can_status(&status);
-    TEST_ASSERT_EQUAL(HAL_CAN_OFF, status.state);
-    TEST_ASSERT_EQUAL_UINT32(before + 1u, status.bus_offs);
-    TEST_ASSERT_EQUAL_HEX32(CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2, chip.can1.TSR);
+}
 
+static void be_back(void)
+{
     chip.can1.ESR = 0;
     chip.can1.TSR = MAILBOXES_EMPTY;
-    can_error_irq();
     can_tx_irq();
-    TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TX[0].IR); /* nothing stale is sent */
+}
+
+static void test_each_bus_off_is_counted_drops_what_waits_and_ends(void)
+{
+    struct hal_can_status status;
     can_status(&status);
-    TEST_ASSERT_EQUAL(HAL_CAN_ACTIVE, status.state);
+    const uint32_t before = status.bus_offs;
+    TEST_ASSERT_TRUE((chip.can1.MCR & CAN_MCR_ABOM) != 0);
+    for (uint32_t n = 1; n <= 3; n++) {
+        can_send(&frame);
+        be_off();
+        can_status(&status);
+        TEST_ASSERT_EQUAL(HAL_CAN_OFF, status.state);
+        TEST_ASSERT_EQUAL_UINT32(before + n, status.bus_offs);
+        TEST_ASSERT_EQUAL_HEX32(CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2, chip.can1.TSR);
+        TEST_ASSERT_EQUAL_HEX32(0, chip.can1.MSR & CAN_MSR_ERRI);
+
+        be_back();
+        TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TX[0].IR); /* nothing stale is sent */
+        can_status(&status);
+        TEST_ASSERT_EQUAL(HAL_CAN_ACTIVE, status.state);
+    }
+}
+
+static void test_what_is_to_be_sent_while_the_bus_is_off_is_not_sent_later(void)
+{
+    be_off();
+    for (unsigned i = 0; i < 100; i++) {
+        chip.can1.TSR = MAILBOXES_EMPTY;
+        TEST_ASSERT_TRUE(can_send(&frame));
+        can_tx_irq();
+    }
+    be_back();
+    TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TX[0].IR);
+    TEST_ASSERT_TRUE(can_send(&frame));
+    can_tx_irq();
+    TEST_ASSERT_EQUAL_HEX32(0x181u << 21 | 1u, chip.can1.TX[0].IR);
 }
 
 static void test_frames_without_room_are_counted(void)
@@ -193,7 +220,7 @@ static void test_an_emulator_without_a_controller_is_not_off(void)
     chip_waits = never;
     TEST_ASSERT_FALSE(can_init(1000));
     chip.can1 = (struct can){0};
-    chip.rcc.CR = 0;
+    chip_emulate();
     can_status(&status);
     TEST_ASSERT_EQUAL(HAL_CAN_ACTIVE, status.state);
 }
@@ -209,6 +236,20 @@ static void test_a_bit_rate_is_changed_when_that_is_asked_for_and_possible(void)
     TEST_ASSERT_NOT_EQUAL_HEX32(before, chip.can1.BTR);
     TEST_ASSERT_FALSE(can_init(800));
     TEST_ASSERT_TRUE(can_send(&frame)); /* swallowed */
+}
+
+static void test_a_controller_that_comes_to_life_with_another_bit_rate_works(void)
+{
+    struct can_frame got;
+    chip_waits = never;
+    TEST_ASSERT_FALSE(can_init(1000));
+    setUp();
+    chip.can1.FA1R = 0;
+    chip.can1.IER = 0;
+    TEST_ASSERT_TRUE(can_bitrate(500, true));
+    TEST_ASSERT_EQUAL_HEX32(1, chip.can1.FA1R); /* frames pass, and are told of */
+    TEST_ASSERT_TRUE((chip.can1.IER & CAN_IER_FMPIE0) != 0);
+    TEST_ASSERT_FALSE(can_receive(&got));
 }
 
 static void test_a_bus_held_dominant_is_off(void)
@@ -228,12 +269,14 @@ int main(void)
     RUN_TEST(test_a_remote_frame_is_sent_and_received_as_one);
     RUN_TEST(test_the_filter_lets_data_frames_of_11_bits_pass_only);
     RUN_TEST(test_nobody_acknowledges_the_queue_fills_and_no_call_blocks);
-    RUN_TEST(test_bus_off_is_counted_once_drops_what_waits_and_ends);
+    RUN_TEST(test_each_bus_off_is_counted_drops_what_waits_and_ends);
+    RUN_TEST(test_what_is_to_be_sent_while_the_bus_is_off_is_not_sent_later);
     RUN_TEST(test_frames_without_room_are_counted);
     RUN_TEST(test_frames_that_the_controller_had_no_room_for_are_counted);
     RUN_TEST(test_a_controller_that_does_not_answer_is_off_and_swallows_frames);
     RUN_TEST(test_an_emulator_without_a_controller_is_not_off);
     RUN_TEST(test_a_bit_rate_is_changed_when_that_is_asked_for_and_possible);
+    RUN_TEST(test_a_controller_that_comes_to_life_with_another_bit_rate_works);
     RUN_TEST(test_a_bus_held_dominant_is_off);
     return UNITY_END();
 }

@@ -57,12 +57,27 @@ static void test_a_crystal_that_does_not_start_is_reported_and_replaced(void)
     TEST_ASSERT_EQUAL_UINT32(0, chip.rcc.CR & (RCC_CR_HSEON | RCC_CR_CSSON));
 }
 
-static void test_a_chip_on_which_nothing_gets_ready_still_gets_through(void)
+static bool was_reset(void)
+{
+    return chip.scb.AIRCR == (SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ);
+}
+
+/* At 16 MHz no period and no bit rate would be right. */
+static void test_a_chip_without_168_mhz_is_reset(void)
 {
     chip_waits = nothing_starts;
     TEST_ASSERT_FALSE(clock_start());
-    TEST_ASSERT_TRUE(clock_degraded());
     TEST_ASSERT_LESS_THAN_UINT(20, chip_waited);
+    TEST_ASSERT_TRUE(was_reset());
+}
+
+static void test_an_emulator_has_no_clock_to_wait_for(void)
+{
+    chip_emulate();
+    chip_waits = nothing_starts;
+    TEST_ASSERT_FALSE(clock_start());
+    TEST_ASSERT_FALSE(clock_degraded());
+    TEST_ASSERT_FALSE(was_reset());
 }
 
 static bool no_lock_on_the_crystal(const reg *r, uint32_t mask, uint32_t value)
@@ -91,6 +106,7 @@ static void test_the_clock_is_never_faster_than_the_flash_is_set_for(void)
     TEST_ASSERT_FALSE(clock_start());
     TEST_ASSERT_TRUE(clock_degraded());
     TEST_ASSERT_EQUAL_UINT32(RCC_CFGR_SW_HSI, chip.rcc.CFGR & RCC_CFGR_SW);
+    TEST_ASSERT_TRUE(was_reset());
 }
 
 static void start_and_push(void)
@@ -119,11 +135,22 @@ static void test_a_crystal_that_stops_makes_outputs_safe_and_is_reported(void)
     chip.rcc.CIR = RCC_CIR_CSSF;
     clock_failed_irq();
     TEST_ASSERT_FALSE(chip_pin('B', 12));
-    TEST_ASSERT_FALSE(chip_pin('B', 13));
+    TEST_ASSERT_FALSE(chip_pin('C', 8));
     TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
     TEST_ASSERT_TRUE(clock_degraded());
     TEST_ASSERT_TRUE((chip.rcc.CIR & RCC_CIR_CSSC) != 0);
     assert_168_mhz_from(16);
+    TEST_ASSERT_FALSE(was_reset());
+}
+
+static void test_a_crystal_that_stops_and_no_other_168_mhz_is_a_reset(void)
+{
+    start_and_push();
+    chip.rcc.CIR = RCC_CIR_CSSF;
+    chip_waits = nothing_starts;
+    clock_failed_irq();
+    TEST_ASSERT_FALSE(chip_pin('B', 12));
+    TEST_ASSERT_TRUE(was_reset());
 }
 
 int main(void)
@@ -131,10 +158,12 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_with_a_crystal_it_runs_at_168_mhz_and_watches_the_crystal);
     RUN_TEST(test_a_crystal_that_does_not_start_is_reported_and_replaced);
-    RUN_TEST(test_a_chip_on_which_nothing_gets_ready_still_gets_through);
+    RUN_TEST(test_a_chip_without_168_mhz_is_reset);
+    RUN_TEST(test_an_emulator_has_no_clock_to_wait_for);
     RUN_TEST(test_a_crystal_that_the_pll_does_not_lock_on_is_reported_and_replaced);
     RUN_TEST(test_the_clock_is_never_faster_than_the_flash_is_set_for);
     RUN_TEST(test_an_nmi_without_a_failed_crystal_makes_outputs_safe_alone);
     RUN_TEST(test_a_crystal_that_stops_makes_outputs_safe_and_is_reported);
+    RUN_TEST(test_a_crystal_that_stops_and_no_other_168_mhz_is_a_reset);
     return UNITY_END();
 }

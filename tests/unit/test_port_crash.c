@@ -53,7 +53,7 @@ static void test_a_hard_fault_makes_outputs_safe_and_resets(void)
     TEST_ASSERT_TRUE(chip_pin('B', 12));
     crash_at(0x0800BEEE);
     TEST_ASSERT_FALSE(chip_pin('B', 12));
-    TEST_ASSERT_FALSE(chip_pin('B', 13));
+    TEST_ASSERT_FALSE(chip_pin('C', 8));
     TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
     TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.BDTR & TIM_BDTR_MOE);
     TEST_ASSERT_EQUAL_HEX32(SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ, chip.scb.AIRCR);
@@ -151,6 +151,30 @@ static void test_a_brown_out_forgets_crashes(void)
     TEST_ASSERT_EQUAL_UINT32(0, crash.count);
 }
 
+static void test_a_supply_that_fails_makes_outputs_safe_and_is_a_brown_out_of_the_next_run(void)
+{
+    enum hal_reset reset_cause;
+    struct hal_crash crash;
+    power_on();
+    crash_at(0x0800BEEE);
+    chip.rcc.CSR = RCC_CSR_SFTRSTF;
+    crash_read(&reset_cause, &crash);
+    push();
+    chip.scb.AIRCR = 0;
+    crash_supply();
+    TEST_ASSERT_FALSE(chip_pin('B', 12) || chip_pin('C', 8));
+    TEST_ASSERT_EQUAL_HEX32(SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ, chip.scb.AIRCR);
+    crash_read(&reset_cause, &crash);
+    TEST_ASSERT_EQUAL(HAL_RESET_BROWN_OUT, reset_cause);
+    TEST_ASSERT_EQUAL_HEX32(0x0800BEEE, crash.pc); /* the last crash is still that */
+    crash_read(&reset_cause, &crash);
+    TEST_ASSERT_EQUAL(HAL_RESET_SOFTWARE, reset_cause);
+    power_on();
+    crash_supply();
+    crash_read(&reset_cause, &crash);
+    TEST_ASSERT_EQUAL_UINT32(0, crash.count);
+}
+
 static void test_a_record_with_any_bit_flipped_is_none(void)
 {
     for (size_t bit = 0; bit < 8 * sizeof record; bit++) {
@@ -188,6 +212,7 @@ int main(void)
     RUN_TEST(test_a_watchdog_reset_is_told);
     RUN_TEST(test_each_cause_of_a_reset_has_its_name);
     RUN_TEST(test_a_brown_out_forgets_crashes);
+    RUN_TEST(test_a_supply_that_fails_makes_outputs_safe_and_is_a_brown_out_of_the_next_run);
     RUN_TEST(test_a_record_with_any_bit_flipped_is_none);
     RUN_TEST(test_a_frame_at_the_very_end_of_the_stack_is_not_read_beyond_it);
     return UNITY_END();

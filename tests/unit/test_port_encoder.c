@@ -190,11 +190,23 @@ static void test_new_wiring_starts_the_index_check_anew(void)
 
 static void test_in_an_emulator_whose_timers_count_time_the_axes_stand(void)
 {
-    chip.rcc.CR = 0;
+    chip_emulate();
     encoder_init();
     read_at(12345, 67890);
     TEST_ASSERT_EQUAL_INT32(0, in.count[AXIS_X]);
     TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
+}
+
+/* While the flash is erased nobody reads. */
+static void test_what_moved_while_nobody_read_is_counted_and_no_jump(void)
+{
+    read_at(0, 0);
+    encoder_paused();
+    read_at(100000, (uint32_t)-100000);
+    TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X] | in.inputs[AXIS_Y]);
+    TEST_ASSERT_EQUAL_INT32(100000, in.count[AXIS_X]);
+    read_at(200000, (uint32_t)-100000);
+    TEST_ASSERT_EQUAL_UINT8(HAL_ENCODER_FAULT, in.inputs[AXIS_X]);
 }
 
 int main(void)
@@ -213,5 +225,6 @@ int main(void)
     RUN_TEST(test_index_pulses_are_counted_also_where_their_distance_is_not_checked);
     RUN_TEST(test_new_wiring_starts_the_index_check_anew);
     RUN_TEST(test_in_an_emulator_whose_timers_count_time_the_axes_stand);
+    RUN_TEST(test_what_moved_while_nobody_read_is_counted_and_no_jump);
     return UNITY_END();
 }

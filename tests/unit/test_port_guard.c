@@ -156,7 +156,7 @@ static void test_in_an_emulator_the_store_is_in_ram_and_behaves_the_same(void)
 {
     const uint32_t words[2] = {0x01234567, 0xFFFFFFFF}, more = 0;
     uint32_t back[3];
-    chip.rcc.CR = 0;
+    chip_emulate();
     sectors_read(0, 0, back, 4);
     TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFF, back[0]);
     TEST_ASSERT_TRUE(sectors_write(0, 0, words, 8));

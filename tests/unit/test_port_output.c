@@ -45,7 +45,7 @@ static void test_power_on_is_zero_volts_and_not_enabled(void)
     TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
     TEST_ASSERT_EQUAL_HEX32(DAC_CR_EN1 | DAC_CR_EN2, chip.dac.CR & (DAC_CR_EN1 | DAC_CR_EN2));
     TEST_ASSERT_FALSE(chip_pin('B', 12));
-    TEST_ASSERT_FALSE(chip_pin('B', 13));
+    TEST_ASSERT_FALSE(chip_pin('C', 8));
     TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.CCR[0] | chip.tim8.CCR[1]);
 }
 
@@ -66,11 +66,11 @@ static void test_an_axis_that_is_not_enabled_gets_no_force(void)
 {
     push(FULL_mN, FULL_mN, true);
     TEST_ASSERT_TRUE(chip_pin('B', 12));
-    TEST_ASSERT_TRUE(chip_pin('B', 13));
+    TEST_ASSERT_TRUE(chip_pin('C', 8));
     push(FULL_mN, FULL_mN, false);
     TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
     TEST_ASSERT_FALSE(chip_pin('B', 12));
-    TEST_ASSERT_FALSE(chip_pin('B', 13));
+    TEST_ASSERT_FALSE(chip_pin('C', 8));
 }
 
 /* One step of the output is 293 mN. */
@@ -131,9 +131,31 @@ static void test_safe_is_safe_whatever_was_put_out(void)
     output_safe();
     TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
     TEST_ASSERT_FALSE(chip_pin('B', 12));
-    TEST_ASSERT_FALSE(chip_pin('B', 13));
+    TEST_ASSERT_FALSE(chip_pin('C', 8));
     TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.CCR[1]);
     TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.BDTR & TIM_BDTR_MOE);
+}
+
+/* An NMI comes above the servo tick, which goes on without knowing of it. */
+static void test_safe_outputs_stay_so_until_no_axis_is_to_be_enabled(void)
+{
+    cfg[AXIS_Y].output = HAL_OUTPUT_PWM;
+    output_configure(cfg);
+    push(FULL_mN, FULL_mN, true);
+    output_safe();
+    for (int i = 0; i < 3; i++) {
+        push(FULL_mN, FULL_mN, true);
+        TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
+        TEST_ASSERT_FALSE(chip_pin('B', 12) || chip_pin('C', 8));
+        TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.CCR[1]);
+        TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.BDTR & TIM_BDTR_MOE);
+    }
+    push(0, 0, false);
+    push(FULL_mN / 2, FULL_mN / 2, true);
+    TEST_ASSERT_TRUE(chip_pin('B', 12) && chip_pin('C', 8));
+    TEST_ASSERT_EQUAL_INT32(1024, dac_x());
+    TEST_ASSERT_EQUAL_UINT32(2100, chip.tim8.CCR[1]);
+    TEST_ASSERT_NOT_EQUAL_UINT32(0, chip.tim8.BDTR & TIM_BDTR_MOE); /* its pins are driven again */
 }
 
 int main(void)
@@ -147,5 +169,6 @@ int main(void)
     RUN_TEST(test_pwm_is_a_magnitude_and_a_direction_and_leaves_the_analog_command_at_zero);
     RUN_TEST(test_a_direction_turned_round_by_parameter_is_turned_round);
     RUN_TEST(test_safe_is_safe_whatever_was_put_out);
+    RUN_TEST(test_safe_outputs_stay_so_until_no_axis_is_to_be_enabled);
     return UNITY_END();
 }

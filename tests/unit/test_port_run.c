@@ -8,6 +8,7 @@
 #include "clock.h"
 #include "crash.h"
 #include "run.h"
+#include "supply.h"
 #include "unity.h"
 
 enum { MAILBOXES_EMPTY = 7 * CAN_TSR_TME0, SENT_MAX = 64 };
@@ -106,7 +107,7 @@ static bool told(uint16_t code)
 
 static bool enabled(void)
 {
-    return chip_pin('B', 12) || chip_pin('B', 13);
+    return chip_pin('B', 12) || chip_pin('C', 8);
 }
 
 static void expect_safe(void)
@@ -159,7 +160,7 @@ static void enable(void)
         ticks(30);
     }
     TEST_ASSERT_TRUE(chip_pin('B', 12));
-    TEST_ASSERT_TRUE(chip_pin('B', 13));
+    TEST_ASSERT_TRUE(chip_pin('C', 8));
 }
 
 static void test_a_healthy_board_has_no_fault_and_can_be_enabled(void)
@@ -215,8 +216,14 @@ static void test_a_crystal_that_stops_cuts_the_power_at_once(void)
     clock_failed_irq();
     expect_safe();
     chip.rcc.CIR = 0;
-    ticks(20);
+    for (int i = 0; i < 20; i++) { /* the tick, too, before it knows of it */
+        ticks(1);
+        expect_safe();
+    }
     expect_fault(0x5200);
+    give(0x201, 4, 0x00800080, 0);
+    ticks(30);
+    enable();
 }
 
 static void test_nobody_acknowledges_and_the_drive_lives_on_and_tells_it_later(void)
@@ -299,6 +306,45 @@ static void test_a_watchdog_reset_is_a_fault_of_the_next_run(void)
     expect_fault(0x6010);
 }
 
+static bool supply_stays_low(const reg *r, uint32_t mask, uint32_t value)
+{
+    (void)value;
+    return !(r == &chip.pwr.CSR && mask == PWR_CSR_PVDO);
+}
+
+static void test_a_supply_that_fails_cuts_the_power_and_is_a_fault_of_the_next_run(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(PWR_CR_PVDE | PWR_CR_PLS_2V8, chip.pwr.CR & (PWR_CR_PVDE | 7u << 5));
+    TEST_ASSERT_EQUAL_HEX32(EXTI_PVD, chip.exti.IMR & chip.exti.RTSR);
+    TEST_ASSERT_TRUE(supply_start());
+    TEST_ASSERT_EQUAL_HEX32(1u << IRQ_PVD, chip.nvic.ISER[0]);
+    enable();
+    chip.scb.AIRCR = 0;
+    supply_irq();
+    expect_safe();
+    TEST_ASSERT_EQUAL_HEX32(SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ, chip.scb.AIRCR);
+    power_on();
+    chip.rcc.CSR = RCC_CSR_SFTRSTF | RCC_CSR_PINRSTF;
+    start();
+    TEST_ASSERT_EQUAL_UINT32(HAL_RESET_BROWN_OUT, read_object(0x2031, 0) & 0xFF);
+    expect_fault(0x5110);
+}
+
+static void test_a_supply_that_is_low_from_the_start_is_a_fault_and_nothing_is_stored(void)
+{
+    power_on();
+    chip_waits = supply_stays_low;
+    start();
+    chip.pwr.CSR = PWR_CSR_PVDO;
+    expect_fault(0x5110);
+    master.sdo_answered = false;
+    give(0x601, 8, 0x01101023, 0x65766173); /* 1010h:1 "save" */
+    ticks(20);
+    TEST_ASSERT_TRUE(master.sdo_answered);
+    TEST_ASSERT_EQUAL_HEX8(0x80, master.sdo[0]);
+    TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFF, chip_store[0]);
+}
+
 static void test_a_brown_out_is_a_fault_of_the_next_run(void)
 {
     power_on();
@@ -335,13 +381,30 @@ static void test_what_is_saved_is_in_the_flash_and_there_in_the_next_run(void)
     TEST_ASSERT_EQUAL_UINT32(100, read_object(0x1017, 0) & 0xFFFF);
 }
 
+/* No servo tick reads the encoders while a sector is erased, for 250 ms and more. */
+static void test_a_table_that_is_pushed_while_parameters_are_saved_is_followed(void)
+{
+    const uint32_t before = read_object(0x6064, 0);
+    chip.can1.RX[0] =
+        (struct can_mailbox){.IR = 0x601u << CAN_IR_STID, .DTR = 8, .DLR = 0x01101023, .DHR = 0x65766173}; /* 1010h "save" */
+    chip.can1.RF0R = 1;
+    can_rx_irq();
+    tick_irq();
+    chip.tim2.CNT += 20000; /* an encoder that jumps, by itself */
+    run_pass();
+    TEST_ASSERT_NOT_EQUAL_HEX32(0xFFFFFFFF, chip_store[0]);
+    ticks(200);
+    TEST_ASSERT_EQUAL_HEX8(0, read_object(0x1001, 0) & 0xFF);
+    TEST_ASSERT_GREATER_THAN_INT32((int32_t)before + 1000000, (int32_t)read_object(0x6064, 0)); /* nm */
+}
+
 /* 2034h, 1006h. The clock control reads as zero there; here that begins when it has been set up. */
 static void test_in_an_emulator_time_passes_with_sync_if_that_is_chosen(void)
 {
     write_object(0x2034, 0, 1, 1);
     const uint32_t by_itself = read_object(0x2020, 3);
     TEST_ASSERT_GREATER_THAN_UINT32(by_itself, read_object(0x2020, 3)); /* a chip's does, always */
-    chip.rcc.CR = 0;
+    chip_emulate();
     ticks(1);
     write_object(0x1006, 0, 2000, 4);
     const uint32_t before = read_object(0x2020, 3);
@@ -369,9 +432,12 @@ static void test_ticks_that_take_longer_than_their_period_are_a_fault(void)
     ticks(20);
     TEST_ASSERT_TRUE(enabled());
     chip.scb.ICSR = SCB_ICSR_PENDSTSET;
-    ticks(3);
+    for (int i = 0; i < 4; i++) {
+        TEST_ASSERT_TRUE(enabled());
+        tick_irq(); /* one after the other: the background gets no time */
+    }
+    expect_safe();
     chip.scb.ICSR = 0;
-    ticks(20);
     expect_fault(0x6100);
 }
 
@@ -379,7 +445,7 @@ static void test_ticks_that_take_longer_than_their_period_are_a_fault(void)
 static void test_late_ticks_of_an_emulator_say_nothing(void)
 {
     enable();
-    chip.rcc.CR = 0;
+    chip_emulate();
     chip.scb.ICSR = SCB_ICSR_PENDSTSET;
     ticks(20);
     TEST_ASSERT_TRUE(enabled());
@@ -400,8 +466,11 @@ int main(void)
     RUN_TEST(test_a_background_that_does_not_run_starves_the_watchdog);
     RUN_TEST(test_a_watchdog_reset_is_a_fault_of_the_next_run);
     RUN_TEST(test_a_brown_out_is_a_fault_of_the_next_run);
+    RUN_TEST(test_a_supply_that_fails_cuts_the_power_and_is_a_fault_of_the_next_run);
+    RUN_TEST(test_a_supply_that_is_low_from_the_start_is_a_fault_and_nothing_is_stored);
     RUN_TEST(test_a_crash_is_a_fault_of_the_next_run);
     RUN_TEST(test_what_is_saved_is_in_the_flash_and_there_in_the_next_run);
+    RUN_TEST(test_a_table_that_is_pushed_while_parameters_are_saved_is_followed);
     RUN_TEST(test_in_an_emulator_time_passes_with_sync_if_that_is_chosen);
     RUN_TEST(test_ticks_that_take_longer_than_their_period_are_a_fault);
     RUN_TEST(test_late_ticks_of_an_emulator_say_nothing);

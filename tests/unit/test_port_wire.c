@@ -184,7 +184,7 @@ static void test_interrupt_of_a_line_with_nothing_to_send_ends(void)
 static void test_in_an_emulator_a_line_is_sent_at_once(void)
 {
     open_channel();
-    chip.rcc.CR = 0;
+    chip_emulate();
     TEST_ASSERT_TRUE(wire_send(&frame));
     TEST_ASSERT_EQUAL_HEX32('\r', chip.usart1.DR);
     TEST_ASSERT_EQUAL_HEX32(0, chip.usart1.CR1 & USART_CR1_TXEIE);

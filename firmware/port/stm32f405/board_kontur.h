@@ -3,7 +3,7 @@
  *
  * Alternate functions: ST, DS8626 "STM32F405xx STM32F407xx datasheet". Inputs are wired so that
  * a broken wire is active: a contact to ground that opens, against the chip's pull-up. Free: PA3, PA6 to PA8, PB0,
- * PB2, PB4 to PB7, PB11, PC8 to PC12, PC14, PC15, PD2; PA11, PA12 are left to USB (flashing), PA13, PA14 to SWD.
+ * PB2, PB4 to PB7, PB11, PB13, PC9 to PC12, PC14, PC15, PD2; PA11, PA12 are left to USB (flashing), PA13, PA14 to SWD.
  */
 #ifndef KONTUR_BOARD_KONTUR_H
 #define KONTUR_BOARD_KONTUR_H
@@ -11,7 +11,7 @@
 #define BOARD_NAME "STM32F405, general"
 #define BOARD_HSE_MHZ 8 /* crystal; 4..26, even */
 
-/* slcan. The USB boot loader is not touched by it. */
+/* slcan. ST's boot loader listens there, too (AN2606): nothing may be sent to it while the chip is to be flashed by USB. */
 #define BOARD_UART USART1
 #define BOARD_UART_IRQ IRQ_USART1
 #define BOARD_UART_CLOCK() (RCC->APB2ENR |= RCC_APB2ENR_USART1)
@@ -42,7 +42,7 @@
     {                                                                                                                  \
         .encoder = {TIM5, RCC_APB1ENR_TIM5, 0xFFFFFFFFu, PIN('A', 0), PIN('A', 1), PIN('A', 2), 2, 3},                 \
         .limit_min = {PIN('C', 2), true, PIN_PULL_UP}, .limit_max = {PIN('C', 3), true, PIN_PULL_UP},                  \
-        .amplifier_fault = {PIN('B', 1), true, PIN_PULL_UP}, .enable = PIN('B', 13), .pwm = PIN('C', 7),               \
+        .amplifier_fault = {PIN('B', 1), true, PIN_PULL_UP}, .enable = PIN('C', 8), .pwm = PIN('C', 7),                \
         .direction = PIN('B', 15)                                                                                      \
     }
 #endif

@@ -27,7 +27,6 @@ static struct ring rx = {.frame = rx_frames, .room = RX_ROOM};
 static struct ring tx = {.frame = tx_frames, .room = TX_ROOM};
 static _Atomic uint32_t rx_lost, bus_offs;
 static bool works;
-static bool off; /* bus-off seen by the interrupt and not yet over */
 
 static bool put(struct ring *r, const struct can_frame *frame)
 {
@@ -62,7 +61,7 @@ static const struct timing *timing_of(uint16_t kbitps)
 }
 
 /* RM0090 32.4.1: settings may be written in initialisation mode only, which lets a frame that is being received end. */
-static bool configure(const struct timing *t)
+static bool enter(const struct timing *t)
 {
     CAN1->MCR = CAN_MCR_INRQ | CAN_MCR_TXFP | CAN_MCR_ABOM; /* wakes it as well; sends in the order of requests */
     if (!wait_until(&CAN1->MSR, CAN_MSR_INAK, CAN_MSR_INAK, POLLS)) {
@@ -88,17 +87,9 @@ static void set_filter(void)
     CAN1->FMR &= ~(uint32_t)CAN_FMR_FINIT;
 }
 
-bool can_init(uint16_t kbitps)
+static bool configure(const struct timing *t)
 {
-    const struct timing *t = timing_of(kbitps);
-    RCC->APB1ENR |= RCC_APB1ENR_CAN1;
-    (void)RCC->APB1ENR;
-    pin_setup(BOARD_CAN_RX, PIN_ALTERNATE, PIN_PULL_UP, BOARD_CAN_AF);
-    pin_setup(BOARD_CAN_TX, PIN_ALTERNATE, PIN_PULL_UP, BOARD_CAN_AF);
-    atomic_store(&rx.out, atomic_load(&rx.in));
-    atomic_store(&tx.out, atomic_load(&tx.in));
-    off = false;
-    works = t != NULL && configure(t);
+    works = t != NULL && enter(t);
     if (works) {
         set_filter();
         CAN1->IER = CAN_IER_TMEIE | CAN_IER_FMPIE0 | CAN_IER_FOVIE0 | CAN_IER_BOFIE | CAN_IER_ERRIE;
@@ -109,6 +100,23 @@ bool can_init(uint16_t kbitps)
     return works;
 }
 
+static void drop_what_waits(void)
+{
+    atomic_store(&tx.out, atomic_load(&tx.in));
+}
+
+bool can_init(uint16_t kbitps)
+{
+    const struct timing *t = timing_of(kbitps);
+    RCC->APB1ENR |= RCC_APB1ENR_CAN1;
+    (void)RCC->APB1ENR;
+    pin_setup(BOARD_CAN_RX, PIN_ALTERNATE, PIN_PULL_UP, BOARD_CAN_AF);
+    pin_setup(BOARD_CAN_TX, PIN_ALTERNATE, PIN_PULL_UP, BOARD_CAN_AF);
+    atomic_store(&rx.out, atomic_load(&rx.in));
+    drop_what_waits();
+    return configure(t);
+}
+
 bool can_bitrate(uint16_t kbitps, bool change)
 {
     const struct timing *t = timing_of(kbitps);
@@ -116,11 +124,10 @@ bool can_bitrate(uint16_t kbitps, bool change)
         return t != NULL;
     }
     const uint32_t lock = cpu_lock();
-    atomic_store(&tx.out, atomic_load(&tx.in));
+    drop_what_waits();
     CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2;
     cpu_unlock(lock);
-    works = configure(t);
-    return works;
+    return configure(t);
 }
 
 bool can_send(const struct can_frame *frame)
@@ -154,6 +161,10 @@ void can_tx_irq(void)
     const uint32_t tsr = CAN1->TSR;
     /* one that is set after it was read stays, and calls again */
     clear_flags(&CAN1->TSR, tsr & (CAN_TSR_RQCP0 | CAN_TSR_RQCP1 | CAN_TSR_RQCP2));
+    if ((CAN1->ESR & CAN_ESR_BOFF) != 0) {
+        drop_what_waits(); /* it would be stale when the bus is back */
+        return;
+    }
     for (unsigned i = 0; i < MAILBOXES; i++) {
         struct can_frame frame;
         if ((tsr & (uint32_t)CAN_TSR_TME0 << i) != 0 && take(&tx, &frame)) {
@@ -187,14 +198,12 @@ void can_rx_irq(void)
 
 void can_error_irq(void)
 {
-    const bool now = (CAN1->ESR & CAN_ESR_BOFF) != 0;
-    clear_flags(&CAN1->MSR, CAN_MSR_ERRI);
-    if (now && !off) {
+    clear_flags(&CAN1->MSR, CAN_MSR_ERRI); /* set when BOFF is, once; nothing tells its end (RM0090 32.9.2, IER) */
+    if ((CAN1->ESR & CAN_ESR_BOFF) != 0) {
         atomic_fetch_add(&bus_offs, 1u);
-        atomic_store(&tx.out, atomic_load(&tx.in)); /* same priority as the other reader */
+        drop_what_waits(); /* same priority as the other reader */
         CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2;
     }
-    off = now;
 }
 
 void can_status(struct hal_can_status *status)

@@ -5,7 +5,7 @@
  *
  * Bit timing from the 42 MHz of APB1, sample point as near to 87.5 % as that clock allows (CiA 301, 5.3): 85.7 % at
  * 1000 and 500 kbit/s, 87.5 % at 250 and 125. Bus-off: left by itself after 128 times 11 recessive bits (ISO 11898-1;
- * ABOM, RM0090 32.7.6), counted; what waited to be sent is dropped, being out of date.
+ * ABOM, RM0090 32.7.6), counted; what waits to be sent then, and what comes meanwhile, is dropped, being out of date.
  */
 #ifndef KONTUR_CAN_H
 #define KONTUR_CAN_H

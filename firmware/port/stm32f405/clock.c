@@ -3,6 +3,7 @@
 
 #include "board.h"
 #include "cpu.h"
+#include "crash.h"
 #include "output.h"
 
 _Static_assert(BOARD_HSE_MHZ >= 4 && BOARD_HSE_MHZ <= 26 && BOARD_HSE_MHZ % 2 == 0,
@@ -41,6 +42,15 @@ static bool use_pll(uint32_t mhz, uint32_t source)
     return wait_until(&RCC->CFGR, RCC_CFGR_SWS, RCC_CFGR_SWS_PLL, POLLS);
 }
 
+/* Without the crystal */
+static void do_without(void)
+{
+    use_hsi();
+    if (!use_pll(HSI_MHZ, 0) && !cpu_emulated()) {
+        crash_record(NULL);
+    }
+}
+
 bool clock_start(void)
 {
     RCC->APB1ENR |= RCC_APB1ENR_PWR;
@@ -54,8 +64,7 @@ bool clock_start(void)
         RCC->CR |= RCC_CR_CSSON;
     } else {
         RCC->CR &= ~(uint32_t)RCC_CR_HSEON;
-        use_hsi();
-        (void)use_pll(HSI_MHZ, 0);
+        do_without();
     }
     degraded = !crystal && !cpu_emulated();
     return crystal;
@@ -68,8 +77,7 @@ void clock_failed_irq(void)
         RCC->CIR |= RCC_CIR_CSSC;
         degraded = true;
         RCC->CR &= ~(uint32_t)(RCC_CR_CSSON | RCC_CR_HSEON);
-        use_hsi();
-        (void)use_pll(HSI_MHZ, 0);
+        do_without();
     }
 }
 

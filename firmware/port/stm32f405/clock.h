@@ -12,10 +12,11 @@
 #define CLOCK_HZ 168000000u
 #define CLOCK_APB1_HZ 42000000u
 
-/* At start-up. Takes 100 ms at most. true: on the crystal, which is watched from now on. */
+/* At start-up. Takes 100 ms at most. true: on the crystal, which is watched from now on. Where the PLL locks on neither
+ * oscillator nothing would have its time, on the wire neither: the chip is reset, as after a crash, and tries again. */
 bool clock_start(void);
 /* Nonmaskable interrupt: the crystal has stopped and the chip runs on 16 MHz. Makes the outputs safe, then 168 MHz
- * again. */
+ * again, or a reset. */
 void clock_failed_irq(void);
 /* Not on the crystal (false in an emulator, which has none). */
 bool clock_degraded(void);

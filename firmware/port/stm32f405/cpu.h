@@ -9,7 +9,7 @@
 
 /* Priorities, 0 first; the chip has the upper four bits (RM0090 12.1.1). The serial line has one byte of room and so
  * goes before the servo, for some 40 instructions a byte; bxCAN has room for three frames, 140 us, and waits. */
-enum { PRIORITY_SERIAL = 0, PRIORITY_SERVO = 1, PRIORITY_CAN = 2 };
+enum { PRIORITY_SUPPLY = 0, PRIORITY_SERIAL = 0, PRIORITY_SERVO = 1, PRIORITY_CAN = 2 };
 
 static inline void cpu_irq_enable(unsigned irq, unsigned priority)
 {
@@ -54,12 +54,10 @@ static inline void cpu_barrier(void)
 #endif
 }
 
-/* An emulator without clock control (QEMU) reads RCC as zero; on a chip the internal oscillator runs at least until the
- * PLL does. */
-static inline bool cpu_emulated(void)
-{
-    return RCC->CR == 0;
-}
+/* Whether this is an emulator (QEMU). Looked at once, before anything is written: RCC_CR is 0 there, and on a chip 83h and
+ * what calibration has set (RM0090 7.3.1). QEMU up to 9.1 reads it as 0 ever after, later ones as what was written. */
+void cpu_look(void);
+bool cpu_emulated(void);
 
 /* Clear flags of a register in which writing ones clears. */
 static inline void clear_flags(reg *r, uint32_t flags)

@@ -7,11 +7,12 @@
 #include "output.h"
 
 enum { MAGIC = 0x4B43524D };
+enum { OLD, CRASHED, SUPPLY_FAILED }; /* how the run before this one has ended */
 
 /* Neither cleared nor loaded at start-up (kontur.ld). */
 struct record {
     uint32_t magic;
-    uint32_t fresh; /* 1: written by the run before this one */
+    uint32_t end;
     struct hal_crash crash;
     uint32_t check;
 };
@@ -50,6 +51,18 @@ static void seal(void)
     record.check = check(&record);
 }
 
+static void reset(uint32_t end)
+{
+    record.end = end;
+    seal();
+    cpu_barrier();
+    SCB->AIRCR = SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ;
+#ifdef __arm__
+    for (;;) { /* until it has come, or the watchdog */
+    }
+#endif
+}
+
 void crash_record(const uint32_t *frame)
 {
     output_safe();
@@ -64,14 +77,16 @@ void crash_record(const uint32_t *frame)
     record.crash.hfsr = SCB->HFSR;
     record.crash.bfar = SCB->BFAR;
     record.crash.count = count + 1u;
-    record.fresh = 1;
-    seal();
-    cpu_barrier();
-    SCB->AIRCR = SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ;
-#ifdef __arm__
-    for (;;) { /* until it has come, or the watchdog */
+    reset(CRASHED);
+}
+
+void crash_supply(void)
+{
+    output_safe();
+    if (!valid()) {
+        memset(&record, 0, sizeof record);
     }
-#endif
+    reset(SUPPLY_FAILED);
 }
 
 #ifdef __arm__
@@ -105,16 +120,16 @@ static enum hal_reset cause(uint32_t csr)
     return (csr & RCC_CSR_PINRSTF) != 0 ? HAL_RESET_PIN : HAL_RESET_UNKNOWN;
 }
 
-void crash_read(enum hal_reset *reset, struct hal_crash *crash)
+void crash_read(enum hal_reset *reset_cause, struct hal_crash *crash)
 {
-    *reset = cause(RCC->CSR);
+    *reset_cause = cause(RCC->CSR);
     RCC->CSR |= RCC_CSR_RMVF;
-    if (*reset == HAL_RESET_POWER || *reset == HAL_RESET_BROWN_OUT || !valid()) {
+    if (*reset_cause == HAL_RESET_POWER || *reset_cause == HAL_RESET_BROWN_OUT || !valid()) {
         memset(&record, 0, sizeof record);
-    } else if (record.fresh != 0) {
-        *reset = HAL_RESET_CRASH;
+    } else if (record.end != OLD) {
+        *reset_cause = record.end == CRASHED ? HAL_RESET_CRASH : HAL_RESET_BROWN_OUT;
     }
-    record.fresh = 0;
+    record.end = OLD;
     seal();
     *crash = record.crash;
 }

@@ -7,9 +7,11 @@
 #include "hal.h"
 
 /* At start-up, before anything writes RCC_CSR: why the processor has started, and the record. Once. */
-void crash_read(enum hal_reset *reset, struct hal_crash *crash);
+void crash_read(enum hal_reset *reset_cause, struct hal_crash *crash);
 /* HardFault and all exceptions without a handler. */
 void crash_irq(void);
-/* The rest of it, on a stack of its own. frame: what the exception has stacked. */
+/* The rest of it, on a stack of its own. frame: what the exception has stacked; NULL: there was none. */
 void crash_record(const uint32_t *frame);
+/* The supply fails: outputs safe, reset; the next start is one after a brown-out. */
+void crash_supply(void);
 #endif

@@ -9,6 +9,7 @@ enum { LINE = 4 };
 struct encoder {
     bool running; /* not in an emulator: QEMU's timers know no encoder mode and count time */
     bool invert;
+    bool paused; /* since the last read */
     bool index_seen; /* index_count is that of a pulse under this configuration */
     uint32_t index_counts, jump_counts;
     uint32_t last; /* the timer's counter at the last read */
@@ -87,7 +88,8 @@ static bool follow(struct encoder *e, const struct board_encoder *board, uint32_
 {
     const struct tim *tim = board->tim;
     const int32_t moved = difference(board, now, e->last);
-    bool good = magnitude(moved) <= e->jump_counts;
+    bool good = magnitude(moved) <= e->jump_counts || e->paused;
+    e->paused = false;
     e->last = now;
     e->count += (uint32_t)(e->invert ? -moved : moved);
     if (board->index != PIN_NONE && (tim->SR & (uint32_t)TIM_SR_CC1IF << (board->index_channel - 1u)) != 0) {
@@ -96,6 +98,13 @@ static bool follow(struct encoder *e, const struct board_encoder *board, uint32_
         good = index_fits(e, e->count - (uint32_t)(e->invert ? -since : since)) && good;
     }
     return good;
+}
+
+void encoder_paused(void)
+{
+    for (int i = 0; i < AXES; i++) {
+        encoders[i].paused = axes[i].encoder.top == 0xFFFFFFFFu;
+    }
 }
 
 void encoder_read(struct hal_drive_in *in)

@@ -20,4 +20,7 @@ void encoder_init(void);
 void encoder_configure(const struct hal_axis_cfg cfg[AXES]);
 /* Sets `count`, `index_pulses`, `index_count` of both axes, read within 1 us; adds HAL_ENCODER_FAULT to `inputs`. */
 void encoder_read(struct hal_drive_in *in);
+/* No servo tick has been for a while: what the next read finds is no jump. A timer of 16 bits may have gone round
+ * meanwhile, so that there it is one. */
+void encoder_paused(void);
 #endif

@@ -5,6 +5,7 @@
 #include "cpu.h"
 
 enum { DAC_ZERO = 2048, PWM_STEPS = 4200 };
+enum { PWM_OFF = TIM_BDTR_OSSI | TIM_BDTR_OSSR, PWM_ON = PWM_OFF | TIM_BDTR_MOE }; /* off: driven low */
 
 struct channel {
     bool pwm, invert;
@@ -15,6 +16,7 @@ struct channel {
 
 static const struct board_axis axes[AXES] = {BOARD_X, BOARD_Y};
 static struct channel channels[AXES];
+static volatile bool held; /* made safe, until neither axis is to be enabled any more */
 
 static void set_channel(struct channel *c, const struct hal_axis_cfg *cfg)
 {
@@ -51,7 +53,8 @@ void output_init(void)
     TIM8->CCMR1 = TIM_CCMR_PWM1 | TIM_CCMR_PWM1 << 8;
     TIM8->CCR[0] = TIM8->CCR[1] = 0;
     TIM8->CCER = TIM_CCER_E | TIM_CCER_E << 4;
-    TIM8->BDTR = TIM_BDTR_OSSI | TIM_BDTR_OSSR | TIM_BDTR_MOE; /* without MOE the outputs are driven low */
+    TIM8->BDTR = PWM_ON;
+    held = false;
     TIM8->EGR = TIM_EGR_UG;
     TIM8->CR1 = TIM_CR1_ARPE | TIM_CR1_CEN;
     output_configure(cfg);
@@ -83,9 +86,22 @@ static int32_t quantise(struct channel *c, int32_t force_mN)
     return (int32_t)step;
 }
 
+/* Who made the outputs safe is above the servo tick, which does not know of it yet. */
+static bool let_go(const struct hal_drive_out *out)
+{
+    if (held && !out->enable[AXIS_X] && !out->enable[AXIS_Y]) {
+        TIM8->BDTR = PWM_ON;
+        held = false;
+    }
+    return !held;
+}
+
 void output_write(const struct hal_drive_out *out)
 {
     uint32_t dac[AXES], pwm[AXES];
+    if (!let_go(out)) {
+        return;
+    }
     for (int i = 0; i < AXES; i++) {
         struct channel *c = &channels[i];
         int32_t step = 0;
@@ -111,14 +127,18 @@ void output_write(const struct hal_drive_out *out)
             pin_write(axes[i].enable, true);
         }
     }
+    if (held) { /* since this began */
+        output_safe();
+    }
 }
 
 void output_safe(void)
 {
+    held = true;
     for (int i = 0; i < AXES; i++) {
         pin_write(axes[i].enable, false);
     }
     DAC->DHR12RD = DAC_ZERO << 16 | DAC_ZERO;
     TIM8->CCR[0] = TIM8->CCR[1] = 0;
-    TIM8->BDTR = TIM_BDTR_OSSI | TIM_BDTR_OSSR;
+    TIM8->BDTR = PWM_OFF;
 }

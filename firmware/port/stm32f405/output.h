@@ -15,6 +15,7 @@ void output_init(void);
 /* Without power on an axis. */
 void output_configure(const struct hal_axis_cfg cfg[AXES]);
 void output_write(const struct hal_drive_out *out);
-/* From anywhere, whatever has happened: enable off, DAC to zero volts, PWM off; direct register writes. */
+/* From anywhere, whatever has happened: enable off, DAC to zero volts, PWM off; direct register writes. What the servo
+ * writes after it changes nothing until it wants neither axis enabled any more: it knows of the reason. */
 void output_safe(void);
 #endif

@@ -67,7 +67,13 @@ enum {
 struct pwr {
     reg CR, CSR;
 };
-enum { PWR_CR_VOS = 1 << 14 };
+enum { PWR_CR_PVDE = 1 << 4, PWR_CR_PLS_2V8 = 6 << 5, PWR_CR_VOS = 1 << 14, PWR_CSR_PVDO = 1 << 2 };
+
+/* RM0090 12.3 (EXTI); line 16 is the voltage detector's (12.2.5) */
+struct exti {
+    reg IMR, EMR, RTSR, FTSR, SWIER, PR;
+};
+enum { EXTI_PVD = 1 << 16 };
 
 /* RM0090 3.9 (flash interface) */
 struct flash {
@@ -222,7 +228,7 @@ struct nvic {
     reg ISER[8], unused_20[24], ICER[8], unused_a0[24], ISPR[8], unused_120[120], IPR[60];
 };
 /* Interrupt numbers: RM0090 12, vector table of the STM32F405 */
-enum { IRQ_CAN1_TX = 19, IRQ_CAN1_RX0 = 20, IRQ_CAN1_SCE = 22, IRQ_USART1 = 37, IRQ_USART3 = 39 };
+enum { IRQ_PVD = 1, IRQ_CAN1_TX = 19, IRQ_CAN1_RX0 = 20, IRQ_CAN1_SCE = 22, IRQ_USART1 = 37, IRQ_USART3 = 39 };
 
 /* Of the F405: 0 to 81 */
 enum { IRQS = 82, GPIO_PORTS = 9 };
@@ -251,6 +257,7 @@ _Static_assert(offsetof(struct nvic, ICER) == 0x80 && offsetof(struct nvic, ISPR
 struct chip {
     struct rcc rcc;
     struct pwr pwr;
+    struct exti exti;
     struct flash flash;
     struct gpio gpio[GPIO_PORTS];
     struct tim tim2, tim3, tim4, tim5, tim8;
@@ -279,6 +286,7 @@ extern struct chip chip;
 #define DAC KONTUR_REGS(dac, 0x40007400u, dac)
 #define TIM8 KONTUR_REGS(tim, 0x40010400u, tim8)
 #define USART1 KONTUR_REGS(usart, 0x40011000u, usart1)
+#define EXTI KONTUR_REGS(exti, 0x40013C00u, exti)
 #define RCC KONTUR_REGS(rcc, 0x40023800u, rcc)
 #define FLASH KONTUR_REGS(flash, 0x40023C00u, flash)
 #define DBGMCU KONTUR_REGS(dbgmcu, 0xE0042000u, dbgmcu)

@@ -15,6 +15,7 @@
 #include "inputs.h"
 #include "output.h"
 #include "params.h"
+#include "supply.h"
 #include "watchdog.h"
 
 enum {
@@ -29,7 +30,6 @@ static struct app app;
 static enum hal_reset reset_cause;
 static struct hal_crash last_crash;
 static _Atomic uint32_t ticks;
-static _Atomic bool overrun;
 static uint32_t owed_us; /* time that is still to pass, where SYNC paces */
 
 static void drive_read(void *ctx, struct hal_drive_in *in)
@@ -127,7 +127,9 @@ static void sector_read(void *ctx, unsigned sector, uint32_t offset, void *data,
 static bool sector_erase(void *ctx, unsigned sector)
 {
     (void)ctx;
-    return sectors_erase(sector);
+    const bool good = sectors_erase(sector);
+    encoder_paused();
+    return good;
 }
 
 static bool sector_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
@@ -142,8 +144,7 @@ static void health(void *ctx, struct hal_health *h)
     const bool ended_badly = reset_cause == HAL_RESET_WATCHDOG || reset_cause == HAL_RESET_CRASH ||
                              reset_cause == HAL_RESET_BROWN_OUT;
     *h = (struct hal_health){
-        .bits = (uint8_t)((clock_degraded() ? HAL_CLOCK : 0) | (ended_badly ? HAL_RESET : 0) |
-                          (atomic_exchange(&overrun, false) ? HAL_OVERRUN : 0)),
+        .bits = (uint8_t)((clock_degraded() ? HAL_CLOCK : 0) | (ended_badly ? HAL_RESET : 0)),
         .reset = reset_cause,
         .crash = last_crash,
     };
@@ -173,7 +174,7 @@ void tick_irq(void)
     /* the next one is due already; in an emulator the time is the host's, and says nothing */
     late = (SCB->ICSR & SCB_ICSR_PENDSTSET) != 0 && !cpu_emulated() ? late + 1u : 0u;
     if (late >= OVERRUNS_IN_A_ROW) {
-        atomic_store(&overrun, true);
+        loop_raise(&app.drive.loop, FAULT_OVERRUN); /* the next one cuts the power, and is short */
     }
 }
 
@@ -192,9 +193,13 @@ static void show_life(void)
 
 void run_start(void)
 {
+    cpu_look();
     output_init();
     (void)clock_start();
     crash_read(&reset_cause, &last_crash);
+    if (!supply_start()) {
+        reset_cause = HAL_RESET_BROWN_OUT;
+    }
     inputs_init();
     encoder_init();
     pin_setup(BOARD_LED, PIN_OUTPUT, PIN_FLOATING, 0);

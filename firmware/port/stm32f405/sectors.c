@@ -6,6 +6,7 @@
 #include "cpu.h"
 #include "hal.h"
 #include "ram.h"
+#include "supply.h"
 #include "watchdog.h"
 
 enum { FIRST_SECTOR = 1 };
@@ -64,6 +65,9 @@ RAM_FUNCTION static bool run(uint32_t command, volatile uint32_t *to, uint32_t w
 
 static bool locked_run(uint32_t command, volatile uint32_t *to, uint32_t word)
 {
+    if (supply_low()) {
+        return false;
+    }
     const uint32_t lock = cpu_lock();
     FLASH->KEYR = FLASH_KEY1; /* RM0090 3.6.1 */
     FLASH->KEYR = FLASH_KEY2;

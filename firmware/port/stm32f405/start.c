@@ -8,6 +8,7 @@
 #include "cpu.h"
 #include "crash.h"
 #include "run.h"
+#include "supply.h"
 #include "uart.h"
 
 /* kontur.ld */
@@ -47,6 +48,7 @@ __attribute__((section(".vectors"), used)) static const struct vectors vectors =
     .stack = kontur_stack_top,
     .exception = {[0 ... 14] = crash_irq, [0] = reset_irq, [1] = clock_failed_irq, [14] = tick_irq},
     .irq = {[0 ... IRQS - 1] = crash_irq,
+            [IRQ_PVD] = supply_irq,
             [IRQ_CAN1_TX] = can_tx_irq,
             [IRQ_CAN1_RX0] = can_rx_irq,
             [IRQ_CAN1_SCE] = can_error_irq,

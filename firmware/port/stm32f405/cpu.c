@@ -1,0 +1,14 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "cpu.h"
+
+static bool emulated;
+
+void cpu_look(void)
+{
+    emulated = RCC->CR == 0;
+}
+
+bool cpu_emulated(void)
+{
+    return emulated;
+}
