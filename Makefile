@@ -31,7 +31,8 @@ NO_FLOAT := -mgeneral-regs-only
 # The control core and the servo tick for a microcontroller: optimised as a whole. What is left out moves values that the few
 # registers cannot hold: 3 % of the tick's instructions; and makes one function of equal ones, which the call graph would not know.
 TICK_FLAGS := -O3 -flto=auto -fno-if-conversion -fno-gcse -fno-ipa-icf
-TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/drive/,loop.c path.c machine.c)
+TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/drive/,loop.c path.c machine.c) \
+	$(addprefix firmware/port/stm32f405/,encoder.c inputs.c output.c)
 
 GENERATED := build/gen/od_gen.c build/gen/signal_gen.c build/gen/fault_gen.c
 FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c) $(GENERATED)
@@ -375,7 +376,8 @@ build/target/%/cost_scope.json: build/target/%/bench_scope.elf build/qemu.stamp
 	$(Q)m=$(m4_BOARD); case $* in m3-*) m=$(m3_BOARD);; esac; timeout 600 $(QEMU) -machine $$m -kernel $< </dev/null >$@ 2>&1
 
 # The image's figures are those of the default board at 10 kHz.
-cost-programs: setup firmware $(TARGETS:%=build/target/%/bench_step.elf) build/target/libstages.so
+cost-programs: setup firmware $(TARGETS:%=build/target/%/bench_step.elf) build/target/m4-f32/bench_port.elf build/target/libstages.so
+build/target/m4-f32/bench_port.elf: $(patsubst %,build/target/m4-f32/$(PORT)/%.o,cpu encoder inputs output pins)
 
 cost: cost-programs  ## write down what the firmware costs: tests/target/cost.json, docs/performance.md
 	$(KONTUR) bench step --write

@@ -27,6 +27,7 @@ BASELINE = ROOT / "tests/target/cost.json"
 CHANGELOG = ROOT / "CHANGELOG.md"
 PAGE = ROOT / "docs/performance.md"
 TOOLS = "arm-none-eabi-"
+DRIVERS = PROGRAMS / "m4-f32/bench_port.elf"
 MACHINES = {"m4-f32": "netduinoplus2", "m4-fix": "netduinoplus2", "m3-fix": "netduino2"}
 CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 # By function, and by source file where no function is named; what is inlined from other files, and library functions,
@@ -59,7 +60,7 @@ def measure() -> dict[str, Any]:
 
     Raises InputError: something is not built, or a stack has no bound; SimulatorError: a program fails in QEMU.
     """
-    for file in (PLUGIN, IMAGE / "kontur.elf", *(PROGRAMS / n / "bench_step.elf" for n in MACHINES)):
+    for file in (PLUGIN, IMAGE / "kontur.elf", DRIVERS, *(PROGRAMS / n / "bench_step.elf" for n in MACHINES)):
         if not file.is_file():
             raise InputError(f"{file}: not built: run `make bench` in a checkout of the source")
     with ThreadPoolExecutor(2) as pool:
@@ -70,6 +71,7 @@ def measure() -> dict[str, Any]:
     cost["image"] = {
         "size": {"flash": sum(sections[s] for s in _FLASH), "RAM": sum(sections[s] for s in _RAM)},
         "stack": {"background": used["background"], "tick": used["servo tick"], "all": used["all"]},
+        "drivers": _printed(_run(DRIVERS, "m4-f32"), DRIVERS),
     }
     return {
         "cost": cost,
@@ -115,27 +117,37 @@ def stage_table(elf: Path) -> str:
     return "\n".join(rows) + "\n"
 
 
+def _run(elf: Path, target: str, *options: str) -> subprocess.CompletedProcess[str]:
+    command = ["qemu-system-arm", "-display", "none", "-monitor", "none", "-serial", "none"]
+    command += ["-icount", "shift=0,sleep=off", "-semihosting-config", "enable=on,target=native"]
+    command += ["-machine", MACHINES[target], *options, "-kernel", str(elf)]
+    try:
+        return subprocess.run(
+            command, check=True, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=_RUN_S
+        )
+    except FileNotFoundError:
+        raise SimulatorError("qemu-system-arm is missing: apt-get install qemu-system-arm") from None
+    except subprocess.SubprocessError as error:
+        raise SimulatorError(f"{elf}: QEMU: {error}: {getattr(error, 'stderr', '') or ''}".strip()) from None
+
+
+def _printed(ran: subprocess.CompletedProcess[str], elf: Path) -> Any:
+    """What the program has printed, which QEMU's semihosting puts on standard error."""
+    try:
+        return json.loads(ran.stderr)
+    except ValueError:
+        raise SimulatorError(f"{elf}: its output cannot be read: {ran.stderr.strip()}") from None
+
+
 def _instructions(target: str) -> tuple[dict[str, dict[str, int]], dict[str, dict[str, dict[str, float]]]]:
     """Of a tick by controller, and by controller and stage."""
     elf = PROGRAMS / target / "bench_step.elf"
     with tempfile.TemporaryDirectory() as folder:
         table = Path(folder) / "stages"
         table.write_text(stage_table(elf))
-        command = ["qemu-system-arm", "-display", "none", "-monitor", "none", "-serial", "none"]
-        command += ["-icount", "shift=0,sleep=off", "-semihosting-config", "enable=on,target=native"]
-        command += ["-machine", MACHINES[target], "-plugin", f"{PLUGIN},table={table}", "-kernel", str(elf)]
-        try:
-            ran = subprocess.run(
-                command, check=True, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=_RUN_S
-            )
-            ticks: dict[str, dict[str, int]] = json.loads(ran.stderr)
-            series = [[int(word) for word in line.split()] for line in ran.stdout.splitlines()]
-        except FileNotFoundError:
-            raise SimulatorError("qemu-system-arm is missing: apt-get install qemu-system-arm") from None
-        except subprocess.SubprocessError as error:
-            raise SimulatorError(f"{elf}: QEMU: {error}: {getattr(error, 'stderr', '') or ''}".strip()) from None
-        except ValueError:
-            raise SimulatorError(f"{elf}: its output cannot be read: {ran.stderr.strip()}") from None
+        ran = _run(elf, target, "-plugin", f"{PLUGIN},table={table}")
+        ticks: dict[str, dict[str, int]] = _printed(ran, elf)
+        series = [[int(word) for word in line.split()] for line in ran.stdout.splitlines()]
     if tuple(ticks) != CONTROLLERS or len(series) != len(CONTROLLERS):
         raise SimulatorError(f"{elf}: not the controllers that were expected: {', '.join(ticks)}")
     stages = {}
@@ -236,6 +248,8 @@ def tables(result: dict[str, Any]) -> dict[str, Rows]:
     ticks: Rows = [["controller", *(f"{n} {kind}" for n in MACHINES for kind in ("mean", "worst"))]]
     for c in CONTROLLERS:
         ticks.append([c, *(str(cost[n][c][kind]) for n in MACHINES for kind in ("mean", "worst"))])
+    drivers = cost["image"]["drivers"]
+    ticks.append(["+ the board's drivers", str(drivers["mean"]), str(drivers["worst"]), *[""] * (len(ticks[0]) - 3)])
     stages: Rows = [["target", "controller", *STAGES, "sum of means", "whole tick"]]
     for target in MACHINES:
         for c in CONTROLLERS:

@@ -22,7 +22,7 @@ BACKGROUND = "reset_irq"
 INTERRUPTS = {
     "CAN": ("can_tx_irq", "can_rx_irq", "can_error_irq"),
     "servo tick": ("tick_irq",),
-    "serial": ("uart_irq",),
+    "serial, supply": ("uart_irq", "supply_irq"),
     "clock failure": ("clock_failed_irq",),
 }
 CRASH, CRASH_RECORD = "crash_irq", "crash_record"  # the one goes on to the other in assembler
