@@ -214,11 +214,11 @@ static int end_signals(void)
 static void run(struct sim *s, int signals)
 {
     const int timer = timer_each_ms();
-    bool more = false;
+    bool more = false, frames = false; /* there may be: of the time that is due; that have come */
     for (;;) {
         struct pollfd fds[2 + BUS_FDS] = {{.fd = signals, .events = POLLIN}, {.fd = timer, .events = POLLIN}};
         const unsigned count = s->bus.watch(s->bus.ctx, &fds[2]);
-        if (poll(fds, 2 + count, more ? 0 : -1) < 0 && errno != EINTR) {
+        if (poll(fds, 2 + count, more || frames ? 0 : -1) < 0 && errno != EINTR) {
             die("poll: %s", strerror(errno));
         }
         if (fds[0].revents != 0) {
@@ -230,12 +230,14 @@ static void run(struct sim *s, int signals)
         }
         s->bus.ready(s->bus.ctx, &fds[2], count);
         more = !s->sync && keep_pace(s); /* first: a frame that comes now is handled now */
+        for (unsigned i = 0; i < count; i++) {
+            frames = frames || fds[2 + i].revents != 0;
+        }
         if (s->sync || pace_wire_free(&s->pace, s->lib.ks_tick(s->ks))) {
-            more = take_frames(s) || more;
-        } else if (!more) {
+            frames = take_frames(s);
+        } else if (frames && !more) {
             const struct timespec a_little = {.tv_nsec = 50000};
             (void)nanosleep(&a_little, NULL);
-            more = true;
         }
     }
     close(timer);
