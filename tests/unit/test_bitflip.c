@@ -15,12 +15,13 @@
 #include "test_drive_rig.h"
 
 enum { SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, RUN = 0x1F, QUICK_STOP = 0x0B, FAULT_RESET = 0x80 };
-enum { OFF_PERIODS = 40, ON_PERIODS = 200 }; /* periods that a trial takes */
-enum { LARGE = 32, ONE_IN = 7 };              /* bytes; of a larger variable one bit in so many, others in each state */
+enum { OFF_PERIODS = 40, ON_PERIODS = 200, PARAMETER_PERIODS = 320 }; /* that a trial takes: a parameter is looked at within 30 ms */
+enum { LARGE = 32, ONE_IN = 5 }; /* bytes; of a larger variable one bit in so many, all of them in the five states with power, or without */
 
 static struct rig rig, begin_with;
 static struct rig_stream stream;
 static unsigned flips, safe, stopped;
+static uint8_t turned[2][sizeof(struct rig)]; /* bits, without power and with it */
 
 #define LIMIT_M 0.06                 /* soft limits of the trials */
 #define WINDOW_M 1e-3                /* 6065h */
@@ -33,20 +34,21 @@ struct variable {
     const char *name;
     size_t offset;  /* in struct rig */
     size_t size;    /* bytes */
-    enum { ANY, BOOL, WIDE, RATES } kind; /* the last two: 64-bit */
+    enum { ANY, BOOL, WIDE, RATES, PARAMETER } kind; /* WIDE, RATES: 64-bit */
 };
 
 #define VAR(member) {#member, offsetof(struct rig, member), sizeof rig.member, ANY}
 #define FLAG(member) {#member, offsetof(struct rig, member), 1, BOOL}
 #define FAR(member) {#member, offsetof(struct rig, app.drive.loop.member), sizeof rig.app.drive.loop.member, WIDE}
 #define RATE(member) {#member, offsetof(struct rig, app.drive.loop.member), sizeof rig.app.drive.loop.member, RATES}
+#define PARAMETERS(member) {#member, offsetof(struct rig, app.od.member), sizeof rig.app.od.member, PARAMETER}
 #define LOOP(member) VAR(app.drive.loop.member)
 #define DRIVE(member) VAR(app.drive.member)
 
 static const struct variable variables[] = {
     /* state and commands of the master */
-    DRIVE(axis[0].state), DRIVE(axis[0].leave_to), DRIVE(axis[0].changes), DRIVE(axis[0].controlword), DRIVE(axis[0].quick_stop),
-    DRIVE(axis[1].state), DRIVE(axis[1].leave_to), DRIVE(axis[1].changes), DRIVE(axis[1].controlword), DRIVE(axis[1].quick_stop),
+    DRIVE(axis[0].state), DRIVE(axis[0].not_state), DRIVE(axis[0].leave_to), DRIVE(axis[0].changes), DRIVE(axis[0].controlword), DRIVE(axis[0].quick_stop),
+    DRIVE(axis[1].state), DRIVE(axis[1].not_state), DRIVE(axis[1].leave_to), DRIVE(axis[1].changes), DRIVE(axis[1].controlword), DRIVE(axis[1].quick_stop),
     VAR(app.od.axis[0].controlword), VAR(app.od.axis[1].controlword), VAR(app.od.axis[0].statusword),
     VAR(app.od.axis[0].mode), VAR(app.od.axis[1].mode), VAR(app.od.axis[0].target_velocity), VAR(app.od.claim_required),
     DRIVE(guard.holder), DRIVE(guard.key), DRIVE(guard.ticket), DRIVE(guard.armed_at), DRIVE(guard.axis),
@@ -69,7 +71,8 @@ static const struct variable variables[] = {
     FLAG(app.drive.loop.servo.enabled[0]), FLAG(app.drive.loop.servo.enabled[1]), FLAG(app.drive.loop.servo.saturated),
     /* faults */
     DRIVE(faults), DRIVE(warnings), DRIVE(first), FLAG(app.drive.refused), FLAG(app.drive.powered[0]), FLAG(app.drive.powered[1]),
-    DRIVE(configured_at), DRIVE(left_at), DRIVE(watch),
+    DRIVE(configured), DRIVE(begun), DRIVE(configured_at), DRIVE(left_at), DRIVE(watch), FLAG(app.drive.starved),
+    DRIVE(memory.cfg), DRIVE(memory.parameters), DRIVE(memory.sum), DRIVE(memory.at), FLAG(app.drive.memory.lost),
     /* modes and queue */
     DRIVE(modes.axis[0].mode), DRIVE(modes.axis[1].mode), FLAG(app.drive.modes.generating), FLAG(app.drive.modes.ending),
     FLAG(app.drive.modes.by_record), FLAG(app.drive.modes.by_frame), DRIVE(modes.axis[0].home.state), DRIVE(modes.axis[0].wish_umps),
@@ -81,9 +84,9 @@ static const struct variable variables[] = {
     VAR(app.od.stream.state), VAR(app.od.stream.accepted), VAR(app.od.stream.executed), VAR(app.od.stream.total),
     VAR(app.od.stream.end_x), VAR(app.od.stream.free), VAR(app.od.feed_override),
     /* the parameters that are looked at while there is power */
-    VAR(app.od.axis[0].quick_stop_option), VAR(app.od.axis[0].halt_option), VAR(app.od.axis[0].position_limit),
-    VAR(app.od.axis[0].plant), VAR(app.od.axis[0].following_window), VAR(app.od.limits), VAR(app.od.tunnel), VAR(app.od.watch),
-    VAR(app.od.controller),
+    PARAMETERS(axis[0].quick_stop_option), PARAMETERS(axis[0].halt_option), PARAMETERS(axis[0].position_limit),
+    PARAMETERS(axis[0].plant), PARAMETERS(axis[0].following_window), PARAMETERS(limits), PARAMETERS(tunnel), PARAMETERS(watch),
+    PARAMETERS(controller),
 };
 
 /* ---- the states ---- */
@@ -202,6 +205,11 @@ static bool of_no_meaning(const struct variable *v, size_t bit)
     return (v->kind == WIDE && bit % 64u >= 60u) || (v->kind == RATES && bit % 64u >= 34u);
 }
 
+static size_t bits_of(const struct variable *v)
+{
+    return v->kind == BOOL ? 1u : 8u * v->size;
+}
+
 static void flip(const struct variable *v, size_t bit)
 {
     uint8_t *at = (uint8_t *)&rig + v->offset + bit / 8;
@@ -243,8 +251,10 @@ static void trial(const char *state, const struct variable *v, size_t bit, bool 
     memcpy(&rig, &begin_with, sizeof rig);
     (void)snprintf(what, sizeof what, "%s: %s bit %zu", state, v->name, bit);
     flip(v, bit);
+    turned[has_power][v->offset + bit / 8] |= (uint8_t)(1u << bit % 8);
     flips++;
-    for (unsigned n = 0; n < (has_power ? ON_PERIODS : OFF_PERIODS); n++) {
+    const unsigned on_periods = v->kind == PARAMETER ? PARAMETER_PERIODS : ON_PERIODS;
+    for (unsigned n = 0; n < (has_power ? on_periods : OFF_PERIODS); n++) {
         rig_run(&rig, 1);
         if (has_power) {
             expect_within_limits();
@@ -262,7 +272,8 @@ static void trial(const char *state, const struct variable *v, size_t bit, bool 
 
 static void campaign(const char *state, void (*be)(void), bool has_power)
 {
-    static unsigned from;
+    static unsigned states[2]; /* so far, without power and with it */
+    const size_t from = states[has_power]++;
     flips = safe = stopped = 0;
     power_on();
     be();
@@ -271,14 +282,13 @@ static void campaign(const char *state, void (*be)(void), bool has_power)
     TEST_ASSERT_EQUAL(has_power, rig.out.enable[0]);
     for (unsigned i = 0; i < sizeof variables / sizeof variables[0]; i++) {
         const struct variable *v = &variables[i];
-        const size_t bits = v->kind == BOOL ? 1u : 8u * v->size, step = v->size > LARGE ? ONE_IN : 1u;
+        const size_t bits = bits_of(v), step = v->size > LARGE ? ONE_IN : 1u;
         for (size_t bit = from % step; bit < bits; bit += step) {
             if (!of_no_meaning(v, bit)) {
                 trial(state, v, bit, has_power);
             }
         }
     }
-    from++;
     printf("bit flips, %s: %u bits turned, %u of them a fault; unsafe outcomes: %u\n", state, flips, stopped, flips - safe);
 }
 
@@ -340,6 +350,24 @@ static void test_drive_in_quick_stop_stays_there_or_stops(void)
     campaign("quick stop active", be_stopped, true);
 }
 
+static void test_each_bit_was_turned_without_power_and_with_it(void)
+{
+    unsigned bits = 0;
+    for (unsigned i = 0; i < sizeof variables / sizeof variables[0]; i++) {
+        const struct variable *v = &variables[i];
+        for (size_t bit = 0; bit < bits_of(v); bit++) {
+            const unsigned mask = 1u << bit % 8;
+            if (!of_no_meaning(v, bit)) {
+                (void)snprintf(what, sizeof what, "%s bit %zu", v->name, bit);
+                TEST_ASSERT_BITS_HIGH_MESSAGE(mask, turned[0][v->offset + bit / 8], what);
+                TEST_ASSERT_BITS_HIGH_MESSAGE(mask, turned[1][v->offset + bit / 8], what);
+                bits++;
+            }
+        }
+    }
+    printf("bit flips: %u bits\n", bits);
+}
+
 int main(void)
 {
     setvbuf(stdout, NULL, _IOLBF, 0);
@@ -354,5 +382,6 @@ int main(void)
     RUN_TEST(test_drive_on_its_path_goes_on_or_stops);
     RUN_TEST(test_drive_that_stops_for_a_fault_stops);
     RUN_TEST(test_drive_in_quick_stop_stays_there_or_stops);
+    RUN_TEST(test_each_bit_was_turned_without_power_and_with_it);
     return UNITY_END();
 }
