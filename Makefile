@@ -46,10 +46,10 @@ CHIP_SOURCES := $(filter-out %/start.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/u
 HOST_TESTS := app bitflip can_errors chk fuzz machine_file pace power_cut sim slcan store $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_port_*.c))
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
-NUM_TESTS := asmc cascade chk closed_loop contour drive energy golden homing ip learning loop machine modes num observer on_chip params path scope servo spline trig uncertainty
-# Not for the checking back end: in these an encoder jumps out of the range of `num`, where fixed point saturates and chk
-# stops; and it has no words of its own.
-NOT_CHK  := drive golden loop
+NUM_TESTS := asmc cascade chk closed_loop contour drive energy faults_axes faults_device faults_path golden homing ip learning loop machine modes num observer on_chip params path scope servo spline trig uncertainty
+# Not for the checking back end: in these an encoder jumps, or a fault pushes an axis, out of the range of `num`, where fixed point
+# saturates and chk stops; and it has no words of its own.
+NOT_CHK  := drive faults_axes faults_device faults_path golden loop
 TEST_PROGRAMS := $(TESTS:%=build/unit/f32/test_%) $(NUM_TESTS:%=build/unit/fix/test_%) \
 	$(patsubst %,build/unit/chk/test_%,$(filter-out $(NOT_CHK),$(NUM_TESTS)))
 # The same tests, built to count the branches that they take: those of the source, so not optimised and without the sanitizers' own.

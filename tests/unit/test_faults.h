@@ -2,7 +2,7 @@
 /* For test_faults_*.c: what each row of faults.toml promises, checked on the simulated drive. A row NAME has at least one
  * test, whose name begins with test_NAME, which injects the cause and goes by these two:
  * - expect_reaction(ROW_NAME): detection within the row's delay, reaction within two control periods more, EMCY and its
- *   register, 603Fh, and the capture, or none;
+ *   register, 603Fh, and the capture, or none; before it wait_for(ROW_NAME, cause, ...), where the cause takes its time;
  * - expect_clearing(ROW_NAME), when the cause is gone: latched or not, what ends it, and the capture kept until then.
  * tests/host/test_fault_table.py sees that none is left out. */
 #ifndef TEST_FAULTS_H
@@ -49,6 +49,16 @@ static inline bool detected(enum row r)
                                 : ((atomic_load(&d->loop.faults) | d->faults | d->warnings) & promises[r].bit) != 0;
 }
 
+static inline void run_period(enum row r)
+{
+    rig.busy = true;
+    rig_run(&rig, 1);
+    rig.busy = false;
+    if (!detected(r)) { /* what the tick sees it reacts to alone: expect_power_cut(), expect_path_stop() */
+        app_poll(&rig.app);
+    }
+}
+
 /* Returns after how many control periods, at most `most`. */
 static inline unsigned periods_to_detect(enum row r, unsigned most)
 {
@@ -56,15 +66,29 @@ static inline unsigned periods_to_detect(enum row r, unsigned most)
         if (detected(r)) {
             return n;
         }
-        rig.busy = true;
-        rig_run(&rig, 1);
-        rig.busy = false;
-        if (!detected(r)) { /* what the tick sees it reacts to alone: expect_power_cut(), expect_path_stop() */
-            app_poll(&rig.app);
-        }
+        run_period(r);
     }
     TEST_FAIL_MESSAGE("not detected in time");
     return most;
+}
+
+/* The cause is there once `reached` holds, as it does soon, and has to last for `lasts` control periods: it is detected
+ * then, within the row's delay, and not before. */
+static inline void wait_for(enum row r, bool (*reached)(void), unsigned lasts)
+{
+    for (unsigned n = 0; !reached(); n++) {
+        TEST_ASSERT_FALSE_MESSAGE(detected(r), "detected before its cause");
+        TEST_ASSERT_TRUE_MESSAGE(n < 5000, "no cause");
+        run_period(r);
+    }
+    TEST_ASSERT_TRUE_MESSAGE(periods_to_detect(r, lasts + promises[r].delay) >= lasts, "detected too soon");
+}
+
+/* What the law and the observer have made of the last control period */
+static inline const struct servo_out *last_out(void)
+{
+    const struct loop *l = &rig.app.drive.loop;
+    return &(l->ticks % 10 == 0 ? &l->record[atomic_load(&l->published) % LOOP_RECORDS] : l->next)->out;
 }
 
 static inline void expect_no_power(void)
@@ -171,7 +195,7 @@ static inline void expect_path_stop(enum row r)
     let_it_react();
     if (runs) {
         TEST_ASSERT_TRUE(rig.out.enable[0] && rig.out.enable[1]);
-        TEST_ASSERT_TRUE_MESSAGE(rig.app.drive.loop.path.at.rate_dot < 0, "path time does not slow down");
+        TEST_ASSERT_TRUE_MESSAGE(n_lt(rig.app.drive.loop.path.at.rate_dot, NUM(0)), "path time does not slow down");
     }
     expect_trigger(r);
     rig_ms(&rig, 1);
@@ -265,11 +289,11 @@ static inline void expect_end(enum row r, unsigned ms)
 
 /* ---- a row ---- */
 
-static inline void expect_reaction_as(enum row r, enum promised reaction, unsigned more)
+static inline void expect_reaction_as(enum row r, enum promised reaction)
 {
     const struct od_data *od = &rig.app.od;
     const bool off_at_once = od->axis[0].quick_stop_option == 0 || od->axis[1].quick_stop_option == 0;
-    (void)periods_to_detect(r, promises[r].delay + more);
+    (void)periods_to_detect(r, promises[r].delay);
     switch (reaction) {
     case PROMISED_WARN:
     case PROMISED_REFUSE: expect_warning(r); break;
@@ -279,10 +303,10 @@ static inline void expect_reaction_as(enum row r, enum promised reaction, unsign
     }
 }
 
-/* The cause is there since now. more: control periods that it takes, beside the delay that the row counts. */
-static inline void expect_reaction(enum row r, unsigned more)
+/* The cause is there since now, or it is detected already. */
+static inline void expect_reaction(enum row r)
 {
-    expect_reaction_as(r, promises[r].reaction, more);
+    expect_reaction_as(r, promises[r].reaction);
 }
 
 /* The cause is gone since now. ms: that a warning takes to end. */

@@ -24,7 +24,7 @@ static void test_memory_that_changes_by_itself_cuts_the_power(void)
         memcpy(&byte, changed[i], 1);
         byte ^= 2u;
         memcpy(changed[i], &byte, 1);
-        expect_reaction(ROW_MEMORY, 0);
+        expect_reaction(ROW_MEMORY);
         rig_ms(&rig, 400); /* the axes run out */
         expect_clearing(ROW_MEMORY, 0);
     }
@@ -75,7 +75,7 @@ static void test_clock_that_fails_cuts_the_power(void)
 {
     be_on_the_way();
     rig.health.bits = HAL_CLOCK;
-    expect_reaction(ROW_CLOCK, 0);
+    expect_reaction(ROW_CLOCK);
     expect_clearing(ROW_CLOCK, 0); /* who resets it takes notice of it */
 }
 
@@ -86,7 +86,7 @@ static void test_restart_by_watchdog_or_crash_is_a_fault_from_power_on(void)
         power_on();
         rig.health = (struct hal_health){.bits = HAL_RESET, .reset = causes[i]};
         rig_nmt(&rig, 1);
-        expect_reaction(ROW_RESTART, 0);
+        expect_reaction(ROW_RESTART);
         expect_clearing(ROW_RESTART, 0);
         TEST_ASSERT_EQUAL_UINT32(causes[i], rig_read(&rig, 0x2031, 0));
     }
@@ -96,7 +96,7 @@ static void test_brown_out_is_a_fault_from_power_on(void)
 {
     rig.health = (struct hal_health){.bits = HAL_RESET, .reset = HAL_RESET_BROWN_OUT};
     rig_nmt(&rig, 1);
-    expect_reaction(ROW_BROWN_OUT, 0);
+    expect_reaction(ROW_BROWN_OUT);
     expect_clearing(ROW_BROWN_OUT, 0);
     TEST_ASSERT_EQUAL_UINT32(6, rig_read(&rig, 0x2031, 0));
 }
@@ -105,7 +105,7 @@ static void test_overrun_of_the_servo_tick_cuts_the_power(void)
 {
     be_on_the_way();
     loop_raise(&rig.app.drive.loop, FAULT_OVERRUN); /* as the port does from the tick itself */
-    expect_reaction(ROW_OVERRUN, 0);
+    expect_reaction(ROW_OVERRUN);
     expect_clearing(ROW_OVERRUN, 0);
 }
 
@@ -114,7 +114,7 @@ static void test_store_that_is_damaged_is_warned_of_until_the_next_save(void)
     rig.flash.word[0][0] = 0x12345678;
     app_init(&rig.app, &rig.hal, 1);
     rig_nmt(&rig, 1);
-    expect_reaction(ROW_STORE, 0);
+    expect_reaction(ROW_STORE);
     rig_enable(&rig); /* with defaults */
     TEST_ASSERT_TRUE(rig.out.enable[0] && rig.out.enable[1]);
     rig_controlwords(&rig, 0, 0);
@@ -131,7 +131,7 @@ static void test_enable_moving_is_refused_until_the_axis_stands(void)
     rig_ms(&rig, 10);
     rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
     rig_controlwords(&rig, ENABLE, ENABLE);
-    expect_reaction(ROW_ENABLE_MOVING, 0);
+    expect_reaction(ROW_ENABLE_MOVING);
     while (fabs(rig.plant.vel_mps[1]) > 0.006) {
         rig_run(&rig, 1);
         expect_no_power();
@@ -152,7 +152,7 @@ static void test_enable_moving_that_is_asked_for_no_more_is_no_warning(void)
     rig_ms(&rig, 10);
     rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
     rig_controlwords(&rig, ENABLE, ENABLE);
-    expect_reaction(ROW_ENABLE_MOVING, 0);
+    expect_reaction(ROW_ENABLE_MOVING);
     rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
     expect_clearing(ROW_ENABLE_MOVING, 3);
     rig_ms(&rig, 500);
@@ -164,7 +164,7 @@ static void test_second_master_is_refused_and_told(void)
     rig_nmt(&rig, 1);
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 4, 5));
     TEST_ASSERT_EQUAL_HEX32(0x08000022, rig_write(&rig, 0x2140, 2, 4, 6));
-    expect_reaction(ROW_SECOND_MASTER, 0);
+    expect_reaction(ROW_SECOND_MASTER);
     TEST_ASSERT_EQUAL_UINT32(5, rig_read(&rig, 0x2140, 1));
     TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2140, 5));
     expect_clearing(ROW_SECOND_MASTER, 1001);
@@ -174,7 +174,7 @@ static void test_second_master_leaves_a_path_alone_that_nobody_has_claimed(void)
 {
     be_on_the_way();
     TEST_ASSERT_EQUAL_HEX32(0x08000022, rig_write(&rig, 0x2140, 2, 4, 5));
-    expect_reaction(ROW_SECOND_MASTER, 0);
+    expect_reaction(ROW_SECOND_MASTER);
     expect_path_runs();
     expect_clearing(ROW_SECOND_MASTER, 1001);
     rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
@@ -186,7 +186,7 @@ static void test_stale_command_is_refused_and_told(void)
     rig_ms(&rig, 10);
     rig_controlwords_at_once(&rig, SHUTDOWN, SHUTDOWN);
     rig_controlwords_at_once(&rig, ENABLE, ENABLE);
-    expect_reaction(ROW_STALE_COMMAND, 0);
+    expect_reaction(ROW_STALE_COMMAND);
     expect_clearing(ROW_STALE_COMMAND, 1001);
     expect_no_power();
     rig_controlwords(&rig, ENABLE, ENABLE);
@@ -194,22 +194,46 @@ static void test_stale_command_is_refused_and_told(void)
     rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
 }
 
+static void expect_refused(uint16_t index, uint8_t sub, int64_t value)
+{
+    uint32_t code;
+    const struct od_entry *entry = od_find(index, sub, &code);
+    const int64_t before = od_read(&rig.app.od, entry);
+    TEST_ASSERT_EQUAL_HEX32(0x08000022, rig_write(&rig, index, sub, od_size(entry), value));
+    TEST_ASSERT_EQUAL_INT64(before, od_read(&rig.app.od, entry));
+}
+
 static void test_config_enabled_is_refused_and_told(void)
 {
     static const struct {
         uint16_t index;
-        uint8_t sub, size;
+        uint8_t sub;
         int64_t value;
-    } writes[] = {{0x2110, 1, 4, 150000}, {0x1010, 1, 4, 0x65766173}, {0x1011, 1, 4, 0x64616F6C}, {0x2001, 1, 1, 4}};
+    } writes[] = {{0x2110, 1, 150000}, {0x1010, 1, 0x65766173}, {0x1011, 1, 0x64616F6C}, {0x2001, 1, 4}};
     for (unsigned i = 0; i < sizeof writes / sizeof writes[0]; i++) {
         power_on();
         be_on_the_way();
-        const uint32_t code = rig_write(&rig, writes[i].index, writes[i].sub, writes[i].size, writes[i].value);
-        TEST_ASSERT_EQUAL_HEX32(0x08000022, code);
-        expect_reaction(ROW_CONFIG_ENABLED, 0);
-            expect_clearing(ROW_CONFIG_ENABLED, 1001);
+        expect_refused(writes[i].index, writes[i].sub, writes[i].value);
+        expect_reaction(ROW_CONFIG_ENABLED);
+        expect_clearing(ROW_CONFIG_ENABLED, 1001);
         rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
     }
+}
+
+static void test_config_enabled_goes_for_every_parameter(void)
+{
+    unsigned parameters = 0;
+    be_on_the_way();
+    for (uint16_t i = 0; i < od_table_len; i++) {
+        const struct od_entry *entry = &od_table[i];
+        if ((entry->flags & OD_CONFIG) != 0) {
+            const int64_t now = od_read(&rig.app.od, entry);
+            const int64_t other = (entry->index & ~0x800u) == 0x6098 ? 35 : od_check(entry, now - 1) == SDO_OK ? now - 1 : now + 1;
+            expect_refused(entry->index, entry->sub, other);
+            parameters++;
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_UINT(100, parameters);
 }
 
 static void test_can_passive_is_warned_of(void)
@@ -219,7 +243,7 @@ static void test_can_passive_is_warned_of(void)
     rig_ms(&rig, 5);
     TEST_ASSERT_FALSE(rig_bit(&rig, WARNING));
     rig.can.state = HAL_CAN_PASSIVE;
-    expect_reaction(ROW_CAN_PASSIVE, 0);
+    expect_reaction(ROW_CAN_PASSIVE);
     rig.can.state = HAL_CAN_ACTIVE;
     expect_clearing(ROW_CAN_PASSIVE, 3);
 }
@@ -247,7 +271,7 @@ static void test_can_off_for_a_moment_is_warned_of_until_the_controller_is_activ
     rig.can = (struct hal_can_status){.state = HAL_CAN_OFF, .bus_offs = 1};
     rig_ms(&rig, 20);
     rig.can.state = HAL_CAN_PASSIVE;
-    expect_reaction(ROW_CAN_OFF, 0);
+    expect_reaction(ROW_CAN_OFF);
     rig_ms(&rig, 20);
     rig.can.state = HAL_CAN_ACTIVE;
     expect_clearing(ROW_CAN_OFF, 3);
@@ -257,7 +281,7 @@ static void test_can_overrun_is_warned_of(void)
 {
     be_on_the_way();
     rig.can.rx_lost = 1;
-    expect_reaction(ROW_CAN_OVERRUN, 0);
+    expect_reaction(ROW_CAN_OVERRUN);
     expect_clearing(ROW_CAN_OVERRUN, 1002);
 }
 
@@ -266,7 +290,7 @@ static void test_pdo_short_is_refused_until_a_right_one_comes(void)
     be_on_the_way();
     const uint8_t zeros[8] = {0};
     rig_send(&rig, 0x201, 3, zeros); /* would cut the power */
-    expect_reaction(ROW_PDO_SHORT, 0);
+    expect_reaction(ROW_PDO_SHORT);
     rig_controlwords(&rig, RUN, RUN);
     expect_clearing(ROW_PDO_SHORT, 2);
 }
@@ -276,7 +300,7 @@ static void test_pdo_long_is_refused_until_a_right_one_comes(void)
     be_on_the_way();
     const uint8_t zeros[8] = {0};
     rig_send(&rig, 0x201, 5, zeros);
-    expect_reaction(ROW_PDO_LONG, 0);
+    expect_reaction(ROW_PDO_LONG);
     rig_controlwords(&rig, RUN, RUN);
     expect_clearing(ROW_PDO_LONG, 2);
 }
@@ -286,7 +310,7 @@ static void test_sync_length_is_refused_until_a_right_one_comes(void)
     be_on_the_way();
     const uint8_t zeros[8] = {0};
     rig_send(&rig, 0x80, 2, zeros);
-    expect_reaction(ROW_SYNC_LENGTH, 0);
+    expect_reaction(ROW_SYNC_LENGTH);
     rig_send(&rig, 0x80, 0, zeros);
     expect_clearing(ROW_SYNC_LENGTH, 2);
 }
@@ -342,7 +366,7 @@ static void test_warning_is_told_again_after_a_reset_of_the_node(void)
     rig_nmt(&rig, 129);
     rig_nmt(&rig, 1);
     rig_ms(&rig, 1);
-    expect_reaction(ROW_STORE, 0);
+    expect_reaction(ROW_STORE);
 }
 
 int main(void)
@@ -362,6 +386,7 @@ int main(void)
     RUN_TEST(test_second_master_leaves_a_path_alone_that_nobody_has_claimed);
     RUN_TEST(test_stale_command_is_refused_and_told);
     RUN_TEST(test_config_enabled_is_refused_and_told);
+    RUN_TEST(test_config_enabled_goes_for_every_parameter);
     RUN_TEST(test_can_passive_is_warned_of);
     RUN_TEST(test_can_off_is_told_when_it_is_over_and_the_heartbeat_stops_the_axes);
     RUN_TEST(test_can_off_for_a_moment_is_warned_of_until_the_controller_is_active);

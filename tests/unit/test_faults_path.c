@@ -19,19 +19,36 @@ static void disturb(bool on)
     rig.plant.machine.coulomb_N[1] = on ? 550 : 54.8;
 }
 
+static uint32_t last_heartbeat_ms;
+static double radius; /* nm */
+
+/* By the true position */
+static bool outside(void)
+{
+    return rig_off_line(&rig, &stream) > radius;
+}
+
 static void tunnel(uint32_t radius_nm, uint16_t debounce_ms, uint8_t reaction)
 {
     off_path_nm = 1e6;
+    radius = radius_nm;
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2120, 1, 4, radius_nm));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2120, 2, 2, debounce_ms));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2120, 3, 1, reaction));
 }
 
+static bool silent_for_its_time(void)
+{
+    return rig.ms >= last_heartbeat_ms + 200;
+}
+
 static void test_heartbeat_that_ceases_stops_on_the_path(void)
 {
     be_on_the_way();
+    last_heartbeat_ms = rig.ms - rig.ms % rig.heartbeat_every_ms;
     rig.heartbeat_every_ms = 0;
-    expect_reaction(ROW_HEARTBEAT, 2000);
+    wait_for(ROW_HEARTBEAT, silent_for_its_time, 0);
+    expect_reaction(ROW_HEARTBEAT);
     rig.heartbeat_every_ms = 50;
     expect_clearing(ROW_HEARTBEAT, 0);
 }
@@ -48,7 +65,7 @@ static void test_underrun_stops_on_the_path(void)
         rig_run(&rig, 1);
         TEST_ASSERT_TRUE(rig_off_line(&rig, &stream) < 1000);
     }
-    expect_reaction(ROW_UNDERRUN, 0);
+    expect_reaction(ROW_UNDERRUN);
     expect_clearing(ROW_UNDERRUN, 0);
 }
 
@@ -60,7 +77,7 @@ static void test_knot_range_stops_on_the_path(void)
     rig_ms(&rig, 350);
     rig.emcy_count = 0;
     rig_feed(&rig, &stream, 1200);
-    expect_reaction(ROW_KNOT_RANGE, 0);
+    expect_reaction(ROW_KNOT_RANGE);
     TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2200, 20));
     expect_clearing(ROW_KNOT_RANGE, 0);
 }
@@ -77,7 +94,7 @@ static void test_knot_acceleration_beyond_its_limit_stops_on_the_path(void)
     TEST_ASSERT_EQUAL_UINT32(accepted + 1, rig_read(&rig, 0x2200, 7));
     rig_knot(&rig, (uint8_t)(stream.sent + 1), b.nm[0] - a.nm[0] - 20001, b.nm[1] - a.nm[1] + 20000);
     TEST_ASSERT_EQUAL_UINT32(accepted + 1, rig_read(&rig, 0x2200, 7));
-    expect_reaction(ROW_KNOT_ACCELERATION, 0);
+    expect_reaction(ROW_KNOT_ACCELERATION);
     TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2200, 20));
     expect_clearing(ROW_KNOT_ACCELERATION, 0);
 }
@@ -87,7 +104,8 @@ static void test_tunnel_stops_on_the_path(void)
     tunnel(10000, 5, 1);
     be_on_the_way();
     disturb(true);
-    expect_reaction(ROW_TUNNEL, 1000);
+    wait_for(ROW_TUNNEL, outside, 50);
+    expect_reaction(ROW_TUNNEL);
     disturb(false);
     expect_clearing(ROW_TUNNEL, 0);
 }
@@ -111,7 +129,8 @@ static void test_tunnel_that_only_warns_lets_the_path_run(void)
     tunnel(10000, 1, 0);
     be_on_the_way();
     disturb(true);
-    expect_reaction_as(ROW_TUNNEL, PROMISED_WARN, 1000);
+    wait_for(ROW_TUNNEL, outside, 10);
+    expect_reaction_as(ROW_TUNNEL, PROMISED_WARN);
     disturb(false);
     expect_end(ROW_TUNNEL, 200);
     expect_capture(ROW_TUNNEL);
@@ -123,7 +142,8 @@ static void test_tunnel_that_only_warns_is_captured_until_the_axes_get_power_aga
     tunnel(10000, 1, 0);
     be_on_the_way();
     disturb(true);
-    expect_reaction_as(ROW_TUNNEL, PROMISED_WARN, 1000);
+    wait_for(ROW_TUNNEL, outside, 10);
+    expect_reaction_as(ROW_TUNNEL, PROMISED_WARN);
     disturb(false);
     run_on(500);
     expect_capture(ROW_TUNNEL);
@@ -159,7 +179,8 @@ static void test_tunnel_with_a_quick_stop_does_as_605Ah_says(void)
     tunnel(10000, 1, 2);
     be_on_the_way();
     disturb(true);
-    expect_reaction_as(ROW_TUNNEL, PROMISED_QUICK_STOP, 1000);
+    wait_for(ROW_TUNNEL, outside, 10);
+    expect_reaction_as(ROW_TUNNEL, PROMISED_QUICK_STOP);
     disturb(false);
     expect_clearing(ROW_TUNNEL, 0);
 
@@ -168,7 +189,8 @@ static void test_tunnel_with_a_quick_stop_does_as_605Ah_says(void)
     rig_write(&rig, 0x605A, 0, 2, 0);
     be_on_the_way();
     disturb(true);
-    expect_reaction_as(ROW_TUNNEL, PROMISED_QUICK_STOP, 1000);
+    wait_for(ROW_TUNNEL, outside, 10);
+    expect_reaction_as(ROW_TUNNEL, PROMISED_QUICK_STOP);
 }
 
 static void test_tunnel_may_cut_the_power(void)
@@ -176,7 +198,8 @@ static void test_tunnel_may_cut_the_power(void)
     tunnel(10000, 1, 3);
     be_on_the_way();
     disturb(true);
-    expect_reaction_as(ROW_TUNNEL, PROMISED_DISABLE, 1000);
+    wait_for(ROW_TUNNEL, outside, 10);
+    expect_reaction_as(ROW_TUNNEL, PROMISED_DISABLE);
     disturb(false);
     expect_clearing(ROW_TUNNEL, 0);
 }
@@ -189,22 +212,39 @@ static void test_tunnel_is_off_by_default(void)
     TEST_ASSERT_EQUAL_HEX32(0, rig.app.drive.faults | rig.app.drive.warnings);
 }
 
+static bool at_k_max(void)
+{
+    const vec2 k = last_out()->asmc.k_hat;
+    return n_to_scaled(k.x, 2000) >= 1001 || n_to_scaled(k.y, 2000) >= 1001;
+}
+
+static bool at_mu_max(void)
+{
+    const vec2 mu = last_out()->uncertainty.mu;
+    return n_to_scaled(mu.x, 40) >= 6001 || n_to_scaled(mu.y, 40) >= 6001;
+}
+
 static void test_gain_at_its_limit_is_warned_of(void)
 {
-    rig_write(&rig, 0x2110, 8, 4, 100100); /* k_max just above k_0 */
-    rig_write(&rig, 0x2110, 11, 4, 1000);  /* epsilon: the gain grows from 1 um/s on */
-    rig_write(&rig, 0x2121, 3, 2, 20);
-    rig_enable(&rig);
-    rig_go(&rig, &stream, 100);
-    const struct loop_snapshot *now = loop_snapshot(&rig.app.drive.loop);
-    for (unsigned i = 0; i < 5000 && now->k_hat[0] < 1001 && now->k_hat[1] < 1001; i++) {
-        rig_run(&rig, 1);
-        now = loop_snapshot(&rig.app.drive.loop);
+    for (int mu = 0; mu < 2; mu++) {
+        power_on();
+        if (mu == 0) {
+            rig_write(&rig, 0x2110, 8, 4, 100100); /* k_max just above k_0 */
+            rig_write(&rig, 0x2110, 11, 4, 1000);  /* epsilon: the gain grows from 1 um/s on */
+        } else {
+            rig_write(&rig, 0x2111, 3, 4, 6001000); /* mu_max just above mu_0 */
+            rig_write(&rig, 0x2111, 4, 4, 1000000); /* rho */
+            rig_write(&rig, 0x2111, 6, 4, 1000);    /* dead_zone */
+        }
+        rig_write(&rig, 0x2121, 3, 2, 20);
+        rig_enable(&rig);
+        rig_go(&rig, &stream, 5);
+        wait_for(ROW_GAIN, mu == 0 ? at_k_max : at_mu_max, 200);
+        expect_reaction(ROW_GAIN);
+        expect_path_runs();
+        rig_controlwords(&rig, 0, 0);
+        expect_clearing(ROW_GAIN, 3);
     }
-    expect_reaction(ROW_GAIN, 200); /* 2121h:3 */
-    expect_path_runs();
-    rig_controlwords(&rig, 0, 0);
-    expect_clearing(ROW_GAIN, 3);
 }
 
 static void test_gain_that_cannot_grow_is_no_warning(void)
@@ -217,6 +257,7 @@ static void test_gain_that_cannot_grow_is_no_warning(void)
     TEST_ASSERT_EQUAL_HEX32(0, rig.app.drive.warnings);
 }
 
+#ifndef KONTUR_NUM_FIX /* which has numbers only */
 static void test_law_that_gives_no_number_cuts_the_power(void)
 {
     const float no_numbers[] = {(float)NAN, (float)INFINITY, -(float)INFINITY};
@@ -231,7 +272,7 @@ static void test_law_that_gives_no_number_cuts_the_power(void)
             rig_run(&rig, 1); /* in the tick that computes it */
             TEST_ASSERT_TRUE(detected(ROW_LAW));
             expect_no_power();
-            expect_reaction(ROW_LAW, 0);
+            expect_reaction(ROW_LAW);
             rig_ms(&rig, 1000);
             expect_clearing(ROW_LAW, 0); /* with numbers again */
             TEST_ASSERT_TRUE(isfinite(servo->uncertainty.q_bar_dot.x) && isfinite(servo->offset.y) &&
@@ -239,12 +280,13 @@ static void test_law_that_gives_no_number_cuts_the_power(void)
         }
     }
 }
+#endif
 
 static void test_stream_of_damaged_frames_is_warned_of(void)
 {
     be_on_the_way();
     rig_knot(&rig, (uint8_t)(stream.sent + 3), 0, 0); /* out of sequence */
-    expect_reaction(ROW_STREAM, 0);
+    expect_reaction(ROW_STREAM);
     run_on(500);
     const uint8_t damaged[8] = {(uint8_t)stream.sent, 1, 2, 3, 4, 5, 6, 7}; /* CRC */
     rig_send(&rig, 0x301, 8, damaged);
@@ -270,7 +312,9 @@ int main(void)
     RUN_TEST(test_tunnel_is_off_by_default);
     RUN_TEST(test_gain_at_its_limit_is_warned_of);
     RUN_TEST(test_gain_that_cannot_grow_is_no_warning);
+#ifndef KONTUR_NUM_FIX
     RUN_TEST(test_law_that_gives_no_number_cuts_the_power);
+#endif
     RUN_TEST(test_stream_of_damaged_frames_is_warned_of);
     return UNITY_END();
 }
