@@ -167,13 +167,16 @@ def docs(faults: list[Fault]) -> str:
         "",
         "Generated from `firmware/drive/faults.toml` by `firmware/drive/generate_faults.py`: do not edit.",
         "",
-        "What the drive watches, and what it does about it. Each row has a test that injects the cause on the "
-        "simulated drive and checks all that stands here (`tests/unit/test_faults*.c`). "
+        "What the drive watches, and what it does about it. Each row has a test that injects its cause on the "
+        "simulated drive, of what a port finds out its report, and checks that it is detected within the delay, the "
+        "reaction, whether it is latched, what clears it, the capture, EMCY, 603Fh and 1001h "
+        "(`tests/unit/test_faults*.c`; `tests/host/test_fault_table.py` finds a row without one). "
         "The reaction comes within two control periods of the "
-        "detection; *delay* is how long the detection takes. The code is the one of the EMCY and, where an axis goes "
+        "detection; *delay* is how long the detection takes; what it says after a semicolon is not measured there. "
+        "The code is the one of the EMCY and, where an axis goes "
         "into fault, of 603Fh, "
-        "which keeps the first one of several. A fault is latched until fault reset (controlword bit 7 of each axis), "
-        "and comes back at once while its cause lasts. Warnings and refusals stop nothing: EMCY, statusword bit 7 of "
+        "which keeps the first one of several. A fault is latched until fault reset (controlword bit 7 of each axis) "
+        "or NMT *reset node*, and comes back at once while its cause lasts. Warnings and refusals stop nothing: EMCY, statusword bit 7 of "
         "both axes while they last. *Capture*: the scope in the drive keeps what was before and after it "
         "([scope.md](scope.md)).",
         "",

@@ -195,7 +195,8 @@ static inline void expect_path_stop(enum row r)
     let_it_react();
     if (runs) {
         TEST_ASSERT_TRUE(rig.out.enable[0] && rig.out.enable[1]);
-        TEST_ASSERT_TRUE_MESSAGE(n_lt(rig.app.drive.loop.path.at.rate_dot, NUM(0)), "path time does not slow down");
+        const num slope = rig.app.drive.loop.path.at.rate_dot;
+        TEST_ASSERT_TRUE_MESSAGE(n_lt(slope, NUM(0)), "path time does not slow down");
     }
     expect_trigger(r);
     rig_ms(&rig, 1);

@@ -228,8 +228,8 @@ static void test_config_enabled_goes_for_every_parameter(void)
         const struct od_entry *entry = &od_table[i];
         if ((entry->flags & OD_CONFIG) != 0) {
             const int64_t now = od_read(&rig.app.od, entry);
-            const int64_t other = (entry->index & ~0x800u) == 0x6098 ? 35 : od_check(entry, now - 1) == SDO_OK ? now - 1 : now + 1;
-            expect_refused(entry->index, entry->sub, other);
+            const int64_t other = od_check(entry, now - 1) == SDO_OK ? now - 1 : now + 1;
+            expect_refused(entry->index, entry->sub, (entry->index & ~0x800u) == 0x6098 ? 35 : other); /* of methods */
             parameters++;
         }
     }
