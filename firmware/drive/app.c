@@ -236,6 +236,9 @@ static bool is_signal(uint32_t number)
 
 static uint32_t check_scope(struct app *app, const struct od_entry *entry, int64_t value)
 {
+    if (app->drive.faults != 0 && scope_holds_fault(&app->drive.loop.scope)) {
+        return SDO_ABORT_STATE; /* what led to the fault would be gone, or the scope armed otherwise for the next one */
+    }
     if (entry->index == 0x2301 || entry->sub == 5) {
         return is_signal((uint32_t)value) ? SDO_OK : SDO_ABORT_VALUE;
     }

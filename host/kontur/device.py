@@ -324,8 +324,7 @@ class Device:
             try:
                 self.write("master.claim", self._key << 8 | wire.HOST_NODE_ID)
             except DeviceError as error:
-                aborted = error.__cause__
-                if not isinstance(aborted, SdoAbortedError) or aborted.code != _ABORT_STATE:
+                if not refused_now(error):
                     raise
                 raise self._held_by(int(self.read("master.holder"))) from error
             if self.read("master.holder") == wire.HOST_NODE_ID:
@@ -602,6 +601,11 @@ class Device:
                     ) from error
             except can.CanError as error:
                 raise BusError(f"{self.link.bus.channel_info}: sending failed: {error}") from error
+
+
+def refused_now(error: DeviceError) -> bool:
+    """The drive refused it for the state that it is in."""
+    return isinstance(error.__cause__, SdoAbortedError) and error.__cause__.code == _ABORT_STATE
 
 
 @contextmanager

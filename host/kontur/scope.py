@@ -11,7 +11,8 @@ import io
 import json
 import re
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur import emcy
-from kontur.device import Device
+from kontur.device import Device, refused_now
 from kontur.errors import DeviceError, FileError, ParameterError
 from kontur.files import write_whole
 
@@ -140,25 +141,43 @@ class Capture:
 
 
 def arm(device: Device, setup: Setup) -> None:
-    """Let the drive wait for the trigger of `setup`; what its scope held is gone. Raises ParameterError."""
+    """Let the drive wait for the trigger of `setup`; what its scope held is gone.
+
+    Raises ParameterError; DeviceError where the drive keeps what led to a fault.
+    """
     interval_us = -(-setup.divider * 1_000_000 // int(device.read("clock.control_hz")))
-    for i in range(CHANNELS):
-        number = _signal(setup.signals[i]).number if i < len(setup.signals) else 0
-        device.write(f"scope_channels.entry_{i + 1}", number)
-    device.write("scope.interval", interval_us)
-    device.write("scope.pre", setup.pre)
     kind = {"now": _NOW, "fault": _FAULT, ">": _RISING, "<": _FALLING}[setup.trigger.kind]
-    device.write("scope.trigger", kind)
-    if setup.trigger.source:
-        source = _signal(setup.trigger.source)
-        device.write("scope.source", source.number)
-        device.write("scope.level", round(setup.trigger.level / source.factor))
-    device.write("scope.command", _ARM)
+    with _unless_kept():
+        for i in range(CHANNELS):
+            number = _signal(setup.signals[i]).number if i < len(setup.signals) else 0
+            device.write(f"scope_channels.entry_{i + 1}", number)
+        device.write("scope.interval", interval_us)
+        device.write("scope.pre", setup.pre)
+        device.write("scope.trigger", kind)
+        if setup.trigger.source:
+            source = _signal(setup.trigger.source)
+            device.write("scope.source", source.number)
+            device.write("scope.level", round(setup.trigger.level / source.factor))
+        device.write("scope.command", _ARM)
 
 
 def release(device: Device) -> None:
-    """Arm the drive for faults, as at power-on; what its scope held is gone."""
-    device.write("scope.command", _DEFAULTS)
+    """Arm the drive for faults, as at power-on; what its scope held is gone. Raises DeviceError as `arm` does."""
+    with _unless_kept():
+        device.write("scope.command", _DEFAULTS)
+
+
+@contextmanager
+def _unless_kept() -> Iterator[None]:
+    try:
+        yield
+    except DeviceError as error:
+        if not refused_now(error):
+            raise
+        raise DeviceError(
+            "the drive's scope keeps what led to its fault: read it with `kontur scope --last`, then reset the fault "
+            "(the next `kontur run`, `jog` or `home` does)"
+        ) from error
 
 
 def wait(device: Device, timeout_s: float, stop_requested: Callable[[], bool] = lambda: False) -> bool:

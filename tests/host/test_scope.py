@@ -201,6 +201,9 @@ def test_capture_of_a_fault_stays_until_the_fault_is_reset(device: Device) -> No
     assert capture is not None
     device.disable()
     device.link.wait(lambda: False, 5.0)
+    for take in (lambda: scope.arm(device, Setup(("sigma",), Trigger("now"))), lambda: scope.release(device)):
+        with pytest.raises(DeviceError, match="keeps what led to its fault: read it with `kontur scope --last`"):
+            take()
     again = scope.held(device)
     assert again is not None
     assert np.array_equal(again.values, capture.values)
@@ -353,6 +356,9 @@ def test_last_capture_outlives_the_master_that_was_there_at_the_fault(tmp_path: 
         result = CliRunner().invoke(main, [*args, *scope_args, "--scope-out", str(tmp_path / "a.csv")])
         assert result.exit_code == 1
         assert "8400h" in result.stderr
+        result = CliRunner().invoke(main, ["scope", "--trigger", "now", *bus])
+        assert result.exit_code == 1
+        assert "`kontur scope --last`" in result.stderr
         for _ in range(2):
             result = CliRunner().invoke(main, ["scope", "--last", "--json", "-o", str(path), *bus])
             assert result.exit_code == 0, result.output

@@ -79,6 +79,43 @@ static void test_command_for_the_defaults_puts_them_back_and_arms(void)
     TEST_ASSERT_EQUAL_UINT32(SIGNAL_E_N2, rig_read(&rig, 0x2301, 1));
 }
 
+/* ... whoever wants the scope for something else. */
+static void test_capture_of_a_fault_is_kept_until_the_fault_is_reset(void)
+{
+    rig_nmt(&rig, 1);
+    rig.inputs[0] = HAL_AMPLIFIER_FAULT;
+    rig_ms(&rig, 2);
+    for (unsigned i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL_UINT32(i == 0 ? SCOPE_TRIGGERED : SCOPE_DONE, tells(2));
+        for (uint8_t number = ARM; number <= OFF; number++) {
+            TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, command(number));
+        }
+        TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, rig_write(&rig, 0x2300, 3, 4, 100)); /* it would be armed so after the reset */
+        TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, rig_write(&rig, 0x2301, 1, 1, SIGNAL_COUNT_Y));
+        TEST_ASSERT_EQUAL_UINT32(i == 0 ? SCOPE_TRIGGERED : SCOPE_DONE, tells(2));
+        rig_ms(&rig, 1000);
+    }
+    TEST_ASSERT_EQUAL_UINT32(SIGNAL_E_N2, rig_read(&rig, 0x2301, 1));
+    rig.inputs[0] = 0;
+    rig_ms(&rig, 2);
+    rig_controlwords(&rig, 0x80, 0x80);
+    rig_ms(&rig, 2);
+    TEST_ASSERT_EQUAL_UINT32(SCOPE_WAITING, tells(2));
+    TEST_ASSERT_EQUAL_HEX32(0, command(OFF));
+}
+
+static void test_fault_without_a_capture_keeps_nobody_from_the_scope(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, command(OFF));
+    rig.inputs[0] = HAL_AMPLIFIER_FAULT;
+    rig_ms(&rig, 2);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2300, 4, 1, SCOPE_NOW));
+    TEST_ASSERT_EQUAL_HEX32(0, command(ARM));
+    rig_ms(&rig, 1000);
+    TEST_ASSERT_EQUAL_UINT32(SCOPE_DONE, tells(2));
+    TEST_ASSERT_EQUAL_HEX32(0, command(DEFAULTS));
+}
+
 static void test_scope_that_would_record_nothing_is_not_armed(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2301, 1, 1, 0));
@@ -102,6 +139,8 @@ int main(void)
     RUN_TEST(test_armed_by_command_it_records_what_it_was_told_to);
     RUN_TEST(test_command_off_stops_it_whatever_comes);
     RUN_TEST(test_command_for_the_defaults_puts_them_back_and_arms);
+    RUN_TEST(test_capture_of_a_fault_is_kept_until_the_fault_is_reset);
+    RUN_TEST(test_fault_without_a_capture_keeps_nobody_from_the_scope);
     RUN_TEST(test_scope_that_would_record_nothing_is_not_armed);
     RUN_TEST(test_signal_that_there_is_not_is_refused_as_channel_and_as_source);
     return UNITY_END();
