@@ -278,6 +278,12 @@ static void before_read(void *ctx, const struct od_entry *entry)
     }
 }
 
+/* Parameters, and who is watched while the axes move, and what follows from his silence: 1016h, 1029h */
+static bool needs_power_off(const struct od_entry *entry)
+{
+    return (entry->flags & OD_CONFIG) != 0 || entry->index == 0x1016 || entry->index == 0x1029;
+}
+
 static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
     struct app *app = ctx;
@@ -294,7 +300,7 @@ static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t val
     if (code != SDO_OK) {
         return code;
     }
-    if ((entry->flags & OD_CONFIG) != 0) {
+    if (needs_power_off(entry)) {
         if (drive_powered(&app->drive)) {
             watch_event(&app->drive.watch, FAULT_CONFIG_ENABLED);
             return SDO_ABORT_STATE;

@@ -209,7 +209,8 @@ static void test_config_enabled_is_refused_and_told(void)
         uint16_t index;
         uint8_t sub;
         int64_t value;
-    } writes[] = {{0x2110, 1, 150000}, {0x1010, 1, 0x65766173}, {0x1011, 1, 0x64616F6C}, {0x2001, 1, 4}};
+    } writes[] = {{0x2110, 1, 150000}, {0x1010, 1, 0x65766173}, {0x1011, 1, 0x64616F6C}, {0x2001, 1, 4},
+                  {0x1016, 1, 0},      {0x1029, 1, 2}};
     for (unsigned i = 0; i < sizeof writes / sizeof writes[0]; i++) {
         power_on();
         be_on_the_way();
