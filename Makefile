@@ -305,7 +305,7 @@ cpu       = $(firstword $(subst -, ,$(1)))
 back_end_of = $(lastword $(subst -, ,$(1)))
 QEMU     := qemu-system-arm -display none -monitor none -serial none -icount shift=0,sleep=off -semihosting-config enable=on,target=native
 # What needs the host: registers of a simulated chip (port_*), files (machine_file), the simulators (sim, pace, slcan, can_errors),
-# the checking back end (chk), more than 128 KiB of RAM (store: four copies of 32 KiB of flash), minutes in QEMU (app, fuzz)
+# the checking back end (chk), more than 128 KiB of RAM (store, power_cut, bitflip: copies of flash or drive), minutes in QEMU (app, fuzz)
 NOT_TARGET := $(HOST_TESTS)
 # Each on the processor that its back end is for; the golden vectors of fixed point on both.
 TARGET_TESTS := $(foreach t,$(filter-out $(NOT_TARGET),$(TESTS)),m4-f32/test_$(t)) \
