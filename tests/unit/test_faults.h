@@ -2,7 +2,7 @@
 /* For test_faults_*.c: what each row of faults.toml promises, checked on the simulated drive. A row NAME has at least one
  * test, whose name begins with test_NAME, which injects the cause and goes by these two:
  * - expect_reaction(ROW_NAME): detection within the row's delay, reaction within two control periods more, EMCY and its
- *   register, 603Fh, and the capture, or none; before it wait_for(ROW_NAME, cause, ...), where the cause takes its time;
+ *   register, 603Fh, and the capture, or none; before it wait_for(ROW_NAME, cause, ...), where the cause takes time;
  * - expect_clearing(ROW_NAME), when the cause is gone: latched or not, what ends it, and the capture kept until then.
  * tests/host/test_fault_table.py sees that none is left out. */
 #ifndef TEST_FAULTS_H

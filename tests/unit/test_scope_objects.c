@@ -90,7 +90,8 @@ static void test_capture_of_a_fault_is_kept_until_the_fault_is_reset(void)
         for (uint8_t number = ARM; number <= OFF; number++) {
             TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, command(number));
         }
-        TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, rig_write(&rig, 0x2300, 3, 4, 100)); /* it would be armed so after the reset */
+        /* it would be armed so after the reset */
+        TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, rig_write(&rig, 0x2300, 3, 4, 100));
         TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, rig_write(&rig, 0x2301, 1, 1, SIGNAL_COUNT_Y));
         TEST_ASSERT_EQUAL_UINT32(i == 0 ? SCOPE_TRIGGERED : SCOPE_DONE, tells(2));
         rig_ms(&rig, 1000);
