@@ -201,6 +201,8 @@ static void tell_a_story(void)
     command(0, 2, 129, 0);
     rig_ms(&rig, 5);
     command(0, 2, 1, 0);
+    const struct can_frame watch_host = {.id = request, .len = 8, .data = {0x23, 0x16, 0x10, 1, 20, 0, 127, 0}};
+    give(&watch_host);
     for (unsigned i = 0; i < 3; i++) {
         static const uint8_t words[] = {0x06, 0x07, 0x0F};
         const struct can_frame f = {.id = (uint16_t)(0x200u + node_id()), .len = 4, .data = {words[i], 0, words[i]}};
@@ -220,8 +222,6 @@ static void tell_a_story(void)
     }
     const struct can_frame run = {.id = (uint16_t)(0x200u + node_id()), .len = 4, .data = {0x1F, 0, 0x1F}};
     give(&run);
-    const struct can_frame watch_host = {.id = request, .len = 8, .data = {0x23, 0x16, 0x10, 1, 20, 0, 127, 0}};
-    give(&watch_host);
     command(0x77F, 1, 5, 0); /* the only heartbeat */
     if (draw(4) == 0) {
         rig_ms(&rig, 30);
