@@ -452,7 +452,7 @@ void app_poll(struct app *app)
         report(app, loop_snapshot(&app->drive.loop));
         check_health(app);
         follow(app);
-        if (guard_ended(&app->drive.guard, drive_powered(&app->drive))) {
+        if (guard_ended(&app->drive.guard, drive_powered(&app->drive), drive_now(&app->drive))) {
             co_guard(&app->node, 0);
         }
         co_tick_ms(&app->node);

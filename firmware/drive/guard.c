@@ -32,8 +32,14 @@ void guard_lost(struct guard *g)
     g->lost = g->holder != 0;
 }
 
-bool guard_ended(struct guard *g, bool powered)
+static bool in_time(const struct guard *g, uint32_t now)
 {
+    return g->armed && now - g->armed_at < GUARD_ARM_MS * (CONTROL_HZ / 1000u);
+}
+
+bool guard_ended(struct guard *g, bool powered, uint32_t now)
+{
+    g->armed = in_time(g, now);
     if (!g->lost || powered) {
         return false;
     }
@@ -51,7 +57,7 @@ uint32_t guard_draw(struct guard *g, uint32_t now)
 bool guard_arm(struct guard *g, uint32_t ticket, uint32_t now)
 {
     const bool right = g->holder != 0 && (g->drawn || g->armed) && ticket == g->ticket;
-    if (right && !g->armed) {
+    if (right && g->drawn) {
         g->armed = true;
         g->armed_at = now;
     }
@@ -83,7 +89,7 @@ void guard_drained(struct guard *g, uint32_t now)
 bool guard_permits(const struct guard *g, int axis, uint32_t changes, bool claim_required, uint32_t now)
 {
     const struct guard_axis *a = &g->axis[axis];
-    const bool armed = g->armed && !g->lost && now - g->armed_at < GUARD_ARM_MS * (CONTROL_HZ / 1000u);
+    const bool armed = in_time(g, now) && !g->lost;
     return a->told == changes && now - a->told_at >= GUARD_PERIODS &&
            (g->holder != 0 ? armed : !claim_required);
 }

@@ -41,9 +41,11 @@ void guard_reset(struct guard *g);
 bool guard_claim(struct guard *g, uint8_t id, uint32_t key, bool powered);
 /* The holder's heartbeat has ceased. */
 void guard_lost(struct guard *g);
-/* Each millisecond. true: the claim of a holder that was lost has ended. */
-bool guard_ended(struct guard *g, bool powered);
-/* 2140h ticket is read, arm is written (false: another ticket, or nobody holds the drive; until it is used, it may come again). `now`: servo periods, as below. */
+/* Each millisecond: a ticket that was not used in its time is over. true: the claim of a holder that was lost has ended. `now`:
+ * servo periods, as below. */
+bool guard_ended(struct guard *g, bool powered, uint32_t now);
+/* 2140h ticket is read, arm is written (false: another ticket, or nobody holds the drive). The same one may come again, since its
+ * answer was lost, until it is used or over; a new one alone gives more time. */
 uint32_t guard_draw(struct guard *g, uint32_t now);
 bool guard_arm(struct guard *g, uint32_t ticket, uint32_t now);
 /* An axis lost its power, or both have it: the next time takes another ticket. */

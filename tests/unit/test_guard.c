@@ -379,6 +379,38 @@ static void test_ticket_is_good_for_one_enabling_and_for_a_second(void)
     expect_power(false);
 }
 
+static void test_second_that_is_over_begins_anew_with_a_new_ticket(void)
+{
+    hold();
+    both(SHUTDOWN);
+    TEST_ASSERT_EQUAL_HEX32(0, arm(read(TICKET)));
+    rig_ms(&rig, GUARD_ARM_MS + 1);
+    TEST_ASSERT_FALSE(rig.app.drive.guard.armed); /* nor again when its clock has come round */
+    both(ENABLE);
+    expect_power(false);
+    const uint32_t ticket = read(TICKET);
+    TEST_ASSERT_EQUAL_HEX32(0, arm(ticket));
+    rig_ms(&rig, GUARD_ARM_MS - 10);
+    TEST_ASSERT_EQUAL_HEX32(0, arm(read(TICKET))); /* before it is over, too */
+    rig_ms(&rig, GUARD_ARM_MS - 10);
+    both(ENABLE);
+    expect_power(true);
+}
+
+static void test_same_ticket_again_is_right_and_prolongs_nothing(void)
+{
+    hold();
+    both(SHUTDOWN);
+    const uint32_t ticket = read(TICKET);
+    TEST_ASSERT_EQUAL_HEX32(0, arm(ticket));
+    rig_ms(&rig, GUARD_ARM_MS - 10);
+    TEST_ASSERT_EQUAL_HEX32(0, arm(ticket));
+    rig_ms(&rig, 10);
+    both(ENABLE);
+    expect_power(false);
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, arm(ticket));
+}
+
 static void test_ticket_is_good_for_nothing_from_the_moment_in_which_its_holder_is_lost(void)
 {
     struct guard guard;
@@ -464,6 +496,8 @@ int main(void)
     RUN_TEST(test_quick_stop_active_is_left_by_an_answer_to_it_only);
     RUN_TEST(test_held_drive_is_enabled_with_its_ticket_and_not_without);
     RUN_TEST(test_ticket_is_good_for_one_enabling_and_for_a_second);
+    RUN_TEST(test_second_that_is_over_begins_anew_with_a_new_ticket);
+    RUN_TEST(test_same_ticket_again_is_right_and_prolongs_nothing);
     RUN_TEST(test_recording_of_a_whole_session_does_not_enable_a_held_drive_again);
     RUN_TEST(test_drive_can_be_told_to_serve_only_who_holds_it);
     RUN_TEST(test_anybody_may_stop_a_held_drive);
