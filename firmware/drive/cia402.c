@@ -41,6 +41,13 @@ static void leave(struct cia402 *c, enum cia402_state state)
     }
 }
 
+/* What "enable operation" is taken in */
+static bool leads_to_enabled(const struct cia402 *c)
+{
+    return c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON ||
+           (c->state == CIA402_QUICK_STOP_ACTIVE && c->leave_to == CIA402_QUICK_STOP_ACTIVE);
+}
+
 void cia402_stop(struct cia402 *c)
 {
     if (!cia402_intact(c)) {
@@ -93,8 +100,7 @@ void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable)
         } else {
             leave(c, CIA402_SWITCHED_ON); /* 5 */
         }
-    } else if (may_enable && (c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON ||
-                              (c->state == CIA402_QUICK_STOP_ACTIVE && c->leave_to == CIA402_QUICK_STOP_ACTIVE))) {
+    } else if (may_enable && leads_to_enabled(c)) {
         go(c, CIA402_OPERATION_ENABLED); /* 3 and 4, 16 */
     }
 }
@@ -136,8 +142,7 @@ bool cia402_enabled(const struct cia402 *c)
 bool cia402_waits(const struct cia402 *c)
 {
     const unsigned enable = CW_SWITCH_ON | CW_ENABLE_VOLTAGE | CW_QUICK_STOP | CW_ENABLE_OPERATION;
-    return (c->controlword & enable) == enable &&
-           (c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON);
+    return (c->controlword & enable) == enable && leads_to_enabled(c);
 }
 
 uint16_t cia402_statusword(const struct cia402 *c)

@@ -222,9 +222,11 @@ static void obey(struct drive *d, int i, bool fresh, bool may_enable)
         fresh && guard_permits(&d->guard, i, axis->changes, d->od->claim_required != 0, drive_now(d));
     axis->quick_stop = d->od->axis[i].quick_stop_option;
     cia402_command(axis, d->od->axis[i].controlword, may_enable && permitted);
-    if (fresh && may_enable && !permitted && cia402_waits(axis)) {
+    if (fresh && cia402_waits(axis)) {
         guard_refused(&d->guard, i, drive_now(d));
-        watch_event(&d->watch, FAULT_STALE_COMMAND);
+        if (may_enable) { /* else that is why */
+            watch_event(&d->watch, FAULT_STALE_COMMAND);
+        }
     }
     if (was_fault && axis->state != CIA402_FAULT) {
         d->od->axis[i].error_code = 0;

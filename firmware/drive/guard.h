@@ -5,7 +5,7 @@
  * One master holds the drive, by the node id of its heartbeat. CAN data frames have no sender, so what is protected is what can
  * be: nobody else can claim, and an axis is enabled only
  * - by a controlword that came GUARD_PERIODS after a statusword had told the axis' present state, and after the last one
- *   that was refused: what comes in one go is an answer to nothing, however long it is. The time counts from when all
+ *   that did not enable it: what comes in one go is an answer to nothing, however long it is. The time counts from when all
  *   frames had been handled that had come before the statusword went;
  * - if the drive is held, after the ticket of the moment was written back: once, for GUARD_ARM_MS. A replay has an old one.
  * Nothing here keeps anybody from stopping or switching off.
@@ -56,6 +56,6 @@ void guard_sent(struct guard *g, int axis, uint32_t changes);
 void guard_drained(struct guard *g, uint32_t now);
 /* The axis, whose state is that after so many changes, may be enabled by a command that has just come. */
 bool guard_permits(const struct guard *g, int axis, uint32_t changes, bool claim_required, uint32_t now);
-/* It was not permitted: the next one has to wait as long. */
+/* It did not enable, for whatever reason: the next one has to wait as long. */
 void guard_refused(struct guard *g, int axis, uint32_t now);
 #endif

@@ -340,6 +340,60 @@ static void test_quick_stop_active_is_left_by_an_answer_to_it_only(void)
     rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
 }
 
+/* Both ways in which a burst met an axis that could not be enabled at once */
+static void test_burst_does_not_lead_out_of_quick_stop_active(void)
+{
+    for (int option = 5; option <= 6; option++) {
+        setUp();
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x605A, 0, 2, option));
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x685A, 0, 2, option));
+        rig_ms(&rig, 3);
+        rig_enable(&rig);
+        both(QUICK_STOP);
+        for (unsigned i = 0; i < 20; i++) {
+            rig_run(&rig, 1);
+            both(RUN);
+            rig_expect_states(&rig, RIG_QUICK_STOP, RIG_QUICK_STOP);
+        }
+        rig_ms(&rig, 2);
+        TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0xFF1A));
+        both(RUN);
+        rig_ms(&rig, 2);
+        rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
+    }
+}
+
+static void test_burst_does_not_enable_an_axis_that_comes_to_stand_in_it(void)
+{
+    both(SHUTDOWN);
+    rig_ms(&rig, 5);
+    rig.plant.vel_mps[0] = 0.02;
+    rig_ms(&rig, 2);
+    for (unsigned i = 0; i < 1000; i++) {
+        rig_run(&rig, 1);
+        both(ENABLE);
+        TEST_ASSERT_FALSE(rig.out.enable[0] || rig.out.enable[1]);
+    }
+    TEST_ASSERT_TRUE(fabs(rig.plant.vel_mps[0]) < 1e-3);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0xFF17));
+    expect_power(false);
+    both(ENABLE);
+    expect_power(true);
+}
+
+static void test_command_to_an_axis_that_moves_is_told_as_such_only(void)
+{
+    both(SHUTDOWN);
+    rig_ms(&rig, 5);
+    rig.plant.vel_mps[0] = 0.1;
+    rig_ms(&rig, 2);
+    both(ENABLE);
+    both(ENABLE);
+    rig_ms(&rig, 2);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0xFF17));
+    TEST_ASSERT_FALSE(rig_had_emcy(&rig, 0xFF1A));
+}
+
 /* ---- the ticket ---- */
 
 static void test_held_drive_is_enabled_with_its_ticket_and_not_without(void)
@@ -494,6 +548,9 @@ int main(void)
     RUN_TEST(test_state_that_was_told_before_counts_for_its_next_time_no_more);
     RUN_TEST(test_statusword_that_nobody_was_sent_enables_nothing);
     RUN_TEST(test_quick_stop_active_is_left_by_an_answer_to_it_only);
+    RUN_TEST(test_burst_does_not_lead_out_of_quick_stop_active);
+    RUN_TEST(test_burst_does_not_enable_an_axis_that_comes_to_stand_in_it);
+    RUN_TEST(test_command_to_an_axis_that_moves_is_told_as_such_only);
     RUN_TEST(test_held_drive_is_enabled_with_its_ticket_and_not_without);
     RUN_TEST(test_ticket_is_good_for_one_enabling_and_for_a_second);
     RUN_TEST(test_second_that_is_over_begins_anew_with_a_new_ticket);
