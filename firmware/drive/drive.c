@@ -249,8 +249,8 @@ void drive_command(struct drive *d, unsigned received)
         if (d->faults != 0) {
             release_capture(d);
         }
+        (void)atomic_fetch_and(&d->loop.faults, ~d->faults); /* the tick may have raised another one meanwhile */
         d->faults = 0;
-        atomic_store(&d->loop.faults, 0u);
     }
     apply(d);
 }

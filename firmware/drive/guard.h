@@ -5,8 +5,8 @@
  * One master holds the drive, by the node id of its heartbeat. CAN data frames have no sender, so what is protected is what can
  * be: nobody else can claim, and an axis is enabled only
  * - by a controlword that came GUARD_PERIODS after a statusword had told the axis' present state, and after the last one
- *   that did not enable it: what comes in one go is an answer to nothing, however long it is. The time counts from when all
- *   frames had been handled that had come before the statusword went;
+ *   that did not enable it: what comes in one go is an answer to nothing, however long it is. The time counts from when
+ *   all frames had been handled that had come before the statusword went;
  * - if the drive is held, after the ticket of the moment was written back: once, for GUARD_ARM_MS. A replay has an old one.
  * Nothing here keeps anybody from stopping or switching off.
  */

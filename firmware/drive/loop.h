@@ -7,7 +7,7 @@
  * - the ring of knots (one writer, one reader);
  * - four records, of which one is published each millisecond, which the background scales to a snapshot, while the tick
  *   fills the next one, three milliseconds before it comes to that one again; and `faults`, bits that the
- *   tick sets and the background clears.
+ *   tick sets and the background clears, once it has taken them.
  */
 #ifndef KONTUR_LOOP_H
 #define KONTUR_LOOP_H

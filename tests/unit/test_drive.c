@@ -223,6 +223,30 @@ static void test_fault_of_the_tick_is_a_fault_of_the_drive(void)
     TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[1].error_code);
 }
 
+static void test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes_before_it_is_polled(void)
+{
+    ms(3);
+    wires.inputs[0] = HAL_ENCODER_FAULT;
+    tick(1);
+    wires.inputs[0] = HAL_AMPLIFIER_FAULT;
+    command(0x06, 0x06);
+    drive_poll(&drive);
+    TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_ENCODER), drive.faults);
+    TEST_ASSERT_EQUAL_HEX16(0x7305, od.axis[0].error_code);
+    tick(1); /* another one, while the first is reset */
+    wires.inputs[0] = 0;
+    command(0x80, 0x80);
+    drive_poll(&drive);
+    TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_AMPLIFIER), drive.faults);
+    TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[0].error_code);
+    command(0, 0);
+    command(0x80, 0x80);
+    ms(1);
+    TEST_ASSERT_EQUAL_HEX32(0, drive.faults);
+    TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&drive.loop.faults));
+    enable();
+}
+
 static void test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled(void)
 {
     enable();
@@ -335,6 +359,7 @@ int main(void)
     RUN_TEST(test_end_of_the_last_stream_is_not_taken_for_that_of_the_next);
     RUN_TEST(test_end_is_told_with_all_knots_executed);
     RUN_TEST(test_fault_of_the_tick_is_a_fault_of_the_drive);
+    RUN_TEST(test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes_before_it_is_polled);
     RUN_TEST(test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled);
     RUN_TEST(test_reset_cuts_the_power_and_keeps_position_and_time);
     RUN_TEST(test_underrun_counts_once_however_long_it_lasts);
