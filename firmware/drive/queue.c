@@ -108,9 +108,25 @@ void queue_limit_acceleration(struct queue *q, uint32_t max_nmpms2)
     q->max_nmpms2 = max_nmpms2;
 }
 
+static const int64_t rest_nm[2] = {0, 0};
+
+/* From one step to the next the way bends by more than its limit. */
+static bool bends(const struct queue *q, const int64_t from_nm[2], const int64_t to_nm[2])
+{
+    for (int i = 0; i < 2; i++) {
+        const int64_t bend = to_nm[i] - from_nm[i];
+        if (bend > q->max_nmpms2 || bend < -q->max_nmpms2) {
+            return true;
+        }
+    }
+    return false;
+}
+
 bool queue_end(struct queue *q, uint32_t total)
 {
-    if (!q->open || q->total != 0 || total == 0 || total < q->stream->accepted) {
+    const uint32_t accepted = q->stream->accepted;
+    if (!q->open || q->total != 0 || total == 0 || total < accepted ||
+        (total == accepted && bends(q, q->step_nm, rest_nm))) {
         return false;
     }
     q->total = total;
@@ -171,13 +187,11 @@ static enum queue_result take(struct queue *q, struct knot knot)
         }
     }
     const int64_t step_nm[2] = {(int64_t)knot.nm[0] - s->end_x, (int64_t)knot.nm[1] - s->end_y};
-    for (int i = 0; i < 2; i++) {
-        const int64_t bend = step_nm[i] - q->step_nm[i];
-        if (bend > q->max_nmpms2 || bend < -q->max_nmpms2) {
-            q->sharp = true;
-            s->rejected_range++;
-            return QUEUE_OUTSIDE;
-        }
+    const bool last = q->total != 0 && s->accepted + 1u == q->total; /* after it the path stands */
+    if (bends(q, q->step_nm, step_nm) || (last && bends(q, step_nm, rest_nm))) {
+        q->sharp = true;
+        s->rejected_range++;
+        return QUEUE_OUTSIDE;
     }
     q->step_nm[0] = step_nm[0];
     q->step_nm[1] = step_nm[1];

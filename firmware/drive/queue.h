@@ -42,9 +42,11 @@ void queue_hold(struct queue *q, struct knot start);
 void queue_begin(struct queue *q, struct knot start, uint32_t total);
 /* The stream that is open takes knots of this axis beyond the soft limits, too: homing. */
 void queue_unlimited(struct queue *q, int axis);
-/* The stream that is open takes no knots whose second difference is larger; 1 nm/ms2 is 1 mm/s2. */
+/* The stream that is open takes no knots whose second difference is larger, and no last one after a step that is;
+ * 1 nm/ms2 is 1 mm/s2. */
 void queue_limit_acceleration(struct queue *q, uint32_t max_nmpms2);
-/* An open-ended stream that is open ends with so many knots. false: there is none, or it has more already. */
+/* An open-ended stream that is open ends with so many knots. false: there is none, it has more already, or just as many,
+ * but would end at speed. */
 bool queue_end(struct queue *q, uint32_t total);
 /* An open-ended stream could end here: it stands still in its last knots. */
 bool queue_rests(const struct queue *q);

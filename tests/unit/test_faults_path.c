@@ -99,6 +99,21 @@ static void test_knot_acceleration_beyond_its_limit_stops_on_the_path(void)
     expect_clearing(ROW_KNOT_ACCELERATION, 0);
 }
 
+static void test_last_knot_at_speed_stops_on_the_path(void)
+{
+    rig_enable(&rig);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &stream));
+    rig_write(&rig, 0x2200, 4, 4, 750); /* the middle, where it is fastest */
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2200, 1, 1, 1));
+    rig_feed(&rig, &stream, 749);
+    rig_controlwords(&rig, 0x1F, 0x1F);
+    rig_ms(&rig, 400);
+    rig.emcy_count = 0;
+    rig_feed(&rig, &stream, 750);
+    expect_reaction(ROW_KNOT_ACCELERATION, 0);
+    TEST_ASSERT_EQUAL_UINT32(749, rig_read(&rig, 0x2200, 7));
+}
+
 static void test_tunnel_stops_on_the_path(void)
 {
     tunnel(10000, 5, 1);
@@ -302,6 +317,7 @@ int main(void)
     RUN_TEST(test_underrun_stops_on_the_path);
     RUN_TEST(test_knot_range_stops_on_the_path);
     RUN_TEST(test_knot_acceleration_beyond_its_limit_stops_on_the_path);
+    RUN_TEST(test_last_knot_at_speed_stops_on_the_path);
     RUN_TEST(test_tunnel_stops_on_the_path);
     RUN_TEST(test_tunnel_may_be_left_as_long_as_its_debounce_says);
     RUN_TEST(test_tunnel_that_only_warns_lets_the_path_run);

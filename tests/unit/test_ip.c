@@ -202,6 +202,24 @@ static void test_total_that_is_set_while_it_runs_is_the_end(void)
     expect_at_the_end();
 }
 
+static void test_total_that_would_end_the_way_at_speed_is_refused_and_the_way_goes_on(void)
+{
+    rig_enable(&rig);
+    rig_controlwords(&rig, RUN, RUN);
+    for (int i = 0; i < 900; i++) {
+        const struct knot k = on_the_way(i < 800 ? i : 799, 800);
+        record(k.nm[0], k.nm[1]);
+        rig_ms(&rig, 1);
+        if (i == 399) {
+            TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, rig_write(&rig, 0x2200, 4, 4, 400));
+        }
+    }
+    expect_at_the_end();
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2200, 4, 4, 900));
+    rig_ms(&rig, 100);
+    TEST_ASSERT_EQUAL_UINT32(DONE, stream(5));
+}
+
 static void test_records_every_ten_milliseconds_make_the_same_way(void)
 {
     for (int axis = 0; axis < 2; axis++) {
@@ -431,6 +449,7 @@ int main(void)
     RUN_TEST(test_next_record_after_the_end_begins_the_next_stream);
     RUN_TEST(test_pause_on_the_way_is_no_end_while_records_keep_coming);
     RUN_TEST(test_total_that_is_set_while_it_runs_is_the_end);
+    RUN_TEST(test_total_that_would_end_the_way_at_speed_is_refused_and_the_way_goes_on);
     RUN_TEST(test_records_every_ten_milliseconds_make_the_same_way);
     RUN_TEST(test_period_must_be_the_same_for_both_axes_and_stay_so_while_a_stream_is_open);
     RUN_TEST(test_full_queue_refuses_a_record_and_loses_nothing);

@@ -360,6 +360,36 @@ static void test_knot_that_bends_the_way_by_more_than_the_limit_ends_the_stream_
     }
 }
 
+/* A last step that the limit lets vanish is a way to end; in each direction */
+static void test_stream_does_not_end_at_speed(void)
+{
+    static const int32_t step[4][2] = {{101, 0}, {-101, 0}, {0, 101}, {0, -101}};
+    for (unsigned i = 0; i < 4; i++) {
+        const int32_t x = step[i][0], y = step[i][1];
+        queue_begin(&queue, origin, 3);
+        queue_limit_acceleration(&queue, 100);
+        give(0, x / 2, y / 2);
+        TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, x, y));
+        TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(2, x, y));
+        TEST_ASSERT_TRUE(queue.sharp && !queue_complete(&queue));
+        TEST_ASSERT_EQUAL_UINT32(1, stream.rejected_range);
+        queue_begin(&queue, origin, 3);
+        queue_limit_acceleration(&queue, 100);
+        give(0, x / 2, y / 2);
+        give(1, x, y);
+        TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(2, x / 2 * 2, y / 2 * 2));
+        TEST_ASSERT_TRUE(queue_complete(&queue));
+        queue_begin(&queue, origin, 0);
+        queue_limit_acceleration(&queue, 100);
+        give(0, x / 2, y / 2);
+        give(1, x, y);
+        TEST_ASSERT_FALSE(queue_end(&queue, 2));
+        TEST_ASSERT_FALSE(queue_complete(&queue));
+        TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(2, x / 2 * 2, y / 2 * 2));
+        TEST_ASSERT_TRUE(queue_end(&queue, 3));
+    }
+}
+
 /* ---- suspended ---- */
 
 static void test_suspended_stream_goes_on_where_it_was_once_it_has_stopped(void)
@@ -520,6 +550,7 @@ int main(void)
     RUN_TEST(test_accepted_reports_its_low_16_bits);
     RUN_TEST(test_knot_that_the_servo_cannot_count_upwards_is_refused);
     RUN_TEST(test_knot_that_bends_the_way_by_more_than_the_limit_ends_the_stream_in_each_direction);
+    RUN_TEST(test_stream_does_not_end_at_speed);
     RUN_TEST(test_suspended_stream_goes_on_where_it_was_once_it_has_stopped);
     RUN_TEST(test_stream_that_a_knot_has_ended_cannot_go_on);
     return UNITY_END();
