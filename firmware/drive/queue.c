@@ -83,6 +83,21 @@ void queue_hold(struct queue *q, struct knot start)
     update_free(q);
 }
 
+/* Knots from here on, where the path stands: within the soft limits, or on the way back to them. */
+static void limit(struct queue *q, struct knot from)
+{
+    for (int i = 0; i < 2; i++) {
+        q->low_nm[i] = from.nm[i] < q->min_nm[i] ? from.nm[i] : q->min_nm[i];
+        q->high_nm[i] = from.nm[i] > q->max_nm[i] ? from.nm[i] : q->max_nm[i];
+    }
+}
+
+static bool within(const struct queue *q, struct knot knot)
+{
+    return knot.nm[0] >= q->low_nm[0] && knot.nm[0] <= q->high_nm[0] && knot.nm[1] >= q->low_nm[1] &&
+           knot.nm[1] <= q->high_nm[1];
+}
+
 void queue_begin(struct queue *q, struct knot start, uint32_t total)
 {
     struct od_stream *s = q->stream;
@@ -90,10 +105,7 @@ void queue_begin(struct queue *q, struct knot start, uint32_t total)
     q->total = total;
     reset_counters(s);
     s->state = STREAM_FILLING;
-    for (int i = 0; i < 2; i++) {
-        q->low_nm[i] = start.nm[i] < q->min_nm[i] ? start.nm[i] : q->min_nm[i];
-        q->high_nm[i] = start.nm[i] > q->max_nm[i] ? start.nm[i] : q->max_nm[i];
-    }
+    limit(q, start);
     q->open = true;
 }
 
@@ -149,10 +161,23 @@ void queue_suspend(struct queue *q)
     q->open = false;
 }
 
+/* Knot n of those that the ring still has */
+static struct knot knot_at(const struct queue *q, uint32_t n)
+{
+    return queue_user(q, q->ring.knot[n % SPLINE_RING]);
+}
+
 bool queue_resume(struct queue *q)
 {
-    if (!q->suspended || q->stream->state != STREAM_STOPPED) {
+    const struct od_stream *s = q->stream;
+    if (!q->suspended || s->state != STREAM_STOPPED) {
         return false;
+    }
+    limit(q, s->executed > 0 ? knot_at(q, s->executed - 1u) : queue_user(q, q->ring.start));
+    for (uint32_t n = s->executed; n < s->accepted; n++) {
+        if (!within(q, knot_at(q, n))) {
+            return false;
+        }
     }
     q->suspended = false;
     q->open = true;
@@ -178,13 +203,15 @@ static enum queue_result take(struct queue *q, struct knot knot)
         s->rejected_full++;
         return QUEUE_FULL;
     }
+    bool counts = true; /* for the servo */
     for (int i = 0; i < 2; i++) {
         const int64_t servo = (int64_t)knot.nm[i] - q->origin_nm[i];
-        if (knot.nm[i] < q->low_nm[i] || knot.nm[i] > q->high_nm[i] || servo > INT32_MAX || servo < INT32_MIN) {
-            q->outside = true;
-            s->rejected_range++;
-            return QUEUE_OUTSIDE;
-        }
+        counts = counts && servo <= INT32_MAX && servo >= INT32_MIN;
+    }
+    if (!counts || !within(q, knot)) {
+        q->outside = true;
+        s->rejected_range++;
+        return QUEUE_OUTSIDE;
     }
     const int64_t step_nm[2] = {(int64_t)knot.nm[0] - s->end_x, (int64_t)knot.nm[1] - s->end_y};
     const bool last = q->total != 0 && s->accepted + 1u == q->total; /* after it the path stands */
@@ -233,7 +260,7 @@ void queue_executed(struct queue *q, uint32_t n)
     struct od_stream *s = q->stream;
     uint32_t crc = ~s->checksum;
     for (; s->executed < n && s->executed < s->accepted; s->executed++) {
-        const struct knot k = queue_user(q, q->ring.knot[s->executed % SPLINE_RING]);
+        const struct knot k = knot_at(q, s->executed);
         crc = crc32_int(crc32_int(crc, k.nm[0]), k.nm[1]);
     }
     s->checksum = ~crc;

@@ -23,7 +23,7 @@ struct queue {
     struct od_stream *stream;     /* counters and what the host sees of the stream */
     uint32_t total;               /* knots of the stream; 0: open-ended */
     int32_t min_nm[2], max_nm[2]; /* soft limits */
-    int32_t low_nm[2], high_nm[2]; /* of this stream, no knot outside is taken: the soft limits, and its start */
+    int32_t low_nm[2], high_nm[2]; /* ... when it began or was resumed, and where it stood: no knot beyond is taken */
     int32_t origin_nm[2];         /* user's position less the servo's */
     uint32_t still;               /* knots at the end that are equal */
     bool open;                    /* knots are taken */
@@ -56,7 +56,7 @@ struct knot queue_user(const struct queue *q, struct knot servo);
 void queue_close(struct queue *q);
 /* Take none until queue_resume(). A stream with a refused knot is closed for good. */
 void queue_suspend(struct queue *q);
-/* Take knots again. false: there is no suspended stream that was stopped. */
+/* Take knots again. false: there is no suspended stream that was stopped, or what waits of it is beyond the soft limits. */
 bool queue_resume(struct queue *q);
 /* One knot frame as it came from the wire. */
 enum queue_result queue_frame(struct queue *q, const struct od_knot *frame);

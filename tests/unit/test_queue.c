@@ -405,6 +405,49 @@ static void test_suspended_stream_goes_on_where_it_was_once_it_has_stopped(void)
     TEST_ASSERT_FALSE_MESSAGE(queue_resume(&queue), "it goes on already");
 }
 
+static void limit_to(int32_t min, int32_t max)
+{
+    queue.min_nm[0] = queue.min_nm[1] = min;
+    queue.max_nm[0] = queue.max_nm[1] = max;
+}
+
+static bool resumes(void)
+{
+    queue_suspend(&queue);
+    stream.state = STREAM_STOPPED;
+    return queue_resume(&queue);
+}
+
+static void test_suspended_stream_goes_on_only_within_the_soft_limits_of_then(void)
+{
+    static const int32_t way[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
+    for (unsigned i = 0; i < 4; i++) {
+        limit_to(-1000, 1000);
+        queue_begin(&queue, origin, 0);
+        for (uint8_t n = 0; n < 100; n++) {
+            give(n, way[i][0], way[i][1]);
+        }
+        limit_to(-99, 99);
+        TEST_ASSERT_FALSE(resumes());
+        TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(100, 0, 0));
+        limit_to(-100, 100);
+        TEST_ASSERT_TRUE(resumes());
+        TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(100, way[i][0], way[i][1]));
+    }
+}
+
+static void test_suspended_stream_that_comes_back_to_the_soft_limits_goes_on(void)
+{
+    limit_to(-100, 100);
+    queue_begin(&queue, (struct knot){{150, 0}}, 0);
+    give(0, -10, 0);
+    TEST_ASSERT_TRUE(resumes());
+    queue_executed(&queue, 1);
+    give(1, -10, 0);
+    TEST_ASSERT_TRUE(resumes());
+    TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(2, 11, 0));
+}
+
 static void test_stream_that_a_knot_has_ended_cannot_go_on(void)
 {
     queue_limit_acceleration(&queue, 100);
@@ -552,6 +595,8 @@ int main(void)
     RUN_TEST(test_knot_that_bends_the_way_by_more_than_the_limit_ends_the_stream_in_each_direction);
     RUN_TEST(test_stream_does_not_end_at_speed);
     RUN_TEST(test_suspended_stream_goes_on_where_it_was_once_it_has_stopped);
+    RUN_TEST(test_suspended_stream_goes_on_only_within_the_soft_limits_of_then);
+    RUN_TEST(test_suspended_stream_that_comes_back_to_the_soft_limits_goes_on);
     RUN_TEST(test_stream_that_a_knot_has_ended_cannot_go_on);
     return UNITY_END();
 }

@@ -304,6 +304,24 @@ static void test_path_with_a_knot_outside_the_limits_does_not_go_on(void)
     TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, resume());
 }
 
+static void test_path_goes_on_only_if_what_waits_of_it_lies_within_the_limits_of_now(void)
+{
+    stop_by_silence();
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x687D, 2, 4, 23999999)); /* it ends at 24 mm */
+    rig_ms(&rig, 5);
+    enable_again();
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, resume());
+    rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
+    rig_ms(&rig, 5);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x687D, 2, 4, 24000000));
+    rig_ms(&rig, 5);
+    enable_again();
+    TEST_ASSERT_EQUAL_HEX32(0, resume());
+    rig_controlwords(&rig, RUN, RUN);
+    rig_ms(&rig, 800);
+    expect_at_the_end_by_all_knots();
+}
+
 static void test_nothing_to_resume_is_refused(void)
 {
     TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, resume());
@@ -345,6 +363,7 @@ int main(void)
     RUN_TEST(test_path_goes_on_when_an_axis_was_moved_a_little);
     RUN_TEST(test_path_does_not_go_on_after_the_power_was_cut_on_the_way);
     RUN_TEST(test_path_with_a_knot_outside_the_limits_does_not_go_on);
+    RUN_TEST(test_path_goes_on_only_if_what_waits_of_it_lies_within_the_limits_of_now);
     RUN_TEST(test_nothing_to_resume_is_refused);
     RUN_TEST(test_another_stream_may_begin_where_a_path_was_left);
     RUN_TEST(test_path_goes_on_after_the_axes_were_switched_off_twice);
