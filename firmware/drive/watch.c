@@ -6,17 +6,18 @@ static uint32_t size(int32_t x)
     return x < 0 ? 0u - (uint32_t)x : (uint32_t)x;
 }
 
-/* Counts while `holds`; true when it has for longer than limit_ms. */
-static bool lasts(uint16_t *ms, bool holds, uint32_t limit_ms)
+/* Counts the time that it `holds`, from when that was seen first; true when it is more than limit_ms. */
+static bool lasts(const struct watch *w, uint16_t *ms, bool holds, uint32_t limit_ms)
 {
-    *ms = (uint16_t)(holds ? (*ms < UINT16_MAX ? *ms + 1u : *ms) : 0u);
+    const uint32_t more = *ms == 0 ? 1u : w->passed_ms;
+    *ms = (uint16_t)(!holds ? 0u : more < UINT16_MAX - (uint32_t)*ms ? *ms + more : UINT16_MAX);
     return *ms > limit_ms;
 }
 
 /* ... limit_ms 0: never */
-static bool lasts_if_wanted(uint16_t *ms, bool holds, uint32_t limit_ms)
+static bool lasts_if_wanted(const struct watch *w, uint16_t *ms, bool holds, uint32_t limit_ms)
 {
-    return lasts(ms, holds && limit_ms != 0, limit_ms);
+    return lasts(w, ms, holds && limit_ms != 0, limit_ms);
 }
 
 /* The encoder stands while the axis is pushed with more than friction can hold. */
@@ -30,7 +31,7 @@ static bool frozen(struct watch *w, const struct watch_in *in, int i)
         w->count[i] = in->snapshot->count[i];
         w->frozen_ms[i] = 0;
     }
-    return lasts_if_wanted(&w->frozen_ms[i], pushed, in->od->watch.frozen);
+    return lasts_if_wanted(w, &w->frozen_ms[i], pushed, in->od->watch.frozen);
 }
 
 /* 0.1 N below its limit is at it: that is the resolution of the snapshot. */
@@ -38,7 +39,7 @@ static bool saturated(struct watch *w, const struct watch_in *in, int i)
 {
     const uint32_t force_mN = size(in->snapshot->force_dN[i]) * 100u;
     const bool full = in->powered[i] && force_mN + 100u >= in->od->axis[i].plant.force_limit;
-    return lasts_if_wanted(&w->full_ms[i], full, in->od->watch.saturated);
+    return lasts_if_wanted(w, &w->full_ms[i], full, in->od->watch.saturated);
 }
 
 /* An adaptive gain has grown to its limit: units of the snapshot are 0.1 1/s and mm/s2, those of the dictionary 1e-3 and
@@ -72,7 +73,8 @@ static void set(struct watch *w, enum fault f, bool holds)
 
 static bool event_lasts(struct watch *w, enum fault f)
 {
-    w->lasts_ms[f] = (uint16_t)(w->lasts_ms[f] - (w->lasts_ms[f] > 0 ? 1u : 0u));
+    const uint32_t left = w->lasts_ms[f];
+    w->lasts_ms[f] = (uint16_t)(left > w->passed_ms ? left - w->passed_ms : 0u);
     return w->lasts_ms[f] > 0;
 }
 
@@ -90,12 +92,13 @@ uint32_t watch_step(struct watch *w, const struct watch_in *in)
     if (in->snapshot->ms == w->ms) {
         return w->now;
     }
+    w->passed_ms = in->snapshot->ms - w->ms;
     w->ms = in->snapshot->ms;
     w->now = 0;
     const bool outside = in->powered[0] && in->powered[1] && tunnel->radius != 0 &&
                          size(in->snapshot->e_n_nm[1]) > tunnel->radius;
-    set(w, FAULT_TUNNEL, lasts(&w->lasts_ms[FAULT_TUNNEL], outside, tunnel->debounce));
-    set(w, FAULT_GAIN, lasts_if_wanted(&w->lasts_ms[FAULT_GAIN], at_limit(in), in->od->watch.gain));
+    set(w, FAULT_TUNNEL, lasts(w, &w->lasts_ms[FAULT_TUNNEL], outside, tunnel->debounce));
+    set(w, FAULT_GAIN, lasts_if_wanted(w, &w->lasts_ms[FAULT_GAIN], at_limit(in), in->od->watch.gain));
     for (int i = 0; i < 2; i++) {
         set(w, FAULT_ENCODER_FROZEN, frozen(w, in, i));
         set(w, FAULT_SATURATION, saturated(w, in, i));

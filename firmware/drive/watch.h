@@ -12,6 +12,7 @@ enum { WATCH_EVENT_MS = 1000 }; /* how long what happens in a moment is warned o
 
 struct watch {
     uint32_t ms;                     /* of the last snapshot */
+    uint32_t passed_ms;              /* since the one before: more than 1 when the background is late */
     uint16_t lasts_ms[FAULTS];       /* how long a condition has held; of events: how long they still count */
     uint16_t frozen_ms[2], full_ms[2];
     int32_t count[2];                /* where an encoder stood when frozen_ms began */

@@ -87,9 +87,46 @@ static void test_gain_at_its_limit_is_told_while_an_axis_has_power(void)
     TEST_ASSERT_FALSE(holds_after(FAULT_GAIN, 100));
 }
 
+/* The snapshot of `ms` milliseconds after the last one, of which those between were not seen */
+static bool holds_late(enum fault f, unsigned ms)
+{
+    snapshot.ms += ms - 1;
+    return holds_after(f, 1);
+}
+
+static void test_time_counts_however_seldom_the_background_looks(void)
+{
+    od.tunnel.radius = 1000;
+    od.tunnel.debounce = 50;
+    od.watch.frozen = 50;
+    snapshot.e_n_nm[1] = 1001;
+    snapshot.force_dN[0] = 6000;
+    TEST_ASSERT_FALSE(holds_late(FAULT_TUNNEL, 500)); /* since when is not known */
+    for (unsigned i = 0; i < 7; i++) {
+        TEST_ASSERT_FALSE(holds_late(FAULT_TUNNEL, 7));
+        TEST_ASSERT_FALSE((watch.now & FAULT_BIT(FAULT_ENCODER_FROZEN)) != 0);
+    }
+    TEST_ASSERT_TRUE(holds_late(FAULT_TUNNEL, 7));
+    TEST_ASSERT_TRUE((watch.now & FAULT_BIT(FAULT_ENCODER_FROZEN)) != 0);
+    snapshot.count[0] += 2;
+    TEST_ASSERT_FALSE(holds_late(FAULT_ENCODER_FROZEN, 500));
+    TEST_ASSERT_TRUE(holds_late(FAULT_TUNNEL, 70000));
+}
+
+static void test_event_is_warned_of_for_a_second_however_seldom_the_background_looks(void)
+{
+    watch_event(&watch, FAULT_STALE_COMMAND);
+    TEST_ASSERT_TRUE(holds_late(FAULT_STALE_COMMAND, 300));
+    TEST_ASSERT_TRUE(holds_late(FAULT_STALE_COMMAND, 700));
+    TEST_ASSERT_FALSE(holds_late(FAULT_STALE_COMMAND, 300));
+    TEST_ASSERT_FALSE(holds_late(FAULT_STALE_COMMAND, 1));
+}
+
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_time_counts_however_seldom_the_background_looks);
+    RUN_TEST(test_event_is_warned_of_for_a_second_however_seldom_the_background_looks);
     RUN_TEST(test_what_lasts_for_more_than_a_minute_is_still_there);
     RUN_TEST(test_encoder_is_frozen_only_where_the_push_is_more_than_friction_can_hold);
     RUN_TEST(test_gain_at_its_limit_is_told_of_each_gain_of_each_axis);
