@@ -12,9 +12,11 @@ static void reset_application(struct settings *s, uint8_t node_id)
 {
     od_restore(s->od, node_id, 0x2000, 0xFFFF);
     s->od->node.id = s->node_id;
-    store_load(&s->store, s->od, STORE_APPLICATION | STORE_NODE);
-    s->unfit = !params_fit(s->od);
-    if (s->unfit) {
+    (void)store_load(&s->store, s->od, STORE_NODE);
+    const bool whole = store_load(&s->store, s->od, STORE_APPLICATION);
+    const bool fit = params_fit(s->od);
+    s->unfit = !whole || !fit;
+    if (!fit) {
         const struct od_node kept = s->od->node;
         od_restore(s->od, node_id, 0x2000, 0xFFFF);
         s->od->node = kept;
@@ -28,7 +30,7 @@ uint8_t settings_reset(struct settings *s, bool communication_only)
     }
     const uint8_t node_id = s->od->node.id;
     od_restore(s->od, node_id, 0x1000, 0x1FFF);
-    store_load(&s->store, s->od, STORE_COMMUNICATION);
+    (void)store_load(&s->store, s->od, STORE_COMMUNICATION);
     return node_id;
 }
 
@@ -47,7 +49,7 @@ bool settings_lost(const struct settings *s)
 static bool write(struct settings *s, uint8_t node_id, unsigned take, unsigned keep)
 {
     const bool ok = store_write(&s->store, s->od, node_id, take, keep);
-    s->unfit = s->unfit && !ok;
+    s->unfit = s->unfit && !(ok && (keep & STORE_APPLICATION) == 0);
     return ok;
 }
 

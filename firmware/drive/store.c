@@ -5,6 +5,7 @@
 
 #define ERASED 0xFFFFFFFFu
 #define KIND 0xFF000000u /* of a pair's first word: 0, or STORE_END */
+#define LOST 0u          /* key of a set's first pair, and of no object: parameters were lost before, not replaced */
 
 enum { WORD = 4, PAIR = 8 };
 
@@ -81,6 +82,7 @@ void store_open(struct store *s, const struct hal *hal)
             begin = end;
         }
     }
+    s->damaged = s->found && word_at(hal, s->sector, s->begin + PAIR) == LOST;
     for (unsigned sector = 0; sector < HAL_FLASH_SECTORS; sector++) {
         s->damaged = s->damaged || (!s->found && !is_erased(hal, sector, 0, HAL_FLASH_BYTES));
     }
@@ -110,12 +112,10 @@ static const struct od_entry *entry_of(uint32_t key, unsigned areas)
     return entry != NULL && (area_of(entry) & areas) != 0 ? entry : NULL;
 }
 
-void store_load(const struct store *s, struct od_data *od, unsigned areas)
+bool store_load(const struct store *s, struct od_data *od, unsigned areas)
 {
-    if (!s->found) {
-        return;
-    }
-    for (uint32_t at = s->begin + PAIR; at < s->end - PAIR; at += PAIR) {
+    bool whole = true;
+    for (uint32_t at = s->begin + PAIR; s->found && at < s->end - PAIR; at += PAIR) {
         const struct od_entry *entry = entry_of(word_at(s->hal, s->sector, at), areas);
         const uint32_t raw = word_at(s->hal, s->sector, at + WORD);
         if (entry == NULL) {
@@ -126,8 +126,11 @@ void store_load(const struct store *s, struct od_data *od, unsigned areas)
         const bool unconfigured = entry->index == 0x2001 && entry->sub == 1 && value == OD_UNCONFIGURED;
         if ((uint32_t)value == raw && (unconfigured || od_check(entry, value) == SDO_OK)) {
             od_write(od, entry, value);
+        } else {
+            whole = false;
         }
     }
+    return whole;
 }
 
 struct writer {
@@ -179,7 +182,7 @@ static void write_stored(struct writer *w, const struct store *s, unsigned areas
 /* Bytes that a set can have. */
 static uint32_t largest_set(void)
 {
-    uint32_t bytes = 2 * PAIR;
+    uint32_t bytes = 3 * PAIR; /* its frame, and LOST */
     for (uint16_t i = 0; i < od_table_len; i++) {
         bytes += area_of(&od_table[i]) != 0 ? PAIR : 0;
     }
@@ -198,7 +201,12 @@ bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, uns
         w.ok = hal->flash_erase(hal->ctx, w.sector);
     }
     const uint32_t begin = w.at, sequence = s->sequence + 1;
+    const bool damaged = s->damaged && (keep & STORE_APPLICATION) != 0;
     write_pair(&w, STORE_MAGIC, sequence);
+    if (damaged) {
+        write_pair(&w, LOST, 0);
+        w.pairs++;
+    }
     write_dictionary(&w, od, node_id, take);
     write_stored(&w, s, keep);
     write_pair(&w, STORE_END | w.pairs, ~crc32(w.crc, STORE_END | w.pairs));
@@ -206,7 +214,7 @@ bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, uns
         return false;
     }
     s->found = true;
-    s->damaged = false;
+    s->damaged = damaged;
     s->sector = (uint8_t)w.sector;
     s->begin = begin;
     s->end = w.at;

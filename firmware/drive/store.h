@@ -10,7 +10,7 @@
  * A set, in words of 32 bits as the processor keeps them (docs/adr/0013):
  *   STORE_MAGIC (its low byte is the version of this layout)
  *   sequence number, one more than that of the set before
- *   pairs: index << 8 | sub, value (sign-extended)
+ *   pairs: index << 8 | sub, value (sign-extended); first 0, 0 where parameters were lost before, and not replaced
  *   STORE_END | number of pairs, CRC-32 (IEEE 802.3) of all words before
  */
 #ifndef KONTUR_STORE_H
@@ -30,7 +30,7 @@ enum store_area { STORE_COMMUNICATION = 1, STORE_APPLICATION = 2, STORE_NODE = 4
 struct store {
     const struct hal *hal;
     bool found;          /* the newest set is at `begin`..`end` of `sector` */
-    bool damaged;        /* the flash is not empty, and no set in it is whole */
+    bool damaged;        /* the flash is not empty, and no set in it is whole; or parameters are still lost of then */
     uint8_t sector;
     uint32_t begin, end; /* bytes */
     uint32_t sequence;
@@ -38,8 +38,8 @@ struct store {
 
 /* Find the newest set. */
 void store_open(struct store *s, const struct hal *hal);
-/* Put what the newest set has of `areas` into od, within the dictionary's ranges. */
-void store_load(const struct store *s, struct od_data *od, unsigned areas);
+/* Put what the newest set has of `areas` into od, within the dictionary's ranges. false: a value is not. */
+bool store_load(const struct store *s, struct od_data *od, unsigned areas);
 /* Write a set: `take` these areas from od, `keep` those as they are stored, and nothing of the others. Of objects that
  * follow the node id, only those with another value than their default at node_id. false: the flash failed, the old set
  * holds. */

@@ -74,7 +74,11 @@ def test_unknown_code_is_told_as_such() -> None:
     [
         ("emcy = 0x8400", "emcy = 0x8611", "8611h is the code of another row"),
         ('reaction = "path stop"', 'reaction = "hope"', "reaction is one of"),
-        ('cleared = "by the next save (1010h)"', "", "store: cleared says how a warning ends"),
+        (
+            'cleared = "by the next save or restore of the parameters (1010h, 1011h: 1 or 3)"',
+            "",
+            "store: cleared says how a warning ends",
+        ),
         ('remedy = "move it back by hand"', "", "travel: .*remedy"),
         ("[fault.travel]", "[fault.Travel]", "Travel: a name is lower-case words"),
         ('remedy = "move it back by hand"', 'remedy = "m\u00f6ve"', "travel: remedy is to be a line of ASCII"),

@@ -490,6 +490,69 @@ static void test_warning_of_stored_parameters_that_do_not_fit_stays_until_they_a
     TEST_ASSERT_EQUAL_HEX8(0, rig.app.od.error_register);
 }
 
+static void expect_warning(bool warned)
+{
+    for (int i = 0; i < 2; i++) {
+        rig_ms(&rig, 1);
+        TEST_ASSERT_EQUAL_HEX8(warned ? 0x81 : 0, rig.app.od.error_register);
+        power_on(); /* and from then on */
+    }
+}
+
+/* All that writes the store and leaves the parameters as they are stored */
+static void store_the_rest(unsigned which)
+{
+    if (which == 0) {
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 2, 4, SAVE));
+    } else if (which == 1) {
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1011, 2, 4, LOAD));
+    } else {
+        lss(4, 1, 0);
+        lss(0x17, 0, 0);
+        expect_response(0x17, 0);
+    }
+}
+
+static void test_warning_of_the_store_ends_when_the_parameters_are_saved_or_restored_and_not_before(void)
+{
+    static const struct {
+        uint16_t index;
+        uint8_t sub;
+        uint32_t signature;
+    } ends[] = {{0x1010, 1, SAVE}, {0x1010, 3, SAVE}, {0x1011, 1, LOAD}, {0x1011, 3, LOAD}};
+    for (unsigned i = 0; i < 8; i++) {
+        setUp();
+        if (i % 2 == 0) { /* damaged */
+            rig.flash.word[0][0] = 0x12345678;
+        } else { /* unfit */
+            rig.app.od.asmc.k_bar = od_defaults.asmc.k_bar * 100;
+            TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
+        }
+        power_on();
+        expect_warning(true);
+        for (unsigned which = 0; which < 3; which++) {
+            store_the_rest(which);
+            expect_warning(true);
+        }
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, ends[i / 2].index, ends[i / 2].sub, 4, ends[i / 2].signature));
+        expect_warning(false);
+    }
+}
+
+static void test_stored_parameter_out_of_range_is_told_and_the_others_are_used(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x687D, 1, 4, -1234));
+    rig.app.od.asmc.gamma = UINT32_MAX; /* in range for another firmware */
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
+    power_on();
+    expect_warning(true);
+    TEST_ASSERT_EQUAL_UINT32(od_defaults.asmc.gamma, rig.app.od.asmc.gamma);
+    TEST_ASSERT_EQUAL_INT32(-1234, rig.app.od.axis[1].position_limit.min);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 3, 4, SAVE));
+    expect_warning(false);
+    TEST_ASSERT_EQUAL_INT32(-1234, rig.app.od.axis[1].position_limit.min);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -518,5 +581,7 @@ int main(void)
     RUN_TEST(test_damaged_store_is_reported_the_drive_works_with_defaults_and_can_save_again);
     RUN_TEST(test_stored_parameters_that_do_not_fit_together_are_reported_and_not_used);
     RUN_TEST(test_warning_of_stored_parameters_that_do_not_fit_stays_until_they_are_replaced);
+    RUN_TEST(test_warning_of_the_store_ends_when_the_parameters_are_saved_or_restored_and_not_before);
+    RUN_TEST(test_stored_parameter_out_of_range_is_told_and_the_others_are_used);
     return UNITY_END();
 }

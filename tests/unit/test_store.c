@@ -190,11 +190,22 @@ static void test_set_of_another_firmware_gives_what_is_known_and_in_range(void)
     expected.axis[AXIS_Y].position_limit.min = -5000;
     TEST_ASSERT_EQUAL_MEMORY(&expected, &od, sizeof od);
     TEST_ASSERT_EQUAL_UINT32(77, store.sequence);
+    TEST_ASSERT_FALSE(store_load(&store, &od, STORE_APPLICATION));
+    TEST_ASSERT_FALSE(store_load(&store, &od, STORE_COMMUNICATION));
     TEST_ASSERT_TRUE(save(1)); /* goes on behind it */
     power_on();
     TEST_ASSERT_TRUE(is_set(&od, 1));
     TEST_ASSERT_EQUAL_UINT32(78, store.sequence);
     TEST_ASSERT_EQUAL_UINT(0, flash.erases);
+}
+
+static void test_what_is_unknown_is_no_loss(void)
+{
+    const uint32_t pairs[] = {0x211001, 123456, 0x5FFF01, 1, 0x211077, 1};
+    make_set(STORE_MAGIC, pairs, 3);
+    power_on();
+    TEST_ASSERT_TRUE(store_load(&store, &od, ALL));
+    TEST_ASSERT_EQUAL_UINT32(123456, od.asmc.lambda);
 }
 
 static void test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_keeps_it(void)
@@ -394,5 +405,6 @@ int main(void)
     RUN_TEST(test_set_that_cannot_be_read_back_is_told);
     RUN_TEST(test_power_cuts_in_three_saves_in_a_row_leave_a_whole_set);
     RUN_TEST(test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_keeps_it);
+    RUN_TEST(test_what_is_unknown_is_no_loss);
     return UNITY_END();
 }
