@@ -38,6 +38,7 @@ uint8_t settings_init(struct settings *s, struct od_data *od, const struct hal *
 {
     *s = (struct settings){.od = od, .hal = hal, .node_id = node_id};
     store_open(&s->store, hal);
+    od->store_writes = s->store.sequence;
     return settings_reset(s, false);
 }
 
@@ -50,6 +51,7 @@ static bool write(struct settings *s, uint8_t node_id, unsigned take, unsigned k
 {
     const bool ok = store_write(&s->store, s->od, node_id, take, keep);
     s->unfit = s->unfit && !(ok && (keep & STORE_APPLICATION) == 0);
+    s->od->store_writes = s->store.sequence;
     return ok;
 }
 

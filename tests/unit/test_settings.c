@@ -553,6 +553,31 @@ static void test_stored_parameter_out_of_range_is_told_and_the_others_are_used(v
     TEST_ASSERT_EQUAL_INT32(-1234, rig.app.od.axis[1].position_limit.min);
 }
 
+/* 2035h: what the description makes of its wear is counted, too */
+static void test_sets_written_are_counted_over_power_off_and_every_way_of_writing(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2035, 0));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
+    TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2035, 0));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1011, 2, 4, LOAD));
+    store_the_rest(2);
+    TEST_ASSERT_EQUAL_UINT32(3, rig_read(&rig, 0x2035, 0));
+    rig.flash.broken = true;
+    TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_HARDWARE, rig_write(&rig, 0x1010, 1, 4, SAVE));
+    rig.flash.broken = false;
+    TEST_ASSERT_EQUAL_UINT32(3, rig_read(&rig, 0x2035, 0));
+    nmt(129, 1);
+    TEST_ASSERT_EQUAL_UINT32(3, rig_read(&rig, 0x2035, 0));
+    power_on();
+    TEST_ASSERT_EQUAL_UINT32(3, rig_read(&rig, 0x2035, 0));
+    const unsigned before = rig.flash.erases;
+    for (unsigned i = 0; i < 180; i++) {
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
+    }
+    TEST_ASSERT_EQUAL_UINT32(183, rig_read(&rig, 0x2035, 0));
+    TEST_ASSERT_UINT32_WITHIN(2, 180 / 9, rig.flash.erases - before);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -583,5 +608,6 @@ int main(void)
     RUN_TEST(test_warning_of_stored_parameters_that_do_not_fit_stays_until_they_are_replaced);
     RUN_TEST(test_warning_of_the_store_ends_when_the_parameters_are_saved_or_restored_and_not_before);
     RUN_TEST(test_stored_parameter_out_of_range_is_told_and_the_others_are_used);
+    RUN_TEST(test_sets_written_are_counted_over_power_off_and_every_way_of_writing);
     return UNITY_END();
 }
