@@ -40,7 +40,7 @@ def jog(
     They stop before, when `stop_requested` returns True, or at a soft limit or limit switch: the result is False then.
     The drive must be enabled. Raises DeviceError (NoAnswerError, EmcyError), ParameterError.
     """
-    targets = {f"target_velocity_{axis}": round(value * 1e6) for axis, value in velocity_mps.items()}
+    targets = {f"target_velocity_{axis}": value * 1e6 for axis, value in velocity_mps.items()}
     _take_mode(device, velocity_mps, _VELOCITY)
     try:
         for name, value in targets.items():

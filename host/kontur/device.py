@@ -651,6 +651,16 @@ def _physical(variable: ODVariable, raw: int) -> float | int:
     return raw if variable.factor == 1 else float(raw * Decimal(str(variable.factor)))
 
 
+def _range(variable: ODVariable) -> tuple[int, int]:
+    """Least and greatest raw value: as declared, else what the type holds."""
+    bits, signed = len(variable), variable.data_type in datatypes.SIGNED_TYPES
+    least, greatest = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+    return (
+        least if variable.min is None else variable.min,
+        greatest if variable.max is None else variable.max,
+    )
+
+
 def _counts(name: str, variable: ODVariable, value: float) -> int:
     """The raw value for `value` in the unit of the object. Raises ParameterError."""
     if _is_text(variable) or not variable.writable:
@@ -658,10 +668,11 @@ def _counts(name: str, variable: ODVariable, value: float) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise ParameterError(f"{name}: {value!r} is not a number")
     factor = Decimal(str(variable.factor))
-    raw = int((Decimal(repr(value)) / factor).to_integral_value())
+    raw = int((Decimal(str(value)) / factor).to_integral_value())
     unit = f" {variable.unit}" if variable.unit else ""
-    if (variable.min is not None and raw < variable.min) or (variable.max is not None and raw > variable.max):
-        low, high = _physical(variable, variable.min), _physical(variable, variable.max)
+    least, greatest = _range(variable)
+    if not least <= raw <= greatest:
+        low, high = _physical(variable, least), _physical(variable, greatest)
         raise ParameterError(f"{name}: {value:g}{unit} is out of range; it must be {low:g}..{high:g}{unit}")
     return raw
 

@@ -36,6 +36,7 @@ _ARM, _DEFAULTS = 1, 2
 _NOW, _FAULT, _RISING, _FALLING = range(4)
 _POLL_S = 0.02
 _AFTER_S = 10.0  # more than the frames after a trigger take, but for very long intervals
+_LEVEL_MAX = 2**31 - 1  # counts of a signal
 _VERSION, _HEADER = 1, struct.Struct("<BBHIIIII8s")
 _LEVEL = re.compile(r"\s*(\w+)\s*([<>])\s*([^<>\s]+)\s*")
 
@@ -82,7 +83,13 @@ def trigger(text: str) -> Trigger:
     match = _LEVEL.fullmatch(text)
     try:
         if match:
-            return Trigger(match[2], _signal(match[1]).name, float(match[3]))
+            signal, level = _signal(match[1]), float(match[3])
+            if abs(level) <= (greatest := _LEVEL_MAX * signal.factor):
+                return Trigger(match[2], signal.name, level)
+            raise ParameterError(
+                f"trigger {text!r}: the level is out of range; "
+                f"it must be {-greatest:g}..{greatest:g} {signal.unit}".rstrip()
+            )
     except ValueError:
         pass
     raise ParameterError(f"trigger {text!r}: it is now, fault, NAME>LEVEL or NAME<LEVEL, e.g. 'e_n2>5'")
@@ -157,7 +164,7 @@ def arm(device: Device, setup: Setup) -> None:
         if setup.trigger.source:
             source = _signal(setup.trigger.source)
             device.write("scope.source", source.number)
-            device.write("scope.level", round(setup.trigger.level / source.factor))
+            device.write("scope.level", setup.trigger.level / source.factor)
         device.write("scope.command", _ARM)
 
 

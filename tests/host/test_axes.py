@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from kontur import axes, machine
 from kontur.cli import main
 from kontur.device import Device
-from kontur.errors import DeviceError, EmcyError
+from kontur.errors import DeviceError, EmcyError, ParameterError
 from kontur.link import Link
 from kontur.simlib import Sim
 
@@ -88,6 +88,12 @@ def test_stop_request_ends_the_jog(device: Device) -> None:
         at_m = true_m(device)
     assert at_m[0] == pytest.approx(-at_m[1], abs=0.002)
     assert 0.0 < at_m[0] < 0.02
+
+
+@pytest.mark.parametrize("speed_mps", [float("nan"), float("inf"), 1e9])
+def test_jog_at_no_speed_that_a_drive_can_be_given_is_refused(device: Device, speed_mps: float) -> None:
+    with device.enabled(), pytest.raises(ParameterError, match="target_velocity_x"):
+        axes.jog(device, {"x": speed_mps}, 1.0)
 
 
 def test_jog_of_a_silent_host_stops(device: Device) -> None:

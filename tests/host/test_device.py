@@ -59,6 +59,21 @@ def test_bad_value_is_refused_before_anything_is_set(device: Device, name: str, 
     assert device.dump() == before
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("stream.total", -1, r"stream\.total: -1 is out of range; it must be 0\.\.4\.29497e\+09"),
+        ("target_velocity_x", 1e15, r"target_velocity_x: 1e\+15 um/s is out of range"),
+        ("target_velocity_x", float("inf"), r"target_velocity_x: inf is not a number"),
+    ],
+)
+def test_value_that_the_type_of_an_object_does_not_hold_is_refused(
+    device: Device, name: str, value: float, message: str
+) -> None:
+    with pytest.raises(ParameterError, match=message):
+        device.write(name, value)
+
+
 def test_parameter_of_an_enabled_axis_is_refused_by_the_drive(device: Device) -> None:
     with device.enabled(), pytest.raises(DeviceError, match=r"plant_x\.mass: the drive refuses"):
         device.write("plant_x.mass", 50.0)

@@ -9,7 +9,7 @@ import click
 
 from kontur import axes
 from kontur.cli import EXIT_INTERRUPTED
-from kontur.cli.options import drive_of, interruptible, target_options
+from kontur.cli.options import NumberRange, drive_of, interruptible, target_options
 from kontur.cli.output import print_json
 from kontur.run import Target
 
@@ -22,7 +22,8 @@ from kontur.run import Target
     help="Where the home point is: limit switch at the negative or positive end, index pulse, where the axis stands. "
     "Default: as the drive's homing_method says.",
 )
-@click.option("--offset", type=float, metavar="MM", help="Position that the home point gets. Default: home_offset.")
+@click.option("--offset", type=NumberRange(-2000, 2000), metavar="MM",
+              help="Position that the home point gets. Default: home_offset.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(*, target: Target, axis: str, method: str | None, offset: float | None, as_json: bool) -> None:
@@ -34,7 +35,7 @@ def command(*, target: Target, axis: str, method: str | None, offset: float | No
     if method is not None:
         parameters[f"homing_method_{axis}"] = axes.METHODS[method]
     if offset is not None:
-        parameters[f"home_offset_{axis}"] = round(offset * 1e6)
+        parameters[f"home_offset_{axis}"] = offset * 1e6
     with drive_of(target) as device, device.held():
         device.set_parameters(parameters)
         with interruptible() as stop_requested, device.enabled():

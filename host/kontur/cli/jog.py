@@ -9,20 +9,21 @@ import click
 
 from kontur import axes
 from kontur.cli import EXIT_INTERRUPTED
-from kontur.cli.options import drive_of, interruptible, target_options
+from kontur.cli.options import NumberRange, drive_of, interruptible, target_options
 from kontur.cli.output import print_json
 from kontur.run import Target
 
 DURATION_MAX_S = 60.0
+_SPEED = NumberRange(-10_000, 10_000)  # the most that limits.velocity can be
 
 
 @click.command(name="jog")
-@click.option("--x", type=float, metavar="MM_PER_S", help="Speed of x.")
-@click.option("--y", type=float, metavar="MM_PER_S", help="Speed of y.")
+@click.option("--x", type=_SPEED, metavar="MM_PER_S", help="Speed of x.")
+@click.option("--y", type=_SPEED, metavar="MM_PER_S", help="Speed of y.")
 @click.option(
     "--for",
     "duration_s",
-    type=click.FloatRange(0.0, DURATION_MAX_S, min_open=True),
+    type=NumberRange(0.0, DURATION_MAX_S, min_open=True),
     default=1.0,
     show_default=True,
     metavar="SECONDS",

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -39,6 +40,16 @@ class _KeyValue(click.ParamType[tuple[str, str]]):
 
 
 KEY_VALUE = _KeyValue()
+
+
+class NumberRange(click.FloatRange):
+    """A number within bounds; NaN is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number):
+            self.fail(f"{value!r} is not a number", param, ctx)
+        return number
 
 
 class _BusFaults(click.ParamType[Faults]):

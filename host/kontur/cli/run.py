@@ -18,6 +18,7 @@ from kontur import scope as scopes
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import (
     KEY_VALUE,
+    NumberRange,
     check_output,
     held_by_signals,
     interruptible,
@@ -155,7 +156,7 @@ def _save_capture(result: RunResult, controller: str, several: bool, log: Path |
 )
 @click.option(
     "--override",
-    type=click.FloatRange(0.1, 120.0),
+    type=NumberRange(0.1, 120.0),
     default=100.0,
     show_default=True,
     metavar="PERCENT",

@@ -13,7 +13,7 @@ import click
 
 from kontur import scope
 from kontur.cli import EXIT_INTERRUPTED
-from kontur.cli.options import check_output, drive_of, interruptible, progress_bar, target_options
+from kontur.cli.options import NumberRange, check_output, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.device import Device
 from kontur.emcy import describe_emcy
@@ -30,7 +30,7 @@ from kontur.scope import Capture, Setup
 @click.option("--pre", type=float, default=0.5, show_default=True, help="Share of the capture before the trigger.")
 @click.option("--divider", type=click.IntRange(1, 10_000), default=1, show_default=True,
               help="Control periods from frame to frame.")  # fmt: skip
-@click.option("--wait", "wait_s", type=float, default=60.0, show_default=True, metavar="SECONDS",
+@click.option("--wait", "wait_s", type=NumberRange(min=0.0), default=60.0, show_default=True, metavar="SECONDS",
               help="How long to wait for the trigger.")  # fmt: skip
 @click.option("--last", is_flag=True, help="Arm nothing: read the capture that the drive holds, e.g. of a fault.")
 @click.option("-o", "--output", "outputs", multiple=True, type=click.Path(dir_okay=False, path_type=Path),
