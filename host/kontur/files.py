@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from kontur.errors import FileError
@@ -11,9 +12,11 @@ from kontur.errors import FileError
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write `content` beside `path`, then put it in its place. Raises FileError."""
-    part = path.with_name(path.name + ".part")
+    part = path.parent / f"{path.name}.part"
     try:
         part.write_bytes(content)
         os.replace(part, path)
     except OSError as error:
+        with suppress(OSError):
+            part.unlink()
         raise FileError(path, f"cannot be written ({error.strerror}); give another place") from error

@@ -19,7 +19,7 @@ from PIL import Image
 
 from kontur import figures, log, report
 from kontur.cli import main
-from kontur.errors import LogError
+from kontur.errors import FileError, LogError
 from kontur.log import RunLog
 
 
@@ -185,6 +185,36 @@ def test_report_command_writes_html_or_a_picture_and_says_how_to_do_it_again(tmp
     missing = CliRunner().invoke(main, ["report", str(tmp_path / "b.csv"), "-o", str(page)])
     assert missing.exit_code != 0
     assert "b.csv" in missing.output
+
+
+@pytest.mark.parametrize(
+    ("output", "exit_code", "message"),
+    [
+        ("r.pdf", 1, "r.pdf: must end in .html or .png"),
+        (".", 2, "'.' is a directory"),
+        ("no/r.html", 1, "no folder no"),
+    ],
+)
+def test_report_command_refuses_what_it_cannot_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str, exit_code: int, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    log.write(made_run("ccu"), "a.csv")
+    result = CliRunner().invoke(main, ["report", "a.csv", "-o", output])
+    assert result.exit_code == exit_code, result.output
+    assert message in result.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
+
+
+def test_file_that_cannot_be_put_in_its_place_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "r.html").mkdir()
+    for place in (".", "r.html", "no/r.html"):
+        with pytest.raises(FileError, match="cannot be written"):
+            report.write_report(place, [made_run("ccu")])
+    assert [file.name for file in tmp_path.iterdir()] == ["r.html"]
 
 
 def browser() -> str:

@@ -4,27 +4,31 @@
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 
 import click
 
 from kontur import log
+from kontur.cli.options import check_output
 
 
 @click.command()
 @click.argument("logs", nargs=-1, required=True, type=click.Path(), metavar="LOG...")
-@click.option("-o", "--output", required=True, type=click.Path(), help="The report, .html, or a picture of it, .png.")
+@click.option("-o", "--output", required=True, type=click.Path(dir_okay=False, path_type=Path),
+              help="The report, .html, or a picture of it, .png.")  # fmt: skip
 @click.option("--title", help="Title of the report; default: the name of the program.")
-def command(logs: tuple[str, ...], output: str, title: str | None) -> None:
+def command(logs: tuple[str, ...], output: Path, title: str | None) -> None:
     """Compare the runs in LOG... (CSV or MF4), which followed the same path.
 
     A report needs no network and no other file. With -o NAME.png a picture of the answer is written instead.
     """
+    check_output(output, ".html", ".png")
     from kontur import report  # takes a second: only who draws pays
 
     runs = [log.read(name) for name in logs]
-    if output.lower().endswith(".png"):
+    if output.suffix.lower() == ".png":
         report.picture(output, runs)
     else:
-        again = [*report.commands_of(runs), shlex.join(["kontur", "report", *logs, "-o", output])]
+        again = [*report.commands_of(runs), shlex.join(["kontur", "report", *logs, "-o", str(output)])]
         report.write_report(output, runs, title, "\n".join(again))
     click.echo(output)
