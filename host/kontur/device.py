@@ -208,25 +208,23 @@ class Device:
             self._written[name] = value
 
     def set_parameters(self, values: Mapping[str, float]) -> None:
-        """Set parameters by name; none is set when one of them is unknown or out of range (ParameterError).
+        """Set parameters by name; those that must fit together may come in any order.
 
-        Those that must fit together may come in any order; ParameterError when they do not fit in the end.
+        Raises ParameterError when one is unknown, out of range, or does not fit the others in the end; DeviceError when
+        the drive refuses. All are then as they were before, unless the drive no longer answers.
         """
         for name, value in values.items():
             if name not in self.parameters:
                 raise ParameterError(self._unknown(name))
             _counts(name, self._variables[name], value)
-        waiting = dict(values)
-        while waiting:
-            refused: dict[str, ParameterError] = {}
-            for name, value in waiting.items():
-                try:
-                    self.write(name, value)
-                except ParameterError as error:  # may fit once others are set
-                    refused[name] = error
-            if len(refused) == len(waiting):
-                raise next(iter(refused.values()))
-            waiting = {name: waiting[name] for name in refused}
+        changed: list[tuple[str, float]] = []  # with the value before
+        try:
+            self._set_in_any_order(dict(values), changed)
+        except KonturError:
+            with suppress(KonturError):  # what happened first is what is told
+                for name, before in reversed(changed):  # back through what has fitted
+                    self.write(name, before)
+            raise
 
     def dump(self) -> dict[str, float]:
         """All parameters, name to value in its unit, but those of its place on the bus (`node.`)."""
@@ -467,6 +465,20 @@ class Device:
         return tuple(c for c in codes if c in known and (known[c].warns or option.get(known[c].name, False)))
 
     # --- inside ---
+
+    def _set_in_any_order(self, waiting: dict[str, float], changed: list[tuple[str, float]]) -> None:
+        while waiting:
+            refused: dict[str, ParameterError] = {}
+            for name, value in waiting.items():
+                before = self.read(name)
+                try:
+                    self.write(name, value)
+                    changed.append((name, before))
+                except ParameterError as error:  # may fit once others are set
+                    refused[name] = error
+            if len(refused) == len(waiting):
+                raise next(iter(refused.values()))
+            waiting = {name: waiting[name] for name in refused}
 
     def _follow_sync(self) -> None:
         period_us = self.confirmed("sync_period")

@@ -45,7 +45,8 @@ def circle(duration_s: float) -> NDArray[np.int32]:
 def drive_on(bus: can.BusABC) -> Iterator[Device]:
     with bus:
         device = Device(Link(bus, 1))
-        device.set_parameters(MACHINE.parameters())
+        for name, value in MACHINE.parameters().items():  # without reads, which would put each seed's faults elsewhere
+            device.write(name, value)
         yield device
 
 

@@ -58,6 +58,19 @@ def test_parameter_that_fits_no_other_is_refused_with_its_name(device: Device) -
     device.enable()
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_parameters_are_as_before_when_one_of_them_fits_no_other(device: Device, order: int) -> None:
+    values = {"asmc.gamma": 2.0, "asmc.k_0": 600.0, "asmc.k_max": 800.0, "uncertainty.mu_0": 90.0}
+    before = device.dump()
+    assert values["uncertainty.mu_0"] > before["uncertainty.mu_max"]
+    with pytest.raises(ParameterError, match=r"uncertainty\.mu_0: the value does not fit another parameter"):
+        device.set_parameters(dict(list(values.items())[::order]))
+    assert device.dump() == before
+    device.enable()
+    device.disable()
+    assert device.dump() == before
+
+
 # --- stops, measured by where the machine really was ---
 
 

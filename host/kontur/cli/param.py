@@ -83,7 +83,7 @@ def dump_command(*, target: Target, file: Path | None) -> None:
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @target_options
 def load_command(*, target: Target, file: Path) -> None:
-    """Set all parameters that are in FILE, as `dump` writes it."""
+    """Set all parameters that are in FILE, as `dump` writes it; none when one of them cannot be set."""
     values = paramfile.read(file)
     with drive_of(target) as device, device.held():
         device.set_parameters(values)
