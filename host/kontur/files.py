@@ -10,6 +10,12 @@ from pathlib import Path
 from kontur.errors import FileError
 
 
+def check_folder(path: Path) -> None:
+    """Raise FileError where there is no folder to write `path` to: before the work whose result goes there."""
+    if not path.parent.is_dir():
+        raise FileError(path, f"there is no folder {path.parent}; make it, or give another one")
+
+
 def write_whole(path: Path, content: bytes) -> None:
     """Write `content` beside `path`, then put it in its place. Raises FileError."""
     part = path.parent / f"{path.name}.part"

@@ -21,6 +21,7 @@ from typing import IO, Any
 
 from kontur import machine as machines
 from kontur.errors import FileError, LibraryError, SimulatorError
+from kontur.files import check_folder
 from kontur.machine import Machine
 from kontur.simlib import LIBRARIES, Truth, truth_of
 
@@ -79,8 +80,11 @@ def start(
     `pace`: "clock" (the wall clock's) or "sync" (1006h at each SYNC). `machine`: a Machine or the name of a file.
     `record`: gets the truth at power-off, see read_record(). `store`: the flash that parameters are stored in (1010h),
     read at power-on if there is one, written at power-off. Raises LibraryError when the program is not built,
-    MachineError, SimulatorError with the message of a process that failed.
+    MachineError, FileError where there is no folder for `record` or `store`, SimulatorError with the message of a
+    process that failed.
     """
+    for file in filter(None, (record, store)):
+        check_folder(file)
     arguments = [str(PROGRAM), "--seed", str(seed), "--node", str(node_id), "--num", num, "--pace", pace]
     arguments += ["--with-parent"]
     arguments += ["--can", can] if can is not None else []

@@ -85,6 +85,15 @@ def test_what_the_process_has_to_say_is_passed_on() -> None:
         assert process.wait(TIMEOUT_S) == 0
 
 
+@pytest.mark.parametrize("option", ["--store", "--record"])
+def test_folder_that_is_not_there_is_told_at_the_start(tmp_path: Path, option: str) -> None:
+    file = tmp_path / "nowhere" / "file"
+    result = CliRunner().invoke(main, ["sim", option, str(file)])
+    assert result.exit_code == 1
+    assert result.stderr == f"Error: {file}: there is no folder {file.parent}; make it, or give another one\n"
+    assert result.stdout == ""
+
+
 def test_one_bus_at_a_time() -> None:
     result = CliRunner().invoke(main, ["sim", "--can", "vcan0", "--slcan-pty"])
     assert result.exit_code == 2

@@ -22,6 +22,7 @@ from kontur.cli.output import print_warnings
 from kontur.device import Device
 from kontur.errors import FileError, ParameterError
 from kontur.faults import FAULT_NAMES, Faults
+from kontur.files import check_folder
 from kontur.run import Target, connect
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -177,8 +178,7 @@ def check_output(file: Path | None, *suffixes: str) -> None:
         return
     if file.suffix.lower() not in suffixes:
         raise FileError(file, f"must end in {' or '.join(suffixes)}")
-    if not file.parent.is_dir():
-        raise FileError(file, f"there is no folder {file.parent}; make it, or give another one")
+    check_folder(file)
 
 
 def parameter_values(pairs: tuple[tuple[str, str], ...]) -> dict[str, float]:
