@@ -117,6 +117,7 @@ class Info:
 
 def open_bus(options: Mapping[str, Any]) -> can.BusABC:
     """Open a bus by python-can's options. Raises BusError; of the simulated drive, what kept it from starting."""
+    named = f"{options.get('inner', options.get('interface', '?'))}:{options.get('channel', '?')}"
     for name in ("interface", "inner"):  # inner: of a bus with faults
         if options.get(name) == "slcan":
             ready = str(options.get("channel")).startswith(_READY_AT_ONCE)
@@ -127,9 +128,8 @@ def open_bus(options: Mapping[str, Any]) -> can.BusABC:
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
         if isinstance(error.__cause__, KonturError):
             raise error.__cause__ from error
-        name = f"{options.get('interface', '?')}:{options.get('channel', '?')}"
         raise BusError(
-            f"bus {name} cannot be opened: {error}. Check -i, -c and -b (python-can's interface, channel, bitrate), "
+            f"bus {named} cannot be opened: {error}. Check -i, -c and -b (python-can's interface, channel, bitrate), "
             "or leave them out to use the simulated drive"
         ) from error
 

@@ -17,6 +17,9 @@ from kontur.machine import Machine
 
 Floats = NDArray[np.float64]
 LIBRARIES = Path(__file__).with_name("lib")
+NUMS = ("f32", "fix", "chk")
+"""Numeric back ends that `make lib` builds."""
+
 _DOUBLES_PER_ROW = 8
 
 

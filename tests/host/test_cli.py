@@ -146,17 +146,10 @@ PART = "G21 G90 G1 X10 F600\nG1 Y10\n"
     ("args", "message"),
     [
         (("run", "nowhere.ngc"), "nowhere.ngc: no such file, and no shape either"),
-        (("run", "circle", "--feed", "0"), "feed"),
-        (("run", "circle", "--feed", "-3"), "feed"),
-        (("run", "circle", "--feed", "nan"), "feed"),
-        (("run", "circle", "--feed", "50", "--radius", "0"), "radius"),
         (("run", "circle", "--feed", "50", "--radius", "200"), "200"),
-        (("run", "circle", "--feed", "50", "--accel", "0"), "acceleration"),
-        (("run", "circle", "--feed", "50", "--jerk", "-1"), "jerk"),
         (("run", "circle", "--feed", "50", "--set", "asmc.lambda=x"), "asmc.lambda: 'x' is not a number"),
         (("run", "circle", "--feed", "50", "--set", "asmc.lambda=1e9"), "out of range; it must be 1..2000 1/s"),
         (("run", "circle", "--feed", "50", "--machine", "nowhere.toml"), "nowhere.toml: cannot be read"),
-        (("run", "circle", "--feed", "50", "--num", "q7"), "no such numeric back end; built are:"),
         (("run", "circle", "--feed", "50", "--log", "a.txt"), "a.txt: must end in .csv or .mf4"),
         (("run", "circle", "--feed", "50", "--log", "nowhere/a.csv"), "nowhere/a.csv: there is no folder"),
         (("run", "circle", "--feed", "50", "--report", "a.pdf"), "a.pdf: must end in .html"),
@@ -169,6 +162,8 @@ PART = "G21 G90 G1 X10 F600\nG1 Y10\n"
         (("run", "notes.txt"), "notes.txt: neither G-code"),
         (("info", "-i", "socketcan", "-c", "nocan0"), "bus socketcan:nocan0 cannot be opened"),
         (("info", "-i", "nobus", "-c", "0"), "bus nobus:0 cannot be opened"),
+        (("info", "-i", "slcan", "-c", "nowhere"), "bus slcan:nowhere cannot be opened"),
+        (("info", "-i", "slcan", "-c", "nowhere", "--bus-faults", "drop=0"), "bus slcan:nowhere cannot be opened"),
         (("info", "-i", "virtual", "-c", "nobody"), "does not answer"),
         (("run", "circle", "--feed", "50", "-i", "virtual", "-c", "nobody"), "does not answer"),
         (("param", "set", "asmc.lambda=0"), "asmc.lambda: 0 1/s is out of range"),
@@ -215,6 +210,25 @@ def test_wrong_usage_is_exit_code_2(args: tuple[str, ...], monkeypatch: pytest.M
     result = kontur(*args)
     assert result.exit_code == 2
     assert "Error: " in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--feed", "0", "0.0 is not in the range x>0"),
+        ("--feed", "-3", "-3.0 is not in the range x>0"),
+        ("--feed", "nan", "'nan' is not a number"),
+        ("--feed", "inf", "'inf' is not a number"),
+        ("--radius", "0", "0.0 is not in the range x>0"),
+        ("--accel", "0", "0.0 is not in the range x>0"),
+        ("--jerk", "-1", "-1.0 is not in the range x>0"),
+        ("--num", "q7", "'q7' is not one of 'f32', 'fix', 'chk'"),
+    ],
+)
+def test_wrong_value_is_told_as_it_was_typed(option: str, value: str, message: str) -> None:
+    result = kontur("run", "circle", "--feed", "50", option, value)
+    assert result.exit_code == 2
+    assert f"Error: Invalid value for '{option}': {message}" in result.stderr
 
 
 def test_ctrl_c_stops_on_the_path_and_the_log_is_complete_up_to_there(

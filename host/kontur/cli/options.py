@@ -24,6 +24,7 @@ from kontur.errors import FileError, ParameterError
 from kontur.faults import FAULT_NAMES, Faults
 from kontur.files import check_folder
 from kontur.run import Target, connect
+from kontur.simlib import NUMS
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -44,13 +45,16 @@ KEY_VALUE = _KeyValue()
 
 
 class NumberRange(click.FloatRange):
-    """A number within bounds; NaN is none."""
+    """A finite number within bounds."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         number = float(super().convert(value, param, ctx))
-        if math.isnan(number):
+        if not math.isfinite(number):
             self.fail(f"{value!r} is not a number", param, ctx)
         return number
+
+
+POSITIVE = NumberRange(min=0, min_open=True)
 
 
 class _BusFaults(click.ParamType[Faults]):
@@ -80,7 +84,13 @@ BUS_FAULTS = _BusFaults()
 def simulation_options(function: F) -> F:
     """--machine, --seed, --num."""
     for option in (
-        click.option("--num", default="f32", show_default=True, help="Numeric back end of the simulated firmware."),
+        click.option(
+            "--num",
+            type=click.Choice(NUMS),
+            default="f32",
+            show_default=True,
+            help="Numeric back end of the simulated firmware.",
+        ),
         click.option(
             "--seed",
             type=click.IntRange(0, 2**63 - 1),

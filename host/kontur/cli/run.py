@@ -18,6 +18,7 @@ from kontur import scope as scopes
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import (
     KEY_VALUE,
+    POSITIVE,
     NumberRange,
     check_output,
     held_by_signals,
@@ -45,14 +46,16 @@ SHAPES: dict[str, dict[str, float]] = {
     "square": {"side": 40.0, "corner_radius": 5.0},
     "spiral": {"inner": 0.0, "outer": 20.0, "pitch": 5.0},
 }
+_MAY_BE_0 = ("corner_radius", "inner")
 _NOT_IN_COMMAND = ("log", "report", "as_json", "controller", "scope_out")
 
 
 def _shape_option(name: str, text: str) -> Callable[[F], F]:
     shapes_with = [f"{shape} {defaults[name]:g}" for shape, defaults in SHAPES.items() if name in defaults]
     unit = "" if name == "laps" else ", mm"
+    kind = NumberRange(min=0) if name in _MAY_BE_0 else POSITIVE
     return click.option(
-        f"--{name.replace('_', '-')}", type=float, help=f"{text}{unit} (default: {', '.join(shapes_with)})."
+        f"--{name.replace('_', '-')}", type=kind, help=f"{text}{unit} (default: {', '.join(shapes_with)})."
     )
 
 
@@ -128,7 +131,7 @@ def _save_capture(result: RunResult, controller: str, several: bool, log: Path |
 
 @click.command(name="run")
 @click.argument("source", metavar=f"FILE|{'|'.join(SHAPES)}")
-@click.option("--feed", type=float, metavar="MM_PER_S", help="Speed along a shape or a CSV path of x,y.")
+@click.option("--feed", type=POSITIVE, metavar="MM_PER_S", help="Speed along a shape or a CSV path of x,y.")
 @_shape_option("radius", "Radius")
 @_shape_option("half_width", "Half axis along x")
 @_shape_option("half_height", "Half axis along y")
@@ -148,9 +151,9 @@ def _save_capture(result: RunResult, controller: str, several: bool, log: Path |
     help="Controller; several options, several runs.",
 )
 @click.option(
-    "--accel", type=float, metavar="M_PER_S2", help="Acceleration limit of both axes instead of the machine's."
+    "--accel", type=POSITIVE, metavar="M_PER_S2", help="Acceleration limit of both axes instead of the machine's."
 )
-@click.option("--jerk", type=float, metavar="M_PER_S3", help="Jerk limit of both axes instead of the machine's.")
+@click.option("--jerk", type=POSITIVE, metavar="M_PER_S3", help="Jerk limit of both axes instead of the machine's.")
 @click.option(
     "--set", "parameters", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Set a parameter before."
 )
