@@ -35,9 +35,9 @@ def bench(
 
     `lost` are the knots that were not executed; `retransmitted` and `underruns` as counted on the two ends;
     `contour_mean_um`, `contour_max_um`: the contour error that the drive has estimated (2211h).
-    `checksum_ok`: the drive went through these knots, each once and in order; `error`: what it said if not. In process
-    the CPU time is the drive's, too. Raises BusError, DeviceError before the stream has begun; KeyboardInterrupt when
-    the stop was requested.
+    `checksum_ok`: the drive went through these knots, each once and in order; `error`: what it said if not; `warnings`:
+    EMCY codes. In process the CPU time is the drive's, too. Raises BusError, DeviceError before the stream has begun;
+    KeyboardInterrupt when the stop was requested.
     """
     with _target(target) as target, connect(target) as device, device.enabled():
         here_nm = np.array(device.position_nm())
@@ -68,6 +68,7 @@ def bench(
             "frames": frames,
             "host_cpu_us_per_frame": cpu_s / frames * 1e6,
             "faults": _faults(device),
+            "warnings": device.warnings(),
             "error": error,
         }
 

@@ -9,9 +9,10 @@ from click.testing import CliRunner, Result
 
 from kontur import log, machine, scope
 from kontur.cli import main
+from kontur.cli.options import drive_of
 from kontur.device import Device
 from kontur.emcy import describe_emcy
-from kontur.errors import DeviceError
+from kontur.errors import DeviceError, NoAnswerError
 from kontur.run import Target, connect
 
 CIRCLE = ("run", "circle", "--radius", "4", "--feed", "50")
@@ -71,6 +72,28 @@ def test_warning_from_before_the_connection_is_told_while_it_lasts() -> None:
         refuse_a_parameter(device)
         device.link.reported.clear()  # as if another host had been there
         assert device.warnings() == (CONFIG_ENABLED,)
+
+
+@pytest.mark.parametrize(("error", "told"), [(DeviceError, True), (KeyboardInterrupt, True), (NoAnswerError, False)])
+def test_command_that_fails_tells_the_warnings_too_unless_nobody_answers(
+    error: type[BaseException], told: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail() -> None:
+        with drive_of(Target(machine=machine.load())) as device:
+            refuse_a_parameter(device)
+            raise error("what happened first")
+
+    with pytest.raises(error, match="first"):
+        fail()
+    assert (describe_emcy(CONFIG_ENABLED) in capsys.readouterr().err) == told
+
+
+def test_bench_stream_tells_the_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Device, "warnings", lambda self: (CONFIG_ENABLED,))
+    result = kontur("bench", "stream", "--knots", "1000", "-i", "kontur", "-c", "sim", "--json")
+    text = describe_emcy(CONFIG_ENABLED)
+    assert result.stderr == f"Warning: the drive reports {text}.\n"
+    assert json.loads(result.stdout)["warnings"] == [{"code": "FF18h", "text": text}]
 
 
 def test_fault_is_no_warning() -> None:

@@ -9,7 +9,7 @@ from kontur import bench_step, bench_stream, busload
 from kontur import machine as machines
 from kontur.bench import bench
 from kontur.cli.options import interruptible, progress_bar, simulation_options, target_options
-from kontur.cli.output import print_json, print_table
+from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
 from kontur.errors import KonturError, StreamError
 from kontur.run import Target
 
@@ -75,12 +75,14 @@ def stream_command(*, knots: int, as_json: bool, target: Target) -> None:
     """
     with progress_bar("streaming") as progress, interruptible() as stop_requested:
         result = bench_stream.bench(target, knots, progress, stop_requested)
+    warnings = result.pop("warnings")
     if as_json:
-        print_json(result)
+        print_json(result | {"warnings": warnings_json(warnings)})
     else:
         for name, value in result.items():
             if value is not None and not isinstance(value, dict):
                 click.echo(f"{name:<24}{f'{value:,.4g}' if isinstance(value, float) else value}")
+    print_warnings(warnings)
     if result["error"] is not None:
         raise StreamError(result["error"])
 

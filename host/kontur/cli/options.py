@@ -7,7 +7,7 @@ import math
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar
@@ -20,7 +20,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from kontur import machine as machines
 from kontur.cli.output import print_warnings
 from kontur.device import Device
-from kontur.errors import FileError, ParameterError
+from kontur.errors import BusError, FileError, KonturError, NoAnswerError, ParameterError
 from kontur.faults import FAULT_NAMES, Faults
 from kontur.files import check_folder
 from kontur.run import Target, connect
@@ -204,9 +204,16 @@ def parameter_values(pairs: tuple[tuple[str, str], ...]) -> dict[str, float]:
 
 @contextmanager
 def drive_of(target: Target) -> Iterator[Device]:
-    """connect(); at the end what the drive has warned of is printed to stderr."""
+    """connect(); at the end, after an error too, what the drive has warned of is printed to stderr."""
     with connect(target) as device:
-        yield device
+        try:
+            yield device
+        except (BusError, NoAnswerError):
+            raise
+        except BaseException:
+            with suppress(KonturError):  # what happened first is what is told
+                print_warnings(device.warnings())
+            raise
         print_warnings(device.warnings())
 
 
