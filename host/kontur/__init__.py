@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kontur: host tools of a contouring drive. The map of these modules is in docs/architecture.md."""
 
-__version__ = "0.1.0"
+from importlib.metadata import version
+
+__version__ = version("kontur")

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from kontur import stack
+from kontur.device import CONTROLLERS
 from kontur.errors import InputError, SimulatorError
 
 ROOT = Path(__file__).parents[2]
@@ -29,7 +30,6 @@ PAGE = ROOT / "docs/performance.md"
 TOOLS = "arm-none-eabi-"
 DRIVERS = PROGRAMS / "m4-f32/bench_port.elf"
 MACHINES = {"m4-f32": "netduinoplus2", "m4-fix": "netduinoplus2", "m3-fix": "netduino2"}
-CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 # By function, and by source file where no function is named; what is inlined from other files, and library functions,
 # belong to their caller. The last stage is what is left.
 STAGES = {

@@ -15,10 +15,10 @@ from scipy.linalg import solve_banded
 
 from kontur.errors import PathError
 from kontur.path import FloatArray
+from kontur.wire import DIFFERENCE_MAX_NM
 
 KNOT_S = 1e-3
 DURATION_MAX_S = 3600.0  # of a path: 3.6 million knots, which bounds memory
-_STEP_MAX_NM = (1 << 23) - 1  # signed 24-bit difference of the knot frame
 _POSITION_MAX_NM = (1 << 31) - 1
 POSITION_RANGE_M = ((-2.147, 2.147), (-2.147, 2.147))  # what 32 bits can count
 
@@ -46,7 +46,7 @@ def to_nm(control_m: FloatArray) -> npt.NDArray[np.int32]:
         raise PathError(
             f"the path goes {np.max(np.abs(control_m)):.3f} m from the origin; the drive counts up to 2.147 m"
         )
-    if np.max(np.abs(np.diff(nm, axis=0)), initial=0.0) > _STEP_MAX_NM:
+    if np.max(np.abs(np.diff(nm, axis=0)), initial=0.0) > DIFFERENCE_MAX_NM:
         raise PathError("the path is faster than 8.3 m/s, which a knot frame cannot carry; lower the feed")
     return nm.astype("<i4")
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur import estimator
+from kontur.device import CONTROLLERS
 from kontur.errors import DeviceError, ParameterError
 from kontur.estimator import Cell
 from kontur.experiment import CASES
@@ -25,7 +26,6 @@ from kontur.machine import Machine
 from kontur.planner import Trajectory, plan
 from kontur.run import Target, connect, limits, run
 
-CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 NUMS = ("f32", "fix")
 
 PAPER_TABLE_2 = {

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from kontur import paper_figures, paper_text
+from kontur.device import CONTROLLERS
 from kontur.errors import FileError
 from kontur.estimator import BINS, LAG_M, PLANNED_SUFFIX, Cell, worst
 from kontur.experiment import CASES
 from kontur.figures import number
 from kontur.paper import (
-    CONTROLLERS,
     FACTORS,
     NOISE,
     NUMS,

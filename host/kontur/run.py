@@ -22,6 +22,7 @@ from kontur import scope as scopes
 from kontur.device import Device, connected, open_bus
 from kontur.errors import DeviceError, EmcyError
 from kontur.faults import Faults
+from kontur.knots import KNOT_S
 from kontur.log import RunLog
 from kontur.machine import Machine
 from kontur.path import Line, Move, Program
@@ -33,16 +34,17 @@ from kontur.stream import StreamResult, stream
 SIMULATED = "kontur"
 FAULTY = "kontur-faults"
 APPROACH_FEED_MPS = 0.02
-SUMMARY = (
-    "mean_um",
-    "rms_um",
-    "max_um",
-    "tangential_mean_um",
-    "energy_J",
-    "force_max_N",
-    "force_step_N",
-    "frames_lost",
-)
+SUMMARY = {
+    "mean_um": "mean µm",
+    "rms_um": "rms µm",
+    "max_um": "max µm",
+    "tangential_mean_um": "along µm",
+    "energy_J": "energy J",
+    "force_max_N": "max N",
+    "force_step_N": "step N",
+    "frames_lost": "lost",
+}
+"""The figures of a run that are printed and kept, with the headings of their columns."""
 
 Floats = NDArray[np.float64]
 
@@ -203,7 +205,7 @@ def run(
         if streamed.fault is not None:
             meta["fault"] = str(streamed.fault)
         if resume:
-            meta["resumed_at_s"] = streamed.passed * wire.KNOT_PERIOD_S
+            meta["resumed_at_s"] = streamed.passed * KNOT_S
         if warnings:
             meta["warnings"] = [emcy.describe_emcy(code) for code in warnings]
         if sim is not None:
@@ -268,7 +270,7 @@ class _PathClock:
             wanted.insert(0, (0, 0.0))  # where it stands it does not start at full rate, as a path does
         horizon = last + round(pathtime.RATE_MAX * stop) + (math.ceil(way / rate) if rate > 0.0 else 0)
         self._periods, path = pathtime.curve(wanted, horizon, stop)
-        path += streamed.passed * wire.KNOT_PERIOD_S * control_hz
+        path += streamed.passed * KNOT_S * control_hz
         self._path, self._way = path, way
         ends = float(np.interp(way, path, self._periods))  # there, or where it stands
         self.periods = round(ends) if path[-1] >= way else last + stop
@@ -297,7 +299,7 @@ class _PathClock:
 def _columns(telemetry: wire.Telemetry, time_s: Floats, trajectory: Trajectory, clock: _PathClock) -> dict[str, Floats]:
     rows = (time_s >= 0.0) & (time_s <= clock.end_s)
     time_s = time_s[rows]
-    knot = clock.path_time(time_s) / wire.KNOT_PERIOD_S
+    knot = clock.path_time(time_s) / KNOT_S
     number = np.arange(len(trajectory.position_m))
     path_s_m = np.interp(knot, number, trajectory.path_s_m)
     columns: dict[str, Floats] = {
@@ -328,7 +330,7 @@ def _score(
 ) -> dict[str, Any]:
     """Score the truth at the control rate; adds its columns and returns what the log's head says of it."""
     time_s = np.arange(len(truth.pos_m)) / clock.control_hz
-    knot = clock.path_time(time_s) / wire.KNOT_PERIOD_S
+    knot = clock.path_time(time_s) / KNOT_S
     path_s_m = np.interp(knot, np.arange(len(trajectory.path_s_m)), trajectory.path_s_m)
     error = scoring.contour_error(trajectory.program, truth.pos_m, path_s_m)
     if from_s > time_s[-1]:

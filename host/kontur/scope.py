@@ -27,7 +27,7 @@ from kontur.files import write_whole
 
 Floats = NDArray[np.float64]
 
-CHANNELS, SAMPLES = 8, 4096
+CHANNELS = 8
 SUFFIXES = (".png", ".svg", ".csv", ".mf4")
 DEFAULT_SIGNALS = ("e_n2", "force_x", "force_y")
 OFF, WAITING, TRIGGERED, DONE = range(4)

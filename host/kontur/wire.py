@@ -18,7 +18,6 @@ from kontur.errors import PathError
 Floats: TypeAlias = NDArray[np.float64]
 
 M_PER_NM = 1e-9
-KNOT_PERIOD_S = 1e-3
 TICK_PERIOD_S = 1e-3
 FORCE_N = 0.1
 GAIN_PER_S = 0.1

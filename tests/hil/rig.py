@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import zlib
 
 import can
@@ -45,14 +44,10 @@ class Rig:
         self.connect(bus)
 
     def connect(self, bus: can.BusABC | None = None, *, heartbeat: bool = True) -> None:
-        """Find the drive on `bus`, or on one that is opened; without a heartbeat of the host, only look on."""
+        """Find the drive on `bus`, or on one that is opened; without a heartbeat, only look on at another host."""
         self.bus = bus or self.drive.open()
         self.link = Link(self.bus, self.drive.node_id)
-        if not heartbeat:
-            self.fall_silent()
         self.device = Device(self.link)
-        if not heartbeat:
-            self.fall_silent()  # again: the clock of a drive that follows SYNC has come, and a heartbeat with it
         self.seen_late = self.drive.truth_m is None and not heartbeat
         if self.seen_late:
             self.note_error()
@@ -60,7 +55,7 @@ class Rig:
 
     def fall_silent(self) -> None:
         """No heartbeat of the host any more."""
-        self.link._next_heartbeat_s = math.inf
+        self.link.rest()
 
     def __enter__(self) -> Rig:
         self.reset()

@@ -5,7 +5,6 @@ All on the simulated drive, through python-can frames.
 """
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterator
 
 import can
@@ -104,7 +103,7 @@ def advance(sender: _Sender, duration_s: float) -> None:
 
 def fall_silent(sender: _Sender) -> None:
     """No heartbeat any more; knots go on."""
-    sender.device.link._next_heartbeat_s = math.inf
+    sender.device.link.rest()
     with pytest.raises(EmcyError, match="8130h"):
         advance(sender, 1.0)
 
@@ -196,7 +195,6 @@ def test_drive_is_enabled_again_after_the_host_was_silent(device: Device) -> Non
     fall_silent(sender)
     device.link.wait(lambda: False, 0.2)
     assert device.info().error_code == (0x8130, 0x8130)
-    device.link._next_heartbeat_s = device.link.time_s
     device.enable()
     assert device.info().error_code == (0, 0)
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Feed hold, feed override and going on after a fault, as the host asks for them, on the simulated drive."""
 
-import math
 import os
 import signal
 from collections.abc import Iterator
@@ -70,12 +69,11 @@ def fall_silent(device: Device) -> EmcyError:
 
     def silence(share: float) -> None:
         if share > 0.75:
-            device.link._next_heartbeat_s = math.inf
+            device.link.rest()
 
     with pytest.raises(EmcyError, match="8130h") as caught:
         stream(device, CIRCLE.knots_nm, progress=silence)
     device.link.wait(lambda: device.states() == ("fault", "fault"), 1.0)
-    device.link._next_heartbeat_s = device.link.time_s
     device.enable()
     return caught.value
 

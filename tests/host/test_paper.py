@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from kontur import machine, paper, paper_page
 from kontur.cli import main
+from kontur.device import CONTROLLERS
 from kontur.errors import FileError
 from kontur.paper import NOISE, Job, Outcome, Results, Variant
 from kontur.run import Target
@@ -54,7 +55,7 @@ def test_page_has_the_tables_and_all_its_pictures(page: str, tmp_path: Path) -> 
 
 
 def test_the_compensator_does_what_the_paper_says_and_the_printed_model_undoes_it(results: Results) -> None:
-    mean_um = {name: results.outcomes[Job("low", name)].figures["mean_um"] for name in paper.CONTROLLERS}
+    mean_um = {name: results.outcomes[Job("low", name)].figures["mean_um"] for name in CONTROLLERS}
     assert mean_um["ccu"] < 0.1 * mean_um["cc"]
     assert results.outcomes[Job("low", "ccu", WHOLE.parameters)].figures["mean_um"] > mean_um["cc"]
 

@@ -46,7 +46,7 @@ def fall_silent(target: Target) -> None:
 
         def silence(share: float) -> None:
             if share > 0.9:
-                device.link._next_heartbeat_s = math.inf
+                device.link.rest()
 
         device.enable()
         with pytest.raises(EmcyError, match="8130h"):

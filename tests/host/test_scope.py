@@ -167,7 +167,7 @@ def test_fault_leaves_the_500_ms_before_it_without_being_asked(bus: KonturBus, d
     sender = start(device)
     device.controlwords(RUN_PATH, RUN_PATH)
     advance(sender, 0.7)
-    device.link._next_heartbeat_s = np.inf  # fall silent
+    device.link.rest()  # fall silent
     with pytest.raises(EmcyError, match="8130h"):
         advance(sender, 1.0)
     capture = scope.held(device)

@@ -13,17 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 from kontur.emcy import describe_emcy
+from kontur.run import SUMMARY
 
-_HEADINGS = {
-    "mean_um": "mean µm",
-    "rms_um": "rms µm",
-    "max_um": "max µm",
-    "tangential_mean_um": "along µm",
-    "energy_J": "energy J",
-    "force_max_N": "max N",
-    "force_step_N": "step N",
-    "frames_lost": "lost",
-}
 _PIPED_WIDTH = 200
 
 
@@ -32,7 +23,7 @@ def print_json(value: Any) -> None:
     click.echo(json.dumps(value, indent=2))
 
 
-def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Mapping[str, str] = _HEADINGS) -> None:
+def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Mapping[str, str] = SUMMARY) -> None:
     """A table on stdout; keys of the rows are its columns, numbers have four digits."""
     table = Table(title=title or None, title_justify="left", title_style="bold")
     for key in rows[0]:
