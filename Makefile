@@ -58,6 +58,7 @@ COVERAGE := -O0 --coverage
 COVERAGE_PROGRAMS := $(patsubst %,build/coverage/f32/test_%,$(filter-out fuzz,$(TESTS))) $(NUM_TESTS:%=build/coverage/fix/test_%)
 BUILD_ID := $(shell git describe --always --dirty 2>/dev/null || echo unknown)
 VERSION  := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
+HEADERS  := $(wildcard firmware/*/*.h firmware/port/*/*.h sim/*.h)
 objects   = $(patsubst %.c,$(1)/$(2)/%.o,$(SOURCES) $($(2)_SOURCES))  # folder, back end
 
 export MPLBACKEND := Agg
@@ -95,8 +96,8 @@ test-hil: setup lib $(if $(filter vcan,$(HIL)),build/uml.stamp) $(if $(filter qe
 	  $$vcan $(PY) -m pytest tests/hil --target $$target $(if $(NO_MOTION),--no-motion) || exit 1; done
 
 lint: setup lib build/debian.stamp $(GENERATED)  ## ruff, mypy --strict; clang-tidy, gcc -fanalyzer, cppcheck with MISRA C:2012
-	$(VENV)/bin/ruff check host tests firmware
-	$(VENV)/bin/ruff format --check host tests firmware
+	$(VENV)/bin/ruff check host tests firmware examples
+	$(VENV)/bin/ruff format --check host tests firmware examples
 	$(VENV)/bin/mypy host/kontur
 	$(Q)$(MAKE) --no-print-directory -j$(shell nproc) lint-c
 
@@ -122,14 +123,7 @@ build/debian.stamp:
 	command -v $(CC) >/dev/null || missing="$$missing gcc"; \
 	echo '#include <stdint.h>' | $(CC) -E - >/dev/null 2>&1 || missing="$$missing libc6-dev"; \
 	$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || missing="$$missing python3 python3-venv"; \
-	if [ -n "$$missing" ]; then \
-	  if [ "$$(id -u)" = 0 ]; then root=; elif sudo -n true 2>/dev/null; then root="sudo -n"; else root=no; fi; \
-	  if [ "$$root" = no ] || ! command -v apt-get >/dev/null; then \
-	    echo "make: these Debian packages are missing:$$missing"; \
-	    echo "make: install them, e.g. with: sudo apt-get install$$missing"; exit 1; fi; \
-	  echo "Installing Debian packages:$$missing"; \
-	  $$root apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$root apt-get install -y -qq --no-install-recommends $$missing || exit 1; \
-	fi; \
+	if [ -n "$$missing" ]; then $(call install,$$missing); fi; \
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "make: Python 3.10 or newer is needed; name it with PYTHON=..."; exit 1; }; \
 	touch $@
 
@@ -140,15 +134,18 @@ $(VENV)/stamp: requirements.lock pyproject.toml | build/debian.stamp
 	$(Q)$(PY) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-# Install Debian packages unless a command is there: $(call debian,command,packages)
-define debian
-	mkdir -p build; if ! command -v $(1) >/dev/null; then \
+# Install Debian packages: $(call install,packages); one recipe at a time, whatever -j says.
+define install
+{ exec 9>build/apt.lock; flock 9; \
 	  if [ "$$(id -u)" = 0 ]; then root=; elif sudo -n true 2>/dev/null; then root="sudo -n"; else root=no; fi; \
 	  if [ "$$root" = no ] || ! command -v apt-get >/dev/null; then \
-	    echo "make: $(1) is missing: install it, e.g. with: sudo apt-get install $(2)"; exit 1; fi; \
-	  echo "Installing Debian packages: $(2)"; \
-	  $$root apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$root apt-get install -y -qq --no-install-recommends $(2) || exit 1; \
-	fi; touch $@
+	    echo "make: Debian packages are missing; install them, e.g. with: sudo apt-get install" $(1); exit 1; fi; \
+	  echo "Installing Debian packages:" $(1); \
+	  $$root apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$root apt-get install -y -qq --no-install-recommends $(1) || exit 1; }
+endef
+# The same unless a command is there: $(call debian,command,packages)
+define debian
+	mkdir -p build; if ! command -v $(1) >/dev/null; then $(call install,$(2)); fi; touch $@
 endef
 
 # --- library ----------------------------------------------------------------------------------------------------------
@@ -166,6 +163,7 @@ build/gen/fault_gen.c: firmware/drive/faults.toml firmware/drive/generate_faults
 
 # Made by the same commands; without this rule make would not see in the same run that it has changed.
 $(GENERATED:.c=.h): %.h: %.c ;
+build/gen/fault_rows.h: build/gen/fault_gen.c ;
 
 # The build id is compiled into one file, again when it has changed.
 build/build_id: FORCE
@@ -313,14 +311,17 @@ TARGET_TESTS := $(foreach t,$(filter-out $(NOT_TARGET),$(TESTS)),m4-f32/test_$(t
 target_objects = $(patsubst %.c,build/target/$(1)/%.o,$(FIRMWARE) sim/flash.c sim/plant.c tests/golden/golden.c tests/target/rig.c)
 TARGET_INCLUDE := $(INCLUDE) $(TEST_INCLUDE) -Itests/target -Ibuild/target
 
-build/target/part_knots.h: tests/target/part_knots.py examples/part.ngc $(wildcard host/kontur/*.py) | $(VENV)/stamp
-	@mkdir -p $(@D); echo "  GEN $@"
-	$(Q)$(PY) tests/target/part_knots.py examples/part.ngc >$@
+# Made again when the host's planner may have changed; what includes it is compiled again only when the knots are others.
+build/target/part_knots.stamp: tests/target/part_knots.py examples/part.ngc $(wildcard host/kontur/*.py) | $(VENV)/stamp
+	@mkdir -p $(@D); echo "  GEN build/target/part_knots.h"
+	$(Q)$(PY) tests/target/part_knots.py examples/part.ngc >$(@:.stamp=.new)
+	@cmp -s $(@:.stamp=.new) $(@:.stamp=.h) || cp $(@:.stamp=.new) $(@:.stamp=.h); touch $@
+build/target/part_knots.h: build/target/part_knots.stamp ;
 
 define on_target
 $(TICK_SOURCES:%.c=build/target/$(1)/%.o): CFLAGS += $(TICK_FLAGS)
 
-build/target/$(1)/%.o: %.c build/target/part_knots.h | build/arm.stamp $(GENERATED)
+build/target/$(1)/%.o: %.c | build/target/part_knots.h build/arm.stamp $(GENERATED)
 	@mkdir -p $$(@D); echo "  ARM $$< ($(1))"
 	$(Q)$(ARM)gcc $($(call cpu,$(1))_CPU) $$(CFLAGS) $($(call back_end_of,$(1))_FLAGS) -ffunction-sections -fdata-sections $$(TARGET_INCLUDE) -MMD -MP -c $$< -o $$@
 
@@ -348,7 +349,8 @@ TARGET_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -T tests/targe
 $(foreach n,$(TARGETS),$(eval $(call on_target,$(n))))
 
 # The closed loop of the target on the host, to compare with
-$(foreach n,f32 fix,build/target/host-$(n)/hash): build/target/host-%/hash: build/target/part_knots.h $(GENERATED) tests/target/hash.c tests/target/rig.c $(FIRMWARE)
+$(foreach n,f32 fix,build/target/host-$(n)/hash): build/target/host-%/hash: build/target/part_knots.h $(GENERATED) tests/target/hash.c tests/target/rig.c $(FIRMWARE) \
+		$(HEADERS) $(wildcard tests/target/*.h)
 	@mkdir -p $(@D); echo "  CC  tests/target/hash.c ($*)"
 	$(Q)$(CC) $(CFLAGS) $($*_FLAGS) $($*_HOST) $(TARGET_INCLUDE) $(filter %.c,$^) -lm -o $@
 
@@ -387,13 +389,12 @@ cost: cost-programs  ## write down what the firmware costs: tests/target/cost.js
 LINT_SOURCES := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c firmware/port/*.c firmware/port/linux/*.c $(PORT)/*.c)
 LINT_FLAGS := -std=c11 -D_GNU_SOURCE $(INCLUDE) -I$(PORT) -DBOARD_HEADER='"board_kontur.h"' -DCONTROL_HZ=10000u \
 	-DKONTUR_BUILD_ID='""' -DKONTUR_VERSION='""'
-LINT_AGAIN := $(wildcard firmware/*/*.h firmware/port/*/*.h sim/*.h)
 CPPCHECK := $(VENV)/bin/cppcheck -q --error-exitcode=1 --std=c11 -D__GNUC__ \
 	--enable=warning,style,performance,portability --suppressions-list=firmware/deviations.txt --suppress=missingIncludeSystem \
 	--template='{file}:{line}: {id}: {message}' $(filter-out -std=c11,$(LINT_FLAGS))
 build/lint/firmware/port/linux/machine_file.ok: ANALYZER_FLAGS := -Wno-analyzer-file-leak -Wno-analyzer-malloc-leak
 
-build/lint/%.ok: %.c $(LINT_AGAIN) .clang-tidy | $(GENERATED)
+build/lint/%.ok: %.c $(HEADERS) .clang-tidy | $(GENERATED)
 	@mkdir -p $(@D); echo "  LINT $<"
 	$(Q)$(CC) $(CFLAGS) -fanalyzer $(ANALYZER_FLAGS) $(LINT_FLAGS) -c $< -o /dev/null
 	$(Q)$(VENV)/bin/clang-tidy --quiet $< -- $(LINT_FLAGS) 2>$@.log || { cat $@.log; exit 1; }
@@ -402,13 +403,13 @@ build/lint/%.ok: %.c $(LINT_AGAIN) .clang-tidy | $(GENERATED)
 # MISRA's rules for each back end; num_f32.c is the one file that belongs to one of them.
 MISRA_SOURCES := $(filter-out firmware/port/linux/%,$(LINT_SOURCES))
 fix_NOT_MISRA := firmware/core/num_f32.c
-build/lint/misra-%.ok: $(LINT_SOURCES) $(LINT_AGAIN) firmware/deviations.txt | $(GENERATED)
+build/lint/misra-%.ok: $(LINT_SOURCES) $(HEADERS) firmware/deviations.txt | $(GENERATED)
 	@mkdir -p build/lint/cppcheck-$*; echo "  MISRA firmware ($*)"
 	$(Q)$(CPPCHECK) --cppcheck-build-dir=build/lint/cppcheck-$* -D__arm__ $($*_FLAGS) --addon=misra --suppress='*:build/gen/*' \
 	  $(filter-out $($*_NOT_MISRA),$(MISRA_SOURCES))
 	@touch $@
 
-build/lint/linux.ok: $(LINT_SOURCES) $(LINT_AGAIN) firmware/deviations.txt | $(GENERATED)
+build/lint/linux.ok: $(LINT_SOURCES) $(HEADERS) firmware/deviations.txt | $(GENERATED)
 	@mkdir -p build/lint/cppcheck-linux; echo "  CPPCHECK firmware/port/linux"
 	$(Q)$(CPPCHECK) --cppcheck-build-dir=build/lint/cppcheck-linux $(filter firmware/port/linux/%,$(LINT_SOURCES))
 	@touch $@
@@ -484,7 +485,7 @@ build/unity/src/unity.c: tests/unit/unity.lock | $(VENV)/stamp
 
 # As a program without sanitizers, which has some minutes' work as it is
 build/power_cut: tests/unit/test_power_cut.c build/coverage/unity.o $(call objects,build/lib,f32)
-	$(Q)$(CC) $(CFLAGS) $(INCLUDE) $(TEST_INCLUDE) $(UNITY) $^ -lm -o $@
+	$(Q)$(CC) $(CFLAGS) $(INCLUDE) $(TEST_INCLUDE) $(UNITY) -MMD -MP -MF $@.d $(filter %.c %.o,$^) -lm -o $@
 
 power-cut: build/power_cut  ## the parameter store: power cut in every pair of operations (some minutes); make test has a part
 	POWER_CUT=all build/power_cut
@@ -499,4 +500,5 @@ TEST_DEPENDENCIES := $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build
 	$(CHIP_SOURCES:%.c=build/unit/f32/%.d) build/unit/f32/tests/golden/golden.d build/unit/fix/tests/golden/golden.d $(TEST_PROGRAMS:%=%.d)
 -include $(LINUX:%.o=%.d) $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)))) $(IMAGE_OBJECTS:%.o=%.d) \
 	$(TEST_DEPENDENCIES) $(TEST_DEPENDENCIES:build/unit/%=build/coverage/%) \
-	$(foreach n,$(TARGETS),$(patsubst %.o,%.d,$(call target_objects,$(n)))) $(TARGET_TESTS:%=build/target/%.elf.d)
+	$(foreach n,$(TARGETS),$(patsubst %.o,%.d,$(call target_objects,$(n)))) $(TARGET_TESTS:%=build/target/%.elf.d) \
+	$(foreach p,hash bench_step bench_scope,$(TARGETS:%=build/target/%/$(p).elf.d)) build/power_cut.d
