@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The control loop of `firmware/core` once more, in NumPy double precision, written from the equations.
 
-Why: a control law in float32 (later in fixed point) needs something to be compared with that shares nothing with it.
+Why: a control law in float32 or fixed point needs something to be compared with that shares nothing with it.
 This file is written from the paper's equations in the form in which the paper has them: angles, rotation matrices,
 Q = R S R^T and its derivatives by the product rule, B-spline basis polynomials, exp() in (11), C1...C6 in (30). The
 firmware uses none of these forms (it has tangents, scalars f and g, differences of knots, doubling formulas, the
@@ -59,7 +59,10 @@ def _pair(x: float, y: float) -> Array:
 
 @dataclass(frozen=True)
 class Params:
-    """Everything the loop needs, SI. The defaults are Table 1 and the firmware's own choices where it is silent."""
+    """Everything the loop needs, SI. The defaults are Table 1 and, where it is silent, values to compare with.
+
+    Most of those are the drive's defaults (firmware/canopen/objects.toml), but not all.
+    """
 
     dt_s: float = 1e-4
     # nominal plant (1)

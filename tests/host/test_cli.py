@@ -137,6 +137,10 @@ def test_parameters_go_to_a_file_and_back(tmp_path: Path) -> None:
 
 def test_parameter_is_told_with_its_unit() -> None:
     assert succeeds("param", "get", "plant_x.mass") == "plant_x.mass = 88.08 kg\n"
+    assert json.loads(succeeds("param", "get", "plant_x.mass", "asmc.gamma", "--json")) == [
+        {"name": "plant_x.mass", "value": 88.08, "unit": "kg"},
+        {"name": "asmc.gamma", "value": 1.2, "unit": "1/s"},
+    ]
 
 
 PART = "G21 G90 G1 X10 F600\nG1 Y10\n"

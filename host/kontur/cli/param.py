@@ -48,13 +48,17 @@ def list_command(*, target: Target, as_json: bool) -> None:
 
 @command.command(name="get")
 @click.argument("names", nargs=-1, required=True)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
-def get_command(*, target: Target, names: tuple[str, ...]) -> None:
+def get_command(*, target: Target, names: tuple[str, ...], as_json: bool) -> None:
     """Read parameters, or any other object, by name."""
     with drive_of(target) as device:
-        for name in names:
-            unit = device.unit(name)
-            click.echo(f"{name} = {device.read(name)}{f' {unit}' if unit else ''}")
+        rows = [{"name": name, "value": device.read(name), "unit": device.unit(name)} for name in names]
+    if as_json:
+        print_json(rows)
+        return
+    for row in rows:
+        click.echo("{name} = {value} {unit}".format(**row).rstrip())
 
 
 @command.command(name="set")
