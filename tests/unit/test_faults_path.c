@@ -110,7 +110,7 @@ static void test_last_knot_at_speed_stops_on_the_path(void)
     rig_ms(&rig, 400);
     rig.emcy_count = 0;
     rig_feed(&rig, &stream, 750);
-    expect_reaction(ROW_KNOT_ACCELERATION, 0);
+    expect_reaction(ROW_KNOT_ACCELERATION);
     TEST_ASSERT_EQUAL_UINT32(749, rig_read(&rig, 0x2200, 7));
 }
 
