@@ -45,6 +45,8 @@ def ended(channel: str) -> bool:
             socket.create_connection((host, int(port)), TIMEOUT_S).close()
         except ConnectionRefusedError:
             return True
+        except ConnectionResetError:  # it ends just now
+            pass
         time.sleep(0.01)
     return False
 
