@@ -177,7 +177,8 @@ def docs(faults: list[Fault]) -> str:
         "into fault, of 603Fh, "
         "which keeps the first one of several. A fault is latched until fault reset (controlword bit 7 of each axis) "
         "or NMT *reset node*, and comes back at once while its cause lasts. "
-        "Warnings and refusals stop nothing: EMCY, statusword bit 7 of both axes while they last. *Capture*: the scope in the drive keeps what was before and after it "
+        "Warnings and refusals stop nothing: EMCY, statusword bit 7 of both axes while they last. "
+        "*Capture*: the scope in the drive keeps what was before and after it "
         "([scope.md](scope.md)).",
         "",
         "- **disable**: power off now, in the servo tick that sees it.",
