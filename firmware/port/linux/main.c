@@ -22,7 +22,7 @@
 #include "pace.h"
 #include "say.h"
 
-enum { SLICE_HZ = 1000, FRAMES_A_TURN = 256 };
+enum { SLICE_HZ = 1000, FRAMES_A_TURN = 256, NS_PER_MS = 1000000 };
 
 static const char usage[] =
     "usage: kontur-sim --machine FILE (--can INTERFACE | --slcan-tcp [HOST:]PORT | --slcan-pty)\n"
@@ -236,8 +236,9 @@ static void run(struct sim *s, int signals)
         if (s->sync || pace_wire_free(&s->pace, s->lib.ks_tick(s->ks))) {
             frames = take_frames(s);
         } else if (frames && !more) {
-            const struct timespec a_little = {.tv_nsec = 50000};
-            (void)nanosleep(&a_little, NULL);
+            const uint64_t ns = pace_wire_ns(&s->pace, now_ns());
+            const struct timespec until_free = {.tv_nsec = ns < NS_PER_MS ? (long)ns : NS_PER_MS};
+            (void)nanosleep(&until_free, NULL);
         }
     }
     close(timer);

@@ -39,6 +39,13 @@ bool pace_wire_free(const struct pace *pace, uint64_t tick)
     return tick >= pace->wire_free;
 }
 
+uint64_t pace_wire_ns(const struct pace *pace, uint64_t now_ns)
+{
+    const uint64_t rest_ns = (pace->wire_free % pace->hz * NS_PER_S + pace->hz - 1u) / pace->hz;
+    const uint64_t free_ns = pace->start_ns + pace->wire_free / pace->hz * NS_PER_S + rest_ns;
+    return free_ns > now_ns ? free_ns - now_ns : 0;
+}
+
 uint32_t pace_sync(struct pace *pace, uint32_t us)
 {
     const uint64_t passed = (uint64_t)us * pace->hz + pace->rest;

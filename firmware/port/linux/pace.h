@@ -26,6 +26,8 @@ uint32_t pace_due(struct pace *pace, uint64_t now_ns, uint64_t tick);
 /* A frame to the device or from it at `tick`; whether another one can have come by `tick`. */
 void pace_frame(struct pace *pace, uint64_t tick);
 bool pace_wire_free(const struct pace *pace, uint64_t tick);
+/* Nanoseconds from `now_ns` until it can have. */
+uint64_t pace_wire_ns(const struct pace *pace, uint64_t now_ns);
 /* Periods in the next `us` microseconds; what is left of a period is carried over to the next call. */
 uint32_t pace_sync(struct pace *pace, uint32_t us);
 #endif
