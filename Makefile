@@ -379,7 +379,8 @@ build/target/%/cost_scope.json: build/target/%/bench_scope.elf build/qemu.stamp
 
 # The image's figures are those of the default board at 10 kHz.
 cost-programs: setup firmware $(TARGETS:%=build/target/%/bench_step.elf) build/target/m4-f32/bench_port.elf build/target/libstages.so
-build/target/m4-f32/bench_port.elf: $(patsubst %,build/target/m4-f32/$(PORT)/%.o,cpu encoder inputs output pins)
+DRIVERS  := $(patsubst %,build/target/m4-f32/$(PORT)/%.o,cpu encoder inputs output pins)
+build/target/m4-f32/bench_port.elf: $(DRIVERS)
 
 cost: cost-programs  ## write down what the firmware costs: tests/target/cost.json, docs/performance.md
 	$(KONTUR) bench step --write
@@ -501,4 +502,5 @@ TEST_DEPENDENCIES := $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build
 -include $(LINUX:%.o=%.d) $(foreach n,$(NUMS),$(patsubst %.o,%.d,$(call objects,build/lib,$(n)))) $(IMAGE_OBJECTS:%.o=%.d) \
 	$(TEST_DEPENDENCIES) $(TEST_DEPENDENCIES:build/unit/%=build/coverage/%) \
 	$(foreach n,$(TARGETS),$(patsubst %.o,%.d,$(call target_objects,$(n)))) $(TARGET_TESTS:%=build/target/%.elf.d) \
-	$(foreach p,hash bench_step bench_scope,$(TARGETS:%=build/target/%/$(p).elf.d)) build/power_cut.d
+	$(foreach p,hash bench_step bench_scope,$(TARGETS:%=build/target/%/$(p).elf.d)) \
+	build/target/m4-f32/bench_port.elf.d $(DRIVERS:.o=.d) build/power_cut.d
