@@ -60,7 +60,7 @@ def test_page_has_every_table_and_the_baseline_every_figure() -> None:
     baseline = json.loads(bench_step.BASELINE.read_text())
     for target in bench_step.MACHINES:
         assert set(baseline[target]) == set(CONTROLLERS)
-    assert set(baseline["image"]) == {"size", "stack"}
+    assert set(baseline["image"]) == {"size", "stack", "drivers"}
 
 
 # --- stack ---
