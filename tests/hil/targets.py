@@ -58,17 +58,25 @@ class Drive:
 class Target(ABC):
     """`outlives_host`: the drive is no part of the host's process, which may be killed.
 
-    `watched`: its motion is known for when no host listens, too.
+    `watched`: its motion is known for when no host listens, too. `holds_clock`: it streams by the wall clock, whatever
+    machine it runs on.
     """
 
     outlives_host = True
     watched = True
+    holds_clock = True
     simulated = True
 
     @abstractmethod
     def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> AbstractContextManager[Drive]:
         """A drive; where simulated, a new one that moves `plant`. Its time passes with the host's frames where the
         target can do that, and by the wall clock with `pace` clock."""
+
+
+def needs_clock(target: Target) -> None:
+    """Skip a test that streams by the wall clock where the target may be too slow for it."""
+    if not target.holds_clock:
+        pytest.skip("an emulator does not keep up with the wall clock on every machine: the other targets run this")
 
 
 class InProcess(Target):
@@ -134,6 +142,7 @@ class Image(Target):
     """The STM32F405 image in QEMU, slcan on its serial line. It moves the machine that it simulates by itself."""
 
     watched = False
+    holds_clock = False  # an emulator is as fast as the machine that it runs on
 
     @contextmanager
     def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> Iterator[Drive]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import cantools
 import pytest
 from rig import Rig
-from targets import Target
+from targets import Target, needs_clock
 
 from kontur import wire
 
@@ -23,6 +23,7 @@ _EXAMPLE_S, _LISTEN_S = 180.0, 10.0
 def test_python_canopen_alone_drives_circles_by_records_and_by_knots(target: Target) -> None:
     if not target.simulated:
         pytest.skip("needs more room than the 2 mm of this suite: run examples/canopen_only.py by hand")
+    needs_clock(target)
     with target.power_on(pace="clock") as drive:
         interface = {"kontur-slcan": "slcan"}.get(drive.bus_options["interface"], drive.bus_options["interface"])
         bus = ["-i", interface, "-c", str(drive.bus_options["channel"])]

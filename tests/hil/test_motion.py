@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rig import Rig, checksum
-from targets import Target
+from targets import Target, needs_clock
 
 from kontur.device import BIT_PATH_RUNS, ENABLE, RUN_PATH
 from kontur.errors import KonturError
@@ -120,8 +120,9 @@ class StallingHost:
         self._seen_s = time.monotonic()
 
 
-def test_host_that_stalls_for_200_ms_is_not_noticed(clock_rig: Rig) -> None:
+def test_host_that_stalls_for_200_ms_is_not_noticed(target: Target, clock_rig: Rig) -> None:
     """A host that its machine has kept from running for long besides shows nothing, and tries again."""
+    needs_clock(target)
     knots_nm = clock_rig.circle(8.0)
     for attempt in range(3):
         clock_rig.device.enable()
