@@ -143,9 +143,10 @@ define install
 	  echo "Installing Debian packages:" $(1); \
 	  $$root apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$root apt-get install -y -qq --no-install-recommends $(1) || exit 1; }
 endef
-# The same unless a command is there: $(call debian,command,packages)
+# The same unless a trial of what is needed succeeds, and it has to succeed afterwards: $(call debian,trial,packages)
 define debian
-	mkdir -p build; if ! command -v $(1) >/dev/null; then $(call install,$(2)); fi; touch $@
+	mkdir -p build; try() { $(1); } >build/debian.log 2>&1; try || { $(call install,$(2)); try || { cat build/debian.log; \
+	  echo "make: fails with these Debian packages installed: $(2)"; exit 1; }; }; touch $@
 endef
 
 # --- library ----------------------------------------------------------------------------------------------------------
@@ -254,17 +255,17 @@ flash-dfu: firmware build/dfu-util.stamp  ## write it to a board by USB in its b
 
 # The Debian packages of these targets
 build/arm.stamp: $(VENV)/stamp
-	$(Q)$(call debian,$(ARM)gcc,gcc-arm-none-eabi libnewlib-arm-none-eabi)
+	$(Q)$(call debian,echo '#include <string.h>' | $(ARM)gcc -E -,gcc-arm-none-eabi libnewlib-arm-none-eabi)
 build/openocd.stamp:
-	$(Q)$(call debian,openocd,openocd)
+	$(Q)$(call debian,command -v openocd,openocd)
 build/dfu-util.stamp:
-	$(Q)$(call debian,dfu-util,dfu-util)
+	$(Q)$(call debian,command -v dfu-util,dfu-util)
 # Where this kernel has no vcan, User-Mode Linux has.
 build/uml.stamp: $(VENV)/stamp
 	$(Q)if $(PY) tests/hil/vcan.py --here; then mkdir -p build; touch $@; \
-	else $(call debian,linux.uml,user-mode-linux kmod iproute2); fi
+	else $(call debian,command -v linux.uml && command -v kmod && command -v ip,user-mode-linux kmod iproute2); fi
 build/qemu.stamp:
-	$(Q)$(call debian,qemu-system-arm,qemu-system-arm)
+	$(Q)$(call debian,command -v qemu-system-arm,qemu-system-arm)
 
 # Made before the call graphs were, an object has none.
 $(VARIANT)/flags: FORCE
@@ -434,8 +435,9 @@ FUZZ_FLAGS = $(CFLAGS) $(f32_HOST) -Itests/fuzz $(INCLUDE) -Itests/unit -DKONTUR
 	-fsanitize=fuzzer-no-link -fno-sanitize-coverage=trace-cmp,indirect-calls -Wno-unknown-attributes
 FUZZ_SOURCES := $(SOURCES) firmware/port/slcan.c
 
+# Its runtime library is a package of its own, which a machine with clang may lack.
 build/clang.stamp:
-	$(Q)$(call debian,clang,clang)
+	$(Q)$(call debian,echo 'int LLVMFuzzerTestOneInput(void) { return 0; }' | clang -fsanitize=fuzzer -fsanitize=address -x c - -o /dev/null,clang libclang-rt-dev)
 
 define fuzzers
 build/fuzz/$(1)/%.o: %.c | build/clang.stamp $(GENERATED)
