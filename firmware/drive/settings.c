@@ -8,15 +8,20 @@
 
 enum { ALL = STORE_COMMUNICATION | STORE_APPLICATION | STORE_NODE };
 
+static void load(struct settings *s, unsigned area)
+{
+    const bool whole = store_load(&s->store, s->od, area);
+    s->unfit = (s->unfit & ~area) | (whole ? 0u : area);
+}
+
 static void reset_application(struct settings *s, uint8_t node_id)
 {
     od_restore(s->od, node_id, 0x2000, 0xFFFF);
     s->od->node.id = s->node_id;
-    (void)store_load(&s->store, s->od, STORE_NODE);
-    const bool whole = store_load(&s->store, s->od, STORE_APPLICATION);
-    const bool fit = params_fit(s->od);
-    s->unfit = !whole || !fit;
-    if (!fit) {
+    load(s, STORE_NODE);
+    load(s, STORE_APPLICATION);
+    if (!params_fit(s->od)) {
+        s->unfit |= STORE_APPLICATION;
         const struct od_node kept = s->od->node;
         od_restore(s->od, node_id, 0x2000, 0xFFFF);
         s->od->node = kept;
@@ -30,7 +35,7 @@ uint8_t settings_reset(struct settings *s, bool communication_only)
     }
     const uint8_t node_id = s->od->node.id;
     od_restore(s->od, node_id, 0x1000, 0x1FFF);
-    (void)store_load(&s->store, s->od, STORE_COMMUNICATION);
+    load(s, STORE_COMMUNICATION);
     return node_id;
 }
 
@@ -44,13 +49,13 @@ uint8_t settings_init(struct settings *s, struct od_data *od, const struct hal *
 
 bool settings_lost(const struct settings *s)
 {
-    return s->store.damaged || s->unfit;
+    return s->store.damaged || s->unfit != 0;
 }
 
 static bool write(struct settings *s, uint8_t node_id, unsigned take, unsigned keep)
 {
     const bool ok = store_write(&s->store, s->od, node_id, take, keep);
-    s->unfit = s->unfit && !(ok && (keep & STORE_APPLICATION) == 0);
+    s->unfit &= ok ? keep : ALL;
     s->od->store_writes = s->store.sequence;
     return ok;
 }

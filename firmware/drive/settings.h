@@ -11,14 +11,15 @@ struct settings {
     struct od_data *od;
     const struct hal *hal;
     uint8_t node_id; /* where nothing is stored */
-    bool unfit;      /* stored parameters are out of range, and at their defaults, or do not fit together: all are */
+    unsigned unfit;  /* STORE_ areas with stored values out of range, and at their defaults; or that do not fit together:
+                      * all are */
 };
 
 /* od is set to what the drive starts with; returns the node id, 1..31 or OD_UNCONFIGURED. */
 uint8_t settings_init(struct settings *s, struct od_data *od, const struct hal *hal, uint8_t node_id);
 /* The same for a reset, of the communication objects only or of all; 2001h decides on the node id. */
 uint8_t settings_reset(struct settings *s, bool communication_only);
-/* The flash held parameters that could not be used, and still does: they have been neither saved nor restored since. */
+/* The flash holds what could not be used: it has been neither saved nor restored since. */
 bool settings_lost(const struct settings *s);
 /* An SDO wants to write 1010h, 1011h or 2001h: do it, or tell why not. node_id: the one in use. */
 uint32_t settings_command(struct settings *s, const struct od_entry *entry, int64_t value, uint8_t node_id);

@@ -553,6 +553,32 @@ static void test_stored_parameter_out_of_range_is_told_and_the_others_are_used(v
     TEST_ASSERT_EQUAL_INT32(-1234, rig.app.od.axis[1].position_limit.min);
 }
 
+/* ... of the node and of communication, too, until what is out of range is replaced. */
+static void test_stored_place_on_the_bus_out_of_range_is_told_until_it_is_replaced(void)
+{
+    enum { ID, BIT_RATE, COMMUNICATION, CASES };
+    for (unsigned i = 0; i < CASES; i++) {
+        setUp();
+        if (i == ID) {
+            rig.app.od.node.id = 99;
+        } else if (i == BIT_RATE) {
+            rig.app.od.node.bitrate = 2000;
+        } else {
+            rig.app.od.error_behaviour.communication = 9;
+        }
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
+        power_on();
+        expect_warning(true);
+        TEST_ASSERT_EQUAL_UINT(1, node_id());
+        TEST_ASSERT_EQUAL_UINT(od_defaults.node.bitrate, rig.app.od.node.bitrate);
+        TEST_ASSERT_EQUAL_UINT(od_defaults.error_behaviour.communication, rig.app.od.error_behaviour.communication);
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, i == COMMUNICATION ? 3 : 2, 4, SAVE));
+        expect_warning(true);
+        store_the_rest(i == COMMUNICATION ? 1 : 2);
+        expect_warning(false);
+    }
+}
+
 /* 2035h: what the description makes of its wear is counted, too */
 static void test_sets_written_are_counted_over_power_off_and_every_way_of_writing(void)
 {
@@ -608,6 +634,7 @@ int main(void)
     RUN_TEST(test_warning_of_stored_parameters_that_do_not_fit_stays_until_they_are_replaced);
     RUN_TEST(test_warning_of_the_store_ends_when_the_parameters_are_saved_or_restored_and_not_before);
     RUN_TEST(test_stored_parameter_out_of_range_is_told_and_the_others_are_used);
+    RUN_TEST(test_stored_place_on_the_bus_out_of_range_is_told_until_it_is_replaced);
     RUN_TEST(test_sets_written_are_counted_over_power_off_and_every_way_of_writing);
     return UNITY_END();
 }
