@@ -58,8 +58,8 @@ class Drive:
 class Target(ABC):
     """`outlives_host`: the drive is no part of the host's process, which may be killed.
 
-    `watched`: its motion is known for when no host listens, too. `holds_clock`: it streams by the wall clock, whatever
-    machine it runs on.
+    `watched`: its motion is known for when no host listens, too. `holds_clock`: it keeps up with the wall clock,
+    whatever machine it runs on.
     """
 
     outlives_host = True
@@ -74,7 +74,7 @@ class Target(ABC):
 
 
 def needs_clock(target: Target) -> None:
-    """Skip a test that streams by the wall clock where the target may be too slow for it."""
+    """Skip a test that measures by the wall clock where the target may be too slow for it."""
     if not target.holds_clock:
         pytest.skip("an emulator does not keep up with the wall clock on every machine: the other targets run this")
 
