@@ -75,7 +75,7 @@ def test_unknown_code_is_told_as_such() -> None:
         ("emcy = 0x8400", "emcy = 0x8611", "8611h is the code of another row"),
         ('reaction = "path stop"', 'reaction = "hope"', "reaction is one of"),
         (
-            'cleared = "by the next save or restore of the parameters (1010h, 1011h: 1 or 3)"',
+            'cleared = "by the next save or restore of what could not be used (1010h, 1011h)"',
             "",
             "store: cleared says how a warning ends",
         ),
