@@ -59,31 +59,56 @@ static bool crosses(struct scope *s, const void *const base[])
     return crossed;
 }
 
-static bool triggers(struct scope *s, const void *const base[])
+static bool triggers(struct scope *s, const void *const base[], uint32_t cause)
 {
-    s->cause = s->raised | LOAD(s->told);
-    if (s->cause != 0 || s->trigger == SCOPE_NOW) {
+    if (cause != 0 || s->trigger == SCOPE_NOW) {
         return true;
     }
-    return s->trigger != SCOPE_FAULT && crosses(s, base) && s->filled >= s->before;
+    return s->trigger != SCOPE_FAULT && crosses(s, base) && s->half[s->recording].filled >= s->before;
 }
 
-static void take_frame(struct scope *s, const void *const base[], uint32_t tick)
+static void begin(struct scope *s, uint8_t half)
 {
-    uint32_t *to = &s->sample[(size_t)s->next * s->channels];
+    struct scope_capture *c = &s->half[half];
+    s->recording = half;
+    c->next = c->filled = c->after = c->cause = 0;
+}
+
+static void finish(struct scope *s)
+{
+    s->done = s->recording;
+    if (s->of_fault) {
+        atomic_store(&s->runs, false);
+    } else {
+        begin(s, s->recording ^ 1u);
+        s->trigger = SCOPE_FAULT;
+        s->before = s->before_fault;
+    }
+    atomic_store(&s->state, SCOPE_DONE);
+}
+
+static void take_frame(struct scope *s, struct scope_capture *c, const void *const base[], uint32_t tick)
+{
+    uint32_t *to = &c->sample[(size_t)c->next * s->channels];
     for (unsigned i = 0; i < s->channels; i++) {
         to[i] = sample(&s->signal[i], base);
     }
-    s->next = s->next + 1u < s->capacity ? s->next + 1u : 0u;
-    s->filled += s->filled < s->capacity ? 1u : 0u;
-    s->last_tick = tick;
+    c->next = c->next + 1u < s->capacity ? c->next + 1u : 0u;
+    c->filled += c->filled < s->capacity ? 1u : 0u;
+    c->last_tick = tick;
 }
 
 void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t tick)
 {
-    bool triggered = LOAD(s->state) == SCOPE_TRIGGERED;
-    if (!triggered && triggers(s, base)) {
-        s->trigger_tick = tick;
+    struct scope_capture *c = &s->half[s->recording];
+    const uint8_t state = LOAD(s->state);
+    const uint32_t fault = s->raised | LOAD(s->told);
+    const uint32_t cause = fault | (state == SCOPE_WAITING ? LOAD(s->warned) : 0u);
+    bool triggered = state == SCOPE_TRIGGERED;
+    s->of_fault = s->of_fault || fault != 0;
+    if (!triggered && triggers(s, base, cause)) {
+        c->cause = cause;
+        c->trigger_tick = tick;
         triggered = true;
         atomic_store(&s->state, SCOPE_TRIGGERED);
     }
@@ -92,9 +117,9 @@ void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t t
         return;
     }
     s->wait = (uint16_t)(s->periods - 1u);
-    take_frame(s, base, tick);
-    if (triggered && ++s->after == s->capacity - s->before) {
-        atomic_store(&s->state, SCOPE_DONE);
+    take_frame(s, c, base, tick);
+    if (triggered && ++c->after == s->capacity - s->before) {
+        finish(s);
     }
 }
 
@@ -102,6 +127,7 @@ void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t t
 
 void scope_off(struct scope *s)
 {
+    atomic_store(&s->runs, false);
     atomic_store(&s->state, SCOPE_OFF);
     s->serial++;
 }
@@ -129,6 +155,7 @@ bool scope_arm(struct scope *s, const struct od_data *od, const int32_t origin_n
     s->trigger = c->trigger;
     s->before = c->trigger == SCOPE_NOW ? 0u : s->capacity * c->pre / 1000u;
     s->before -= s->before == s->capacity ? 1u : 0u;
+    s->before_fault = s->capacity * od_defaults.scope.pre / 1000u;
     if (level) {
         s->source = scope_signals[c->source];
         const int32_t origin = is_position(&s->source) ? origin_nm[s->source.axis] : 0;
@@ -136,10 +163,12 @@ bool scope_arm(struct scope *s, const struct od_data *od, const int32_t origin_n
                                          : (uint32_t)c->level - (uint32_t)origin;
     }
     s->wait = 0;
-    s->primed = false;
-    s->next = s->filled = s->after = 0;
+    s->primed = s->of_fault = false;
+    begin(s, 0);
     atomic_store(&s->told, 0u);
+    atomic_store(&s->warned, 0u);
     atomic_store(&s->state, SCOPE_WAITING);
+    atomic_store(&s->runs, true);
     return true;
 }
 
@@ -151,27 +180,37 @@ void scope_fault(struct scope *s, uint32_t faults)
 void scope_warning(struct scope *s, uint32_t warnings)
 {
     if (s->trigger == SCOPE_FAULT) {
-        scope_fault(s, warnings);
+        atomic_fetch_or(&s->warned, warnings);
     }
+}
+
+/* The newest one: triggered, or done. */
+static const struct scope_capture *newest(const struct scope *s)
+{
+    return &s->half[atomic_load(&s->state) == SCOPE_DONE ? s->done : s->recording];
 }
 
 bool scope_holds_fault(const struct scope *s)
 {
-    return atomic_load(&s->state) >= SCOPE_TRIGGERED && s->cause != 0;
+    return atomic_load(&s->state) >= SCOPE_TRIGGERED && (s->of_fault || newest(s)->cause != 0);
 }
 
 void scope_report(const struct scope *s, struct od_data *od)
 {
     const uint8_t state = atomic_load(&s->state);
     od->scope.state = state;
-    od->scope.frames = state == SCOPE_DONE ? s->filled : 0u;
-    od->scope.trigger_period = state >= SCOPE_TRIGGERED ? s->trigger_tick : 0u;
+    od->scope.frames = state == SCOPE_DONE ? newest(s)->filled : 0u;
+    od->scope.trigger_period = state >= SCOPE_TRIGGERED ? newest(s)->trigger_tick : 0u;
 }
 
 uint32_t scope_size(struct scope *s)
 {
+    if (atomic_load(&s->state) != SCOPE_DONE) {
+        return 0;
+    }
     s->reading = s->serial;
-    return atomic_load(&s->state) == SCOPE_DONE ? SCOPE_HEADER + s->filled * s->channels * 4u : 0u;
+    s->read_half = s->done;
+    return SCOPE_HEADER + s->half[s->read_half].filled * s->channels * 4u;
 }
 
 /* As many counts as the word of a sample is. */
@@ -186,14 +225,15 @@ static uint32_t counts(const struct scope_signal *s, uint32_t word, const int32_
 /* Word i of what is read. */
 static uint32_t word_at(const struct scope *s, uint32_t i, const int32_t origin_nm[2])
 {
-    const uint32_t first = s->filled < s->capacity ? 0u : s->next;
+    const struct scope_capture *c = &s->half[s->read_half];
+    const uint32_t first = c->filled < s->capacity ? 0u : c->next;
     switch (i) {
     case 0: return SCOPE_VERSION | (uint32_t)s->channels << 8 | (uint32_t)s->periods << 16;
-    case 1: return s->filled;
-    case 2: return s->filled - s->after;
-    case 3: return s->last_tick - (s->filled - 1u) * s->periods;
-    case 4: return s->trigger_tick;
-    case 5: return s->cause;
+    case 1: return c->filled;
+    case 2: return c->filled - c->after;
+    case 3: return c->last_tick - (c->filled - 1u) * s->periods;
+    case 4: return c->trigger_tick;
+    case 5: return c->cause;
     case 6:
     case 7: {
         const uint8_t *n = &s->number[4 * (size_t)(i - 6)];
@@ -202,7 +242,7 @@ static uint32_t word_at(const struct scope *s, uint32_t i, const int32_t origin_
     default: break;
     }
     const uint32_t frame = (i - 8) / s->channels, channel = (i - 8) % s->channels;
-    return counts(&s->signal[channel], s->sample[(first + frame) % s->capacity * s->channels + channel], origin_nm);
+    return counts(&s->signal[channel], c->sample[(first + frame) % s->capacity * s->channels + channel], origin_nm);
 }
 
 bool scope_read(const struct scope *s, uint32_t at, uint8_t *to, uint32_t count, const int32_t origin_nm[2])

@@ -2,13 +2,15 @@
 /* scope.h: up to SCOPE_CHANNELS signals of the servo, each control period or each so many, around a trigger.
  *
  * scope_step() runs in the servo tick, everything else in the background, which the tick interrupts and never the other
- * way round. `state` says whose the rest is: the tick's while WAITING or TRIGGERED, the background's while OFF or DONE.
- * The background may take it at any time, by making it OFF.
+ * way round. While `runs`, what is the tick's is its own; the background may end that at any time. A capture that is done
+ * is not written again before the scope is armed.
  *
- * Frames go round in `sample` until the trigger, and then on until those before it are the share asked for. A fault
- * triggers always, whatever else is waited for, and a level only once the frames before it are there. Armed for faults
- * at power-on (2300h, 2301h as they are by default: 500 ms before, 130 ms after), and again when a fault whose capture
- * it holds is reset, or the axes get power. docs/scope.md has the layout of what is read.
+ * Frames go round in one half of the memory until the trigger, and then on until those before it are the share asked
+ * for. A fault triggers always, whatever else is waited for, and a level only once the frames before it are there. When a
+ * capture is done that has no fault in it, frames go round in the other half, for the fault that may still come: its
+ * capture takes the place of the first one. Armed for faults at power-on (2300h, 2301h as they are by default: 500 ms
+ * before, 130 ms after), and again when a fault whose capture it holds is reset, or the axes get power. docs/scope.md has
+ * the layout of what is read.
  */
 #ifndef KONTUR_SCOPE_H
 #define KONTUR_SCOPE_H
@@ -34,38 +36,49 @@ struct scope_signal {
 };
 extern const struct scope_signal scope_signals[SIGNALS];
 
-struct scope {
-    _Atomic uint8_t state;
-    _Atomic uint32_t told;      /* faults that the background has raised */
-    uint32_t faults, raised;    /* of the last period, and which of them are new in it: the tick's in every state */
-
-    /* set while OFF */
-    struct scope_signal signal[SCOPE_CHANNELS], source;
-    uint8_t number[SCOPE_CHANNELS];
-    uint8_t channels, trigger;
-    uint16_t periods;           /* from frame to frame */
-    uint32_t capacity, before;  /* frames in all, wanted before the trigger */
-    uint32_t level;             /* as `source` is sampled */
-    uint32_t serial;            /* captures so far */
-    uint32_t reading;           /* ... the one that is being read */
-
-    /* the tick's */
-    uint16_t wait;              /* periods until the next frame */
-    bool primed, above;         /* a level has been compared, and how */
+struct scope_capture {
     uint32_t next, filled;      /* frame to write, frames written: at most capacity */
     uint32_t after;             /* frames since the trigger, its own one included */
     uint32_t last_tick, trigger_tick; /* control periods since power-on */
-    uint32_t cause;             /* faults that triggered; 0: something else */
+    uint32_t cause;             /* faults and warnings that triggered; 0: something else */
     uint32_t sample[SCOPE_SAMPLES];
+};
+
+struct scope {
+    _Atomic bool runs;
+    _Atomic uint8_t state;
+    _Atomic uint32_t told;      /* faults that the background has raised */
+    _Atomic uint32_t warned;    /* ... and warnings */
+    uint32_t faults, raised;    /* of the last period, and which of them are new in it: the tick's, running or not */
+
+    /* set while it does not run */
+    struct scope_signal signal[SCOPE_CHANNELS], source;
+    uint8_t number[SCOPE_CHANNELS];
+    uint8_t channels;
+    uint16_t periods;           /* from frame to frame */
+    uint32_t capacity;          /* frames in all */
+    uint32_t before_fault;      /* ... wanted before a fault that comes after a capture */
+    uint32_t level;             /* as `source` is sampled */
+    uint32_t serial;            /* captures so far */
+    uint32_t reading;           /* ... the one that is being read, */
+    uint8_t read_half;          /* which is here */
+
+    /* the tick's */
+    uint8_t trigger;
+    uint32_t before;            /* frames wanted before the trigger */
+    uint16_t wait;              /* periods until the next frame */
+    bool primed, above;         /* a level has been compared, and how */
+    bool of_fault;              /* there has been a fault since it was armed */
+    uint8_t recording, done;    /* halves: with the frames to come, with the capture that is done */
+    struct scope_capture half[2];
 };
 
 /* In the servo tick, last: whether scope_step() has something to do. faults: FAULT_BIT()s. */
 static inline bool scope_runs(struct scope *s, uint32_t faults)
 {
-    const uint8_t state = atomic_load_explicit(&s->state, memory_order_relaxed);
     s->raised = faults & ~s->faults;
     s->faults = faults;
-    return state == SCOPE_WAITING || state == SCOPE_TRIGGERED;
+    return atomic_load_explicit(&s->runs, memory_order_relaxed);
 }
 /* base: struct loop, struct servo_out; tick: number of the control period. */
 void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t tick);
@@ -76,9 +89,9 @@ bool scope_arm(struct scope *s, const struct od_data *od, const int32_t origin_n
 void scope_off(struct scope *s);
 /* The background has raised these faults. */
 void scope_fault(struct scope *s, uint32_t faults);
-/* ... warns of these: no trigger for who waits for something else. */
+/* ... warns of these: no trigger for who waits for something else, or has triggered. */
 void scope_warning(struct scope *s, uint32_t warnings);
-/* It holds, or is about to hold, what led to a fault. */
+/* It holds, or is about to hold, what led to a fault or a warning. */
 bool scope_holds_fault(const struct scope *s);
 /* What 2300h tells of it. */
 void scope_report(const struct scope *s, struct od_data *od);

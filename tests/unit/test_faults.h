@@ -146,7 +146,7 @@ static inline void expect_trigger(enum row r)
         return;
     }
     TEST_ASSERT_GREATER_OR_EQUAL_UINT32(SCOPE_TRIGGERED, state);
-    capture.trigger = rig.app.drive.loop.scope.trigger_tick;
+    capture.trigger = rig_read(&rig, 0x2300, 9);
     TEST_ASSERT_UINT_WITHIN(REACTION + 1, now, capture.trigger);
 }
 

@@ -175,6 +175,23 @@ static void test_tunnel_that_only_warns_is_captured_until_the_axes_get_power_aga
     TEST_ASSERT_EQUAL_UINT32(SCOPE_WAITING, rig_read(&rig, 0x2300, 2));
 }
 
+static void test_fault_after_a_tunnel_that_only_warned_has_a_capture_of_its_own(void)
+{
+    tunnel(10000, 1, 0);
+    be_on_the_way();
+    disturb(true);
+    wait_for(ROW_TUNNEL, outside, 10);
+    expect_reaction_as(ROW_TUNNEL, PROMISED_WARN);
+    disturb(false);
+    run_on(500);
+    expect_capture(ROW_TUNNEL);
+    run_on(300);
+    rig.inputs[1] = HAL_AMPLIFIER_FAULT;
+    expect_reaction(ROW_AMPLIFIER);
+    rig.inputs[1] = 0;
+    expect_clearing(ROW_AMPLIFIER, 0);
+}
+
 static void test_tunnel_that_only_warns_does_not_trigger_what_waits_for_something_else(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2300, 4, 1, SCOPE_RISING));
@@ -322,6 +339,7 @@ int main(void)
     RUN_TEST(test_tunnel_may_be_left_as_long_as_its_debounce_says);
     RUN_TEST(test_tunnel_that_only_warns_lets_the_path_run);
     RUN_TEST(test_tunnel_that_only_warns_is_captured_until_the_axes_get_power_again);
+    RUN_TEST(test_fault_after_a_tunnel_that_only_warned_has_a_capture_of_its_own);
     RUN_TEST(test_tunnel_that_only_warns_does_not_trigger_what_waits_for_something_else);
     RUN_TEST(test_tunnel_with_a_quick_stop_does_as_605Ah_says);
     RUN_TEST(test_tunnel_may_cut_the_power);

@@ -366,6 +366,88 @@ static void test_capture_stays_whatever_comes_after_it(void)
     expect_frames_in_order();
 }
 
+/* ... with as much before it as there is by default, whatever share the first one had. */
+static void test_fault_after_a_capture_takes_its_place(void)
+{
+    arm(SCOPE_NOW, 0, 0);
+    steps_until_done();
+    TEST_ASSERT_EQUAL_HEX32(0, read.cause);
+    TEST_ASSERT_FALSE(scope_holds_fault(&loop.scope));
+    steps(5000);
+    faults = 1;
+    const uint32_t raised = tick;
+    step();
+    TEST_ASSERT_EQUAL(SCOPE_TRIGGERED, atomic_load(&loop.scope.state));
+    TEST_ASSERT_TRUE(scope_holds_fault(&loop.scope));
+    TEST_ASSERT_EQUAL_UINT32(0, scope_size(&loop.scope));
+    steps_until_done();
+    TEST_ASSERT_EQUAL_UINT32(raised, read.trigger_tick);
+    TEST_ASSERT_EQUAL_HEX32(1, read.cause);
+    TEST_ASSERT_EQUAL_UINT32(SCOPE_SAMPLES, read.frames);
+    TEST_ASSERT_EQUAL_UINT32((uint32_t)SCOPE_SAMPLES * od_defaults.scope.pre / 1000u, read.trigger_frame);
+    expect_frames_in_order();
+    faults = 3; /* of several the first one is kept */
+    steps(10000);
+    read_capture(no_origin);
+    TEST_ASSERT_EQUAL_UINT32(raised, read.trigger_tick);
+}
+
+static void test_fault_after_the_capture_of_a_warning_has_its_own_500_ms(void)
+{
+    od_init(&od, 1);
+    TEST_ASSERT_TRUE(scope_arm(&loop.scope, &od, no_origin));
+    steps(10000);
+    scope_warning(&loop.scope, 4);
+    steps_until_done();
+    TEST_ASSERT_EQUAL_HEX32(4, read.cause);
+    TEST_ASSERT_TRUE(scope_holds_fault(&loop.scope));
+    const uint32_t warned = read.trigger_tick;
+    scope_warning(&loop.scope, 8); /* of several the first one is kept */
+    steps(10000);
+    read_capture(no_origin);
+    TEST_ASSERT_EQUAL_UINT32(warned, read.trigger_tick);
+    scope_fault(&loop.scope, 16);
+    const uint32_t raised = tick;
+    step();
+    steps_until_done();
+    TEST_ASSERT_EQUAL_UINT32(raised, read.trigger_tick);
+    TEST_ASSERT_EQUAL_HEX32(16, read.cause);
+    TEST_ASSERT_GREATER_OR_EQUAL_UINT32(CONTROL_HZ / 2, read.trigger_tick - read.first_tick);
+}
+
+static void test_fault_in_the_frames_after_a_trigger_is_in_that_capture_which_then_stays(void)
+{
+    arm(SCOPE_NOW, 0, 0);
+    steps(100);
+    faults = 1;
+    steps_until_done();
+    TEST_ASSERT_TRUE(scope_holds_fault(&loop.scope));
+    TEST_ASSERT_EQUAL_UINT32(1000, read.trigger_tick);
+    faults = 3;
+    steps(10000);
+    read_capture(no_origin);
+    TEST_ASSERT_EQUAL_UINT32(1000, read.trigger_tick);
+    expect_frames_in_order();
+}
+
+static void test_capture_that_is_being_read_stays_whole_when_a_fault_comes(void)
+{
+    arm(SCOPE_NOW, 0, 0);
+    steps_until_done();
+    steps(5000);
+    const uint32_t size = scope_size(&loop.scope), first = word(8, no_origin);
+    faults = 1;
+    step();
+    TEST_ASSERT_EQUAL_UINT32(1000, word(4, no_origin));
+    steps(5000);
+    TEST_ASSERT_EQUAL(SCOPE_DONE, atomic_load(&loop.scope.state));
+    TEST_ASSERT_EQUAL_UINT32(1000, word(4, no_origin));
+    TEST_ASSERT_EQUAL_UINT32(first, word(8, no_origin));
+    TEST_ASSERT_EQUAL_UINT32(first + 3 * (SCOPE_SAMPLES - 1), word(size / 4 - 1, no_origin));
+    read_capture(no_origin);
+    TEST_ASSERT_EQUAL_HEX32(1, read.cause);
+}
+
 static void test_what_was_told_before_arming_triggers_nothing(void)
 {
     scope_fault(&loop.scope, 1);
@@ -408,7 +490,7 @@ static void test_scope_that_is_off_records_nothing(void)
     faults = 1;
     steps(5000);
     TEST_ASSERT_EQUAL(SCOPE_OFF, atomic_load(&loop.scope.state));
-    TEST_ASSERT_EQUAL_UINT32(0, loop.scope.filled);
+    TEST_ASSERT_EQUAL_UINT32(0, loop.scope.half[0].filled);
 }
 
 static void test_scope_without_channel_or_source_is_not_armed(void)
@@ -442,6 +524,10 @@ int main(void)
     RUN_TEST(test_fault_of_the_background_triggers_in_the_next_period);
     RUN_TEST(test_fault_that_is_there_triggers_nothing_and_another_one_does);
     RUN_TEST(test_capture_stays_whatever_comes_after_it);
+    RUN_TEST(test_fault_after_a_capture_takes_its_place);
+    RUN_TEST(test_fault_after_the_capture_of_a_warning_has_its_own_500_ms);
+    RUN_TEST(test_fault_in_the_frames_after_a_trigger_is_in_that_capture_which_then_stays);
+    RUN_TEST(test_capture_that_is_being_read_stays_whole_when_a_fault_comes);
     RUN_TEST(test_what_was_told_before_arming_triggers_nothing);
     RUN_TEST(test_there_is_nothing_to_read_before_it_is_done);
     RUN_TEST(test_reading_ends_when_the_scope_is_armed_again);
