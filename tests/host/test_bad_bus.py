@@ -2,7 +2,6 @@
 """A drive on a bus that loses, repeats, swaps, delays and corrupts frames: the work is done, or the failure is said."""
 
 import dataclasses
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -330,27 +329,3 @@ def test_corrupted_tick_does_not_part_the_clocks_of_host_and_drive_where_time_pa
         bus.recv = lambda timeout=None: (m := receive(timeout)) and fault(m)  # type: ignore[method-assign]
         device.link.wait(lambda: False, 0.2)
         assert device.read("clock.tick") == round(device.link.time_s * 1e3)
-
-
-# --- a host that stalls ---
-
-
-@pytest.mark.skipif(not simprocess.PROGRAM.exists(), reason="kontur-sim is not built; run `make lib`")
-def test_host_that_stalls_for_200_ms_of_wall_clock_causes_no_underrun() -> None:
-    """The drive is a process of its own: its time goes on meanwhile."""
-    stalled = 0
-
-    def stall(share: float) -> None:
-        nonlocal stalled
-        if stalled < int(share * 5) < 5:
-            stalled += 1
-            time.sleep(0.2)
-
-    with (
-        simprocess.start(slcan_tcp="0", machine=MACHINE) as process,
-        drive_on(open_bus(process.options())) as device,
-        device.enabled(),
-    ):
-        assert stream(device, circle(3.0), progress=stall).completed
-        assert device.read("stream.underruns") == 0
-    assert stalled >= 3
