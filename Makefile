@@ -262,8 +262,7 @@ build/dfu-util.stamp:
 	$(Q)$(call debian,command -v dfu-util,dfu-util)
 # Where this kernel has no vcan, User-Mode Linux has.
 build/uml.stamp: $(VENV)/stamp
-	$(Q)if $(PY) tests/hil/vcan.py --here; then mkdir -p build; touch $@; \
-	else $(call debian,command -v linux.uml && command -v kmod && command -v ip,user-mode-linux kmod iproute2); fi
+	$(Q)$(call debian,$(PY) tests/hil/vcan.py --ready,user-mode-linux kmod iproute2)
 build/qemu.stamp:
 	$(Q)$(call debian,command -v qemu-system-arm,qemu-system-arm)
 

@@ -76,7 +76,9 @@ class Target(ABC):
 def needs_clock(target: Target) -> None:
     """Skip a test that measures by the wall clock where the target may be too slow for it."""
     if not target.holds_clock:
-        pytest.skip("an emulator does not keep up with the wall clock on every machine: the other targets run this")
+        pytest.skip(
+            "an emulator does not keep up with the wall clock on every machine: run this with --target slcan or vcan"
+        )
 
 
 class InProcess(Target):

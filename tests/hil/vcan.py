@@ -3,7 +3,7 @@
 """Run a command where there is a vcan0: on this kernel if it can, else in User-Mode Linux.
 
 python tests/hil/vcan.py COMMAND...        exit status: the command's, 124: it took too long, 3: no vcan here
-python tests/hil/vcan.py --here            whether this kernel can: exit status 0 or 1
+python tests/hil/vcan.py --ready           whether nothing is missing for that: exit status 0 or 1
 
 User-Mode Linux is a Linux kernel as a program. It has CAN, needs no rights, and sees this machine's files. Only build/
 can be written there. It has one processor.
@@ -43,9 +43,9 @@ _PACKAGES = {"linux.uml": "user-mode-linux", "insmod": "kmod", "ip": "iproute2",
 
 
 def main(arguments: Sequence[str]) -> int:
-    if arguments == ["--here"]:
+    if arguments == ["--ready"]:
         with own_vcan() as there:
-            return 0 if there else 1
+            return 0 if there or not missing_packages() else 1
     if not arguments:
         print(__doc__, file=sys.stderr)
         return 2

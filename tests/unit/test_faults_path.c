@@ -139,7 +139,7 @@ static void test_tunnel_may_be_left_as_long_as_its_debounce_says(void)
     TEST_ASSERT_TRUE(detected(ROW_TUNNEL));
 }
 
-static void test_tunnel_that_only_warns_lets_the_path_run(void)
+static void leave_a_tunnel_that_only_warns(void)
 {
     tunnel(10000, 1, 0);
     be_on_the_way();
@@ -147,6 +147,11 @@ static void test_tunnel_that_only_warns_lets_the_path_run(void)
     wait_for(ROW_TUNNEL, outside, 10);
     expect_reaction_as(ROW_TUNNEL, PROMISED_WARN);
     disturb(false);
+}
+
+static void test_tunnel_that_only_warns_lets_the_path_run(void)
+{
+    leave_a_tunnel_that_only_warns();
     expect_end(ROW_TUNNEL, 200);
     expect_capture(ROW_TUNNEL);
     expect_path_runs();
@@ -154,12 +159,7 @@ static void test_tunnel_that_only_warns_lets_the_path_run(void)
 
 static void test_tunnel_that_only_warns_is_captured_until_the_axes_get_power_again(void)
 {
-    tunnel(10000, 1, 0);
-    be_on_the_way();
-    disturb(true);
-    wait_for(ROW_TUNNEL, outside, 10);
-    expect_reaction_as(ROW_TUNNEL, PROMISED_WARN);
-    disturb(false);
+    leave_a_tunnel_that_only_warns();
     run_on(500);
     expect_capture(ROW_TUNNEL);
     disturb(true); /* a second time */
@@ -177,12 +177,7 @@ static void test_tunnel_that_only_warns_is_captured_until_the_axes_get_power_aga
 
 static void test_fault_after_a_tunnel_that_only_warned_has_a_capture_of_its_own(void)
 {
-    tunnel(10000, 1, 0);
-    be_on_the_way();
-    disturb(true);
-    wait_for(ROW_TUNNEL, outside, 10);
-    expect_reaction_as(ROW_TUNNEL, PROMISED_WARN);
-    disturb(false);
+    leave_a_tunnel_that_only_warns();
     run_on(500);
     expect_capture(ROW_TUNNEL);
     run_on(300);
