@@ -75,7 +75,7 @@ demo: setup lib  ## cut examples/part.ngc under five controllers: table, build/d
 	$(KONTUR) demo
 
 paper: setup lib  ## run the paper again: docs/paper.md and its pictures (some minutes)
-	$(KONTUR) experiment paper-page docs/paper.md
+	$(PY) tools/paper_page.py docs/paper.md
 
 test: setup test-c coverage test-target test-host test-hil lint  ## all tests: C (Unity, with sanitizers; branches), Python (pytest), over the bus, lint
 
@@ -96,8 +96,8 @@ test-hil: setup lib $(if $(filter vcan,$(HIL)),build/uml.stamp) $(if $(filter qe
 	  $$vcan $(PY) -m pytest tests/hil --target $$target $(if $(NO_MOTION),--no-motion) || exit 1; done
 
 lint: setup lib build/debian.stamp $(GENERATED)  ## ruff, mypy --strict; clang-tidy, gcc -fanalyzer, cppcheck with MISRA C:2012
-	$(VENV)/bin/ruff check host tests firmware examples
-	$(VENV)/bin/ruff format --check host tests firmware examples
+	$(VENV)/bin/ruff check host tools reference tests firmware examples
+	$(VENV)/bin/ruff format --check host tools reference tests firmware examples
 	$(VENV)/bin/mypy host/kontur
 	$(Q)$(MAKE) --no-print-directory -j$(shell nproc) lint-c
 
@@ -107,7 +107,7 @@ golden: build/unit/f32/write_golden build/unit/fix/write_golden  ## write the go
 
 bench: setup lib cost-programs  ## speed of the simulated drive; instructions of a servo tick by stage, stack, flash, RAM
 	$(KONTUR) bench sim
-	$(KONTUR) bench step
+	$(PY) tools/cost.py
 
 lib: $(NUMS:%=$(LIB)/libkontur_%.so) $(LIB)/kontur_sim.h $(LIB)/kontur-sim  ## firmware and simulated machine as a shared library, for each numeric back end, and as a process
 
@@ -366,7 +366,7 @@ test-target: $(TARGET_TESTS:%=build/target/%.elf) $(TARGETS:%=build/target/%/has
 	for n in $(TARGETS); do h=$$(build/target/host-$${n#*-}/hash); t=$$(cat build/target/$$n/hash.log); \
 	  if [ -n "$$h" ] && [ "$$h" = "$$t" ]; then echo "closed loop on $$n: $$t, as on the host"; \
 	  else failed=1; echo "closed loop on $$n: $$t, on the host: $$h: DIFFERENT"; fi; done; \
-	$(KONTUR) bench step --check || failed=1; \
+	$(PY) tools/cost.py --check || failed=1; \
 	if [ $$failed = 0 ]; then echo "target tests: $(words $(TARGET_TESTS)) programs passed"; else echo "target tests: FAILED"; exit 1; fi
 
 # Counts instructions by stage, inside QEMU. Its interface has had version 2 since QEMU 9; what is used of it is the same.
@@ -383,7 +383,7 @@ DRIVERS  := $(patsubst %,build/target/m4-f32/$(PORT)/%.o,cpu encoder inputs outp
 build/target/m4-f32/bench_port.elf: $(DRIVERS)
 
 cost: cost-programs  ## write down what the firmware costs: tests/target/cost.json, docs/performance.md
-	$(KONTUR) bench step --write
+	$(PY) tools/cost.py --write
 
 # --- static analysis --------------------------------------------------------------------------------------------------
 # Deviations stand in firmware/deviations.txt. Files are looked at again when they or a header have changed.
