@@ -63,11 +63,22 @@ def c_declare(o: Object) -> list[str]:
     return [c_member(o.entries[0], o.c_name)] if stored else []
 
 
+def c_numbers(objects: list[Object]) -> list[str]:
+    """OBJ_NAME, the index of each object (OBJ_NAME_X, _Y where axes have their own), and SUB_NAME_ENTRY, the sub-indices."""
+    lines = ["/* Indices of the objects, and their sub-indices. */", "enum {"]
+    for o in objects:
+        lines.append(f"    OBJ_{o.name.upper()} = 0x{o.index:04X},")
+        if o.kind == "record" and o.axis in (None, 0):
+            lines += [f"    SUB_{o.c_name.upper()}_{e.name.upper()} = {e.sub}," for e in o.entries if e.sub > 0]
+    return [*lines, "};", ""]
+
+
 def c_header(objects: list[Object]) -> str:
     once = [o for o in objects if o.axis in (None, 0)]
     rpdos, tpdos = pdo_counts(objects)
     lines = [C_HEAD, "#ifndef OD_GEN_H", "#define OD_GEN_H", "#include <stdint.h>", ""]
     lines += [f"enum {{ OD_RPDOS = {rpdos}, OD_TPDOS = {tpdos}, OD_PDO_ENTRIES = {PDO_ENTRIES} }};", ""]
+    lines += c_numbers(objects)
     for o in once:
         if o.kind == "record" and any(e.field for e in o.entries):
             lines += [f"/* {o.index:04X}h {o.name} */", f"struct od_{o.c_name} {{"]
