@@ -17,8 +17,8 @@ LIB      := host/kontur/lib
 WARN     := -Wall -Wextra -Werror -Wconversion -Wdouble-promotion -Wshadow -Wmissing-prototypes -Wstrict-prototypes
 CFLAGS   := -std=c11 -O2 -g -ffp-contract=off -fno-math-errno $(WARN)
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
-INCLUDE  := -Ifirmware/core -Ifirmware/drive -Ifirmware/canopen -Ifirmware/hal -Ifirmware/port -Ifirmware/port/linux -Isim -Ibuild/gen
-TEST_INCLUDE := -Itests/unit -Itests/golden -Ifirmware/port/stm32f405
+INCLUDE  := -Ifirmware -I. -Ibuild/gen
+TEST_INCLUDE := -Itests/unit -Itests/golden
 UNITY    := -DUNITY_INCLUDE_DOUBLE -DUNITY_SUPPORT_64 -I$(UNITY_DIR)
 
 # Numeric back ends (firmware/core/num.h). Fixed point is compiled with no floating-point registers to use.
@@ -31,11 +31,12 @@ NO_FLOAT := -mgeneral-regs-only
 # The control core and the servo tick for a microcontroller: optimised as a whole. What is left out moves values that the few
 # registers cannot hold: 3 % of the tick's instructions; and makes one function of equal ones, which the call graph would not know.
 TICK_FLAGS := -O3 -flto=auto -fno-if-conversion -fno-gcse -fno-ipa-icf
-TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/drive/,loop.c path.c machine.c) \
+TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/,drive/servo_loop.c motion/path_clock.c onchip/onchip_plant.c) \
 	$(addprefix firmware/port/stm32f405/,encoder.c inputs.c output.c)
 
-GENERATED := build/gen/od_gen.c build/gen/signal_gen.c build/gen/fault_gen.c
-FIRMWARE := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c) $(GENERATED)
+GENERATED := build/gen/od/od_gen.c build/gen/scope/signal_gen.c build/gen/supervision/fault_gen.c
+ROOMS    := core od canopen motion supervision scope drive onchip
+FIRMWARE := $(wildcard firmware/*.c $(ROOMS:%=firmware/%/*.c)) $(GENERATED)
 SOURCES  := $(FIRMWARE) sim/flash.c sim/kontur_sim.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
 PORT_SOURCES := firmware/port/slcan.c firmware/port/linux/pace.c firmware/port/linux/can_errors.c  # not in the library, but tested with it
@@ -43,13 +44,13 @@ PORT     := firmware/port/stm32f405
 # What of the STM32F405's port a host can run, on the registers of tests/unit/chip.c
 CHIP_SOURCES := $(filter-out %/start.c %/wait.c,$(wildcard $(PORT)/*.c)) tests/unit/chip.c
 # Tests that need the host: a simulated chip's registers, more memory than a chip has
-HOST_TESTS := app bitflip can_errors chk fuzz machine_file pace power_cut sim slcan store $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_port_*.c))
+HOST_TESTS := device bitflip can_errors chk fuzz machine_file pace power_cut sim slcan store $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_port_*.c))
 # Every test runs on float32; those of what computes with `num` run on the other back ends, too.
 TESTS    := $(patsubst tests/unit/test_%.c,%,$(wildcard tests/unit/test_*.c))
-NUM_TESTS := asmc cascade chk closed_loop contour drive energy faults_axes faults_device faults_path golden homing ip learning loop machine modes num observer on_chip params path scope servo spline trig uncertainty
+NUM_TESTS := smc cascade chk closed_loop contour drive energy faults_axes faults_device faults_path golden homing ip feedforward servo_loop onchip_plant axis_modes num observer on_chip configuration path_clock scope servo spline trig compensator
 # Not for the checking back end: in these an encoder jumps, or a fault pushes an axis, out of the range of `num`, where fixed point
 # saturates and chk stops; and it has no words of its own.
-NOT_CHK  := drive faults_axes faults_device faults_path golden loop
+NOT_CHK  := drive faults_axes faults_device faults_path golden servo_loop
 TEST_PROGRAMS := $(TESTS:%=build/unit/f32/test_%) $(NUM_TESTS:%=build/unit/fix/test_%) \
 	$(patsubst %,build/unit/chk/test_%,$(filter-out $(NOT_CHK),$(NUM_TESTS)))
 # The same tests, built to count the branches that they take: those of the source, so not optimised and without the sanitizers' own.
@@ -58,7 +59,7 @@ COVERAGE := -O0 --coverage
 COVERAGE_PROGRAMS := $(patsubst %,build/coverage/f32/test_%,$(filter-out fuzz,$(TESTS))) $(NUM_TESTS:%=build/coverage/fix/test_%)
 BUILD_ID := $(shell git describe --always --dirty 2>/dev/null || echo unknown)
 VERSION  := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
-HEADERS  := $(wildcard firmware/*/*.h firmware/port/*/*.h sim/*.h)
+HEADERS  := $(wildcard firmware/*.h firmware/*/*.h firmware/port/*/*.h sim/*.h)
 objects   = $(patsubst %.c,$(1)/$(2)/%.o,$(SOURCES) $($(2)_SOURCES))  # folder, back end
 
 export MPLBACKEND := Agg
@@ -150,27 +151,27 @@ define debian
 endef
 
 # --- library ----------------------------------------------------------------------------------------------------------
-build/gen/od_gen.c: firmware/canopen/objects.toml $(wildcard firmware/canopen/*.py) | $(VENV)/stamp
+build/gen/od/od_gen.c: firmware/od/objects.toml tools/objects.py tools/dbc.py tools/generate_objects.py | $(VENV)/stamp
 	@echo "  GEN objects.toml"
-	$(Q)$(PY) firmware/canopen/generate.py build/gen --eds host/kontur/kontur.eds --dbc host/kontur/kontur.dbc --docs docs/objects.md
+	$(Q)$(PY) tools/generate_objects.py build/gen/od --eds host/kontur/kontur.eds --dbc host/kontur/kontur.dbc --docs docs/objects.md
 
-build/gen/signal_gen.c: firmware/drive/signals.toml firmware/drive/signals.py | $(VENV)/stamp
+build/gen/scope/signal_gen.c: firmware/scope/signals.toml tools/generate_signals.py | $(VENV)/stamp
 	@echo "  GEN signals.toml"
-	$(Q)$(PY) firmware/drive/signals.py build/gen --docs docs/signals.md --json host/kontur/signals.json
+	$(Q)$(PY) tools/generate_signals.py build/gen/scope --docs docs/signals.md --json host/kontur/signals.json
 
-build/gen/fault_gen.c: firmware/drive/faults.toml firmware/drive/generate_faults.py | $(VENV)/stamp
+build/gen/supervision/fault_gen.c: firmware/supervision/faults.toml tools/generate_faults.py | $(VENV)/stamp
 	@echo "  GEN faults.toml"
-	$(Q)$(PY) firmware/drive/generate_faults.py build/gen --docs docs/faults.md --json host/kontur/fault_table.json
+	$(Q)$(PY) tools/generate_faults.py build/gen/supervision --docs docs/faults.md --json host/kontur/fault_table.json
 
 # Made by the same commands; without this rule make would not see in the same run that it has changed.
 $(GENERATED:.c=.h): %.h: %.c ;
-build/gen/fault_rows.h: build/gen/fault_gen.c ;
+build/gen/supervision/fault_rows.h: build/gen/supervision/fault_gen.c ;
 
 # The build id is compiled into one file, again when it has changed.
 build/build_id: FORCE
 	@mkdir -p build; echo '$(BUILD_ID)' | cmp -s - $@ || echo '$(BUILD_ID)' >$@
 FORCE:
-APP      := $(foreach n,$(NUMS),$(foreach f,lib unit coverage,build/$(f)/$(n)/firmware/drive/app.o))
+APP      := $(foreach n,$(NUMS),$(foreach f,lib unit coverage,build/$(f)/$(n)/firmware/device.o))
 $(APP): build/build_id
 $(APP): CFLAGS += -DKONTUR_BUILD_ID='"$(BUILD_ID)"' -DKONTUR_VERSION='"$(VERSION)"'
 $(FIRMWARE:%.c=build/lib/fix/%.o): CFLAGS += $(NO_FLOAT)
@@ -232,7 +233,7 @@ ARM      := arm-none-eabi-
 IMAGE    := $(VARIANT)/kontur
 ARM_CPU  := -mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard
 ARM_FLAGS := $(ARM_CPU) $(CFLAGS) -ffunction-sections -fdata-sections -fno-common -fcallgraph-info=su -DKONTUR_BUILD_ID='"$(BUILD_ID)"' \
-	-DKONTUR_VERSION='"$(VERSION)"' -DBOARD_HEADER='"board_$(BOARD).h"' \
+	-DKONTUR_VERSION='"$(VERSION)"' -DBOARD_HEADER='"port/stm32f405/board_$(BOARD).h"' \
 	-DCONTROL_HZ=$(CONTROL_HZ)u
 IMAGE_SOURCES := $(FIRMWARE) $(wildcard firmware/port/*.c $(PORT)/*.c)
 IMAGE_OBJECTS := $(IMAGE_SOURCES:%.c=$(VARIANT)/%.o)
@@ -272,9 +273,9 @@ $(VARIANT)/flags: FORCE
 
 $(VARIANT)/%.o: %.c $(VARIANT)/flags | build/arm.stamp $(GENERATED)
 	@mkdir -p $(@D); echo "  ARM $<"
-	$(Q)$(ARM)gcc $(ARM_FLAGS) $(INCLUDE) -I$(PORT) -MMD -MP -c $< -o $@
+	$(Q)$(ARM)gcc $(ARM_FLAGS) $(INCLUDE) -MMD -MP -c $< -o $@
 
-$(VARIANT)/firmware/drive/app.o: build/build_id
+$(VARIANT)/firmware/device.o: build/build_id
 
 $(TICK_SOURCES:%.c=$(VARIANT)/%.o): ARM_FLAGS += $(TICK_FLAGS)
 
@@ -303,7 +304,7 @@ cpu       = $(firstword $(subst -, ,$(1)))
 back_end_of = $(lastword $(subst -, ,$(1)))
 QEMU     := qemu-system-arm -display none -monitor none -serial none -icount shift=0,sleep=off -semihosting-config enable=on,target=native
 # What needs the host: registers of a simulated chip (port_*), files (machine_file), the simulators (sim, pace, slcan, can_errors),
-# the checking back end (chk), more than 128 KiB of RAM (store, power_cut, bitflip: copies of flash or drive), minutes in QEMU (app, fuzz)
+# the checking back end (chk), more than 128 KiB of RAM (store, power_cut, bitflip: copies of flash or drive), minutes in QEMU (device, fuzz)
 NOT_TARGET := $(HOST_TESTS)
 # Each on the processor that its back end is for; the golden vectors of fixed point on both.
 TARGET_TESTS := $(foreach t,$(filter-out $(NOT_TARGET),$(TESTS)),m4-f32/test_$(t)) \
@@ -387,8 +388,8 @@ cost: cost-programs  ## write down what the firmware costs: tests/target/cost.js
 
 # --- static analysis --------------------------------------------------------------------------------------------------
 # Deviations stand in firmware/deviations.txt. Files are looked at again when they or a header have changed.
-LINT_SOURCES := $(wildcard firmware/core/*.c firmware/drive/*.c firmware/canopen/*.c firmware/port/*.c firmware/port/linux/*.c $(PORT)/*.c)
-LINT_FLAGS := -std=c11 -D_GNU_SOURCE $(INCLUDE) -I$(PORT) -DBOARD_HEADER='"board_kontur.h"' -DCONTROL_HZ=10000u \
+LINT_SOURCES := $(wildcard firmware/*.c $(ROOMS:%=firmware/%/*.c) firmware/port/*.c firmware/port/linux/*.c $(PORT)/*.c)
+LINT_FLAGS := -std=c11 -D_GNU_SOURCE $(INCLUDE) -DBOARD_HEADER='"port/stm32f405/board_kontur.h"' -DCONTROL_HZ=10000u \
 	-DKONTUR_BUILD_ID='""' -DKONTUR_VERSION='""'
 CPPCHECK := $(VENV)/bin/cppcheck -q --error-exitcode=1 --std=c11 -D__GNUC__ \
 	--enable=warning,style,performance,portability --suppressions-list=firmware/deviations.txt --suppress=missingIncludeSystem \

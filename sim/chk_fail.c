@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "num.h"
+#include "core/num.h"
 
 void chk_fail(const char *what, const char *file, int line, double value, double shadow)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "flash.h"
+#include "sim/flash.h"
 
 #include <string.h>
 

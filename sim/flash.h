@@ -7,7 +7,7 @@
  */
 #ifndef SIM_FLASH_H
 #define SIM_FLASH_H
-#include "hal.h"
+#include "hal/hal.h"
 
 struct sim_flash {
     uint32_t word[HAL_FLASH_SECTORS][HAL_FLASH_BYTES / 4];
@@ -15,9 +15,9 @@ struct sim_flash {
     uint32_t operations; /* since power-on */
     uint32_t cut_at;     /* the power fails in this operation, counted from 1; 0: never */
     bool off;
-    bool broken;         /* every operation reports an error */
-    uint32_t erases;     /* since it was made */
-    uint32_t misuse;     /* words written that were not erased */
+    bool broken;     /* every operation reports an error */
+    uint32_t erases; /* since it was made */
+    uint32_t misuse; /* words written that were not erased */
 };
 
 /* New: erased. The seed is for what a power cut leaves. */

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "kontur_sim.h"
+#include "sim/kontur_sim.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "app.h"
-#include "flash.h"
-#include "params.h"
-#include "plant.h"
+#include "device.h"
+#include "drive/configuration.h"
+#include "sim/flash.h"
+#include "sim/plant.h"
 
 #define QUEUE_FRAMES 4096u
 
@@ -18,7 +18,7 @@ struct fifo {
 };
 
 struct ks {
-    struct app app;
+    struct device device;
     struct hal hal;
     struct plant plant;
     struct sim_flash flash;
@@ -166,8 +166,8 @@ ks *ks_new(const struct ks_machine *machine, uint64_t seed, uint8_t node_id)
     s->node_id = node_id;
     sim_flash_init(&s->flash, seed);
     plant_init(&s->plant, machine, seed, 1.0 / CONTROL_HZ);
-    app_init(&s->app, &s->hal, node_id);
-    s->app.od.hardware_version = "libkontur simulated machine";
+    device_init(&s->device, &s->hal, node_id);
+    s->device.od.hardware_version = "libkontur simulated machine";
     return s;
 }
 
@@ -189,7 +189,7 @@ int ks_send(ks *s, uint32_t id, uint8_t rtr, uint8_t len, const uint8_t *data)
     if (!put(&s->to_device, &f)) {
         return -1;
     }
-    app_poll(&s->app);
+    device_poll(&s->device);
     return 0;
 }
 
@@ -211,11 +211,11 @@ static void record(ks *s)
         s->truth_room = room;
     }
     struct ks_truth *row = &s->truth[s->truth_count++];
-    const struct loop *loop = &s->app.drive.loop;
+    const struct servo_loop *loop = &s->device.drive.loop;
     for (int i = 0; i < 2; i++) {
         if (loop->simulated) {
-            row->pos_m[i] = (double)loop->machine.axis[i].pos * 0x1p-32 * s->plant.machine.encoder_m[i];
-            row->vel_mps[i] = (double)n_to_q32(loop->machine.axis[i].vel) * 0x1p-32 * 2e-4; /* um/T0 */
+            row->pos_m[i] = (double)loop->onchip_plant.axis[i].pos * 0x1p-32 * s->plant.machine.encoder_m[i];
+            row->vel_mps[i] = (double)n_to_q32(loop->onchip_plant.axis[i].vel) * 0x1p-32 * 2e-4; /* um/T0 */
             continue;
         }
         row->pos_m[i] = s->plant.pos_m[i];
@@ -229,16 +229,16 @@ static void period(ks *s)
     if (s->recording) {
         record(s);
     }
-    app_tick(&s->app);
+    device_tick(&s->device);
     s->tick++;
-    app_poll(&s->app);
+    device_poll(&s->device);
     plant_step(&s->plant, s->force_N);
     if (s->recording) {
         struct ks_truth *row = &s->truth[s->truth_count - 1];
         memcpy(row->force_N, s->force_N, sizeof row->force_N);
         memcpy(row->friction_N, s->plant.friction_N, sizeof row->friction_N);
-        for (int i = 0; s->app.drive.loop.simulated && i < 2; i++) {
-            row->force_N[i] = (double)n_to_q32(s->app.drive.loop.machine.axis[i].force) * 0x1p-32;
+        for (int i = 0; s->device.drive.loop.simulated && i < 2; i++) {
+            row->force_N[i] = (double)n_to_q32(s->device.drive.loop.onchip_plant.axis[i].force) * 0x1p-32;
             row->friction_N[i] = 0.0; /* not told by this model */
         }
     }
@@ -279,12 +279,12 @@ uint32_t ks_overflows(const ks *s)
 
 const char *ks_build(const ks *s)
 {
-    return s->app.od.build_id;
+    return s->device.od.build_id;
 }
 
 const char *ks_num(const ks *s)
 {
-    return s->app.od.num_backend;
+    return s->device.od.num_backend;
 }
 
 void ks_set_can_status(ks *s, const struct ks_can_status *status)
@@ -306,22 +306,22 @@ void ks_power_on_with(ks *s, const void *flash)
 {
     memcpy(s->flash.word, flash, sizeof s->flash.word);
     s->to_host.count = 0;
-    app_init(&s->app, &s->hal, s->node_id);
+    device_init(&s->device, &s->hal, s->node_id);
 }
 
 void ks_set_paced(ks *s, int by_sync)
 {
-    s->app.od.clock.pace = by_sync != 0;
+    s->device.od.clock.pace = by_sync != 0;
 }
 
 uint32_t ks_sync_id(const ks *s)
 {
-    return s->app.od.sync_cob_id & 0x7FFu;
+    return s->device.od.sync_cob_id & 0x7FFu;
 }
 
 uint32_t ks_sync_us(const ks *s)
 {
-    return s->app.od.sync_period;
+    return s->device.od.sync_period;
 }
 
 void ks_start_schedule(ks *s)
@@ -351,7 +351,7 @@ uint32_t ks_push_knots(ks *s, const int32_t *xy_nm, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) {
         const struct knot knot = {{xy_nm[2 * i], xy_nm[2 * i + 1]}};
-        if (drive_push(&s->app.drive, knot) != QUEUE_TAKEN) {
+        if (drive_push(&s->device.drive, knot) != QUEUE_TAKEN) {
             return i;
         }
     }
@@ -370,7 +370,7 @@ int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_m
     }
     struct od_data od;
     od_init(&od, 1);
-    struct contour_cfg cfg = params_to_cfg(&od).contour;
+    struct contour_cfg cfg = configuration_servo(&od).contour;
     cfg.newton = newton != 0;
     cfg.lag_max = n_ratio(lag_max_ms, 5);
     for (uint32_t i = 0; i < count; i++) {

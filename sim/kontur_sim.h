@@ -19,20 +19,20 @@ struct ks_machine {
     double mass_kg[2];
     double viscous_Nspm[2];
     double coulomb_N[2];
-    double breakaway[2];            /* breakaway force over Coulomb force, >= 1 */
-    double stribeck_mps[2];         /* Stribeck velocity; used where breakaway > 1, > 0 */
+    double breakaway[2];    /* breakaway force over Coulomb force, >= 1 */
+    double stribeck_mps[2]; /* Stribeck velocity; used where breakaway > 1, > 0 */
     double force_limit_N[2];
-    double force_noise_N[2];        /* standard deviation, one Gaussian draw a control period */
-    double current_lag_s[2];        /* first-order lag of the force loop; 0: none */
-    double encoder_m[2];            /* length of one encoder count */
+    double force_noise_N[2]; /* standard deviation, one Gaussian draw a control period */
+    double current_lag_s[2]; /* first-order lag of the force loop; 0: none */
+    double encoder_m[2];     /* length of one encoder count */
     double travel_min_m[2];
-    double travel_max_m[2];         /* mechanical end stops */
-    double switch_m[2];             /* limit switches: active so near an end stop; 0: none */
-    double index_m[2];              /* distance from index pulse to index pulse, one at 0; 0: none */
-    double start_m[2];              /* position at power-on */
-    int32_t delay_periods;          /* control periods from encoder reading to force, 1..4 */
-    int32_t substeps;               /* integration steps a control period, >= 10 */
-    int32_t schedule_count;         /* used rows of the schedule, 0..16 */
+    double travel_max_m[2]; /* mechanical end stops */
+    double switch_m[2];     /* limit switches: active so near an end stop; 0: none */
+    double index_m[2];      /* distance from index pulse to index pulse, one at 0; 0: none */
+    double start_m[2];      /* position at power-on */
+    int32_t delay_periods;  /* control periods from encoder reading to force, 1..4 */
+    int32_t substeps;       /* integration steps a control period, >= 10 */
+    int32_t schedule_count; /* used rows of the schedule, 0..16 */
     double schedule_time_s[16];
     double schedule_scale[16];
     double schedule_repeat_s;
@@ -49,19 +49,19 @@ struct ks_frame {
 
 /* One row of the truth, taken each control period: what no encoder sees. */
 struct ks_truth {
-    double pos_m[2];        /* true position at the instant the encoders are read */
+    double pos_m[2]; /* true position at the instant the encoders are read */
     double vel_mps[2];
-    double force_N[2];      /* force the firmware asked for in this period, before delay and noise */
-    double friction_N[2];   /* friction force that acted */
+    double force_N[2];    /* force the firmware asked for in this period, before delay and noise */
+    double friction_N[2]; /* friction force that acted */
 };
 
 /* What the CAN controller tells the firmware of itself. */
 enum { KS_CAN_ACTIVE, KS_CAN_WARNING, KS_CAN_PASSIVE, KS_CAN_OFF };
 struct ks_can_status {
-    uint32_t state;                 /* KS_CAN_... */
-    uint32_t tx_errors, rx_errors;  /* its error counters, 0..255 */
-    uint32_t rx_lost;               /* frames received for which there was no room, since power-on */
-    uint32_t bus_offs;              /* since power-on */
+    uint32_t state;                /* KS_CAN_... */
+    uint32_t tx_errors, rx_errors; /* its error counters, 0..255 */
+    uint32_t rx_lost;              /* frames received for which there was no room, since power-on */
+    uint32_t bus_offs;             /* since power-on */
 };
 
 typedef struct ks ks;
@@ -82,11 +82,11 @@ uint32_t ks_step(ks *s, uint32_t periods);
 /* The same, whether or not frames wait. */
 void ks_run(ks *s, uint32_t periods);
 
-uint64_t ks_tick(const ks *s);              /* control periods since power-on */
+uint64_t ks_tick(const ks *s); /* control periods since power-on */
 uint32_t ks_control_hz(const ks *s);
-uint32_t ks_overflows(const ks *s);         /* frames lost because nobody took them */
-const char *ks_build(const ks *s);          /* firmware build id */
-const char *ks_num(const ks *s);            /* numeric back end: "f32", "fix" or "chk" */
+uint32_t ks_overflows(const ks *s); /* frames lost because nobody took them */
+const char *ks_build(const ks *s);  /* firmware build id */
+const char *ks_num(const ks *s);    /* numeric back end: "f32", "fix" or "chk" */
 
 /* What the CAN controller tells from now on; at power-on it is error active, and nothing was lost. */
 void ks_set_can_status(ks *s, const struct ks_can_status *status);

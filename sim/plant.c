@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "plant.h"
+#include "sim/plant.h"
 
 #include <math.h>
 #include <string.h>
 
-#include "hal.h"
+#include "hal/hal.h"
 
 /* xoshiro256++ (Blackman, Vigna), seeded by splitmix64 */
 static uint64_t rotl(uint64_t x, int k)
@@ -89,7 +89,8 @@ const char *plant_check(const struct ks_machine *m)
             {positive(m->encoder_m[i]), "encoder_m"},
             {isfinite(m->travel_min_m[i]) && fabs(m->travel_min_m[i]) <= 2.0, "travel_min_m"},
             {m->travel_max_m[i] > m->travel_min_m[i] && m->travel_max_m[i] <= 2.0, "travel_max_m"},
-            {not_negative(m->switch_m[i]) && 2.0 * m->switch_m[i] < m->travel_max_m[i] - m->travel_min_m[i], "switch_m"},
+            {not_negative(m->switch_m[i]) && 2.0 * m->switch_m[i] < m->travel_max_m[i] - m->travel_min_m[i],
+             "switch_m"},
             {not_negative(m->index_m[i]), "index_m"},
             {m->start_m[i] >= m->travel_min_m[i] && m->start_m[i] <= m->travel_max_m[i], "start_m"},
             {fmax(fabs(m->travel_min_m[i]), fabs(m->travel_max_m[i])) / m->encoder_m[i] < 2147483647.0, "encoder_m"},

@@ -11,7 +11,7 @@
  */
 #ifndef KONTUR_PLANT_H
 #define KONTUR_PLANT_H
-#include "kontur_sim.h"
+#include "sim/kontur_sim.h"
 
 enum { PLANT_DELAY_MAX = 4 };
 
@@ -19,15 +19,15 @@ struct plant {
     struct ks_machine machine;
     double period_s;
     uint64_t rng[4];
-    double spare;          /* second value of the last Gaussian pair */
+    double spare; /* second value of the last Gaussian pair */
     int has_spare;
     double pos_m[2], vel_mps[2];
     double asked_N[PLANT_DELAY_MAX + 1][2]; /* [0]: newest */
     double lagged_N[2];
-    double friction_N[2];  /* that acted in the last sub-step */
+    double friction_N[2];    /* that acted in the last sub-step */
     uint8_t index_pulses[2]; /* so far, modulo 256 */
     int32_t index_count[2];  /* encoder at the latest */
-    uint64_t period;       /* control periods so far */
+    uint64_t period;         /* control periods so far */
     uint64_t schedule_start;
 };
 

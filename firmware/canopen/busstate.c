@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "busstate.h"
+#include "canopen/busstate.h"
 
 #include <stddef.h>
 
-#include "node.h"
+#include "canopen/node.h"
 
 enum { OVERRUN_MS = 1000 };
 

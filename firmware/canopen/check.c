@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "check.h"
+#include "canopen/check.h"
 
 #include <stddef.h>
 
-#include "node.h"
+#include "canopen/node.h"
 
 /* CiA 301, table of restricted identifiers: those that other services use. */
 static bool is_restricted(uint32_t id)

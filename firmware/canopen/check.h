@@ -8,7 +8,7 @@
 #define CO_CHECK_H
 #include <stdint.h>
 
-#include "od.h"
+#include "od/od.h"
 
 struct co_node;
 

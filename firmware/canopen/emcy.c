@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "emcy.h"
+#include "canopen/emcy.h"
 
-#include "node.h"
+#include "canopen/node.h"
 
 void co_emcy_refresh(struct co_node *node)
 {
@@ -29,7 +29,7 @@ uint16_t co_emcy_code(const struct co_node *node, unsigned i)
 bool co_emcy_of_node(const struct co_node *node)
 {
     static const uint16_t codes[CO_ERRORS_OF_NODE] = {CO_EMCY_PDO_SHORT, CO_EMCY_PDO_LONG, CO_EMCY_SYNC_LENGTH,
-                                     CO_EMCY_PASSIVE,   CO_EMCY_WAS_OFF,  CO_EMCY_OVERRUN};
+                                                      CO_EMCY_PASSIVE,   CO_EMCY_WAS_OFF,  CO_EMCY_OVERRUN};
     for (unsigned i = 0; i < CO_ERRORS_OF_NODE; i++) {
         if (in_effect(&node->emcy, codes[i])) {
             return true;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "lss.h"
+#include "canopen/lss.h"
 
 #include <stddef.h>
 
-#include "node.h"
+#include "canopen/node.h"
 
 /* Command specifiers (CiA 305) */
 enum {
@@ -137,8 +137,10 @@ static void select_part(struct co_node *node, unsigned part, uint32_t value)
 
 static void identify(struct co_node *node, unsigned step, uint32_t value)
 {
-    static const struct { uint8_t part, low, high; } steps[] = {
-        {0, 1, 1}, {1, 1, 1}, {2, 1, 0}, {2, 0, 1}, {3, 1, 0}, {3, 0, 1}}; /* `value` is a lower, an upper bound */
+    static const struct {
+        uint8_t part, low, high;
+    } steps[] = {{0, 1, 1}, {1, 1, 1}, {2, 1, 0},
+                 {2, 0, 1}, {3, 1, 0}, {3, 0, 1}}; /* `value` is a lower, an upper bound */
     struct co_lss *lss = &node->lss;
     const uint32_t own = address(node, steps[step].part);
     const bool mine = (step == 0 || step == lss->identified) && (steps[step].low == 0 || own >= value) &&

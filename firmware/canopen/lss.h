@@ -10,18 +10,18 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "hal.h"
+#include "hal/hal.h"
 
 enum { CO_LSS_REQUEST = 0x7E5, CO_LSS_RESPONSE = 0x7E4 };
 
 struct co_lss {
-    bool configuring;      /* state: configuration, else waiting */
-    uint8_t selected;      /* parts of the address that were this node's, in order: switch state selective, */
-    uint8_t identified;    /* identify remote slave */
-    uint8_t scanned;       /* part that the fastscan is at */
-    uint16_t bitrate;      /* in use, kbit/s */
-    uint16_t delay_ms;     /* of the switch of bit rate under way */
-    uint32_t silent_ms;    /* left of both of its delays */
+    bool configuring;   /* state: configuration, else waiting */
+    uint8_t selected;   /* parts of the address that were this node's, in order: switch state selective, */
+    uint8_t identified; /* identify remote slave */
+    uint8_t scanned;    /* part that the fastscan is at */
+    uint16_t bitrate;   /* in use, kbit/s */
+    uint16_t delay_ms;  /* of the switch of bit rate under way */
+    uint32_t silent_ms; /* left of both of its delays */
 };
 
 struct co_node;

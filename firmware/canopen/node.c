@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "node.h"
+#include "canopen/node.h"
 
 #include <stddef.h>
 
@@ -79,7 +79,7 @@ static void boot(struct co_node *node)
     const struct co_hooks *hooks = &node->config.hooks;
     node->state = CO_INITIALISING;
     node->sdo.transfer = CO_SDO_IDLE;
-    co_guard(node, 0);
+    co_watch_heartbeat(node, 0);
     co_emcy_refresh(node);
     co_pdo_refresh(node);
     co_lss_reset(node);
@@ -157,10 +157,11 @@ static void nmt(struct co_node *node, const struct can_frame *frame)
     }
 }
 
-void co_guard(struct co_node *node, uint8_t id)
+void co_watch_heartbeat(struct co_node *node, uint8_t id)
 {
     const uint32_t consumer = node->config.od->heartbeat_consumer[0];
-    const uint32_t time_ms = consumer >> 16 == id && (consumer & 0xFFFFu) != 0 ? consumer & 0xFFFFu : CO_GUARD_MS;
+    const uint32_t time_ms =
+        consumer >> 16 == id && (consumer & 0xFFFFu) != 0 ? consumer & 0xFFFFu : CO_HEARTBEAT_WATCH_MS;
     node->guarded = id != 0 ? (uint32_t)id << 16 | time_ms : 0u;
     node->consumer_left_ms = id != 0 ? time_ms + 1u : 0u;
 }

@@ -14,13 +14,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "busstate.h"
-#include "emcy.h"
-#include "hal.h"
-#include "lss.h"
-#include "od.h"
-#include "pdo.h"
-#include "sdo.h"
+#include "canopen/busstate.h"
+#include "canopen/emcy.h"
+#include "canopen/lss.h"
+#include "canopen/pdo.h"
+#include "canopen/sdo.h"
+#include "hal/hal.h"
+#include "od/od.h"
 
 /* Initialising: it has no node id. */
 enum co_state { CO_INITIALISING = 0, CO_STOPPED = 4, CO_OPERATIONAL = 5, CO_PRE_OPERATIONAL = 127 };
@@ -46,7 +46,7 @@ struct co_hooks {
     void (*on_tpdo)(void *ctx, unsigned number);
     /* The NMT state has changed. */
     void (*on_nmt)(void *ctx, enum co_state state);
-    /* The node of 1016h, or of co_guard(), has been silent for its time; the NMT state of 1029h follows. Called once; the
+    /* The node of 1016h, or of co_watch_heartbeat(), has been silent for its time; the NMT state of 1029h follows. Called once; the
      * next heartbeat rearms it. */
     void (*on_heartbeat_lost)(void *ctx);
     /* A reset: put the objects 1000h..1FFFh, or all, to what they are at power-on, and return the node id from now on.
@@ -67,15 +67,15 @@ struct co_config {
 };
 
 #define CO_TX_FRAMES 8
-#define CO_GUARD_MS 500u
+#define CO_HEARTBEAT_WATCH_MS 500u
 
 /* Owned by the caller; no field is for his use. */
 struct co_node {
     struct co_config config;
     enum co_state state;
-    uint16_t producer_ms;       /* since the last heartbeat */
-    uint32_t guarded;           /* node << 16 | ms of co_guard(), in place of 1016h; 0: nobody */
-    uint32_t consumer_left_ms;  /* until the consumed heartbeat is lost; 0: not watched */
+    uint16_t producer_ms;              /* since the last heartbeat */
+    uint32_t guarded;                  /* node << 16 | ms of co_watch_heartbeat(), in place of 1016h; 0: nobody */
+    uint32_t consumer_left_ms;         /* until the consumed heartbeat is lost; 0: not watched */
     struct can_frame tx[CO_TX_FRAMES]; /* frames that the HAL had no room for, oldest first */
     uint8_t tx_count;
     struct co_emcy emcy;
@@ -91,8 +91,8 @@ void co_receive(struct co_node *node, const struct can_frame *frame);
 void co_tick_ms(struct co_node *node);
 enum co_state co_nmt_state(const struct co_node *node);
 /* From now on, and not from its first heartbeat only, the heartbeat of node `id` is watched in place of that of 1016h, for the
- * time that is there for it, or CO_GUARD_MS; 0: 1016h counts again, from its next heartbeat on. A reset ends it. */
-void co_guard(struct co_node *node, uint8_t id);
+ * time that is there for it, or CO_HEARTBEAT_WATCH_MS; 0: 1016h counts again, from its next heartbeat on. A reset ends it. */
+void co_watch_heartbeat(struct co_node *node, uint8_t id);
 
 /* Between the files of this folder: */
 /* Send, or keep until there is room; dropped where there is no room here either. */

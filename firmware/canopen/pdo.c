@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "pdo.h"
+#include "canopen/pdo.h"
 
 #include <stddef.h>
 #include <string.h>
 
-#include "node.h"
+#include "canopen/node.h"
 
 /* Data types 0002h..0007h may fill gaps of an RPDO (CiA 301, dummy mapping): what is there is not stored. */
 static const struct od_entry dummies[] = {

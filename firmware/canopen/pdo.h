@@ -16,8 +16,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "hal.h"
-#include "od.h"
+#include "hal/hal.h"
+#include "od/od.h"
 
 enum { PDO_SYNC_MAX = 240, PDO_EVENT = 254 }; /* transmission types */
 
@@ -28,16 +28,16 @@ enum { PDO_SYNC_MAX = 240, PDO_EVENT = 254 }; /* transmission types */
 struct co_pdo {
     const struct od_entry *entry[OD_PDO_ENTRIES];
     uint8_t count, bytes;
-    uint16_t id;              /* 0: not in use */
+    uint16_t id; /* 0: not in use */
     uint8_t type;
-    uint8_t data[8];          /* RPDO that waits for the SYNC */
-    bool pending;             /* it does; TPDO: an event has not been told yet */
+    uint8_t data[8]; /* RPDO that waits for the SYNC */
+    bool pending;    /* it does; TPDO: an event has not been told yet */
     /* of TPDOs */
-    bool counting;            /* the SYNC that counts as the first has come */
+    bool counting; /* the SYNC that counts as the first has come */
     uint8_t sync_start;
-    uint8_t syncs;            /* since it was sent */
-    uint16_t event_ms;        /* 0: no timer */
-    uint16_t elapsed_ms;      /* since it was sent */
+    uint8_t syncs;       /* since it was sent */
+    uint16_t event_ms;   /* 0: no timer */
+    uint16_t elapsed_ms; /* since it was sent */
     uint16_t inhibit_ms, inhibit_left_ms;
 };
 

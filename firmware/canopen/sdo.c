@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "sdo.h"
+#include "canopen/sdo.h"
 
 #include <stddef.h>
 #include <string.h>
 
-#include "check.h"
-#include "node.h"
+#include "canopen/check.h"
+#include "canopen/node.h"
 
 enum { BIT_SIZE = 0x01, BIT_EXPEDITED = 0x02, BIT_LAST = 0x01, BIT_TOGGLE = 0x10 };
 enum { BIT_BLOCK_STEP = 0x03, BIT_BLOCK_END = 0x01 }; /* a step after the first: of an upload, of a download */
@@ -207,8 +207,8 @@ static void upload_segment(struct co_node *node, const uint8_t *request)
     const uint32_t left = sdo->size - sdo->at;
     const uint32_t count = left < CO_SDO_SEGMENT ? left : CO_SDO_SEGMENT;
     const bool last = count == left;
-    struct can_frame frame = co_sdo_response(
-        node, SCS_UPLOAD_SEGMENT | (request[0] & BIT_TOGGLE) | (CO_SDO_SEGMENT - count) << 1 | (last ? BIT_LAST : 0u));
+    struct can_frame frame = co_sdo_response(node, SCS_UPLOAD_SEGMENT | (request[0] & BIT_TOGGLE) |
+                                                       (CO_SDO_SEGMENT - count) << 1 | (last ? BIT_LAST : 0u));
     if (!co_sdo_bytes(node, sdo->at, &frame.data[1], count)) {
         abort_transfer(node, SDO_ABORT_STATE);
         return;

@@ -15,8 +15,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "hal.h"
-#include "od.h"
+#include "hal/hal.h"
+#include "od/od.h"
 
 enum { CO_SDO_SEGMENT = 7, CO_SDO_SEGMENTS_PER_MS = 3, CO_SDO_TIMEOUT_MS = 2000 };
 
@@ -54,17 +54,17 @@ enum co_sdo_transfer {
 struct co_sdo {
     enum co_sdo_transfer transfer;
     const struct od_entry *entry;
-    bool toggle;          /* of the next segment */
-    uint16_t silent_ms;   /* since the last step of the transfer */
-    uint32_t at;          /* bytes transferred; block upload: acknowledged, as a multiple of a segment */
-    const uint8_t *data;  /* upload: the bytes (NULL: a domain), */
-    uint32_t size;        /* and how many */
+    bool toggle;                    /* of the next segment */
+    uint16_t silent_ms;             /* since the last step of the transfer */
+    uint32_t at;                    /* bytes transferred; block upload: acknowledged, as a multiple of a segment */
+    const uint8_t *data;            /* upload: the bytes (NULL: a domain), */
+    uint32_t size;                  /* and how many */
     uint8_t buffer[CO_SDO_SEGMENT]; /* a number on its way */
     bool crc_wanted;
     uint16_t crc;
-    uint32_t crc_at;      /* bytes in crc */
-    uint8_t block;        /* segments a block */
-    uint8_t sent;         /* of the current block */
+    uint32_t crc_at; /* bytes in crc */
+    uint8_t block;   /* segments a block */
+    uint8_t sent;    /* of the current block */
 };
 
 struct co_node;

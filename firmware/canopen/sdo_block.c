@@ -2,8 +2,8 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "node.h"
-#include "sdo.h"
+#include "canopen/node.h"
+#include "canopen/sdo.h"
 
 enum {
     BIT_CRC = 0x04,  /* the client wants it; so the server does it */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "cascade.h"
+#include "core/cascade.h"
 
 static num integrate(num integral, num x, num dt, num limit)
 {

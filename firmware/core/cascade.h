@@ -11,19 +11,19 @@
  */
 #ifndef KONTUR_CASCADE_H
 #define KONTUR_CASCADE_H
-#include "asmc.h"
+#include "core/smc.h"
 
 struct cascade_cfg {
-    num k_p;      /* 1/T0 */
-    num k_v;      /* 1/T0 */
-    num k_i;      /* 1/T0 */
-    num coupling; /* W, >= 0 */
+    num k_p;          /* 1/T0 */
+    num k_v;          /* 1/T0 */
+    num k_i;          /* 1/T0 */
+    num coupling;     /* W, >= 0 */
     num integral_max; /* clamp of the integrals, um */
 };
 
 struct cascade_state {
-    vec2 integral;    /* of e_v, um */
-    num coupled;      /* of w, um */
+    vec2 integral; /* of e_v, um */
+    num coupled;   /* of w, um */
 };
 
 void cascade_reset(struct cascade_state *state);

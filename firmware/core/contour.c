@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "contour.h"
+#include "core/contour.h"
 
 /* What a step needs of the curve near the axes: mostly all three points lie on one piece. Actual positions count from
  * its first knot, so that each is subtracted once. */
@@ -102,7 +102,7 @@ static inline struct frame find_foot(const struct contour_cfg *cfg, struct sourc
                                      struct foot *foot, struct contour_out *o)
 {
     const struct frame ref = frame_at(cfg, d1);
-    o->e_l = v2_to_frame(ref.t, o->e_w); /* (4) */
+    o->e_l = v2_to_frame(ref.t, o->e_w);                                                                      /* (4) */
     o->t_d = ref.still ? NUM(0) : n_within(n_div(n_neg(o->e_l.x), n_add(ref.speed, ref.drag)), cfg->lag_max); /* (5) */
     shift(from, at, n_neg(o->t_d));
     *foot = foot_at(at); /* (6) */
@@ -126,8 +126,8 @@ static inline void frame_rates(const struct path_state *path, const struct frame
 {
     const num speed = n_add(f->speed, f->drag);
     const num theta_1 = n_div(v2_cross(f->t, foot->d2), speed);
-    const num theta_2 = n_msub(n_div(v2_cross(f->t, foot->d3), speed), n_mul(NUM(2), theta_1),
-                               n_div(v2_dot(f->t, foot->d2), speed));
+    const num theta_2 =
+        n_msub(n_div(v2_cross(f->t, foot->d3), speed), n_mul(NUM(2), theta_1), n_div(v2_dot(f->t, foot->d2), speed));
     const num nu = n_div(n_mad(v_t, f->drag, path->rate), foot_slope(f, foot));
     o->nu = n_within(nu, NUM(4));
     o->theta_dot = n_mul(theta_1, o->nu);
@@ -149,8 +149,8 @@ static inline void keep_reference(const struct path_state *path, struct contour_
  *   e_n   = (t . e_w, n . e)
  *   e_n'  = (t . e_w' + w n . e_w, n . q' - w t . e)
  *   e_n'' = R^T q'' - a_n,  a_n = (t . r'' - w (2 n . e_w' - w t . e_w) - w' n . e_w, w (2 t . q' - t . r_a' + w n . e) + w' t . e) */
-static inline void adjust_reference(const struct path_state *path, const struct frame *f, const struct foot *foot, vec2 q_dot,
-                                    struct contour_out *o)
+static inline void adjust_reference(const struct path_state *path, const struct frame *f, const struct foot *foot,
+                                    vec2 q_dot, struct contour_out *o)
 {
     const vec2 v = v2_to_frame(f->t, q_dot);
     const vec2 e_w = v2_to_frame(f->t, o->e_w);

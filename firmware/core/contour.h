@@ -30,35 +30,35 @@
  */
 #ifndef KONTUR_CONTOUR_H
 #define KONTUR_CONTOUR_H
-#include "spline.h"
+#include "core/spline.h"
 
 /* Path speed, um/T0, at and below which there is no direction (4 um/s): quotients by it keep three digits in fixed point. */
 #define CONTOUR_STILL 0.02
 
 struct contour_cfg {
-    num v_min;    /* regularising speed, um/T0, > 0 */
-    num lag_max;  /* limit of |t_d|, T0, > 0 */
+    num v_min;   /* regularising speed, um/T0, > 0 */
+    num lag_max; /* limit of |t_d|, T0, > 0 */
     bool newton;
 };
 
 /* Where the reference is on its path: written once a control period by the drive layer. */
 struct path_state {
     uint32_t knot, rest; /* path time s: knots passed, and path time since the last of them */
-    num rate;       /* sigma = ds/dt, 0..1.2 */
-    num rate_dot;   /* d sigma/dt, 1/T0 */
-    uint32_t count; /* valid knots */
+    num rate;            /* sigma = ds/dt, 0..1.2 */
+    num rate_dot;        /* d sigma/dt, 1/T0 */
+    uint32_t count;      /* valid knots */
 };
 
 struct contour_out {
-    vec2 r_dot, r_ddot;       /* derivatives of r(s) by time */
-    vec2 e_w, e_w_dot;        /* q - e_w: r(s) */
+    vec2 r_dot, r_ddot; /* derivatives of r(s) by time */
+    vec2 e_w, e_w_dot;  /* q - e_w: r(s) */
     vec2 e_l;
     num t_d;
-    uint32_t foot_knot;       /* tau: the last knot before, and knots from there */
+    uint32_t foot_knot; /* tau: the last knot before, and knots from there */
     num foot_u;
     num nu;
     vec2 t;
-    num theta_dot, theta_ddot;  /* of the frame at the foot point, 1/T0, 1/T0^2 */
+    num theta_dot, theta_ddot; /* of the frame at the foot point, 1/T0, 1/T0^2 */
     vec2 e_wn;
     vec2 e_n, e_n_dot;
     vec2 a_n;
@@ -68,18 +68,18 @@ struct contour_out {
 void contour_step(const struct contour_cfg *cfg, struct spline_kept *kept, const struct spline_ring *ring,
                   const struct path_state *path, const pos_t q[2], vec2 q_dot, struct contour_out *out);
 
-static inline path_t contour_tau(const struct contour_out *out)
+static inline path_time_t contour_tau(const struct contour_out *out)
 {
     return path_time(out->foot_knot, out->foot_u);
 }
 
-static inline path_t path_s(const struct path_state *path)
+static inline path_time_t path_s(const struct path_state *path)
 {
-    return (path_t)path->knot * PATH_ONE + (path_t)path->rest;
+    return (path_time_t)path->knot * PATH_ONE + (path_time_t)path->rest;
 }
 
 /* s >= 0 */
-static inline void path_set(struct path_state *path, path_t s)
+static inline void path_set(struct path_state *path, path_time_t s)
 {
     path->knot = path_knots(s, &path->rest);
 }

@@ -6,7 +6,7 @@
  */
 #ifndef KONTUR_ENERGY_H
 #define KONTUR_ENERGY_H
-#include "num.h"
+#include "core/num.h"
 
 struct energy_cfg {
     num force_constant; /* K_f, N/A, > 0 */
@@ -18,7 +18,7 @@ struct energy_cfg {
 };
 
 struct energy_state {
-    num part_mJ;   /* below 1 mJ: what has not been carried into `mJ` */
+    num part_mJ; /* below 1 mJ: what has not been carried into `mJ` */
     int32_t mJ;  /* wraps */
 };
 

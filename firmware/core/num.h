@@ -55,11 +55,11 @@ static inline int32_t pos_to_nm(pos_t p)
 }
 
 #if defined(KONTUR_NUM_FIX)
-#include "num_fix.h"
+#include "core/num_fix.h"
 #elif defined(KONTUR_NUM_CHK)
-#include "num_chk.h"
+#include "core/num_chk.h"
 #else
-#include "num_f32.h"
+#include "core/num_f32.h"
 #endif
 #endif
 

@@ -14,7 +14,7 @@
 #define KONTUR_NUM_CHK_H
 #include <math.h>
 
-#include "fix.h"
+#include "core/fix.h"
 
 typedef struct {
     int32_t v;

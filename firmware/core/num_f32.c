@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "num.h"
+#include "core/num.h"
 
 #ifdef NUM_ABS
 __attribute__((noinline)) num n_from_wide(int64_t i)

@@ -114,7 +114,8 @@ static inline int64_t n_to_i64(num x)
     if (__builtin_expect(size < 2147483648.0f, 1)) {
         return (int32_t)x;
     }
-    return size < 274877906944.0f ? (int64_t)(int32_t)(x * (1.0f / 128)) * 128 : n_to_wide(x); /* 24 bits: nothing is cut */
+    return size < 274877906944.0f ? (int64_t)(int32_t)(x * (1.0f / 128)) * 128
+                                  : n_to_wide(x); /* 24 bits: nothing is cut */
 }
 
 static inline num n_ratio(int64_t n, int64_t d)

@@ -2,7 +2,7 @@
 /* num_fix.h: the fixed-point back end of num.h. No floating point is left in a build with it. */
 #ifndef KONTUR_NUM_FIX_H
 #define KONTUR_NUM_FIX_H
-#include "fix.h"
+#include "core/fix.h"
 
 typedef int32_t num;
 typedef int64_t acc_t;

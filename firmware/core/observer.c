@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "observer.h"
+#include "core/observer.h"
 
 struct observer_cfg observer_design(num bandwidth, num dt)
 {

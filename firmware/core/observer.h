@@ -10,7 +10,7 @@
  */
 #ifndef KONTUR_OBSERVER_H
 #define KONTUR_OBSERVER_H
-#include "num.h"
+#include "core/num.h"
 
 struct observer_cfg {
     num gain_pos; /* - */

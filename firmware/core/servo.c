@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "servo.h"
+#include "core/servo.h"
 
 static const vec2 ZERO;
 
-static inline void observe(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_in *in, vec2 moving,
-                           pos_t q[2], vec2 *q_dot)
+static inline void observe(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_in *in,
+                           vec2 moving, pos_t q[2], vec2 *q_dot)
 {
     const struct plant_cfg *p = &cfg->plant;
     struct observer_state *ob = state->observer;
@@ -24,8 +24,8 @@ static inline void observe(const struct servo_cfg *cfg, struct servo_state *stat
 
 static void reset_laws(const struct servo_cfg *cfg, struct servo_state *state, const pos_t q[2], vec2 q_dot)
 {
-    asmc_reset(&cfg->asmc, &state->asmc);
-    uncertainty_reset(&cfg->uncertainty, &state->uncertainty, q, q_dot);
+    smc_reset(&cfg->smc, &state->smc);
+    compensator_reset(&cfg->compensator, &state->compensator, q, q_dot);
     cascade_reset(&state->cascade);
     state->offset = ZERO;
     state->blending = false;
@@ -36,52 +36,49 @@ static inline struct servo_asked law(const struct servo_cfg *cfg, struct servo_s
                                      const pos_t q[2], struct servo_out *out, vec2 *balance)
 {
     const struct contour_out *c = &out->contour;
-    const vec2 direction = asmc_direction(cfg->asmc.friction_speed, c->r_dot);
+    const vec2 direction = smc_direction(cfg->smc.friction_speed, c->r_dot);
     struct servo_asked asked;
     if (controller == CONTROLLER_CASCADE || controller == CONTROLLER_CCC) {
         *balance = v2_mul(cfg->plant.coulomb, direction);
-        asked.moving = cascade_step(&cfg->cascade, &cfg->plant, &state->cascade, c, controller == CONTROLLER_CCC, cfg->dt);
+        asked.moving =
+            cascade_step(&cfg->cascade, &cfg->plant, &state->cascade, c, controller == CONTROLLER_CCC, cfg->dt);
         asked.model = asked.moving;
-        out->asmc = (struct asmc_out){.k_hat = ZERO};
-        out->uncertainty = (struct uncertainty_out){.mu = ZERO};
+        out->smc = (struct smc_out){.k_hat = ZERO};
+        out->compensator = (struct compensator_out){.mu = ZERO};
         return asked;
     }
 
-    struct asmc_in in = {.t = c->t,
-                         .e = c->e_n,
-                         .e_dot = c->e_n_dot,
-                         .a_n = c->a_n,
-                         .q_dot = out->velocity,
-                         .direction = direction};
+    struct smc_in in = {
+        .t = c->t, .e = c->e_n, .e_dot = c->e_n_dot, .a_n = c->a_n, .q_dot = out->velocity, .direction = direction};
     if (controller == CONTROLLER_TRACK) { /* R = I, r_n = r */
         in.t = v2(NUM(1), NUM(0));
         in.e = c->e_w;
         in.e_dot = c->e_w_dot;
         in.a_n = c->r_ddot;
     }
-    asmc_step(&cfg->asmc, &cfg->plant, &state->asmc, &in, &out->asmc);
+    smc_step(&cfg->smc, &cfg->plant, &state->smc, &in, &out->smc);
     const int axis = (int)(state->turn % 2u);
     const num turns_dt = n_mul(NUM(SERVO_TURNS), cfg->dt);
     const bool adapts = state->turn < 2u;
     if (adapts) {
-        asmc_adapt(&cfg->asmc, &state->asmc, axis, out->asmc.s_bar, turns_dt);
+        smc_adapt(&cfg->smc, &state->smc, axis, out->smc.s_bar, turns_dt);
     }
-    *balance = out->asmc.u_friction;
-    asked.moving = out->asmc.u_linear;
-    asked.model = cfg->uncertainty.whole_input ? v2_add(out->asmc.u_linear, out->asmc.u_friction) : out->asmc.u_linear;
+    *balance = out->smc.u_friction;
+    asked.moving = out->smc.u_linear;
+    asked.model = cfg->compensator.whole_input ? v2_add(out->smc.u_linear, out->smc.u_friction) : out->smc.u_linear;
     if (controller == CONTROLLER_CCU) {
-        uncertainty_step(&cfg->uncertainty, &cfg->plant, &state->uncertainty, q, out->velocity, c->t, c->theta_dot,
-                         &out->uncertainty);
-        asked.moving = v2_add(asked.moving, out->uncertainty.u);
-        *balance = v2_add(*balance, learning_force(&state->learning, direction, c->r_ddot));
+        compensator_step(&cfg->compensator, &cfg->plant, &state->compensator, q, out->velocity, c->t, c->theta_dot,
+                         &out->compensator);
+        asked.moving = v2_add(asked.moving, out->compensator.u);
+        *balance = v2_add(*balance, feedforward_force(&state->feedforward, direction, c->r_ddot));
         if (adapts) {
-            uncertainty_adapt(&cfg->uncertainty, &state->uncertainty, axis, out->uncertainty.s, turns_dt);
+            compensator_adapt(&cfg->compensator, &state->compensator, axis, out->compensator.s, turns_dt);
         } else if (!state->saturated) { /* a force that was not given teaches nothing */
-            learning_step(&cfg->learning, &cfg->plant, &state->learning, axis, direction, c->r_ddot, out->uncertainty.u,
-                          turns_dt);
+            feedforward_step(&cfg->feedforward, &cfg->plant, &state->feedforward, axis, direction, c->r_ddot,
+                             out->compensator.u, turns_dt);
         }
     } else {
-        out->uncertainty = (struct uncertainty_out){.mu = ZERO};
+        out->compensator = (struct compensator_out){.mu = ZERO};
     }
     return asked;
 }
@@ -128,13 +125,13 @@ void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const p
         observer_reset(&state->observer[i], measured[i]);
         energy_reset(&state->energy[i]);
     }
-    learning_reset(&state->learning);
+    feedforward_reset(&state->feedforward);
     reset_laws(cfg, state, measured, ZERO);
 }
 
 /* One function on the target, so that what stages hand on stays in registers: 5 % of the tick. */
-__attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_in *in,
-                                         struct servo_out *out)
+__attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct servo_state *state,
+                                         const struct servo_in *in, struct servo_out *out)
 {
     pos_t q[2];
     state->turn = (state->turn + 1u) % SERVO_TURNS;
@@ -147,7 +144,7 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     } else {
         contour_step(&cfg->contour, &state->kept, in->ring, &in->path, q, out->velocity, &out->contour);
         const bool switched = in->controller != state->controller;
-        uncertainty_model(&cfg->plant, &state->uncertainty, acted->model, cfg->dt);
+        compensator_model(&cfg->plant, &state->compensator, acted->model, cfg->dt);
         if (fresh || switched) {
             reset_laws(cfg, state, q, out->velocity);
         }
@@ -170,8 +167,8 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
             const vec2 given = limit(&cfg->plant, wanted);
             const vec2 excess = v2_sub(wanted, given);
             out->force = where_enabled(in->enabled, given);
-            out->saturated = (in->enabled[0] && n_lt(NUM(0), n_abs(excess.x))) ||
-                             (in->enabled[1] && n_lt(NUM(0), n_abs(excess.y)));
+            out->saturated =
+                (in->enabled[0] && n_lt(NUM(0), n_abs(excess.x))) || (in->enabled[1] && n_lt(NUM(0), n_abs(excess.y)));
             asked.moving = where_enabled(in->enabled, v2_sub(asked.moving, excess));
             asked.model = where_enabled(in->enabled, v2_sub(asked.model, excess));
         }

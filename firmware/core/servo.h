@@ -2,7 +2,7 @@
 /* servo.h: one control period, composed. Pure: servo_step() reads cfg and in, changes state, fills out.
  *
  * Order: observer -> spline and contour -> law (-> uncertainty) -> limits. Reading encoders before and writing forces
- * after is loop_tick()'s (drive/loop.h).
+ * after is servo_loop_tick()'s (drive/servo_loop.h).
  *
  * The force returned acts from the next encoder reading to the one after (one control period of delay); observer and
  * reference model are fed accordingly. The observer gets the force less what balances friction: that accelerates
@@ -13,11 +13,11 @@
  */
 #ifndef KONTUR_SERVO_H
 #define KONTUR_SERVO_H
-#include "cascade.h"
-#include "energy.h"
-#include "learning.h"
-#include "observer.h"
-#include "uncertainty.h"
+#include "core/cascade.h"
+#include "core/compensator.h"
+#include "core/energy.h"
+#include "core/feedforward.h"
+#include "core/observer.h"
 
 enum controller {
     CONTROLLER_TRACK,   /* sliding mode law on each axis */
@@ -37,9 +37,9 @@ struct servo_cfg {
     struct plant_cfg plant;
     struct observer_cfg observer;
     struct contour_cfg contour;
-    struct asmc_cfg asmc;
-    struct uncertainty_cfg uncertainty;
-    struct learning_cfg learning;
+    struct smc_cfg smc;
+    struct compensator_cfg compensator;
+    struct feedforward_cfg feedforward;
     struct cascade_cfg cascade;
     struct energy_cfg energy[2];
 };
@@ -60,9 +60,9 @@ struct servo_asked {
 
 struct servo_state {
     struct observer_state observer[2];
-    struct asmc_state asmc;
-    struct uncertainty_state uncertainty;
-    struct learning_state learning; /* kept when the controller changes or the power goes */
+    struct smc_state smc;
+    struct compensator_state compensator;
+    struct feedforward_state feedforward; /* kept when the controller changes or the power goes */
     struct cascade_state cascade;
     struct energy_state energy[2];
     bool enabled[2];
@@ -70,19 +70,20 @@ struct servo_state {
     bool saturated; /* in the last period */
     bool blending;  /* there is an offset */
     vec2 offset;
-    uint32_t turn;  /* in this period: energy and adaptation of axis 0, 1, learning of axis 0, 1; each for all turns' time */
-    vec2 force;     /* of the last period, N */
+    uint32_t
+        turn; /* in this period: energy and adaptation of axis 0, 1, learning of axis 0, 1; each for all turns' time */
+    vec2 force;                  /* of the last period, N */
     struct servo_asked asked[2]; /* of even and odd periods: that of the one before the last has just acted */
-    struct spline_kept kept;      /* emptied by who gives another sequence of knots (in.ring) */
+    struct spline_kept kept;     /* emptied by who gives another sequence of knots (in.ring) */
 };
 
 struct servo_out {
-    vec2 force;    /* N, within plant.force_max */
+    vec2 force; /* N, within plant.force_max */
     bool saturated;
     vec2 velocity; /* um/T0 */
     struct contour_out contour;
-    struct asmc_out asmc;              /* track, cc, ccu */
-    struct uncertainty_out uncertainty; /* ccu */
+    struct smc_out smc;                 /* track, cc, ccu */
+    struct compensator_out compensator; /* ccu */
 };
 
 /* At rest at the measured positions. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "spline.h"
+#include "core/spline.h"
 
 static const struct knot *knot_at(const struct spline_ring *ring, uint32_t count, int64_t i)
 {
@@ -16,7 +16,8 @@ static num over(uint32_t nm, int32_t d)
     return n_ratio((int32_t)nm, d);
 }
 
-__attribute__((noinline)) void spline_piece(const struct spline_ring *ring, uint32_t count, uint32_t knot, struct spline_piece *piece)
+__attribute__((noinline)) void spline_piece(const struct spline_ring *ring, uint32_t count, uint32_t knot,
+                                            struct spline_piece *piece)
 {
     struct knot c[4];
     const bool whole = (uint64_t)knot + 2u < count;
@@ -47,8 +48,9 @@ __attribute__((noinline)) void spline_piece(const struct spline_ring *ring, uint
     piece->d1 = v2(slope[0], slope[1]);
 }
 
-__attribute__((noinline)) const struct spline_piece *spline_make(struct spline_kept *kept, const struct spline_ring *ring,
-                                                                uint32_t count, uint32_t knot)
+__attribute__((noinline)) const struct spline_piece *spline_make(struct spline_kept *kept,
+                                                                 const struct spline_ring *ring, uint32_t count,
+                                                                 uint32_t knot)
 {
     struct spline_piece *piece = &kept->piece[knot % SPLINE_KEPT];
     if (piece->knot != knot || piece->made != count || count == 0) {
@@ -57,8 +59,8 @@ __attribute__((noinline)) const struct spline_piece *spline_make(struct spline_k
     return piece;
 }
 
-__attribute__((noinline)) void spline_make_next(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count,
-                                                uint32_t knot)
+__attribute__((noinline)) void spline_make_next(struct spline_kept *kept, const struct spline_ring *ring,
+                                                uint32_t count, uint32_t knot)
 {
     const bool busy = kept->busy;
     kept->busy = false;
@@ -71,7 +73,7 @@ __attribute__((noinline)) void spline_make_next(struct spline_kept *kept, const 
     }
 }
 
-void spline_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_point *out)
+void spline_at(const struct spline_ring *ring, uint32_t count, path_time_t s, struct spline_point *out)
 {
     struct spline_piece piece;
     uint32_t rest;

@@ -11,28 +11,28 @@
 #define KONTUR_SPLINE_H
 #include <stdatomic.h>
 
-#include "vec2.h"
+#include "core/vec2.h"
 
-#define SPLINE_RING 1024u  /* knots; a power of two */
-#define SPLINE_PAST 32u    /* knots kept behind path time */
-#define SPLINE_PER_T0 5    /* knots in T0: one a ms */
+#define SPLINE_RING 1024u /* knots; a power of two */
+#define SPLINE_PAST 32u   /* knots kept behind path time */
+#define SPLINE_PER_T0 5   /* knots in T0: one a ms */
 
 struct knot {
     int32_t nm[2];
 };
 
 struct spline_ring {
-    struct knot start;              /* position before knot 0 */
-    _Atomic uint32_t count;         /* knots accepted so far; written by the background loop only */
-    struct knot knot[SPLINE_RING];  /* knot i in knot[i % SPLINE_RING] */
+    struct knot start;             /* position before knot 0 */
+    _Atomic uint32_t count;        /* knots accepted so far; written by the background loop only */
+    struct knot knot[SPLINE_RING]; /* knot i in knot[i % SPLINE_RING] */
 };
 
 /* Path time: knots times PATH_ONE, chosen so that 10 kHz and 20 kHz control periods are whole numbers. */
-typedef int64_t path_t;
-#define PATH_ONE ((path_t)5 << 29)
+typedef int64_t path_time_t;
+#define PATH_ONE ((path_time_t)5 << 29)
 
 /* Knots passed at path time s >= 0; `rest`: path time since the last of them. No 64-bit division. */
-static inline uint32_t path_knots(path_t s, uint32_t *rest)
+static inline uint32_t path_knots(path_time_t s, uint32_t *rest)
 {
     const uint64_t fifths = (uint64_t)s >> 29;
     const uint32_t high = (uint32_t)(fifths >> 32);
@@ -48,14 +48,14 @@ static inline uint32_t path_knots(path_t s, uint32_t *rest)
 }
 
 /* u knots after knot `knot` */
-static inline path_t path_time(uint32_t knot, num u)
+static inline path_time_t path_time(uint32_t knot, num u)
 {
-    return (path_t)knot * PATH_ONE + n_to_q32(u) / 8 * (PATH_ONE / (1 << 29));
+    return (path_time_t)knot * PATH_ONE + n_to_q32(u) / 8 * (PATH_ONE / (1 << 29));
 }
 
 struct spline_point {
     pos_t pos[2];
-    vec2 d1, d2, d3;  /* derivatives by path time: um/T0, um/T0^2, um/T0^3 */
+    vec2 d1, d2, d3; /* derivatives by path time: um/T0, um/T0^2, um/T0^3 */
 };
 
 /* The curve from one knot to the next as a polynomial: differences of knots are exact integers, so nothing cancels in
@@ -73,8 +73,8 @@ struct spline_piece {
  * the one before, but where the path is about to stand it may be anywhere within contour_cfg.lag_max. Those that path time comes
  * to are made before it does, not more than one in a period. Zero is empty; it must be emptied when the ring gets another
  * sequence of knots. */
-#define SPLINE_KEPT 16u  /* a power of two */
-#define SPLINE_READY 7u  /* made ahead of path time */
+#define SPLINE_KEPT 16u /* a power of two */
+#define SPLINE_READY 7u /* made ahead of path time */
 struct spline_kept {
     struct spline_piece piece[SPLINE_KEPT]; /* that from knot i on in piece[i % SPLINE_KEPT] */
     uint32_t ready;                         /* knot of the next one to make */
@@ -101,7 +101,8 @@ static inline const struct spline_piece *spline_keep(struct spline_kept *kept, c
 /* Make the next piece ready of those that path time, at knot `knot`, comes to, if its knots have come and the period has not been
  * busy: at most once in a period. */
 void spline_make_next(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count, uint32_t knot);
-static inline void spline_prepare(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count, uint32_t knot)
+static inline void spline_prepare(struct spline_kept *kept, const struct spline_ring *ring, uint32_t count,
+                                  uint32_t knot)
 {
     if (kept->ready != knot + SPLINE_READY + 1u) {
         spline_make_next(kept, ring, count, knot);
@@ -109,7 +110,7 @@ static inline void spline_prepare(struct spline_kept *kept, const struct spline_
 }
 
 /* The curve at path time s >= 0. */
-void spline_at(const struct spline_ring *ring, uint32_t count, path_t s, struct spline_point *out);
+void spline_at(const struct spline_ring *ring, uint32_t count, path_time_t s, struct spline_point *out);
 
 /* The curve at path time u after the first knot of p, 0..1 knot, with its derivatives: Horner's rule, for each of them once more on
  * what it has come to (D. E. Knuth, The Art of Computer Programming 2, 4.6.4), a multiply-add each. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "trig.h"
+#include "core/trig.h"
 
 #define SMALL NUM(0.5)
 

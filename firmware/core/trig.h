@@ -6,7 +6,7 @@
  */
 #ifndef KONTUR_TRIG_H
 #define KONTUR_TRIG_H
-#include "num.h"
+#include "core/num.h"
 
 #define TRIG_COSH_MAX 4
 

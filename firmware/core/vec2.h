@@ -2,7 +2,7 @@
 /* vec2.h: plane vectors of `num`, and the rotation R = [t n] of eq (4). */
 #ifndef KONTUR_VEC2_H
 #define KONTUR_VEC2_H
-#include "num.h"
+#include "core/num.h"
 
 typedef struct {
     num x, y;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "cia402.h"
+#include "drive/cia402.h"
 
 static uint32_t complement(const struct cia402 *c)
 {
@@ -129,9 +129,8 @@ void cia402_fault(struct cia402 *c, bool stop_first)
 
 bool cia402_powered(const struct cia402 *c)
 {
-    return cia402_intact(c) &&
-           (c->state == CIA402_OPERATION_ENABLED || c->state == CIA402_QUICK_STOP_ACTIVE ||
-            c->state == CIA402_FAULT_REACTION_ACTIVE);
+    return cia402_intact(c) && (c->state == CIA402_OPERATION_ENABLED || c->state == CIA402_QUICK_STOP_ACTIVE ||
+                                c->state == CIA402_FAULT_REACTION_ACTIVE);
 }
 
 bool cia402_enabled(const struct cia402 *c)
@@ -148,9 +147,12 @@ bool cia402_waits(const struct cia402 *c)
 uint16_t cia402_statusword(const struct cia402 *c)
 {
     static const uint16_t bits[] = {
-        [CIA402_SWITCH_ON_DISABLED] = 0x0040, [CIA402_READY_TO_SWITCH_ON] = 0x0021,
-        [CIA402_SWITCHED_ON] = 0x0023,        [CIA402_OPERATION_ENABLED] = 0x0027,
-        [CIA402_QUICK_STOP_ACTIVE] = 0x0007,  [CIA402_FAULT_REACTION_ACTIVE] = 0x000F,
+        [CIA402_SWITCH_ON_DISABLED] = 0x0040,
+        [CIA402_READY_TO_SWITCH_ON] = 0x0021,
+        [CIA402_SWITCHED_ON] = 0x0023,
+        [CIA402_OPERATION_ENABLED] = 0x0027,
+        [CIA402_QUICK_STOP_ACTIVE] = 0x0007,
+        [CIA402_FAULT_REACTION_ACTIVE] = 0x000F,
         [CIA402_FAULT] = 0x0008,
     };
     return (uint16_t)(bits[cia402_intact(c) ? c->state : CIA402_FAULT] | 0x0210u);

@@ -24,7 +24,7 @@ enum {
     CW_ENABLE_VOLTAGE = 1u << 1,
     CW_QUICK_STOP = 1u << 2, /* 0: stop */
     CW_ENABLE_OPERATION = 1u << 3,
-    CW_ENABLE_IP = 1u << 4,    /* interpolated position; homing: start */
+    CW_ENABLE_IP = 1u << 4, /* interpolated position; homing: start */
     CW_FAULT_RESET = 1u << 7,
     CW_HALT = 1u << 8
 };
@@ -47,7 +47,7 @@ struct cia402 {
     enum cia402_state leave_to; /* of OPERATION_ENABLED, QUICK_STOP_ACTIVE: where to go once the axis stands */
     uint32_t changes;           /* of state, counted from 1 */
     uint16_t controlword;
-    int16_t quick_stop;         /* 605Ah: 0 power off at once, 1..4 once it stands, 5.. stay in quick stop active */
+    int16_t quick_stop; /* 605Ah: 0 power off at once, 1..4 once it stands, 5.. stay in quick stop active */
 };
 
 /* Power-on, of what is zero; or again: `changes` goes on. */

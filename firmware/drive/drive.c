@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "drive.h"
+#include "drive/drive.h"
 
 #include <stddef.h>
 
@@ -28,13 +28,13 @@ void drive_fault(struct drive *d, enum fault f)
 
 struct knot drive_position(struct drive *d)
 {
-    const struct loop_snapshot *s = loop_snapshot(&d->loop);
+    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
     return queue_user(&d->queue, (struct knot){{s->position_nm[0], s->position_nm[1]}});
 }
 
 struct knot drive_reference(struct drive *d)
 {
-    const struct loop_snapshot *s = loop_snapshot(&d->loop);
+    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
     const struct knot at = {{s->reference_nm[0], s->reference_nm[1]}};
     return queue_user(&d->queue, d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at);
 }
@@ -68,7 +68,7 @@ void drive_begin(struct drive *d, struct knot start, uint32_t total)
 
 void drive_shift_origin(struct drive *d, int axis, int32_t origin_nm)
 {
-    const struct loop_snapshot *s = loop_snapshot(&d->loop);
+    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
     const struct knot at = {{s->reference_nm[0], s->reference_nm[1]}};
     const struct knot servo = d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at;
     d->queue.origin_nm[axis] = origin_nm;
@@ -105,7 +105,7 @@ static bool run_wanted(const struct drive *d)
     if (d->modes.generating) { /* the axes stop by themselves, but for a fault, which stops both on the path */
         return d->faults == 0;
     }
-    if (!modes_follows_stream(d) || !modes_may_start(d)) {
+    if (!axis_modes_follows_stream(d) || !axis_modes_may_start(d)) {
         return false;
     }
     for (int i = 0; i < 2; i++) {
@@ -177,11 +177,11 @@ static void apply(struct drive *d)
         let_go(d);
     }
     if (off || both_enabled(d)) {
-        guard_disarm(&d->guard);
+        command_guard_disarm(&d->command_guard);
     }
     for (int i = 0; i < 2; i++) {
         d->powered[i] = cia402_powered(&d->axis[i]);
-        atomic_store(&d->loop.command.powered[i], d->powered[i] ? LOOP_ON : LOOP_OFF);
+        atomic_store(&d->loop.command.powered[i], d->powered[i] ? SERVO_LOOP_ON : SERVO_LOOP_OFF);
     }
     atomic_store(&d->loop.command.rate, d->modes.generating ? 1000u : d->od->feed_override);
     atomic_store(&d->loop.command.run, run_wanted(d));
@@ -191,7 +191,7 @@ static void apply(struct drive *d)
 static bool moving(struct drive *d)
 {
     const int32_t least = (int32_t)(d->od->limits.velocity / 100u);
-    const struct loop_snapshot *s = loop_snapshot(&d->loop);
+    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
     for (int i = 0; i < 2; i++) {
         if (!cia402_powered(&d->axis[i]) && (s->velocity_umps[i] > least || s->velocity_umps[i] < -least)) {
             return true;
@@ -209,7 +209,7 @@ void drive_told(struct drive *d, int axis)
 {
     const unsigned now = cia402_statusword(&d->axis[axis]);
     if (((now ^ d->od->axis[axis].statusword) & SW_STATE) == 0) {
-        guard_sent(&d->guard, axis, d->axis[axis].changes);
+        command_guard_sent(&d->command_guard, axis, d->axis[axis].changes);
     }
 }
 
@@ -219,13 +219,13 @@ static void obey(struct drive *d, int i, bool fresh, bool may_enable)
     struct cia402 *axis = &d->axis[i];
     const bool was_fault = axis->state == CIA402_FAULT;
     const bool permitted =
-        fresh && guard_permits(&d->guard, i, axis->changes, d->od->claim_required != 0, drive_now(d));
+        fresh && command_guard_permits(&d->command_guard, i, axis->changes, d->od->claim_required != 0, drive_now(d));
     axis->quick_stop = d->od->axis[i].quick_stop_option;
     cia402_command(axis, d->od->axis[i].controlword, may_enable && permitted);
     if (fresh && cia402_waits(axis)) {
-        guard_refused(&d->guard, i, drive_now(d));
+        command_guard_refused(&d->command_guard, i, drive_now(d));
         if (may_enable) { /* else that is why */
-            watch_event(&d->watch, FAULT_STALE_COMMAND);
+            fault_monitor_event(&d->fault_monitor, FAULT_STALE_COMMAND);
         }
     }
     if (was_fault && axis->state != CIA402_FAULT) {
@@ -271,7 +271,7 @@ void drive_reset(struct drive *d)
         cia402_init(&d->axis[i]);
         d->od->axis[i].error_code = 0;
     }
-    modes_reset(d);
+    axis_modes_reset(d);
     apply(d); /* power off first: from here on the tick moves nothing */
     atomic_store(&d->loop.command.controller, d->od->controller.select);
     queue_init(&d->queue, &d->od->stream);
@@ -285,7 +285,7 @@ void drive_reset(struct drive *d)
 void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
 {
     *d = (struct drive){.od = od};
-    loop_init(&d->loop, hal, &d->queue.ring);
+    servo_loop_init(&d->loop, hal, &d->queue.ring);
     queue_init(&d->queue, &od->stream);
     drive_reset(d);
 }
@@ -329,21 +329,21 @@ static void follow_stream(struct drive *d)
 /* A stream has run into a limit switch; who jogs or homes stops there without a fault. */
 static bool on_switch(struct drive *d)
 {
-    const struct loop_snapshot *s = loop_snapshot(&d->loop);
-    return modes_follows_stream(d) && !drive_stands(d) &&
+    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
+    return axis_modes_follows_stream(d) && !drive_stands(d) &&
            ((s->inputs[0] | s->inputs[1]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0;
 }
 
 /* What holds now, stops the axes or is warned of; of several that are new the first one in time comes first. */
 static void take_faults(struct drive *d)
 {
-    const struct watch_in in = {.od = d->od,
-                                .snapshot = loop_snapshot(&d->loop),
-                                .powered = d->powered,
-                                .refused = d->refused,
-                                .store_lost = d->store_lost};
+    const struct fault_monitor_in in = {.od = d->od,
+                                        .snapshot = servo_loop_snapshot(&d->loop),
+                                        .powered = d->powered,
+                                        .refused = d->refused,
+                                        .store_lost = d->store_lost};
     const uint32_t warn = fault_mask(d->od, REACT_WARN);
-    const uint32_t raised = watch_step(&d->watch, &in) | atomic_load(&d->loop.faults) |
+    const uint32_t raised = fault_monitor_step(&d->fault_monitor, &in) | atomic_load(&d->loop.faults) |
                             (d->queue.open && d->queue.outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u) |
                             (d->queue.open && d->queue.sharp ? FAULT_BIT(FAULT_KNOT_ACCELERATION) : 0u) |
                             (on_switch(d) ? FAULT_BIT(FAULT_LIMIT_SWITCH) : 0u);
@@ -361,23 +361,23 @@ static void take_faults(struct drive *d)
 void drive_poll(struct drive *d)
 {
     if (!drive_intact(d)) {
-        loop_raise(&d->loop, FAULT_MEMORY); /* cuts the power with the next tick, whatever the background makes of it */
+        servo_loop_raise(&d->loop,
+                         FAULT_MEMORY); /* cuts the power with the next tick, whatever the background makes of it */
         drive_mend(d);
         drive_fault(d, FAULT_MEMORY);
     }
     take_faults(d);
     for (int i = 0; i < 2; i++) {
-        cia402_poll(&d->axis[i], modes_stands(d, i));
+        cia402_poll(&d->axis[i], axis_modes_stands(d, i));
     }
     drive_command(d, 0); /* what had to wait; but nothing is enabled by an old command */
     follow_stream(d);
-    modes_poll(d);
+    axis_modes_poll(d);
     apply(d);
     for (int i = 0; i < 2; i++) {
         d->od->axis[i].mode_display = d->modes.axis[i].mode;
-        d->od->axis[i].statusword =
-            (uint16_t)(cia402_statusword(&d->axis[i]) | modes_status(d, i) |
-                       (d->warnings != 0 || d->node_warns ? SW_WARNING : 0u));
+        d->od->axis[i].statusword = (uint16_t)(cia402_statusword(&d->axis[i]) | axis_modes_status(d, i) |
+                                               (d->warnings != 0 || d->node_warns ? SW_WARNING : 0u));
     }
 }
 
@@ -397,7 +397,7 @@ static enum queue_result taken(struct drive *d, enum queue_result result)
 /* A stream may begin, and does so where the axes are held. */
 static bool near(struct drive *d, struct knot start)
 {
-    return both_enabled(d) && within_start_window(d, start, drive_reference(d)) && modes_follows_stream(d);
+    return both_enabled(d) && within_start_window(d, start, drive_reference(d)) && axis_modes_follows_stream(d);
 }
 
 static void begin_stream(struct drive *d, struct knot start, uint32_t total)

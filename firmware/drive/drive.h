@@ -3,42 +3,42 @@
  *
  * In interpolated position both axes follow one path, so they stop together: path time runs only while both are in
  * operation enabled with controlword bit 4 set and halt (bit 8) clear; what stops one stops the other. For the other
- * modes see modes.h.
+ * modes see motion/axis_modes.h.
  */
 #ifndef KONTUR_DRIVE_H
 #define KONTUR_DRIVE_H
-#include "cia402.h"
-#include "guard.h"
-#include "loop.h"
-#include "memory.h"
-#include "modes.h"
-#include "queue.h"
-#include "watch.h"
+#include "drive/cia402.h"
+#include "drive/servo_loop.h"
+#include "motion/axis_modes.h"
+#include "motion/queue.h"
+#include "supervision/command_guard.h"
+#include "supervision/fault_monitor.h"
+#include "supervision/integrity.h"
 
 struct drive {
-    struct loop loop;
+    struct servo_loop loop;
     struct queue queue;
     struct od_data *od;
     struct cia402 axis[2];
-    struct guard guard;
-    struct modes modes;
-    uint32_t faults;     /* latched FAULT_BIT()s: what stops the axes */
-    uint32_t warnings;   /* FAULT_BIT()s in effect that stop nothing */
-    uint8_t first;       /* enum fault: the first one of `faults` */
-    struct watch watch;
-    bool refused;        /* an axis is to be enabled while it moves */
-    bool store_lost;     /* set by app.c: settings_lost() */
-    bool node_warns;     /* set by app.c: errors of the CANopen node are in effect */
-    struct memory memory;
+    struct command_guard command_guard;
+    struct axis_modes modes;
+    uint32_t faults;   /* latched FAULT_BIT()s: what stops the axes */
+    uint32_t warnings; /* FAULT_BIT()s in effect that stop nothing */
+    uint8_t first;     /* enum fault: the first one of `faults` */
+    struct fault_monitor fault_monitor;
+    bool refused;    /* an axis is to be enabled while it moves */
+    bool store_lost; /* set by device.c: settings_lost() */
+    bool node_warns; /* set by device.c: errors of the CANopen node are in effect */
+    struct integrity integrity;
     bool powered[2];
     uint32_t configured, begun; /* loop.command's, as they are to be */
-    uint32_t configured_at; /* snapshots published by then */
+    uint32_t configured_at;     /* snapshots published by then */
     bool starved;
     struct knot left_at; /* where a suspended path stands, nm */
 };
 
 /* The servo tick's configuration that parameters which fit make. */
-struct loop_cfg drive_loop_cfg(const struct od_data *od);
+struct servo_loop_cfg drive_loop_cfg(const struct od_data *od);
 /* Power-on, before the first tick. */
 void drive_init(struct drive *d, struct od_data *od, const struct hal *hal);
 /* As at power-on, while the tick goes on: power off at once, no stream, no fault. Position and time are kept. */

@@ -13,26 +13,26 @@ enum { AXIS_X = 0, AXIS_Y = 1, AXES = 2 };
 
 /* One classic CAN frame with an 11-bit identifier. */
 struct can_frame {
-    uint16_t id;      /* 0..7FFh */
-    uint8_t len;      /* 0..8 */
+    uint16_t id; /* 0..7FFh */
+    uint8_t len; /* 0..8 */
     bool rtr;
     uint8_t data[8];
 };
 
 /* Inputs of an axis; the first ones are the bits of 60FDh. A level of 1 means active, whatever the wiring. */
 enum hal_input {
-    HAL_LIMIT_MIN = 1,      /* limit switch at the lower end */
-    HAL_LIMIT_MAX = 2,      /* limit switch at the upper end */
+    HAL_LIMIT_MIN = 1, /* limit switch at the lower end */
+    HAL_LIMIT_MAX = 2, /* limit switch at the upper end */
     HAL_AMPLIFIER_FAULT = 16,
     HAL_ENCODER_FAULT = 32, /* an illegal transition of A and B since the last read */
     HAL_STOP = 64,          /* emergency stop; on both axes */
 };
 
 struct hal_drive_in {
-    int32_t count[AXES];       /* encoder position in counts since power-on; wraps as int32 does */
-    uint8_t inputs[AXES];      /* enum hal_input */
+    int32_t count[AXES];        /* encoder position in counts since power-on; wraps as int32 does */
+    uint8_t inputs[AXES];       /* enum hal_input */
     uint8_t index_pulses[AXES]; /* index pulses since power-on, modulo 256 */
-    int32_t index_count[AXES]; /* `count` at the latest of them */
+    int32_t index_count[AXES];  /* `count` at the latest of them */
 };
 
 struct hal_drive_out {
@@ -56,17 +56,24 @@ struct hal_axis_cfg {
     enum hal_output output;
     uint32_t full_scale_mN; /* force at the end of the output's range, HAL_FULL_SCALE_MIN or more */
     bool invert_force, invert_encoder;
-    uint32_t index_counts;  /* encoder counts between two index pulses; 0: not checked */
-    uint32_t jump_counts;   /* more counts than this in one control period are no movement */
+    uint32_t index_counts; /* encoder counts between two index pulses; 0: not checked */
+    uint32_t jump_counts;  /* more counts than this in one control period are no movement */
 };
 
 /* What is wrong with the controller itself: a bit each. */
 enum hal_health_bit {
-    HAL_CLOCK = 1,   /* runs on its internal oscillator: the crystal has not started, or has stopped */
-    HAL_RESET = 2,   /* the last run was ended by the watchdog, a crash or a brown-out: `reset` says which */
+    HAL_CLOCK = 1, /* runs on its internal oscillator: the crystal has not started, or has stopped */
+    HAL_RESET = 2, /* the last run was ended by the watchdog, a crash or a brown-out: `reset` says which */
 };
-enum hal_reset { HAL_RESET_UNKNOWN, HAL_RESET_POWER, HAL_RESET_PIN, HAL_RESET_SOFTWARE, HAL_RESET_WATCHDOG, HAL_RESET_CRASH,
-                 HAL_RESET_BROWN_OUT };
+enum hal_reset {
+    HAL_RESET_UNKNOWN,
+    HAL_RESET_POWER,
+    HAL_RESET_PIN,
+    HAL_RESET_SOFTWARE,
+    HAL_RESET_WATCHDOG,
+    HAL_RESET_CRASH,
+    HAL_RESET_BROWN_OUT
+};
 
 /* The last crash since power-on: registers of the processor when it happened (ARMv7-M), and how many there were. */
 struct hal_crash {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "slcan.h"
+#include "port/slcan.h"
 
 enum { CR = '\r', LF = '\n', BEL = '\a', STAMP_MS = 60000, VERSION = 0x1010 };
 

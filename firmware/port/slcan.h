@@ -27,12 +27,12 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "hal.h"
+#include "hal/hal.h"
 
 enum {
-    SLCAN_LINE = 32,    /* longest line taken, CR not counted; the longest with a meaning has 21 */
-    SLCAN_ANSWER = 6,   /* most bytes that one byte in is answered with */
-    SLCAN_FRAME = 26    /* most bytes of one frame out */
+    SLCAN_LINE = 32,  /* longest line taken, CR not counted; the longest with a meaning has 21 */
+    SLCAN_ANSWER = 6, /* most bytes that one byte in is answered with */
+    SLCAN_FRAME = 26  /* most bytes of one frame out */
 };
 
 /* Status flags of the command F, which clears them. */
@@ -49,13 +49,13 @@ enum slcan_event { SLCAN_NOTHING, SLCAN_HAS_FRAME, SLCAN_OPENED, SLCAN_CLOSED };
 
 struct slcan {
     char line[SLCAN_LINE];
-    uint8_t count;      /* bytes of the line so far; SLCAN_LINE + 1: too many */
+    uint8_t count; /* bytes of the line so far; SLCAN_LINE + 1: too many */
     bool open;
     bool listen_only;
     bool stamps;
-    uint8_t flags;      /* enum slcan_flag; set by the owner */
-    uint16_t serial;    /* answer to N */
-    uint32_t refused;   /* lines answered BEL */
+    uint8_t flags;    /* enum slcan_flag; set by the owner */
+    uint16_t serial;  /* answer to N */
+    uint32_t refused; /* lines answered BEL */
 };
 
 struct slcan_answer {

@@ -3,9 +3,9 @@
 
 #include <stdlib.h>
 
+#include "core/servo.h"
+#include "core/trig.h"
 #include "num_test.h"
-#include "servo.h"
-#include "trig.h"
 
 /* Units of the core in SI: 1 um, 5 ms. */
 #define UM 1e-6
@@ -38,7 +38,7 @@ static int64_t told_pos(pos_t p)
     return (int64_t)ceil(p.e / UM_PER_POS);
 }
 
-static double told_path_time(path_t s)
+static double told_path_time(path_time_t s)
 {
     (void)s;
     return bound_path_time * T0;
@@ -61,7 +61,7 @@ static int64_t told_pos(pos_t p)
     return p;
 }
 
-static double told_path_time(path_t s)
+static double told_path_time(path_time_t s)
 {
     return (double)s / (double)PATH_ONE * 1e-3;
 }
@@ -93,20 +93,20 @@ static struct servo_cfg config(const struct api_params *p)
                   .coulomb = in2(p->coulomb, 1),
                   .force_max = in2(p->force_max, 1)},
         .contour = {.v_min = mk(p->v_min / MPS), .lag_max = mk(p->lag_max / T0), .newton = p->newton != 0},
-        .asmc = {.lambda = mk(p->lambda * T0),
-                 .gamma = mk(p->gamma * T0),
-                 .beta = mk(p->beta),
-                 .k_bar = mk(p->k_bar * UM),
-                 .e_max = mk(p->e_max / UM),
-                 .psi_printed = p->psi_printed != 0,
-                 .k_0 = mk(p->k_0 * T0),
-                 .k_max = mk(p->k_max * T0),
-                 .zeta = mk(p->zeta * T0),
-                 .zeta_rate = mk(p->zeta_rate * T0 * T0 * ACC_GAIN),
-                 .xi = mk(p->xi * UM * T0 * ACC_GAIN),
-                 .epsilon = mk(p->epsilon / MPS),
-                 .friction_speed = mk(p->friction_speed / MPS)},
-        .uncertainty = {.alpha = mk(p->alpha * T0),
+        .smc = {.lambda = mk(p->lambda * T0),
+                .gamma = mk(p->gamma * T0),
+                .beta = mk(p->beta),
+                .k_bar = mk(p->k_bar * UM),
+                .e_max = mk(p->e_max / UM),
+                .psi_printed = p->psi_printed != 0,
+                .k_0 = mk(p->k_0 * T0),
+                .k_max = mk(p->k_max * T0),
+                .zeta = mk(p->zeta * T0),
+                .zeta_rate = mk(p->zeta_rate * T0 * T0 * ACC_GAIN),
+                .xi = mk(p->xi * UM * T0 * ACC_GAIN),
+                .epsilon = mk(p->epsilon / MPS),
+                .friction_speed = mk(p->friction_speed / MPS)},
+        .compensator = {.alpha = mk(p->alpha * T0),
                         .mu_0 = mk(p->mu_0 / MPS2),
                         .mu_max = mk(p->mu_max / MPS2),
                         .rho = mk(p->rho * T0 * T0 * ACC_GAIN),
@@ -114,9 +114,9 @@ static struct servo_cfg config(const struct api_params *p)
                         .dead_zone = mk(p->dead_zone / MPS),
                         .law_printed = p->mu_printed != 0,
                         .whole_input = p->whole_input != 0},
-        .learning = {.friction_rate = mk(p->friction_rate * T0),
-                     .mass_rate = mk(p->mass_rate * T0),
-                     .acceleration = mk(p->learning_acceleration / MPS2)},
+        .feedforward = {.friction_rate = mk(p->friction_rate * T0),
+                        .mass_rate = mk(p->mass_rate * T0),
+                        .acceleration = mk(p->feedforward_acceleration / MPS2)},
         .cascade = {.k_p = mk(p->k_p * T0),
                     .k_v = mk(p->k_v * T0),
                     .k_i = mk(p->k_i * T0),
@@ -208,17 +208,17 @@ void api_contour(const api_drive *d, const struct api_path *path, const int64_t 
 
 void api_law(const api_drive *d, const struct api_law_in *in, double *k_hat, struct api_law_out *out)
 {
-    const struct asmc_in x = {.t = in2(in->t, 1),
-                              .e = in2(in->e, UM),
-                              .e_dot = in2(in->e_dot, MPS),
-                              .a_n = in2(in->a_n, MPS2),
-                              .q_dot = in2(in->q_dot, MPS),
-                              .direction = asmc_direction(d->cfg.asmc.friction_speed, in2(in->r_dot, MPS))};
-    struct asmc_state state = {.k_hat = {acc_from(mk(k_hat[0] * T0)), acc_from(mk(k_hat[1] * T0))}};
-    struct asmc_out o;
-    asmc_step(&d->cfg.asmc, &d->cfg.plant, &state, &x, &o);
-    asmc_adapt(&d->cfg.asmc, &state, 0, o.s_bar, d->cfg.dt);
-    asmc_adapt(&d->cfg.asmc, &state, 1, o.s_bar, d->cfg.dt);
+    const struct smc_in x = {.t = in2(in->t, 1),
+                             .e = in2(in->e, UM),
+                             .e_dot = in2(in->e_dot, MPS),
+                             .a_n = in2(in->a_n, MPS2),
+                             .q_dot = in2(in->q_dot, MPS),
+                             .direction = smc_direction(d->cfg.smc.friction_speed, in2(in->r_dot, MPS))};
+    struct smc_state state = {.k_hat = {acc_from(mk(k_hat[0] * T0)), acc_from(mk(k_hat[1] * T0))}};
+    struct smc_out o;
+    smc_step(&d->cfg.smc, &d->cfg.plant, &state, &x, &o);
+    smc_adapt(&d->cfg.smc, &state, 0, o.s_bar, d->cfg.dt);
+    smc_adapt(&d->cfg.smc, &state, 1, o.s_bar, d->cfg.dt);
     out2(v2(acc_to(state.k_hat[0]), acc_to(state.k_hat[1])), 1 / T0, k_hat);
     out2(o.s_bar, MPS, out->s_bar);
     out2(o.u_linear, 1, out->u_linear);
@@ -228,15 +228,16 @@ void api_law(const api_drive *d, const struct api_law_in *in, double *k_hat, str
 void api_compensation(const api_drive *d, const struct api_frame *frame, const int64_t *q, const double *q_dot,
                       int64_t *q_bar, const double *q_bar_dot, double *mu, struct api_compensation *out)
 {
-    struct uncertainty_state state = {
-        .q_bar = {pos_of(q_bar[0]), pos_of(q_bar[1])}, .q_bar_dot = in2(q_bar_dot, MPS), .mu = {acc_from(mk(mu[0] / MPS2)), acc_from(mk(mu[1] / MPS2))}};
+    struct compensator_state state = {.q_bar = {pos_of(q_bar[0]), pos_of(q_bar[1])},
+                                      .q_bar_dot = in2(q_bar_dot, MPS),
+                                      .mu = {acc_from(mk(mu[0] / MPS2)), acc_from(mk(mu[1] / MPS2))}};
     const pos_t at[2] = {pos_of(q[0]), pos_of(q[1])};
-    struct uncertainty_out o;
+    struct compensator_out o;
     bound_path_time = 0;
-    uncertainty_step(&d->cfg.uncertainty, &d->cfg.plant, &state, at, in2(q_dot, MPS), in2(frame->t, 1),
+    compensator_step(&d->cfg.compensator, &d->cfg.plant, &state, at, in2(q_dot, MPS), in2(frame->t, 1),
                      mk(frame->theta_dot * T0), &o);
-    uncertainty_adapt(&d->cfg.uncertainty, &state, 0, o.s, d->cfg.dt);
-    uncertainty_adapt(&d->cfg.uncertainty, &state, 1, o.s, d->cfg.dt);
+    compensator_adapt(&d->cfg.compensator, &state, 0, o.s, d->cfg.dt);
+    compensator_adapt(&d->cfg.compensator, &state, 1, o.s, d->cfg.dt);
     q_bar[0] = told_pos(state.q_bar[0]);
     q_bar[1] = told_pos(state.q_bar[1]);
     out2(v2(acc_to(state.mu[0]), acc_to(state.mu[1])), MPS2, mu);
@@ -248,8 +249,8 @@ void api_compensation(const api_drive *d, const struct api_frame *frame, const i
 
 void api_model(const api_drive *d, const double *u_bar, int64_t *q_bar, double *q_bar_dot)
 {
-    struct uncertainty_state state = {.q_bar = {pos_of(q_bar[0]), pos_of(q_bar[1])}, .q_bar_dot = in2(q_bar_dot, MPS)};
-    uncertainty_model(&d->cfg.plant, &state, in2(u_bar, 1), d->cfg.dt);
+    struct compensator_state state = {.q_bar = {pos_of(q_bar[0]), pos_of(q_bar[1])}, .q_bar_dot = in2(q_bar_dot, MPS)};
+    compensator_model(&d->cfg.plant, &state, in2(u_bar, 1), d->cfg.dt);
     q_bar[0] = told_pos(state.q_bar[0]);
     q_bar[1] = told_pos(state.q_bar[1]);
     out2(state.q_bar_dot, MPS, q_bar_dot);
@@ -288,8 +289,8 @@ double api_power(const api_drive *d, int i, double velocity, double acceleration
     struct energy_state state;
     energy_reset(&state);
     return told(energy_step(&d->cfg.energy[i], &state, i == 0 ? p->mass.x : p->mass.y,
-                           i == 0 ? p->viscous.x : p->viscous.y, i == 0 ? p->coulomb.x : p->coulomb.y,
-                           mk(velocity / MPS), mk(acceleration / MPS2)));
+                            i == 0 ? p->viscous.x : p->viscous.y, i == 0 ? p->coulomb.x : p->coulomb.y,
+                            mk(velocity / MPS), mk(acceleration / MPS2)));
 }
 
 void api_servo_reset(api_drive *d, const int64_t *measured)

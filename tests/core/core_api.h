@@ -12,7 +12,7 @@ struct api_params {
     double v_min, lag_max;
     double lambda, gamma, beta, k_bar, e_max, k_0, k_max, zeta, zeta_rate, xi, epsilon, friction_speed;
     double alpha, mu_0, mu_max, rho, phi, dead_zone;
-    double friction_rate, mass_rate, learning_acceleration;
+    double friction_rate, mass_rate, feedforward_acceleration;
     double k_p, k_v, k_i, coupling, integral_max;
     double force_constant[2], impedance[2], back_emf[2], power_factor, blend;
     int newton, psi_printed, mu_printed, whole_input;

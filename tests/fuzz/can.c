@@ -8,11 +8,44 @@
 #include "test_drive_rules.h"
 
 enum step {
-    TIME, FRAME, SDO, CONTROLWORDS, KNOTS, RECORD, NMT, LSS, HEARTBEAT, SYNC, INPUTS, BUS_FULL, ENABLE, BEGIN, STORE, MODE, STEPS
+    TIME,
+    FRAME,
+    SDO,
+    CONTROLWORDS,
+    KNOTS,
+    RECORD,
+    NMT,
+    LSS,
+    HEARTBEAT,
+    SYNC,
+    INPUTS,
+    BUS_FULL,
+    ENABLE,
+    BEGIN,
+    STORE,
+    MODE,
+    STEPS
 };
 enum start {
-    POWER_ON, OPERATIONAL, SWITCHED_ON, ENABLED, FILLED, RUNNING, SILENT_HOST, STOPPING, STOPPED, FAULT, JOG, HOMING, RECORDS,
-    CONFIGURING, UNCONFIGURED, STORED, DOWNLOAD, UPLOAD, STARTS
+    POWER_ON,
+    OPERATIONAL,
+    SWITCHED_ON,
+    ENABLED,
+    FILLED,
+    RUNNING,
+    SILENT_HOST,
+    STOPPING,
+    STOPPED,
+    FAULT,
+    JOG,
+    HOMING,
+    RECORDS,
+    CONFIGURING,
+    UNCONFIGURED,
+    STORED,
+    DOWNLOAD,
+    UPLOAD,
+    STARTS
 };
 enum { STEPS_MAX = 60, PERIODS = 24, PERIODS_LONG = 300, LONG = 0xF8, OPERATIONS = 10 };
 
@@ -66,7 +99,7 @@ static void enable(void)
 static void begin(void)
 {
     for (uint8_t axis = 0; axis < 2; axis++) {
-        request(0x23, 0x2200, (uint8_t)(2 + axis), (uint32_t)rig.app.od.axis[axis].position_actual);
+        request(0x23, 0x2200, (uint8_t)(2 + axis), (uint32_t)rig.device.od.axis[axis].position_actual);
     }
     request(0x2F, 0x2200, 1, 1);
 }
@@ -76,9 +109,8 @@ static void knots(struct bytes *in)
     const unsigned count = bytes_u8(in) % 16;
     const int32_t dx = (int8_t)bytes_u8(in) * 8, dy = (int8_t)bytes_u8(in) * 8;
     for (unsigned i = 0; i < count; i++) {
-        const struct od_knot k = {.sequence = (uint8_t)(rig.app.od.stream.accepted16 & 0xFFu), .dx = dx, .dy = dy};
-        struct can_frame f = {
-            .id = (uint16_t)(0x300u + node_id()), .len = 8, .data = {k.sequence, queue_crc8(&k)}};
+        const struct od_knot k = {.sequence = (uint8_t)(rig.device.od.stream.accepted16 & 0xFFu), .dx = dx, .dy = dy};
+        struct can_frame f = {.id = (uint16_t)(0x300u + node_id()), .len = 8, .data = {k.sequence, queue_crc8(&k)}};
         co_put(&f.data[2], (uint32_t)dx, 3);
         co_put(&f.data[5], (uint32_t)dy, 3);
         give(&f);
@@ -97,7 +129,8 @@ static void frame_to(struct bytes *in, unsigned id, unsigned len)
 static void any_frame(struct bytes *in)
 {
     const uint32_t head = bytes_number(in, 2);
-    struct can_frame f = {.id = (uint16_t)(head & 0x7FFu), .len = (uint8_t)((head >> 11) % 9), .rtr = (head >> 15) != 0};
+    struct can_frame f = {
+        .id = (uint16_t)(head & 0x7FFu), .len = (uint8_t)((head >> 11) % 9), .rtr = (head >> 15) != 0};
     for (unsigned i = 0; i < f.len; i++) {
         f.data[i] = bytes_u8(in);
     }
@@ -109,15 +142,15 @@ static void record(struct bytes *in)
     struct can_frame f = {.id = (uint16_t)(0x400u + node_id()), .len = 8};
     for (unsigned axis = 0; axis < 2; axis++) {
         const uint32_t near = (uint32_t)((int16_t)bytes_number(in, 2));
-        co_put(&f.data[4 * axis], (uint32_t)rig.app.od.axis[axis].position_actual + near, 4);
+        co_put(&f.data[4 * axis], (uint32_t)rig.device.od.axis[axis].position_actual + near, 4);
     }
     give(&f);
 }
 
 static void mode(uint8_t what)
 {
-    static const int32_t writes[][3] = {
-        {0x6060, 1, 7}, {0x6060, 1, 3}, {0x6060, 1, 6}, {0x60FF, 4, 20000}, {0x60FF, 4, -20000}, {0x6098, 1, 35}};
+    static const int32_t writes[][3] = {{0x6060, 1, 7},     {0x6060, 1, 3},      {0x6060, 1, 6},
+                                        {0x60FF, 4, 20000}, {0x60FF, 4, -20000}, {0x6098, 1, 35}};
     const int32_t *w = writes[what / 4 % 6];
     const uint8_t size = (uint8_t)w[1];
     for (uint16_t axis = 0; axis < 2; axis++) {
@@ -170,8 +203,8 @@ static void take(struct bytes *in)
 
 static void expect_state(enum cia402_state state)
 {
-    TEST_ASSERT_EQUAL(state, rig.app.drive.axis[0].state);
-    TEST_ASSERT_EQUAL(state, rig.app.drive.axis[1].state);
+    TEST_ASSERT_EQUAL(state, rig.device.drive.axis[0].state);
+    TEST_ASSERT_EQUAL(state, rig.device.drive.axis[1].state);
 }
 
 /* Both axes in `mode` */
@@ -185,14 +218,14 @@ static void enable_in(uint8_t mode_of_operation)
     expect_state(CIA402_OPERATION_ENABLED);
 }
 
-static void jog(void)
+static void profile(void)
 {
     enable_in(MODE_VELOCITY);
     TEST_ASSERT_EQUAL(0, rig_write(&rig, 0x60FF, 0, 4, 20000));
     rig_ms(&rig, 20);
 }
 
-static void home(void)
+static void homing(void)
 {
     for (uint16_t axis = 0; axis < 2; axis++) {
         TEST_ASSERT_EQUAL(0, rig_write(&rig, (uint16_t)(0x6098u + 0x800u * axis), 0, 1, 17 + axis));
@@ -227,10 +260,10 @@ static void go_to(enum start to, struct rig_stream *s)
     case FAULT:
         enable_in(MODE_PATH);
         rig_go(&rig, s, 150);
-        TEST_ASSERT_EQUAL(STREAM_RUNNING, rig.app.od.stream.state);
+        TEST_ASSERT_EQUAL(STREAM_RUNNING, rig.device.od.stream.state);
         break;
-    case JOG: jog(); break;
-    case HOMING: home(); break;
+    case JOG: profile(); break;
+    case HOMING: homing(); break;
     case CONFIGURING:
     case UNCONFIGURED: command(0x7E5, 8, 0x04, 1); break;
     case STORED:
@@ -248,15 +281,15 @@ static void go_on(enum start to)
 {
     if (to == SILENT_HOST) {
         rig.heartbeat_every_ms = 0;
-        for (unsigned ms = 0; ms < 1000 && rig.app.node.consumer_left_ms > 2; ms++) {
+        for (unsigned ms = 0; ms < 1000 && rig.device.node.consumer_left_ms > 2; ms++) {
             rig_ms(&rig, 1);
         }
-        TEST_ASSERT_EQUAL(2, rig.app.node.consumer_left_ms);
+        TEST_ASSERT_EQUAL(2, rig.device.node.consumer_left_ms);
         expect_state(CIA402_OPERATION_ENABLED);
     } else if (to == STOPPING || to == STOPPED) {
         rig_controlwords(&rig, 0x0B, 0x0B);
         rig_ms(&rig, to == STOPPING ? 5 : 500);
-        TEST_ASSERT_TRUE(rig.app.drive.axis[0].state != CIA402_OPERATION_ENABLED);
+        TEST_ASSERT_TRUE(rig.device.drive.axis[0].state != CIA402_OPERATION_ENABLED);
     } else if (to == FAULT) {
         rig.inputs[0] = HAL_AMPLIFIER_FAULT;
         rig_ms(&rig, 2);
@@ -280,7 +313,7 @@ static void make_starts(void)
     for (unsigned i = 0; i < STARTS; i++) {
         struct rig_stream s = {.count = 400, .length_nm = 20e6};
         rig_start(&rig, &machine);
-        rig.plant.machine.substeps = 1; /* less true, but here only the firmware matters */
+        rig.plant.onchip_plant.substeps = 1; /* less true, but here only the firmware matters */
         rig.hal.can_send = can_send;
         rig_ms(&rig, 5);
         go_to((enum start)i, &s);
@@ -295,8 +328,8 @@ static void restore(const struct rig *from)
 {
     static const struct rig *flash_of;
     const size_t flash = offsetof(struct rig, flash), behind = flash + sizeof from->flash;
-    if (flash_of != from || memcmp(&rig.flash.random, &from->flash.random,
-                                   sizeof rig.flash - offsetof(struct sim_flash, random)) != 0) {
+    if (flash_of != from ||
+        memcmp(&rig.flash.random, &from->flash.random, sizeof rig.flash - offsetof(struct sim_flash, random)) != 0) {
         rig.flash = from->flash;
         flash_of = from;
     }
@@ -322,7 +355,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     expect_ranges();
     full = false;
     /* An hour's silence (LSS, bit timing) need not be waited for. */
-    rig.app.node.lss.silent_ms = rig.app.node.lss.silent_ms > 3 ? 3 : rig.app.node.lss.silent_ms;
+    rig.device.node.lss.silent_ms = rig.device.node.lss.silent_ms > 3 ? 3 : rig.device.node.lss.silent_ms;
     expect_an_answer();
     TEST_ASSERT_EQUAL_UINT(0, rig.flash.misuse);
     return 0;

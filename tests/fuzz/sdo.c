@@ -103,9 +103,7 @@ static void take(struct bytes *in)
         }
         break;
     case READ: read_one(any_entry(in)); break;
-    case TIME:
-        let_pass(bytes_u8(in));
-        break;
+    case TIME: let_pass(bytes_u8(in)); break;
     case FULL: bus.room = bytes_u8(in); return;
     default: break;
     }

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "bytes.h"
-#include "slcan.h"
+#include "port/slcan.h"
 #include "unity.h"
 
 /* A frame, sent as a line and read back, is the same. */

@@ -4,9 +4,9 @@
 #include <string.h>
 
 #include "bytes.h"
-#include "flash.h"
-#include "params.h"
-#include "settings.h"
+#include "drive/configuration.h"
+#include "od/settings.h"
+#include "sim/flash.h"
 #include "unity.h"
 
 enum piece { RAW, SKIP, SET, OTHER_SECTOR, PIECES };
@@ -109,7 +109,7 @@ static void fill(struct bytes *in)
 static void expect_sound(const struct od_data *values, uint8_t node_id)
 {
     TEST_ASSERT_TRUE((node_id >= 1 && node_id <= OD_NODE_MAX) || node_id == OD_UNCONFIGURED);
-    TEST_ASSERT_TRUE(params_fit(values));
+    TEST_ASSERT_TRUE(configuration_fits(values));
     for (uint16_t i = 0; i < od_table_len; i++) {
         const struct od_entry *e = &od_table[i];
         if ((e->flags & OD_WRITE) != 0 && (e->flags & OD_READ) != 0 && e->index != 0x2001 && e->index != 0x1003) {

@@ -6,12 +6,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define TEST_ASSERT_TRUE_MESSAGE(condition, message)                             \
-    do {                                                                         \
-        if (!(condition)) {                                                      \
-            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, message);         \
-            abort();                                                             \
-        }                                                                        \
+#define TEST_ASSERT_TRUE_MESSAGE(condition, message)                                                                   \
+    do {                                                                                                               \
+        if (!(condition)) {                                                                                            \
+            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, message);                                               \
+            abort();                                                                                                   \
+        }                                                                                                              \
     } while (0)
 #define TEST_ASSERT_TRUE(condition) TEST_ASSERT_TRUE_MESSAGE(condition, #condition)
 #define TEST_ASSERT_FALSE(condition) TEST_ASSERT_TRUE_MESSAGE(!(condition), "not: " #condition)

@@ -3,9 +3,9 @@
 
 #include <string.h>
 
+#include "core/trig.h"
+#include "motion/path_clock.h"
 #include "nominal.h"
-#include "path.h"
-#include "trig.h"
 
 static golden_put put_word;
 static void *put_ctx;
@@ -118,7 +118,7 @@ static void modules(const struct servo_cfg *c)
     }
     vector = "spline";
     for (int i = 0; i < 8; i++) {
-        const path_t s = (path_t)(any(1 << 30) + (1 << 30)) * 600; /* 0..480 knots */
+        const path_time_t s = (path_time_t)(any(1 << 30) + (1 << 30)) * 600; /* 0..480 knots */
         struct spline_point p;
         spline_at(&ring, ring.count, s, &p);
         put64(s);
@@ -131,7 +131,7 @@ static void modules(const struct servo_cfg *c)
     vector = "contour";
     for (int i = 0; i < 16; i++) {
         struct path_state path = {.count = ring.count};
-        path_set(&path, (path_t)(any(1 << 30) + (1 << 30)) * 600);
+        path_set(&path, (path_time_t)(any(1 << 30) + (1 << 30)) * 600);
         put64(path_s(&path));
         path.rate = n_abs(in(1000));
         path.rate_dot = in(100);
@@ -158,20 +158,20 @@ static void modules(const struct servo_cfg *c)
         put2(o.a_n);
     }
     vector = "asmc";
-    struct asmc_state law;
-    asmc_reset(&c->asmc, &law);
+    struct smc_state law;
+    smc_reset(&c->smc, &law);
     for (int i = 0; i < 16; i++) {
-        struct asmc_in a;
+        struct smc_in a;
         a.t = in_tangent();
         a.e = in2(20000);
         a.e_dot = in2(50000);
         a.a_n = in2(60000);
         a.q_dot = in2(500000);
-        a.direction = asmc_direction(c->asmc.friction_speed, in2(400));
-        struct asmc_out o;
-        asmc_step(&c->asmc, &c->plant, &law, &a, &o);
-        asmc_adapt(&c->asmc, &law, 0, o.s_bar, c->dt);
-        asmc_adapt(&c->asmc, &law, 1, o.s_bar, c->dt);
+        a.direction = smc_direction(c->smc.friction_speed, in2(400));
+        struct smc_out o;
+        smc_step(&c->smc, &c->plant, &law, &a, &o);
+        smc_adapt(&c->smc, &law, 0, o.s_bar, c->dt);
+        smc_adapt(&c->smc, &law, 1, o.s_bar, c->dt);
         put2(o.s_bar);
         put2(o.u_linear);
         put2(o.u_friction);
@@ -179,19 +179,19 @@ static void modules(const struct servo_cfg *c)
         put_acc(law.k_hat[1]);
     }
     vector = "uncertainty";
-    struct uncertainty_state u;
+    struct compensator_state u;
     const pos_t origin[2] = {0, 0};
-    uncertainty_reset(&c->uncertainty, &u, origin, v2(NUM(0), NUM(0)));
+    compensator_reset(&c->compensator, &u, origin, v2(NUM(0), NUM(0)));
     for (int i = 0; i < 16; i++) {
         pos_t q[2];
         in_pos2(12000, q);
-        struct uncertainty_out o;
+        struct compensator_out o;
         const vec2 t = in_tangent();
         const vec2 q_dot = in2(8000);
-        uncertainty_step(&c->uncertainty, &c->plant, &u, q, q_dot, t, in(200), &o);
-        uncertainty_adapt(&c->uncertainty, &u, 0, o.s, c->dt);
-        uncertainty_adapt(&c->uncertainty, &u, 1, o.s, c->dt);
-        uncertainty_model(&c->plant, &u, in2(100000), c->dt);
+        compensator_step(&c->compensator, &c->plant, &u, q, q_dot, t, in(200), &o);
+        compensator_adapt(&c->compensator, &u, 0, o.s, c->dt);
+        compensator_adapt(&c->compensator, &u, 1, o.s, c->dt);
+        compensator_model(&c->plant, &u, in2(100000), c->dt);
         put2(o.z_n);
         put2(o.s);
         put2(o.v);
@@ -203,16 +203,16 @@ static void modules(const struct servo_cfg *c)
         }
     }
     vector = "learning";
-    struct learning_state l;
-    learning_reset(&l);
+    struct feedforward_state l;
+    feedforward_reset(&l);
     for (int i = 0; i < 8; i++) {
         const vec2 r_dot = in2(400);
         const vec2 r_ddot = in2(60000);
-        const vec2 direction = asmc_direction(c->asmc.friction_speed, r_dot);
+        const vec2 direction = smc_direction(c->smc.friction_speed, r_dot);
         const vec2 added = in2(50000);
-        learning_step(&c->learning, &c->plant, &l, 0, direction, r_ddot, added, c->dt);
-        learning_step(&c->learning, &c->plant, &l, 1, direction, r_ddot, added, c->dt);
-        put2(learning_force(&l, direction, r_ddot));
+        feedforward_step(&c->feedforward, &c->plant, &l, 0, direction, r_ddot, added, c->dt);
+        feedforward_step(&c->feedforward, &c->plant, &l, 1, direction, r_ddot, added, c->dt);
+        put2(feedforward_force(&l, direction, r_ddot));
     }
     vector = "cascade";
     struct cascade_state pi;
@@ -248,12 +248,12 @@ static void modules(const struct servo_cfg *c)
         put(e.part_mJ);
     }
     vector = "path";
-    struct path path;
-    path_reset(&path);
-    struct path_in p = {.count = 500, .rate = NUM(1), .stop_time = NUM(20), .step = PATH_ONE / 10};
+    struct path_clock path;
+    path_clock_reset(&path);
+    struct path_clock_in p = {.count = 500, .rate = NUM(1), .stop_time = NUM(20), .step = PATH_ONE / 10};
     for (int i = 0; i < 600; i++) {
         p.rate = i < 100 ? NUM(1) : i < 350 ? NUM(0) : i < 500 ? NUM(1.2) : NUM(0.7);
-        path_step(&path, &p);
+        path_clock_step(&path, &p);
         if (i % 25 == 0) {
             put64(path_s(&path.at));
             put(path.at.rate);
@@ -293,13 +293,15 @@ static void closed_loop(const struct servo_cfg *c)
     struct servo_in servo = {.enabled = {true, true}, .path = {.count = ring.count}, .ring = &ring};
     struct servo_state state;
     struct servo_out out;
-    struct path path;
+    struct path_clock path;
     uint32_t hash = 2166136261u;
-    path_reset(&path);
+    path_clock_reset(&path);
     for (int i = 0; i < 4000; i++) {
-        const struct path_in in = {
-            .count = ring.count, .rate = i < 2500 || i > 3200 ? NUM(1) : NUM(0), .stop_time = NUM(50), .step = PATH_ONE / 10};
-        path_step(&path, &in);
+        const struct path_clock_in in = {.count = ring.count,
+                                         .rate = i < 2500 || i > 3200 ? NUM(1) : NUM(0),
+                                         .stop_time = NUM(50),
+                                         .step = PATH_ONE / 10};
+        path_clock_step(&path, &in);
         for (int k = 0; k < 2; k++) {
             servo.measured[k] = axis[k].pos / count * count;
         }
@@ -319,9 +321,9 @@ static void closed_loop(const struct servo_cfg *c)
             mix(&hash, &state.observer[k].vel, sizeof state.observer[k].vel);
             mix(&hash, &state.observer[k].disturbance, sizeof state.observer[k].disturbance);
         }
-        mix(&hash, state.asmc.k_hat, sizeof state.asmc.k_hat);
-        mix(&hash, &state.uncertainty, sizeof state.uncertainty);
-        mix(&hash, &state.learning, sizeof state.learning);
+        mix(&hash, state.smc.k_hat, sizeof state.smc.k_hat);
+        mix(&hash, &state.compensator, sizeof state.compensator);
+        mix(&hash, &state.feedforward, sizeof state.feedforward);
         mix(&hash, &state.cascade, sizeof state.cascade);
         if (i % 100 == 99) {
             put64(servo.measured[0]);
@@ -338,8 +340,8 @@ void golden_run(golden_put put_it, void *ctx)
     put_ctx = ctx;
     random_state = 2463534242u;
     struct servo_cfg c = nominal();
-    c.learning.friction_rate = NUM(0.2);
-    c.learning.mass_rate = NUM(0.1);
+    c.feedforward.friction_rate = NUM(0.2);
+    c.feedforward.mass_rate = NUM(0.1);
     circle(&ring, 500);
     modules(&c);
     vector = "closed loop";

@@ -3,8 +3,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "core/num.h"
 #include "golden.h"
-#include "num.h"
 
 struct place {
     const char *vector;
@@ -27,7 +27,8 @@ int main(void)
     struct place at = {"", 0};
     printf("/* SPDX-License-Identifier: Apache-2.0 */\n"
            "/* Words of golden_run() in the back end %s. Made by `make golden`: see README.md. */\n"
-           "#include <stdint.h>\n\nstatic const uint32_t golden_words[] = {\n", NUM_NAME);
+           "#include <stdint.h>\n\nstatic const uint32_t golden_words[] = {\n",
+           NUM_NAME);
     golden_run(print, &at);
     printf("%s};\n", at.column != 0 ? "\n" : "");
     return 0;

@@ -3,9 +3,9 @@
  * registers are no encoder's and no DAC's, but the way through the drivers is the ordinary one. */
 #include <stdio.h>
 
-#include "encoder.h"
-#include "inputs.h"
-#include "output.h"
+#include "port/stm32f405/encoder.h"
+#include "port/stm32f405/inputs.h"
+#include "port/stm32f405/output.h"
 #include "target.h"
 
 enum { STEPS = 1000 };

@@ -31,7 +31,7 @@ static void tick(const char *name, uint8_t channels, uint32_t interval_us, enum 
     for (uint32_t i = 0; i < STEPS; i++) {
         rig_feed(&r);
         const uint32_t from = count_now();
-        loop_tick(&r.loop);
+        servo_loop_tick(&r.loop);
         const uint32_t n = count_now() - from - reading;
         rig_move(&r);
         sum += n;

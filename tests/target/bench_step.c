@@ -16,12 +16,12 @@ static bool step(enum controller controller, const char *name, const char *separ
     const uint32_t begin = count_now();
     const uint32_t reading = count_now() - begin; /* of the counter itself */
     rig_feed(&r); /* the first tick takes the configuration over, which happens without power only */
-    loop_tick(&r.loop);
+    servo_loop_tick(&r.loop);
     rig_move(&r);
     for (uint32_t i = 0; i < STEPS; i++) {
         rig_feed(&r);
         const uint32_t from = count_now();
-        loop_tick(&r.loop);
+        servo_loop_tick(&r.loop);
         const uint32_t n = count_now() - from - reading;
         rig_move(&r);
         sum += n;

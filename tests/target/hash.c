@@ -24,11 +24,11 @@ static void mix_servo(uint32_t *hash, const struct servo_state *s)
         mix(hash, &s->observer[i].disturbance, sizeof s->observer[i].disturbance);
         mix(hash, &s->energy[i], sizeof s->energy[i]);
     }
-    mix(hash, &s->asmc, sizeof s->asmc);
-    mix(hash, &s->uncertainty.q_bar, sizeof s->uncertainty.q_bar);
-    mix(hash, &s->uncertainty.q_bar_dot, sizeof s->uncertainty.q_bar_dot);
-    mix(hash, &s->uncertainty.mu, sizeof s->uncertainty.mu);
-    mix(hash, &s->learning, sizeof s->learning);
+    mix(hash, &s->smc, sizeof s->smc);
+    mix(hash, &s->compensator.q_bar, sizeof s->compensator.q_bar);
+    mix(hash, &s->compensator.q_bar_dot, sizeof s->compensator.q_bar_dot);
+    mix(hash, &s->compensator.mu, sizeof s->compensator.mu);
+    mix(hash, &s->feedforward, sizeof s->feedforward);
     mix(hash, &s->offset, sizeof s->offset);
     mix(hash, &s->force, sizeof s->force);
     mix(hash, s->asked, sizeof s->asked);
@@ -41,17 +41,17 @@ int main(void)
     rig_init(&r, CONTROLLER_CCU);
     for (uint32_t i = 0; i < STEPS; i++) {
         rig_feed(&r);
-        loop_tick(&r.loop);
+        servo_loop_tick(&r.loop);
         rig_move(&r);
         mix(&hash, r.out.force_mN, sizeof r.out.force_mN);
         mix_servo(&hash, &r.loop.servo);
         for (int k = 0; k < 2; k++) {
-            mix(&hash, &r.machine.axis[k].pos, sizeof r.machine.axis[k].pos);
-            mix(&hash, &r.machine.axis[k].vel, sizeof r.machine.axis[k].vel);
+            mix(&hash, &r.onchip_plant.axis[k].pos, sizeof r.onchip_plant.axis[k].pos);
+            mix(&hash, &r.onchip_plant.axis[k].vel, sizeof r.onchip_plant.axis[k].vel);
         }
     }
-    const struct loop_snapshot *s = loop_snapshot(&r.loop);
-    printf("%08lX at (%ld, %ld) nm, faults %lX\n", (unsigned long)hash, (long)s->position_nm[0], (long)s->position_nm[1],
-           (unsigned long)r.loop.faults);
+    const struct servo_loop_snapshot *s = servo_loop_snapshot(&r.loop);
+    printf("%08lX at (%ld, %ld) nm, faults %lX\n", (unsigned long)hash, (long)s->position_nm[0],
+           (long)s->position_nm[1], (unsigned long)r.loop.faults);
     return r.loop.faults == 0 ? 0 : 1;
 }

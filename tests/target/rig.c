@@ -8,7 +8,7 @@ enum { AHEAD = 200 }; /* knots kept in the ring */
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
     const struct rig *r = ctx;
-    machine_read(&r->machine, in);
+    onchip_plant_read(&r->onchip_plant, in);
 }
 
 static void drive_write(void *ctx, const struct hal_drive_out *out)
@@ -29,23 +29,23 @@ void rig_feed(struct rig *r)
 
 void rig_move(struct rig *r)
 {
-    machine_step(&r->machine_cfg, &r->machine, &r->out);
+    onchip_plant_step(&r->machine_cfg, &r->onchip_plant, &r->out);
 }
 
 void rig_init(struct rig *r, enum controller controller)
 {
     static struct od_data od;
     od_init(&od, 1);
-    od.machine.start_x = part_knots[0][0];
-    od.machine.start_y = part_knots[0][1];
+    od.onchip_plant.start_x = part_knots[0][0];
+    od.onchip_plant.start_y = part_knots[0][1];
     *r = (struct rig){.hal = {.ctx = r, .drive_read = drive_read, .drive_write = drive_write},
-                      .machine_cfg = params_to_machine(&od),
+                      .machine_cfg = configuration_onchip_plant(&od),
                       .ring = {.start = {{part_knots[0][0], part_knots[0][1]}}}};
-    machine_reset(&r->machine_cfg, &r->machine);
-    loop_init(&r->loop, &r->hal, &r->ring);
+    onchip_plant_reset(&r->machine_cfg, &r->onchip_plant);
+    servo_loop_init(&r->loop, &r->hal, &r->ring);
     r->loop.cfg[0] = drive_loop_cfg(&od);
     for (int i = 0; i < 2; i++) {
-        atomic_store(&r->loop.command.powered[i], LOOP_ON);
+        atomic_store(&r->loop.command.powered[i], SERVO_LOOP_ON);
     }
     atomic_store(&r->loop.command.controller, (uint8_t)controller);
     atomic_store(&r->loop.command.run, true);

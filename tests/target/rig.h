@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* rig.h: the servo tick in closed loop with the simulated machine of machine.h, on the knots of a part: no host, no wire. */
+/* rig.h: the servo tick in closed loop with the simulated machine of onchip/onchip_plant.h, on the knots of a part: no host, no wire. */
 #ifndef KONTUR_RIG_H
 #define KONTUR_RIG_H
-#include "drive.h"
+#include "drive/drive.h"
 
 struct rig {
     struct hal hal;
-    struct loop loop;
+    struct servo_loop loop;
     struct spline_ring ring;
-    struct machine machine; /* behind the HAL */
-    struct machine_cfg machine_cfg;
+    struct onchip_plant machine; /* behind the HAL */
+    struct onchip_plant_cfg machine_cfg;
     struct hal_drive_out out;
 };
 

@@ -37,8 +37,8 @@ static _Noreturn void fault(void)
 }
 
 __attribute__((section(".vectors"), used)) static const void *const vectors[] = {
-    &stack_top, (const void *)reset, (const void *)fault, (const void *)fault, (const void *)fault, (const void *)fault,
-    (const void *)fault};
+    &stack_top,          (const void *)reset, (const void *)fault, (const void *)fault,
+    (const void *)fault, (const void *)fault, (const void *)fault};
 
 void reset(void)
 {

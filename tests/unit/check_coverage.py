@@ -24,8 +24,9 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-HELD = ("firmware/core", "firmware/drive", "firmware/canopen")
-LEAST = dict.fromkeys((*HELD, "firmware/port"), 0.95)  # of the branches of each folder
+ROOMS = ("core", "od", "canopen", "motion", "supervision", "scope", "drive", "onchip")
+HELD = (*(f"firmware/{room}" for room in ROOMS), "firmware")  # "firmware": device.c
+LEAST = dict.fromkeys((*HELD[:-1], "firmware/port", "firmware"), 0.95)  # of the branches of each folder
 
 
 @dataclass(frozen=True, order=True)

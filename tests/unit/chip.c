@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#include "cpu.h"
+#include "port/stm32f405/cpu.h"
 
 struct chip chip;
 uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4],

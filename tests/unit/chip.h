@@ -5,8 +5,8 @@
 #define KONTUR_TEST_CHIP_H
 #include <stdbool.h>
 
-#include "hal.h"
-#include "regs.h"
+#include "hal/hal.h"
+#include "port/stm32f405/regs.h"
 
 /* Answers wait_until(): the hardware sets what is waited for, by default; `false` for a part that does not start. */
 typedef bool chip_answer(const reg *r, uint32_t mask, uint32_t value);

@@ -4,8 +4,8 @@
 #define KONTUR_NOMINAL_H
 #include <math.h>
 
+#include "core/servo.h"
 #include "num_test.h"
-#include "servo.h"
 
 #define T0 0.005
 #define MPS (1e-6 / T0)       /* a um/T0 in m/s */
@@ -34,25 +34,25 @@ static inline struct servo_cfg nominal(void)
                   .force_max = mk2(600, 600)},
         .observer = observer_design(mk(1300 * T0), mk(DT)),
         .contour = {.v_min = mk(1e-4 / MPS), .lag_max = mk(1.2), .newton = true},
-        .asmc = {.lambda = mk(200 * T0),
-                 .gamma = mk(1.2 * T0),
-                 .beta = mk(6),
-                 .k_bar = mk(1e-3),
-                 .e_max = mk(1000),
-                 .k_0 = mk(100 * T0),
-                 .k_max = mk(400 * T0),
-                 .zeta = mk(100 * T0),
-                 .zeta_rate = mk(100 * T0 * T0 * ACC_GAIN),
-                 .xi = mk(1e4 * T0 * 1e-6 * ACC_GAIN),
-                 .epsilon = mk(1e-3 / MPS),
-                 .friction_speed = mk(50e-6 / MPS)},
-        .uncertainty = {.alpha = mk(60 * T0),
+        .smc = {.lambda = mk(200 * T0),
+                .gamma = mk(1.2 * T0),
+                .beta = mk(6),
+                .k_bar = mk(1e-3),
+                .e_max = mk(1000),
+                .k_0 = mk(100 * T0),
+                .k_max = mk(400 * T0),
+                .zeta = mk(100 * T0),
+                .zeta_rate = mk(100 * T0 * T0 * ACC_GAIN),
+                .xi = mk(1e4 * T0 * 1e-6 * ACC_GAIN),
+                .epsilon = mk(1e-3 / MPS),
+                .friction_speed = mk(50e-6 / MPS)},
+        .compensator = {.alpha = mk(60 * T0),
                         .mu_0 = mk(1 / MPS2),
                         .mu_max = mk(4 / MPS2),
                         .rho = mk(0.5 * T0 * T0 * ACC_GAIN),
                         .phi = mk(1e-3 / MPS),
                         .dead_zone = mk(1e-3 / MPS)},
-        .learning = {.acceleration = mk(0.5 / MPS2)}, /* rates 0: nothing is learned */
+        .feedforward = {.acceleration = mk(0.5 / MPS2)}, /* rates 0: nothing is learned */
         .cascade = {.k_p = mk(67.4 * T0),
                     .k_v = mk(307 * T0),
                     .k_i = mk(77 * T0),
@@ -63,9 +63,9 @@ static inline struct servo_cfg nominal(void)
     return cfg;
 }
 
-static inline path_t path_time_of(double knots)
+static inline path_time_t path_time_of(double knots)
 {
-    return (path_t)llround(knots * (double)PATH_ONE);
+    return (path_time_t)llround(knots * (double)PATH_ONE);
 }
 
 static inline struct path_state path_at(const struct spline_ring *ring, double knots)

@@ -2,7 +2,7 @@
 /* num_test.h: how tests make, read and compare a `num`, whatever its back end. */
 #ifndef KONTUR_NUM_TEST_H
 #define KONTUR_NUM_TEST_H
-#include "vec2.h"
+#include "core/vec2.h"
 
 static inline num mk(double x)
 {
@@ -43,6 +43,6 @@ static inline double acc_val(acc_t a)
 /* What n halves of its step add to a tolerance in fixed point. */
 #define HALF_STEPS(n) (NUM_FIXED * 0x1p-20 * (n))
 /* A result of up to 16 roundings of terms that add up to `terms` in magnitude. */
-#define ASSERT_NEAR(expected, actual, terms) \
+#define ASSERT_NEAR(expected, actual, terms)                                                                           \
     TEST_ASSERT_DOUBLE_WITHIN(16 * (NUM_ROUNDING * (terms) + NUM_STEP), expected, actual)
 #endif

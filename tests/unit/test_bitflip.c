@@ -16,79 +16,198 @@
 
 enum { SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, RUN = 0x1F, QUICK_STOP = 0x0B, FAULT_RESET = 0x80 };
 enum { OFF_PERIODS = 40, ON_PERIODS = 200, PARAMETER_PERIODS = 300 }; /* that a trial takes */
-enum { LARGE = 32, ONE_IN = 5 }; /* bytes; of a larger variable one bit in so many, all in the five states with power, or without */
+enum {
+    LARGE = 32,
+    ONE_IN = 5
+}; /* bytes; of a larger variable one bit in so many, all in the five states with power, or without */
 
 static struct rig rig, begin_with;
 static struct rig_stream stream;
 static unsigned flips, safe, stopped;
 static uint8_t turned[2][sizeof(struct rig)]; /* bits, without power and with it */
 
-#define LIMIT_M 0.06                 /* soft limits of the trials */
-#define WINDOW_M 1e-3                /* 6065h */
+#define LIMIT_M 0.06  /* soft limits of the trials */
+#define WINDOW_M 1e-3 /* 6065h */
 #define FORCE_MAX_MN 600000
-#define SPEED_MAX_MPS 0.5            /* 2130h:1 */
+#define SPEED_MAX_MPS 0.5 /* 2130h:1 */
 
 /* ---- the variables ---- */
 
 struct variable {
     const char *name;
-    size_t offset;  /* in struct rig */
-    size_t size;    /* bytes */
+    size_t offset;                                   /* in struct rig */
+    size_t size;                                     /* bytes */
     enum { ANY, BOOL, WIDE, RATES, PARAMETER } kind; /* WIDE, RATES: 64-bit; PARAMETER: its change is a fault */
 };
 
 #define VAR(member) {#member, offsetof(struct rig, member), sizeof rig.member, ANY}
 #define FLAG(member) {#member, offsetof(struct rig, member), 1, BOOL}
-#define FAR(member) {#member, offsetof(struct rig, app.drive.loop.member), sizeof rig.app.drive.loop.member, WIDE}
-#define RATE(member) {#member, offsetof(struct rig, app.drive.loop.member), sizeof rig.app.drive.loop.member, RATES}
-#define PARAMETERS(member) {#member, offsetof(struct rig, app.od.member), sizeof rig.app.od.member, PARAMETER}
-#define LOOP(member) VAR(app.drive.loop.member)
-#define DRIVE(member) VAR(app.drive.member)
+#define FAR(member) {#member, offsetof(struct rig, device.drive.loop.member), sizeof rig.device.drive.loop.member, WIDE}
+#define RATE(member)                                                                                                   \
+    {#member, offsetof(struct rig, device.drive.loop.member), sizeof rig.device.drive.loop.member, RATES}
+#define PARAMETERS(member) {#member, offsetof(struct rig, device.od.member), sizeof rig.device.od.member, PARAMETER}
+#define LOOP(member) VAR(device.drive.loop.member)
+#define DRIVE(member) VAR(device.drive.member)
 
 static const struct variable variables[] = {
     /* state and commands of the master */
-    DRIVE(axis[0].state), DRIVE(axis[0].leave_to), DRIVE(axis[0].changes), DRIVE(axis[0].controlword), DRIVE(axis[0].quick_stop),
-    DRIVE(axis[1].state), DRIVE(axis[1].leave_to), DRIVE(axis[1].changes), DRIVE(axis[1].controlword), DRIVE(axis[1].quick_stop),
-    DRIVE(axis[0].not_state), DRIVE(axis[1].not_state),
-    VAR(app.od.axis[0].controlword), VAR(app.od.axis[1].controlword), VAR(app.od.axis[0].statusword),
-    VAR(app.od.axis[0].mode), VAR(app.od.axis[1].mode), VAR(app.od.axis[0].target_velocity), VAR(app.od.claim_required),
-    DRIVE(guard.holder), DRIVE(guard.key), DRIVE(guard.ticket), DRIVE(guard.armed_at), DRIVE(guard.axis),
-    FLAG(app.drive.guard.lost), FLAG(app.drive.guard.drawn), FLAG(app.drive.guard.armed),
-    VAR(app.node.state), VAR(app.node.guarded), VAR(app.node.consumer_left_ms),
+    DRIVE(axis[0].state),
+    DRIVE(axis[0].leave_to),
+    DRIVE(axis[0].changes),
+    DRIVE(axis[0].controlword),
+    DRIVE(axis[0].quick_stop),
+    DRIVE(axis[1].state),
+    DRIVE(axis[1].leave_to),
+    DRIVE(axis[1].changes),
+    DRIVE(axis[1].controlword),
+    DRIVE(axis[1].quick_stop),
+    DRIVE(axis[0].not_state),
+    DRIVE(axis[1].not_state),
+    VAR(device.od.axis[0].controlword),
+    VAR(device.od.axis[1].controlword),
+    VAR(device.od.axis[0].statusword),
+    VAR(device.od.axis[0].mode),
+    VAR(device.od.axis[1].mode),
+    VAR(device.od.axis[0].target_velocity),
+    VAR(device.od.claim_required),
+    DRIVE(command_guard.holder),
+    DRIVE(command_guard.key),
+    DRIVE(command_guard.ticket),
+    DRIVE(command_guard.armed_at),
+    DRIVE(command_guard.axis),
+    FLAG(device.drive.command_guard.lost),
+    FLAG(device.drive.command_guard.drawn),
+    FLAG(device.drive.command_guard.armed),
+    VAR(device.node.state),
+    VAR(device.node.guarded),
+    VAR(device.node.consumer_left_ms),
     /* what the background tells the tick */
-    LOOP(command.powered[0]), LOOP(command.powered[1]), FLAG(app.drive.loop.command.run), LOOP(command.rate),
-    FLAG(app.drive.loop.command.complete), FLAG(app.drive.loop.command.rest), LOOP(command.controller), LOOP(command.begin),
-    LOOP(command.configured), LOOP(command.origin_nm[0]), LOOP(command.origin_nm[1]),
+    LOOP(command.powered[0]),
+    LOOP(command.powered[1]),
+    FLAG(device.drive.loop.command.run),
+    LOOP(command.rate),
+    FLAG(device.drive.loop.command.complete),
+    FLAG(device.drive.loop.command.rest),
+    LOOP(command.controller),
+    LOOP(command.begin),
+    LOOP(command.configured),
+    LOOP(command.origin_nm[0]),
+    LOOP(command.origin_nm[1]),
     /* what the tick tells the background */
-    LOOP(faults), LOOP(first), LOOP(begun), LOOP(executed), LOOP(published), LOOP(ticks),
-    FLAG(app.drive.loop.standing), FLAG(app.drive.loop.at_end), FLAG(app.drive.loop.starved),
+    LOOP(faults),
+    LOOP(first),
+    LOOP(begun),
+    LOOP(executed),
+    LOOP(published),
+    LOOP(ticks),
+    FLAG(device.drive.loop.standing),
+    FLAG(device.drive.loop.at_end),
+    FLAG(device.drive.loop.starved),
     /* limits and masks */
-    LOOP(cfg[0]), LOOP(cfg[1]), FAR(lowest), FAR(highest), LOOP(late[0]), LOOP(late[1]),
-    LOOP(configured), LOOP(inputs), LOOP(path.at.rate),  RATE(path.motion), LOOP(path.spare),
-    LOOP(permille), LOOP(rate), FLAG(app.drive.loop.simulated),
+    LOOP(cfg[0]),
+    LOOP(cfg[1]),
+    FAR(lowest),
+    FAR(highest),
+    LOOP(late[0]),
+    LOOP(late[1]),
+    LOOP(configured),
+    LOOP(inputs),
+    LOOP(path.at.rate),
+    RATE(path.motion),
+    LOOP(path.spare),
+    LOOP(permille),
+    LOOP(rate),
+    FLAG(device.drive.loop.simulated),
     /* the law */
-    FAR(servo.observer[0].pos), LOOP(servo.observer[0].vel), LOOP(servo.observer[0].acc), LOOP(servo.controller), LOOP(servo.offset), LOOP(servo.turn), LOOP(servo.asked), LOOP(servo.asmc),
-    LOOP(servo.uncertainty), LOOP(servo.learning), FAR(encoder[0].pos), FAR(encoder[0].count), LOOP(encoder[0].last), LOOP(encoder[0].rest),
-    FLAG(app.drive.loop.servo.enabled[0]), FLAG(app.drive.loop.servo.enabled[1]), FLAG(app.drive.loop.servo.saturated),
+    FAR(servo.observer[0].pos),
+    LOOP(servo.observer[0].vel),
+    LOOP(servo.observer[0].acc),
+    LOOP(servo.controller),
+    LOOP(servo.offset),
+    LOOP(servo.turn),
+    LOOP(servo.asked),
+    LOOP(servo.smc),
+    LOOP(servo.compensator),
+    LOOP(servo.feedforward),
+    FAR(encoder[0].pos),
+    FAR(encoder[0].count),
+    LOOP(encoder[0].last),
+    LOOP(encoder[0].rest),
+    FLAG(device.drive.loop.servo.enabled[0]),
+    FLAG(device.drive.loop.servo.enabled[1]),
+    FLAG(device.drive.loop.servo.saturated),
     /* faults */
-    DRIVE(faults), DRIVE(warnings), DRIVE(first), FLAG(app.drive.refused), FLAG(app.drive.powered[0]), FLAG(app.drive.powered[1]),
-    DRIVE(configured), DRIVE(begun), DRIVE(configured_at), DRIVE(left_at), DRIVE(watch), FLAG(app.drive.starved),
-    DRIVE(memory.cfg), DRIVE(memory.parameters), DRIVE(memory.sum), DRIVE(memory.at), FLAG(app.drive.memory.lost),
+    DRIVE(faults),
+    DRIVE(warnings),
+    DRIVE(first),
+    FLAG(device.drive.refused),
+    FLAG(device.drive.powered[0]),
+    FLAG(device.drive.powered[1]),
+    DRIVE(configured),
+    DRIVE(begun),
+    DRIVE(configured_at),
+    DRIVE(left_at),
+    DRIVE(fault_monitor),
+    FLAG(device.drive.starved),
+    DRIVE(integrity.cfg),
+    DRIVE(integrity.parameters),
+    DRIVE(integrity.sum),
+    DRIVE(integrity.at),
+    FLAG(device.drive.integrity.lost),
     /* modes and queue */
-    DRIVE(modes.axis[0].mode), DRIVE(modes.axis[1].mode), FLAG(app.drive.modes.generating), FLAG(app.drive.modes.ending),
-    FLAG(app.drive.modes.by_record), FLAG(app.drive.modes.by_frame), DRIVE(modes.axis[0].home.state), DRIVE(modes.axis[0].wish_umps),
-    DRIVE(queue.total), DRIVE(queue.min_nm), DRIVE(queue.max_nm), DRIVE(queue.low_nm), DRIVE(queue.high_nm), DRIVE(queue.origin_nm),
-    DRIVE(queue.still), DRIVE(queue.max_nmpms2), DRIVE(queue.step_nm), FLAG(app.drive.queue.open), FLAG(app.drive.queue.suspended),
-    FLAG(app.drive.queue.outside), FLAG(app.drive.queue.sharp), DRIVE(queue.ring.start), DRIVE(queue.ring.count),
-    DRIVE(queue.ring.knot[0]), DRIVE(queue.ring.knot[100]), DRIVE(queue.ring.knot[401]), DRIVE(queue.ring.knot[402]),
-    DRIVE(queue.ring.knot[405]), DRIVE(queue.ring.knot[420]), DRIVE(queue.ring.knot[1000]),
-    VAR(app.od.stream.state), VAR(app.od.stream.accepted), VAR(app.od.stream.executed), VAR(app.od.stream.total),
-    VAR(app.od.stream.end_x), VAR(app.od.stream.free), VAR(app.od.feed_override),
+    DRIVE(modes.axis[0].mode),
+    DRIVE(modes.axis[1].mode),
+    FLAG(device.drive.modes.generating),
+    FLAG(device.drive.modes.ending),
+    FLAG(device.drive.modes.by_record),
+    FLAG(device.drive.modes.by_frame),
+    DRIVE(modes.axis[0].homing.state),
+    DRIVE(modes.axis[0].wish_umps),
+    DRIVE(queue.total),
+    DRIVE(queue.min_nm),
+    DRIVE(queue.max_nm),
+    DRIVE(queue.low_nm),
+    DRIVE(queue.high_nm),
+    DRIVE(queue.origin_nm),
+    DRIVE(queue.still),
+    DRIVE(queue.max_nmpms2),
+    DRIVE(queue.step_nm),
+    FLAG(device.drive.queue.open),
+    FLAG(device.drive.queue.suspended),
+    FLAG(device.drive.queue.outside),
+    FLAG(device.drive.queue.sharp),
+    DRIVE(queue.ring.start),
+    DRIVE(queue.ring.count),
+    DRIVE(queue.ring.knot[0]),
+    DRIVE(queue.ring.knot[100]),
+    DRIVE(queue.ring.knot[401]),
+    DRIVE(queue.ring.knot[402]),
+    DRIVE(queue.ring.knot[405]),
+    DRIVE(queue.ring.knot[420]),
+    DRIVE(queue.ring.knot[1000]),
+    VAR(device.od.stream.state),
+    VAR(device.od.stream.accepted),
+    VAR(device.od.stream.executed),
+    VAR(device.od.stream.total),
+    VAR(device.od.stream.end_x),
+    VAR(device.od.stream.free),
+    VAR(device.od.feed_override),
     /* the parameters that are looked at while there is power */
-    PARAMETERS(axis[0].quick_stop_option), PARAMETERS(axis[0].halt_option), PARAMETERS(axis[0].position_limit),
-    PARAMETERS(axis[0].plant), PARAMETERS(axis[0].following_window), PARAMETERS(limits.velocity), PARAMETERS(limits.path_stop_time),
-    PARAMETERS(limits.start_window), PARAMETERS(limits.acceleration), PARAMETERS(tunnel.radius), PARAMETERS(tunnel.debounce),
-    PARAMETERS(tunnel.reaction), PARAMETERS(watch), PARAMETERS(controller.select), VAR(app.od.controller.active),
+    PARAMETERS(axis[0].quick_stop_option),
+    PARAMETERS(axis[0].halt_option),
+    PARAMETERS(axis[0].position_limit),
+    PARAMETERS(axis[0].plant),
+    PARAMETERS(axis[0].following_window),
+    PARAMETERS(limits.velocity),
+    PARAMETERS(limits.path_stop_time),
+    PARAMETERS(limits.start_window),
+    PARAMETERS(limits.acceleration),
+    PARAMETERS(tunnel.radius),
+    PARAMETERS(tunnel.debounce),
+    PARAMETERS(tunnel.reaction),
+    PARAMETERS(fault_delay),
+    PARAMETERS(controller.select),
+    VAR(device.od.controller.active),
 };
 
 /* ---- the states ---- */
@@ -191,13 +310,11 @@ static char what[160];
 /* Bools within larger variables */
 static bool of_no_meaning(const struct variable *v, size_t bit)
 {
-#define IN_BOTH(member) offsetof(struct rig, app.drive.loop.cfg[0].member), offsetof(struct rig, app.drive.loop.cfg[1].member)
+#define IN_BOTH(member)                                                                                                \
+    offsetof(struct rig, device.drive.loop.cfg[0].member), offsetof(struct rig, device.drive.loop.cfg[1].member)
     static const size_t bools[] = {
-        IN_BOTH(servo.contour.newton),
-        IN_BOTH(servo.asmc.psi_printed),
-        IN_BOTH(servo.uncertainty.law_printed),
-        IN_BOTH(servo.uncertainty.whole_input),
-        IN_BOTH(machine.simulated),
+        IN_BOTH(servo.contour.newton),          IN_BOTH(servo.smc.psi_printed),  IN_BOTH(servo.compensator.law_printed),
+        IN_BOTH(servo.compensator.whole_input), IN_BOTH(onchip_plant.simulated),
     };
     for (unsigned i = 0; i < sizeof bools / sizeof bools[0]; i++) {
         if (v->offset + bit / 8 == bools[i] && bit % 8 != 0) {
@@ -244,7 +361,7 @@ static void expect_consistent(void)
 {
     for (int i = 0; i < 2; i++) {
         const bool on = rig.out.enable[i];
-        TEST_ASSERT_EQUAL_MESSAGE(cia402_powered(&rig.app.drive.axis[i]), on, what);
+        TEST_ASSERT_EQUAL_MESSAGE(cia402_powered(&rig.device.drive.axis[i]), on, what);
     }
 }
 
@@ -269,9 +386,9 @@ static void trial(const char *state, const struct variable *v, size_t bit, bool 
         expect_consistent();
     }
     if (has_power && v->kind == PARAMETER) {
-        TEST_ASSERT_BITS_HIGH_MESSAGE(FAULT_BIT(FAULT_MEMORY), rig.app.drive.faults, what);
+        TEST_ASSERT_BITS_HIGH_MESSAGE(FAULT_BIT(FAULT_MEMORY), rig.device.drive.faults, what);
     }
-    stopped += (rig.app.drive.faults & ~begin_with.app.drive.faults) != 0 ? 1u : 0u;
+    stopped += (rig.device.drive.faults & ~begin_with.device.drive.faults) != 0 ? 1u : 0u;
     safe++;
 }
 
@@ -282,7 +399,8 @@ static void campaign(const char *state, void (*be)(void), bool has_power)
     flips = safe = stopped = 0;
     power_on();
     be();
-    rig_run(&rig, 11 - (unsigned)rig.app.drive.loop.ticks % 10u); /* just after the background has had its millisecond */
+    rig_run(&rig,
+            11 - (unsigned)rig.device.drive.loop.ticks % 10u); /* just after the background has had its millisecond */
     begin_with = rig;
     TEST_ASSERT_EQUAL(has_power, rig.out.enable[0]);
     for (unsigned i = 0; i < sizeof variables / sizeof variables[0]; i++) {
@@ -294,7 +412,8 @@ static void campaign(const char *state, void (*be)(void), bool has_power)
             }
         }
     }
-    printf("bit flips, %s: %u bits turned, %u of them a fault; unsafe outcomes: %u\n", state, flips, stopped, flips - safe);
+    printf("bit flips, %s: %u bits turned, %u of them a fault; unsafe outcomes: %u\n", state, flips, stopped,
+           flips - safe);
 }
 
 void setUp(void)

@@ -2,7 +2,7 @@
 /* SocketCAN's error frames as the state of a controller. */
 #include <linux/can/error.h>
 
-#include "can_errors.h"
+#include "port/linux/can_errors.h"
 #include "unity.h"
 
 enum { COUNTERS = 0x200 }; /* CAN_ERR_CNT, which older headers lack */

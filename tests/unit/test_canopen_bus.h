@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "node.h"
+#include "canopen/node.h"
 #include "unity.h"
 
 enum { NODE = 5, SENT_MAX = 4096 };
@@ -16,15 +16,19 @@ struct bus {
     struct hal hal;
     struct can_frame sent[SENT_MAX]; /* by the node, since the last bus_clear() */
     unsigned count;
-    unsigned room;                   /* frames that can_send still takes */
+    unsigned room; /* frames that can_send still takes */
     /* what the hooks saw */
     unsigned writes, reads, rpdos[OD_RPDOS + 1], lost, resets, nmt_changes;
-    struct { uint16_t index; uint8_t sub, flags; int64_t value; } checked, written;
+    struct {
+        uint16_t index;
+        uint8_t sub, flags;
+        int64_t value;
+    } checked, written;
     bool reset_communication_only;
     enum co_state state;
-    uint32_t refuse;                 /* what check_write answers */
-    struct od_knot knots[8];         /* as stored at each RPDO2 */
-    const char *domain;              /* contents of 2302h; NULL: none */
+    uint32_t refuse;         /* what check_write answers */
+    struct od_knot knots[8]; /* as stored at each RPDO2 */
+    const char *domain;      /* contents of 2302h; NULL: none */
 };
 
 static inline bool bus_can_send(void *ctx, const struct can_frame *frame)
@@ -130,20 +134,19 @@ static inline void bus_start(struct bus *bus)
     bus->room = SENT_MAX;
     bus->hal = (struct hal){.ctx = bus, .can_send = bus_can_send, .can_bitrate = bus_can_bitrate};
     od_init(&bus->od, NODE);
-    const struct co_config config = {
-        .od = &bus->od,
-        .hal = &bus->hal,
-        .node_id = NODE,
-        .hooks = {.ctx = bus,
-                  .check_write = bus_check_write,
-                  .on_write = bus_on_write,
-                  .before_read = bus_before_read,
-                  .domain_size = bus_domain_size,
-                  .domain_read = bus_domain_read,
-                  .on_rpdo = bus_on_rpdo,
-                  .on_nmt = bus_on_nmt,
-                  .on_heartbeat_lost = bus_on_heartbeat_lost,
-                  .on_reset = bus_on_reset}};
+    const struct co_config config = {.od = &bus->od,
+                                     .hal = &bus->hal,
+                                     .node_id = NODE,
+                                     .hooks = {.ctx = bus,
+                                               .check_write = bus_check_write,
+                                               .on_write = bus_on_write,
+                                               .before_read = bus_before_read,
+                                               .domain_size = bus_domain_size,
+                                               .domain_read = bus_domain_read,
+                                               .on_rpdo = bus_on_rpdo,
+                                               .on_nmt = bus_on_nmt,
+                                               .on_heartbeat_lost = bus_on_heartbeat_lost,
+                                               .on_reset = bus_on_reset}};
     co_init(&bus->node, &config);
 }
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What the CAN controller says of its bus: object 2032h, EMCY, error register. */
-#include "fault_gen.h"
+#include "supervision/fault_gen.h"
 #include "test_canopen_bus.h"
 
 static struct bus bus;

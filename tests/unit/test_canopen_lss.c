@@ -4,8 +4,8 @@
 
 static struct bus bus;
 static unsigned can_do[] = {1000, 500, 250, 125, 50, 20, 10, 800}, can_do_count; /* kbit/s that the port can */
-static unsigned rate, changes;           /* kbit/s it was changed to, 0: not yet; how often */
-static bool stuck;                       /* the port refuses to change it */
+static unsigned rate, changes; /* kbit/s it was changed to, 0: not yet; how often */
+static bool stuck;             /* the port refuses to change it */
 
 static bool can_bitrate(void *ctx, uint16_t kbitps, bool change)
 {
@@ -114,9 +114,10 @@ static void test_switch_to_a_state_that_does_not_exist_is_ignored(void)
 static void test_reserved_commands_have_no_answer_and_change_nothing(void)
 {
     for (unsigned command = 0; command < 256; command++) {
-        const bool defined = command == 0x04 || command == 0x11 || command == 0x13 || command == 0x15 || command == 0x17 ||
-                             (command >= 0x40 && command <= 0x43) || (command >= 0x46 && command <= 0x4C) ||
-                             command == 0x51 || (command >= 0x5A && command <= 0x5E);
+        const bool defined = command == 0x04 || command == 0x11 || command == 0x13 || command == 0x15 ||
+                             command == 0x17 || (command >= 0x40 && command <= 0x43) ||
+                             (command >= 0x46 && command <= 0x4C) || command == 0x51 ||
+                             (command >= 0x5A && command <= 0x5E);
         if (!defined) {
             start(NODE);
             configure();
@@ -224,8 +225,9 @@ static void test_slave_identifies_itself_within_the_bounds_and_on_them(void)
 
 static void test_steps_of_identify_out_of_order_or_without_the_vendor_are_none(void)
 {
-    static const char *const steps[] = {"46 00 00 00 00 00 00 00", "47 01 00 00 00 00 00 00", "49 FF FF FF FF 00 00 00",
-                                        "48 00 00 00 00 00 00 00", "4A 00 00 00 00 00 00 00", "4B FF FF FF FF 00 00 00"};
+    static const char *const steps[] = {"46 00 00 00 00 00 00 00", "47 01 00 00 00 00 00 00",
+                                        "49 FF FF FF FF 00 00 00", "48 00 00 00 00 00 00 00",
+                                        "4A 00 00 00 00 00 00 00", "4B FF FF FF FF 00 00 00"};
     for (unsigned i = 0; i < 6; i++) {
         lss(steps[i], "");
     }
@@ -331,10 +333,12 @@ static void test_fastscan_ends_in_the_configuration_state_and_can_begin_anew_bef
 
 static void test_every_bit_rate_of_table_0_has_its_number(void)
 {
-    static const struct { const char *request; unsigned kbitps; } table[] = {
-        {"13 00 00 00 00 00 00 00", 1000}, {"13 00 02 00 00 00 00 00", 500}, {"13 00 03 00 00 00 00 00", 250},
-        {"13 00 04 00 00 00 00 00", 125},  {"13 00 06 00 00 00 00 00", 50},  {"13 00 07 00 00 00 00 00", 20},
-        {"13 00 08 00 00 00 00 00", 10}};
+    static const struct {
+        const char *request;
+        unsigned kbitps;
+    } table[] = {{"13 00 00 00 00 00 00 00", 1000}, {"13 00 02 00 00 00 00 00", 500}, {"13 00 03 00 00 00 00 00", 250},
+                 {"13 00 04 00 00 00 00 00", 125},  {"13 00 06 00 00 00 00 00", 50},  {"13 00 07 00 00 00 00 00", 20},
+                 {"13 00 08 00 00 00 00 00", 10}};
     configure();
     for (unsigned i = 0; i < sizeof table / sizeof table[0]; i++) {
         lss(table[i].request, "13 00 00 00 00 00 00 00");

@@ -49,7 +49,8 @@ enum { RPDO1 = 0x1600, TPDO5 = 0x1A04 };
 static void open_mapping(uint16_t index)
 {
     const uint16_t communication = (uint16_t)(index - 0x200);
-    TEST_ASSERT_EQUAL_HEX32(0, write(communication, 1, (uint32_t)od_number(&bus.od, communication, 1) | 0x80000000u, 4));
+    TEST_ASSERT_EQUAL_HEX32(0,
+                            write(communication, 1, (uint32_t)od_number(&bus.od, communication, 1) | 0x80000000u, 4));
     TEST_ASSERT_EQUAL_HEX32(0, count(index, 0));
 }
 
@@ -57,7 +58,8 @@ static void close_mapping(uint16_t index, uint8_t entries)
 {
     const uint16_t communication = (uint16_t)(index - 0x200);
     TEST_ASSERT_EQUAL_HEX32(0, count(index, entries));
-    TEST_ASSERT_EQUAL_HEX32(0, write(communication, 1, (uint32_t)od_number(&bus.od, communication, 1) & 0x7FFFFFFFu, 4));
+    TEST_ASSERT_EQUAL_HEX32(0,
+                            write(communication, 1, (uint32_t)od_number(&bus.od, communication, 1) & 0x7FFFFFFFu, 4));
     bus_give(&bus, 0, "01 05");
     bus_clear(&bus);
 }
@@ -96,9 +98,11 @@ static void test_rpdo_with_gaps_stores_what_is_around_them(void)
 /* CiA 301, 7.4.2: data types 0002h..0007h */
 static void test_dummy_of_each_type_takes_its_place_and_stores_nothing(void)
 {
-    static const struct { uint32_t map; const char *frame; } dummies[] = {
-        {0x00020008, "FF 0F 00"}, {0x00030010, "FF FF 0F 00"}, {0x00040020, "FF FF FF FF 0F 00"},
-        {0x00050008, "FF 0F 00"}, {0x00060010, "FF FF 0F 00"}, {0x00070020, "FF FF FF FF 0F 00"}};
+    static const struct {
+        uint32_t map;
+        const char *frame;
+    } dummies[] = {{0x00020008, "FF 0F 00"}, {0x00030010, "FF FF 0F 00"}, {0x00040020, "FF FF FF FF 0F 00"},
+                   {0x00050008, "FF 0F 00"}, {0x00060010, "FF FF 0F 00"}, {0x00070020, "FF FF FF FF 0F 00"}};
     for (unsigned i = 0; i < sizeof dummies / sizeof dummies[0]; i++) {
         setUp();
         open_mapping(RPDO1);
@@ -121,11 +125,13 @@ static void test_dummy_of_each_type_takes_its_place_and_stores_nothing(void)
 /* Each kind at both ends of its objects: 1600h.. of what is received, 1A00h.. of what is sent */
 static void test_first_and_last_pdo_of_each_kind_map_what_fits_their_direction(void)
 {
-    static const struct { uint16_t index; uint32_t fits, does_not; } pdos[] = {
-        {0x1600, 0x22010108, 0x60410010},
-        {0x1602, 0x22010108, 0x60410010},
-        {0x1A00, 0x60410010, 0x22010108},
-        {0x1A04, 0x60410010, 0x22010108}};
+    static const struct {
+        uint16_t index;
+        uint32_t fits, does_not;
+    } pdos[] = {{0x1600, 0x22010108, 0x60410010},
+                {0x1602, 0x22010108, 0x60410010},
+                {0x1A00, 0x60410010, 0x22010108},
+                {0x1A04, 0x60410010, 0x22010108}};
     for (unsigned i = 0; i < sizeof pdos / sizeof pdos[0]; i++) {
         open_mapping(pdos[i].index);
         TEST_ASSERT_EQUAL_HEX32(0, map(pdos[i].index, 1, pdos[i].fits));

@@ -62,7 +62,7 @@ static void test_reset_communication_restores_communication_objects_alone(void)
 {
     bus.od.heartbeat_producer = 7;
     bus.od.tpdo1.cob_id = 0x80000185;
-    bus.od.asmc.lambda = 123456;
+    bus.od.smc.lambda = 123456;
     bus.od.device_name = "other";
     bus_give(&bus, 0, "01 05");
     bus_clear(&bus);
@@ -74,7 +74,7 @@ static void test_reset_communication_restores_communication_objects_alone(void)
     TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, bus.state);
     TEST_ASSERT_EQUAL_UINT(100, bus.od.heartbeat_producer);
     TEST_ASSERT_EQUAL_HEX32(0x40000185, bus.od.tpdo1.cob_id);
-    TEST_ASSERT_EQUAL_UINT(123456, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(123456, bus.od.smc.lambda);
     TEST_ASSERT_EQUAL_STRING("other", bus.od.device_name);
 }
 
@@ -89,7 +89,7 @@ static void test_every_reset_is_told_the_application_also_from_pre_operational(v
 static void test_reset_node_restores_all_that_can_be_written(void)
 {
     bus.od.heartbeat_producer = 7;
-    bus.od.asmc.lambda = 123456;
+    bus.od.smc.lambda = 123456;
     bus.od.axis[AXIS_Y].plant.mass = 1000;
     bus.od.clock.tick = 99;
     co_emcy_set(&bus.node, 0x5000, 0, 0);
@@ -97,7 +97,7 @@ static void test_reset_node_restores_all_that_can_be_written(void)
     TEST_ASSERT_EQUAL_UINT(1, bus.resets);
     TEST_ASSERT_FALSE(bus.reset_communication_only);
     TEST_ASSERT_EQUAL_UINT(100, bus.od.heartbeat_producer);
-    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.smc.lambda, bus.od.smc.lambda);
     TEST_ASSERT_EQUAL_UINT(97900, bus.od.axis[AXIS_Y].plant.mass);
     TEST_ASSERT_EQUAL_UINT(99, bus.od.clock.tick);
     TEST_ASSERT_EQUAL_HEX8(0, bus.od.error_register);
@@ -120,10 +120,10 @@ static void test_stopped_node_answers_no_sdo(void)
 
 static void test_remote_frames_are_ignored(void)
 {
-    const struct can_frame guard = {.id = 0x705, .len = 1, .rtr = true};
+    const struct can_frame command_guard = {.id = 0x705, .len = 1, .rtr = true};
     const struct can_frame upload = {.id = 0x605, .len = 8, .rtr = true, .data = {0x40, 0x00, 0x10}};
     bus_clear(&bus);
-    co_receive(&bus.node, &guard);
+    co_receive(&bus.node, &command_guard);
     co_receive(&bus.node, &upload);
     TEST_ASSERT_EQUAL_UINT(0, bus.count);
 }
@@ -190,21 +190,21 @@ static void test_new_heartbeat_period_begins_when_it_is_written(void)
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
 }
 
-static void watch_node_127_for_50_ms(void)
+static void fault_monitor_node_127_for_50_ms(void)
 {
     bus_sdo(&bus, "23 16 10 01 32 00 7F 00", "60 16 10 01 00 00 00 00");
 }
 
 static void test_heartbeat_is_not_missed_before_the_first_one(void)
 {
-    watch_node_127_for_50_ms();
+    fault_monitor_node_127_for_50_ms();
     bus_run_ms(&bus, 1000);
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
 }
 
 static void test_lost_heartbeat_is_told_once_and_never_early(void)
 {
-    watch_node_127_for_50_ms();
+    fault_monitor_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "05");
     bus_run_ms(&bus, 50); /* the first tick may come right after the frame */
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
@@ -226,7 +226,7 @@ static void test_shortest_consumer_time_is_a_millisecond(void)
 
 static void test_regular_heartbeats_are_not_lost_and_the_watch_starts_anew_after_a_loss(void)
 {
-    watch_node_127_for_50_ms();
+    fault_monitor_node_127_for_50_ms();
     for (unsigned i = 0; i < 10; i++) {
         bus_give(&bus, 0x77F, "05");
         bus_run_ms(&bus, 49);
@@ -241,7 +241,7 @@ static void test_regular_heartbeats_are_not_lost_and_the_watch_starts_anew_after
 
 static void test_heartbeat_of_another_node_does_not_count(void)
 {
-    watch_node_127_for_50_ms();
+    fault_monitor_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "05");
     bus_run_ms(&bus, 40);
     bus_give(&bus, 0x77E, "05");
@@ -251,7 +251,7 @@ static void test_heartbeat_of_another_node_does_not_count(void)
 
 static void test_consumer_switched_off_forgets_the_heartbeat(void)
 {
-    watch_node_127_for_50_ms();
+    fault_monitor_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "05");
     bus_sdo(&bus, "23 16 10 01 00 00 00 00", "60 16 10 01 00 00 00 00");
     bus_run_ms(&bus, 1000);
@@ -268,7 +268,7 @@ static void test_consumer_with_time_0_watches_nothing(void)
 
 static void test_reset_communication_ends_the_watch(void)
 {
-    watch_node_127_for_50_ms();
+    fault_monitor_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "05");
     bus_give(&bus, 0, "82 05");
     bus_run_ms(&bus, 1000);
@@ -277,7 +277,7 @@ static void test_reset_communication_ends_the_watch(void)
 
 static void test_boot_up_message_and_frames_of_a_wrong_length_are_no_heartbeats(void)
 {
-    watch_node_127_for_50_ms();
+    fault_monitor_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "00");
     bus_give(&bus, 0x77F, "");
     bus_give(&bus, 0x77F, "05 00");
@@ -290,7 +290,7 @@ static enum co_state state_after_loss(uint8_t behaviour, const char *nmt)
 {
     setUp();
     bus.od.error_behaviour.communication = behaviour;
-    watch_node_127_for_50_ms();
+    fault_monitor_node_127_for_50_ms();
     bus_give(&bus, 0, nmt);
     bus_give(&bus, 0x77F, "05");
     bus_run_ms(&bus, 51);
@@ -309,16 +309,16 @@ static void test_lost_heartbeat_leads_to_the_nmt_state_of_the_error_behaviour(vo
     TEST_ASSERT_EQUAL(CO_STOPPED, state_after_loss(2, "80 05"));
 }
 
-/* ---- co_guard ---- */
+/* ---- co_watch_heartbeat ---- */
 
 static void test_guarded_heartbeat_is_watched_before_its_first_one_and_in_place_of_1016h(void)
 {
-    watch_node_127_for_50_ms();
-    co_guard(&bus.node, 9);
-    bus_run_ms(&bus, CO_GUARD_MS);
+    fault_monitor_node_127_for_50_ms();
+    co_watch_heartbeat(&bus.node, 9);
+    bus_run_ms(&bus, CO_HEARTBEAT_WATCH_MS);
     bus_give(&bus, 0x709, "05");
     bus_give(&bus, 0x77F, "05"); /* watched no more */
-    bus_run_ms(&bus, CO_GUARD_MS);
+    bus_run_ms(&bus, CO_HEARTBEAT_WATCH_MS);
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(1, bus.lost);
@@ -327,14 +327,14 @@ static void test_guarded_heartbeat_is_watched_before_its_first_one_and_in_place_
 static void test_guarded_heartbeat_of_the_node_of_1016h_has_its_time(void)
 {
     bus_sdo(&bus, "23 16 10 01 01 00 7F 00", "60 16 10 01 00 00 00 00"); /* 1 ms */
-    co_guard(&bus.node, 127);
+    co_watch_heartbeat(&bus.node, 127);
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(1, bus.lost);
     bus_sdo(&bus, "23 16 10 01 00 00 7F 00", "60 16 10 01 00 00 00 00"); /* no time */
-    co_guard(&bus.node, 127);
-    bus_run_ms(&bus, CO_GUARD_MS);
+    co_watch_heartbeat(&bus.node, 127);
+    bus_run_ms(&bus, CO_HEARTBEAT_WATCH_MS);
     TEST_ASSERT_EQUAL_UINT(1, bus.lost);
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(2, bus.lost);
@@ -342,13 +342,13 @@ static void test_guarded_heartbeat_of_the_node_of_1016h_has_its_time(void)
 
 static void test_guard_that_is_taken_off_leaves_1016h_from_its_next_heartbeat_on(void)
 {
-    watch_node_127_for_50_ms();
-    co_guard(&bus.node, 9);
-    co_guard(&bus.node, 0);
-    bus_run_ms(&bus, 2 * CO_GUARD_MS);
+    fault_monitor_node_127_for_50_ms();
+    co_watch_heartbeat(&bus.node, 9);
+    co_watch_heartbeat(&bus.node, 0);
+    bus_run_ms(&bus, 2 * CO_HEARTBEAT_WATCH_MS);
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
     bus_give(&bus, 0x709, "05");
-    bus_run_ms(&bus, 2 * CO_GUARD_MS);
+    bus_run_ms(&bus, 2 * CO_HEARTBEAT_WATCH_MS);
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
     bus_give(&bus, 0x77F, "05");
     bus_run_ms(&bus, 51);

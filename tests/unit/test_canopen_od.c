@@ -66,7 +66,7 @@ static void test_restore_begins_and_ends_with_the_objects_asked_for(void)
 {
     bus.od.heartbeat_producer = 7; /* 1017h */
     bus.od.sync_overflow = 9;      /* 1019h */
-    bus.od.asmc.lambda = 123456;   /* 2110h:1 */
+    bus.od.smc.lambda = 123456;    /* 2110h:1 */
     od_restore(&bus.od, NODE, 0x1018, 0x1018);
     TEST_ASSERT_EQUAL_UINT(7, bus.od.heartbeat_producer);
     TEST_ASSERT_EQUAL_UINT(9, bus.od.sync_overflow);
@@ -75,7 +75,7 @@ static void test_restore_begins_and_ends_with_the_objects_asked_for(void)
     TEST_ASSERT_EQUAL_UINT(9, bus.od.sync_overflow);
     od_restore(&bus.od, NODE, 0x1018, 0x1019);
     TEST_ASSERT_EQUAL_UINT(0, bus.od.sync_overflow);
-    TEST_ASSERT_EQUAL_UINT(123456, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(123456, bus.od.smc.lambda);
 }
 
 int main(void)

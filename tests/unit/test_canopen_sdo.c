@@ -115,7 +115,7 @@ static void test_wrong_toggle_ends_an_upload(void)
 static void test_download_stores_and_tells_the_application(void)
 {
     bus_sdo(&bus, "23 10 21 01 A0 86 01 00", "60 10 21 01 00 00 00 00");
-    TEST_ASSERT_EQUAL_UINT(100000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(100000, bus.od.smc.lambda);
     TEST_ASSERT_EQUAL_UINT(1, bus.writes);
     TEST_ASSERT_EQUAL_HEX16(0x2110, bus.written.index);
     TEST_ASSERT_EQUAL_UINT8(1, bus.written.sub);
@@ -162,7 +162,7 @@ static void test_application_may_refuse_with_its_own_abort_code(void)
 {
     bus.refuse = SDO_ABORT_STATE;
     bus_sdo(&bus, "23 10 21 01 A0 86 01 00", "80 10 21 01 22 00 00 08");
-    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.smc.lambda, bus.od.smc.lambda);
     TEST_ASSERT_EQUAL_UINT(0, bus.writes);
 }
 
@@ -171,7 +171,7 @@ static void test_segmented_download_of_four_bytes(void)
     bus_sdo(&bus, "21 10 21 01 04 00 00 00", "60 10 21 01 00 00 00 00");
     TEST_ASSERT_EQUAL_UINT(0, bus.writes);
     bus_sdo(&bus, "07 A0 86 01 00 00 00 00", "20 00 00 00 00 00 00 00");
-    TEST_ASSERT_EQUAL_UINT(100000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(100000, bus.od.smc.lambda);
     TEST_ASSERT_EQUAL_UINT(1, bus.writes);
     bus_sdo(&bus, "1D 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05"); /* it is over */
     TEST_ASSERT_EQUAL_UINT(1, bus.writes);
@@ -181,9 +181,9 @@ static void test_segmented_download_in_two_segments_without_announced_size(void)
 {
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "0A A0 86 00 00 00 00 00", "20 00 00 00 00 00 00 00"); /* 2 bytes, more follow */
-    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.smc.lambda, bus.od.smc.lambda);
     bus_sdo(&bus, "1B 01 00 00 00 00 00 00", "30 00 00 00 00 00 00 00"); /* 2 bytes, last, toggle 1 */
-    TEST_ASSERT_EQUAL_UINT(100000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(100000, bus.od.smc.lambda);
 }
 
 static void test_wrong_toggle_ends_a_download(void)
@@ -191,7 +191,7 @@ static void test_wrong_toggle_ends_a_download(void)
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "17 A0 86 01 00 00 00 00", "80 10 21 01 00 00 03 05");
     bus_sdo(&bus, "07 A0 86 01 00 00 00 00", "80 00 00 00 01 00 04 05");
-    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.smc.lambda, bus.od.smc.lambda);
 }
 
 static void test_segmented_download_that_is_too_long_or_too_short_is_refused(void)
@@ -204,14 +204,14 @@ static void test_segmented_download_that_is_too_long_or_too_short_is_refused(voi
     bus_sdo(&bus, "00 A0 86 01 00 00 00 00", "80 10 21 01 12 00 07 06"); /* 7 bytes, more follow */
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "09 A0 86 01 00 00 00 00", "80 10 21 01 13 00 07 06"); /* 3 bytes, last */
-    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.smc.lambda, bus.od.smc.lambda);
 }
 
 static void test_segmented_download_is_range_checked_at_its_end(void)
 {
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "07 00 00 00 00 00 00 00", "80 10 21 01 32 00 09 06");
-    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.smc.lambda, bus.od.smc.lambda);
 }
 
 /* ---- what is refused ---- */
@@ -296,7 +296,7 @@ static void test_new_request_takes_the_place_of_a_transfer(void)
     bus_sdo(&bus, "20 10 21 01 00 00 00 00", "60 10 21 01 00 00 00 00");
     bus_sdo(&bus, "2B 17 10 00 0A 00 00 00", "60 17 10 00 00 00 00 00");
     bus_sdo(&bus, "07 A0 86 01 00 00 00 00", "80 00 00 00 01 00 04 05");
-    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.smc.lambda, bus.od.smc.lambda);
 }
 
 static void test_abort_of_the_client_ends_a_transfer_without_an_answer(void)
@@ -355,8 +355,8 @@ static void test_pdo_identifier_must_be_free_and_of_11_bits(void)
 static void test_ends_of_the_ranges_of_restricted_identifiers(void)
 {
     static const uint16_t free_ids[] = {0x080, 0x100, 0x181, 0x580, 0x600, 0x680, 0x6DF};
-    static const uint16_t restricted[] = {0x000, 0x001, 0x07F, 0x101, 0x180, 0x581, 0x5FF, 0x601, 0x67F, 0x6E0, 0x700,
-                                          0x701, 0x77F, 0x780, 0x7FF};
+    static const uint16_t restricted[] = {0x000, 0x001, 0x07F, 0x101, 0x180, 0x581, 0x5FF, 0x601,
+                                          0x67F, 0x6E0, 0x700, 0x701, 0x77F, 0x780, 0x7FF};
     char request[32];
     for (unsigned i = 0; i < sizeof free_ids / sizeof free_ids[0]; i++) {
         bus_sdo(&bus, "23 02 14 01 05 04 00 80", "60 02 14 01 00 00 00 00");
@@ -368,9 +368,11 @@ static void test_ends_of_the_ranges_of_restricted_identifiers(void)
     }
     bus_sdo(&bus, "23 02 14 01 05 04 00 80", "60 02 14 01 00 00 00 00");
     for (unsigned i = 0; i < sizeof restricted / sizeof restricted[0]; i++) {
-        (void)snprintf(request, sizeof request, "23 02 14 01 %02X %02X 00 00", restricted[i] & 0xFFu, restricted[i] >> 8);
+        (void)snprintf(request, sizeof request, "23 02 14 01 %02X %02X 00 00", restricted[i] & 0xFFu,
+                       restricted[i] >> 8);
         bus_sdo(&bus, request, "80 02 14 01 30 00 09 06");
-        (void)snprintf(request, sizeof request, "23 02 14 01 %02X %02X 00 80", restricted[i] & 0xFFu, restricted[i] >> 8);
+        (void)snprintf(request, sizeof request, "23 02 14 01 %02X %02X 00 80", restricted[i] & 0xFFu,
+                       restricted[i] >> 8);
         bus_sdo(&bus, request, "60 02 14 01 00 00 00 00"); /* out of use it harms nobody */
     }
 }

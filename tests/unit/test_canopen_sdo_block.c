@@ -159,7 +159,7 @@ static void test_block_goes_at_once_where_time_does_not_pass_by_itself(void)
 struct client {
     char data[sizeof text + 7];
     unsigned size;
-    unsigned expected;   /* sequence number */
+    unsigned expected; /* sequence number */
     bool done;
 };
 
@@ -360,7 +360,8 @@ static void test_steps_that_the_bus_repeats_do_no_harm(void)
 
 static void test_step_of_an_upload_within_another_transfer_ends_that(void)
 {
-    static const char *const steps[] = {"A1 00 00 00 00 00 00 00", "A2 01 7F 00 00 00 00 00", "A3 00 00 00 00 00 00 00"};
+    static const char *const steps[] = {"A1 00 00 00 00 00 00 00", "A2 01 7F 00 00 00 00 00",
+                                        "A3 00 00 00 00 00 00 00"};
     for (unsigned i = 0; i < sizeof steps / sizeof steps[0]; i++) {
         bus_sdo(&bus, "40 08 10 00 00 00 00 00", "41 08 10 00 06 00 00 00");
         bus_sdo(&bus, steps[i], "80 08 10 00 01 00 04 05");

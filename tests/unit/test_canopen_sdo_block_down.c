@@ -2,7 +2,6 @@
 /* SDO block download, byte by byte as in CiA 301, 7.2.4.3.8 to .11. */
 #include "test_canopen_block.h"
 
-
 void setUp(void)
 {
     bus_start(&bus);
@@ -22,7 +21,7 @@ static void test_download_with_crc(void)
     const uint16_t crc = crc16("\xA0\x86\x01", 4);
     snprintf(end, sizeof end, "CD %02X %02X 00 00 00 00 00", crc & 0xFFu, crc >> 8 & 0xFFu);
     bus_sdo(&bus, end, "A1 00 00 00 00 00 00 00");
-    TEST_ASSERT_EQUAL_UINT(100000, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(100000, bus.od.smc.lambda);
     TEST_ASSERT_EQUAL_UINT(1, bus.writes);
 }
 
@@ -31,7 +30,7 @@ static void test_download_with_a_wrong_crc_changes_nothing(void)
     bus_sdo(&bus, "C6 10 21 01 04 00 00 00", "A4 10 21 01 01 00 00 00");
     bus_sdo(&bus, "81 A0 86 01 00 00 00 00", "A2 01 01 00 00 00 00 00");
     bus_sdo(&bus, "CD 00 00 00 00 00 00 00", "80 10 21 01 04 00 04 05");
-    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.smc.lambda, bus.od.smc.lambda);
 }
 
 static void test_download_without_crc_and_without_size(void)
@@ -51,7 +50,7 @@ static void test_download_of_a_wrong_length_is_refused(void)
     bus_sdo(&bus, "C0 10 21 01 00 00 00 00", "A0 10 21 01 01 00 00 00");
     bus_sdo(&bus, "81 A0 86 01 00 00 00 00", "A2 01 01 00 00 00 00 00");
     bus_sdo(&bus, "D1 00 00 00 00 00 00 00", "80 10 21 01 13 00 07 06"); /* 3 bytes */
-    TEST_ASSERT_EQUAL_UINT(od_defaults.asmc.lambda, bus.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT(od_defaults.smc.lambda, bus.od.smc.lambda);
 }
 
 static void test_what_cannot_be_written_cannot_be_written_by_block(void)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "cascade.h"
+#include "core/cascade.h"
 
 #include "nominal.h"
 #include "unity.h"
@@ -12,12 +12,15 @@ static struct contour_out c;
 /* K_p 0.5, K_v 2, K_i 0.25, W 3; masses 2 and 4 */
 void setUp(void)
 {
-    cfg = (struct cascade_cfg){.k_p = mk(0.5), .k_v = mk(2), .k_i = mk(0.25), .coupling = mk(3), .integral_max = mk(100)};
+    cfg =
+        (struct cascade_cfg){.k_p = mk(0.5), .k_v = mk(2), .k_i = mk(0.25), .coupling = mk(3), .integral_max = mk(100)};
     plant = (struct plant_cfg){.mass = mk2(2, 4), .viscous = mk2(0.5, 1)};
     cascade_reset(&state);
     c = (struct contour_out){.t = mk2(1, 0)};
 }
-void tearDown(void) {}
+void tearDown(void)
+{
+}
 
 static vec2 force(bool coupled)
 {

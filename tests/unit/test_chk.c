@@ -6,8 +6,12 @@
 #include "num_test.h"
 #include "unity.h"
 
-void setUp(void) {}
-void tearDown(void) {}
+void setUp(void)
+{
+}
+void tearDown(void)
+{
+}
 
 #ifdef KONTUR_NUM_CHK
 static jmp_buf back;
@@ -24,16 +28,16 @@ void chk_fail(const char *what, const char *file, int line, double value, double
     longjmp(back, 1);
 }
 
-#define EXPECT_STOP(what, expression)                    \
-    do {                                                 \
-        caught = "";                                     \
-        const int line = __LINE__;                       \
-        if (setjmp(back) == 0) {                         \
-            (void)(expression);                          \
-        }                                                \
-        TEST_ASSERT_EQUAL_STRING(what, caught);          \
-        TEST_ASSERT_EQUAL_INT(line, caught_line);        \
-        TEST_ASSERT_NOT_NULL(strstr(caught_file, "test_chk.c")); \
+#define EXPECT_STOP(what, expression)                                                                                  \
+    do {                                                                                                               \
+        caught = "";                                                                                                   \
+        const int line = __LINE__;                                                                                     \
+        if (setjmp(back) == 0) {                                                                                       \
+            (void)(expression);                                                                                        \
+        }                                                                                                              \
+        TEST_ASSERT_EQUAL_STRING(what, caught);                                                                        \
+        TEST_ASSERT_EQUAL_INT(line, caught_line);                                                                      \
+        TEST_ASSERT_NOT_NULL(strstr(caught_file, "test_chk.c"));                                                       \
     } while (0)
 
 static void test_overflow_is_caught_where_it_happens(void)

@@ -1,9 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The state machine of one axis against the tables of CiA 402-2 (commands of the controlword, states of the statusword). */
-#include "cia402.h"
+#include "drive/cia402.h"
 #include "unity.h"
 
-enum { DISABLE_VOLTAGE = 0x00, QUICK_STOP = 0x02, SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, FAULT_RESET = 0x80 };
+enum {
+    DISABLE_VOLTAGE = 0x00,
+    QUICK_STOP = 0x02,
+    SHUTDOWN = 0x06,
+    SWITCH_ON = 0x07,
+    ENABLE = 0x0F,
+    FAULT_RESET = 0x80
+};
 enum { COMMANDS = 5, STATES = 7 };
 
 #define SOD CIA402_SWITCH_ON_DISABLED

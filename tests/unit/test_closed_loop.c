@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The servo on a simulated machine, in every numeric back end: the axes stay on the circle, and in the checking one, what
  * comes out is as exact as in double. */
+#include "drive/configuration.h"
 #include "nominal.h"
-#include "params.h"
-#include "plant.h"
+#include "sim/plant.h"
 #include "unity.h"
 
 enum { KNOTS = 700 };
@@ -46,7 +46,7 @@ static void power_on(void)
                                        .substeps = 10};
     TEST_ASSERT_NULL(plant_check(&machine));
     plant_init(&plant, &machine, 1, 1e-4);
-    cfg = params_to_cfg(&od_defaults);
+    cfg = configuration_servo(&od_defaults);
     worst_error_um = worst_force_N = 0;
 }
 
@@ -79,8 +79,12 @@ static void period(double knots, double rate)
     worst_force_N = fmax(worst_force_N, fmax(apart(out.force.x), apart(out.force.y)));
 }
 
-void setUp(void) {}
-void tearDown(void) {}
+void setUp(void)
+{
+}
+void tearDown(void)
+{
+}
 
 static void start(enum controller controller)
 {

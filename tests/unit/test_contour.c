@@ -2,7 +2,7 @@
 /* Expected values: a circle of radius R about the origin, run anticlockwise at the rate W (rad/T0), and axes at the polar
  * position (rho, phi_q), rates rho', phi_q', while the reference is at phi_r = phi_q + a. The foot point is at phi_q:
  *   t = e_t, n = -e_r there; e_n = (-R sin a, R - rho); r_n = R e_r + R sin a e_t. */
-#include "contour.h"
+#include "core/contour.h"
 
 #include "nominal.h"
 #include "unity.h"
@@ -22,7 +22,9 @@ void setUp(void)
     cfg.lag_max = mk(2);
     circle_ring(&ring, R, STEP, 200);
 }
-void tearDown(void) {}
+void tearDown(void)
+{
+}
 
 struct polar {
     double rho, phi, rho_dot, phi_dot;
@@ -210,7 +212,8 @@ static void test_rates_on_a_path_of_changing_speed_and_curvature(void)
     TEST_ASSERT_DOUBLE_WITHIN(3e-4, nu * V * K / speed2, val(o.theta_dot));
     TEST_ASSERT_DOUBLE_WITHIN(2e-3, nu * nu * -2 * V * K * K * K * tau / speed2 / speed2, val(o.theta_ddot));
 
-    const double before = parabola_along(tau - nu * h, tau + lag - h), after = parabola_along(tau + nu * h, tau + lag + h);
+    const double before = parabola_along(tau - nu * h, tau + lag - h),
+                 after = parabola_along(tau + nu * h, tau + lag + h);
     const double e_ddot = (after - 2 * parabola_along(tau, tau + lag) + before) / (h * h), speed = sqrt(speed2);
     TEST_ASSERT_DOUBLE_WITHIN(0.05, (after - before) / (2 * h), val(o.e_n_dot.x));
     TEST_ASSERT_DOUBLE_WITHIN(0.05, 0, val(o.e_n_dot.y));
@@ -267,7 +270,8 @@ static void test_on_a_line_the_contour_error_is_the_distance_to_it_whatever_the_
         pos_t q[2];
         const struct path_state path = path_at(&ring, 50);
         at_um(1500 - 0.6 * lag - 0.8 * 12, 2000 - 0.8 * lag + 0.6 * 12, q); /* 12 um to the left */
-        contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q, mk2(0.6 * 200 - 0.8 * 7, 0.8 * 200 + 0.6 * 7), &o);
+        contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q, mk2(0.6 * 200 - 0.8 * 7, 0.8 * 200 + 0.6 * 7),
+                     &o);
         TEST_ASSERT_DOUBLE_WITHIN(1e-4, 12, val(o.e_n.y));
         TEST_ASSERT_DOUBLE_WITHIN(1e-4, -lag, val(o.e_n.x));
         TEST_ASSERT_DOUBLE_WITHIN(1e-6, lag / 250, val(o.t_d));
@@ -300,8 +304,9 @@ static void test_the_delay_is_regularised_at_low_speed(void)
     const struct path_state path = path_at(&ring, 50);
     at_um(5 - 0.25, 0, q);
     contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q, mk2(0.25, 0), &o);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(6), 0.25 / 0.5 / 2, val(o.t_d));     /* v^2/(v^2 + v_min^2) = 1/2 of (5) */
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(6), 0.5 * (0.25 / 0.5) + 0.5, val(o.nu)); /* half the actual rate, half the path's */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(6), 0.25 / 0.5 / 2, val(o.t_d)); /* v^2/(v^2 + v_min^2) = 1/2 of (5) */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(6), 0.5 * (0.25 / 0.5) + 0.5,
+                              val(o.nu)); /* half the actual rate, half the path's */
 }
 
 static void test_at_standstill_the_law_is_given_plain_tracking(void)

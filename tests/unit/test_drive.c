@@ -2,7 +2,7 @@
 /* Drive and servo tick out of step, as on a chip, where the tick comes when it likes: what the background makes of it. */
 #include <string.h>
 
-#include "drive.h"
+#include "drive/drive.h"
 #include "num_test.h"
 #include "unity.h"
 
@@ -27,7 +27,7 @@ static void drive_write(void *ctx, const struct hal_drive_out *written)
 static void tick(unsigned count)
 {
     for (unsigned i = 0; i < count; i++) {
-        loop_tick(&drive.loop);
+        servo_loop_tick(&drive.loop);
     }
 }
 
@@ -45,7 +45,7 @@ static void command(uint16_t x, uint16_t y)
     for (int i = 0; i < 2; i++) {
         drive_told(&drive, i);
     }
-    guard_drained(&drive.guard, drive_now(&drive) - GUARD_PERIODS);
+    command_guard_drained(&drive.command_guard, drive_now(&drive) - COMMAND_GUARD_PERIODS);
     od.axis[0].controlword = x;
     od.axis[1].controlword = y;
     drive_command(&drive, 3);
@@ -140,7 +140,7 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
         od.axis[i].position_limit.max = 5678912 + i;
     }
     drive_configure(&drive, false);
-    const struct loop_cfg *c = &drive.loop.cfg[atomic_load(&drive.loop.command.configured) % 2u];
+    const struct servo_loop_cfg *c = &drive.loop.cfg[atomic_load(&drive.loop.command.configured) % 2u];
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 123456 * 5e-3, val(c->speed_max)); /* um/T0 */
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 234, val(c->stop_time));
     for (int i = 0; i < 2; i++) {
@@ -158,7 +158,7 @@ static void test_jump_of_an_encoder_with_the_shortest_counts_is_within_the_range
     od.limits.velocity = 10000000;
     od.axis[0].plant.encoder = 100; /* 10 m/s of 1 pm */
     od.axis[1].plant.encoder = 1000000;
-    const struct loop_cfg cfg = drive_loop_cfg(&od);
+    const struct servo_loop_cfg cfg = drive_loop_cfg(&od);
     TEST_ASSERT_EQUAL_UINT32(INT32_MAX, cfg.jump_counts[0]);
     TEST_ASSERT_EQUAL_UINT32(400100, cfg.jump_counts[1]); /* 4 mm in 0.1 ms, and 100 */
 }
@@ -255,7 +255,7 @@ static void test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled(voi
     tick(1);
     drive_poll(&drive);
     TEST_ASSERT_FALSE(drive_powered(&drive));
-    TEST_ASSERT_EQUAL_HEX32(LOOP_OFF, atomic_load(&drive.loop.command.powered[0]));
+    TEST_ASSERT_EQUAL_HEX32(SERVO_LOOP_OFF, atomic_load(&drive.loop.command.powered[0]));
     TEST_ASSERT_FALSE(drive.queue.open);
 }
 
@@ -270,7 +270,7 @@ static void test_reset_cuts_the_power_and_keeps_position_and_time(void)
     TEST_ASSERT_FALSE(out.enable[0] || out.enable[1]);
     TEST_ASSERT_EQUAL_UINT32(published, atomic_load(&drive.loop.published));
     ms(3);
-    TEST_ASSERT_INT32_WITHIN(1, 38145000, loop_snapshot(&drive.loop)->position_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, 38145000, servo_loop_snapshot(&drive.loop)->position_nm[0]);
     TEST_ASSERT_EQUAL_UINT8(STREAM_IDLE, od.stream.state);
     command(0, 0);
     enable();
@@ -326,7 +326,7 @@ static void test_last_knots_that_come_at_the_last_moment_are_gone_through_before
         ms(200);
         TEST_ASSERT_EQUAL_UINT8(STREAM_DONE, od.stream.state);
         TEST_ASSERT_EQUAL_UINT32(105, od.stream.executed);
-        TEST_ASSERT_EQUAL_INT32(nm, loop_snapshot(&drive.loop)->reference_nm[0]);
+        TEST_ASSERT_EQUAL_INT32(nm, servo_loop_snapshot(&drive.loop)->reference_nm[0]);
         TEST_ASSERT_EQUAL_HEX32(0, drive.faults);
     }
 }

@@ -6,26 +6,26 @@
 #include <math.h>
 #include <string.h>
 
-#include "app.h"
-#include "flash.h"
-#include "plant.h"
+#include "device.h"
+#include "sim/flash.h"
+#include "sim/plant.h"
 #include "unity.h"
 
 enum { INBOX = 64, EMCY_MAX = 64 };
 
 struct rig {
-    struct app app;
+    struct device device;
     struct hal hal;
     struct plant plant;
     struct sim_flash flash;
-    uint16_t bitrate;             /* last changed to */
-    struct hal_drive_out out;     /* last written */
-    uint8_t inputs[2];            /* enum hal_input, beside the limit switches of the plant */
-    bool frozen[2];               /* the encoder stands, whatever the axis does */
+    uint16_t bitrate;                 /* last changed to */
+    struct hal_drive_out out;         /* last written */
+    uint8_t inputs[2];                /* enum hal_input, beside the limit switches of the plant */
+    bool frozen[2];                   /* the encoder stands, whatever the axis does */
     int32_t frozen_count[2], lost[2]; /* where; counts that were lost */
     struct hal_health health;
     struct hal_can_status can;
-    unsigned reads, writes;       /* calls of the HAL */
+    unsigned reads, writes; /* calls of the HAL */
     struct can_frame inbox[INBOX];
     unsigned inbox_count;
     /* what the master has seen */
@@ -35,12 +35,12 @@ struct rig {
     unsigned status_count, boot_ups, heartbeats;
     struct can_frame telemetry[4]; /* the last TPDO2 .. TPDO5, and when they came */
     uint32_t telemetry_ms[4];
-    uint16_t tick;                 /* of the last TPDO2 */
+    uint16_t tick; /* of the last TPDO2 */
     uint16_t emcy[EMCY_MAX];
     uint8_t emcy_reg[EMCY_MAX];
     unsigned emcy_count;
-    uint32_t heartbeat_every_ms;  /* of the master; 0: silent */
-    bool busy;                    /* the background is: only the tick runs */
+    uint32_t heartbeat_every_ms; /* of the master; 0: silent */
+    bool busy;                   /* the background is: only the tick runs */
     uint32_t ms;
 };
 
@@ -157,18 +157,18 @@ static inline void rig_send(struct rig *r, uint16_t id, uint8_t len, const uint8
     memcpy(f.data, data, len);
     TEST_ASSERT_TRUE(r->inbox_count < INBOX);
     r->inbox[r->inbox_count++] = f;
-    app_poll(&r->app);
+    device_poll(&r->device);
 }
 
 /* Control periods */
 static inline void rig_run(struct rig *r, unsigned periods)
 {
     for (unsigned i = 0; i < periods; i++) {
-        app_tick(&r->app);
+        device_tick(&r->device);
         const double force_N[2] = {r->out.enable[0] ? r->out.force_mN[0] * 1e-3 : 0.0,
                                    r->out.enable[1] ? r->out.force_mN[1] * 1e-3 : 0.0};
         if (!r->busy) {
-            app_poll(&r->app);
+            device_poll(&r->device);
         }
         plant_step(&r->plant, force_N);
         if (r->plant.period % 10 == 0) {
@@ -221,7 +221,7 @@ static inline void rig_start(struct rig *r, const struct ks_machine *machine)
     sim_flash_init(&r->flash, 1);
     TEST_ASSERT_NULL(plant_check(machine));
     plant_init(&r->plant, machine, 1, 1e-4);
-    app_init(&r->app, &r->hal, 1);
+    device_init(&r->device, &r->hal, 1);
 }
 
 /* ---- the master ---- */
@@ -264,14 +264,14 @@ static inline void rig_controlwords_at_once(struct rig *r, uint16_t x, uint16_t 
 
 static inline bool rig_told(const struct rig *r, int axis)
 {
-    const struct drive *d = &r->app.drive;
-    return guard_permits(&d->guard, axis, d->axis[axis].changes, false, drive_now(d));
+    const struct drive *d = &r->device.drive;
+    return command_guard_permits(&d->command_guard, axis, d->axis[axis].changes, false, drive_now(d));
 }
 
 /* What asks to enable comes as from a master who has seen the state that it is to lead on from, a millisecond later. */
 static inline void rig_controlwords(struct rig *r, uint16_t x, uint16_t y)
 {
-    const bool enabled = cia402_enabled(&r->app.drive.axis[0]) && cia402_enabled(&r->app.drive.axis[1]);
+    const bool enabled = cia402_enabled(&r->device.drive.axis[0]) && cia402_enabled(&r->device.drive.axis[1]);
     if (((x | y) & CW_ENABLE_OPERATION) != 0 && !enabled && !(rig_told(r, 0) && rig_told(r, 1))) {
         rig_ms(r, 1);
     }
@@ -288,8 +288,15 @@ static inline void rig_knot(struct rig *r, uint8_t sequence, int32_t dx, int32_t
 }
 
 /* States as the master sees them: mask 6Fh of the statusword */
-enum { RIG_DISABLED = 0x40, RIG_READY = 0x21, RIG_SWITCHED_ON = 0x23, RIG_ENABLED = 0x27, RIG_QUICK_STOP = 0x07,
-       RIG_REACTION = 0x0F, RIG_FAULT = 0x08 };
+enum {
+    RIG_DISABLED = 0x40,
+    RIG_READY = 0x21,
+    RIG_SWITCHED_ON = 0x23,
+    RIG_ENABLED = 0x27,
+    RIG_QUICK_STOP = 0x07,
+    RIG_REACTION = 0x0F,
+    RIG_FAULT = 0x08
+};
 
 static inline unsigned rig_state(const struct rig *r, int axis)
 {
@@ -342,7 +349,7 @@ static inline int32_t rig_line(unsigned i, unsigned count, double length_nm)
 struct rig_stream {
     unsigned count, sent; /* knots */
     double length_nm;
-    int32_t x, y;         /* start */
+    int32_t x, y; /* start */
 };
 
 static inline struct knot rig_stream_knot(const struct rig_stream *s, unsigned i)

@@ -11,7 +11,7 @@ static unsigned answers;
 
 static uint16_t node_id(void)
 {
-    return rig.app.node.config.node_id;
+    return rig.device.node.config.node_id;
 }
 
 /* To be called for every frame that the drive sends. */
@@ -29,22 +29,22 @@ static void give(const struct can_frame *f)
 {
     rig.inbox[0] = *f;
     rig.inbox_count = 1;
-    app_poll(&rig.app);
+    device_poll(&rig.device);
 }
 
 static void expect_legal(void)
 {
-    const enum co_state nmt_state = co_nmt_state(&rig.app.node);
+    const enum co_state nmt_state = co_nmt_state(&rig.device.node);
     TEST_ASSERT_TRUE(nmt_state == CO_INITIALISING || nmt_state == CO_STOPPED || nmt_state == CO_OPERATIONAL ||
                      nmt_state == CO_PRE_OPERATIONAL);
     TEST_ASSERT_EQUAL(nmt_state == CO_INITIALISING, node_id() == OD_UNCONFIGURED);
     TEST_ASSERT_TRUE(node_id() == OD_UNCONFIGURED || (node_id() >= 1 && node_id() <= 31));
     for (unsigned i = 0; i < 2; i++) {
-        TEST_ASSERT_TRUE(rig.app.drive.axis[i].state <= CIA402_FAULT);
+        TEST_ASSERT_TRUE(rig.device.drive.axis[i].state <= CIA402_FAULT);
     }
-    TEST_ASSERT_TRUE(rig.app.od.stream.state <= STREAM_STOPPED);
-    TEST_ASSERT_TRUE(params_fit(&rig.app.od));
-    TEST_ASSERT_TRUE(rig.app.node.tx_count <= CO_TX_FRAMES);
+    TEST_ASSERT_TRUE(rig.device.od.stream.state <= STREAM_STOPPED);
+    TEST_ASSERT_TRUE(configuration_fits(&rig.device.od));
+    TEST_ASSERT_TRUE(rig.device.node.tx_count <= CO_TX_FRAMES);
 }
 
 /* One control period: force needs an enabled power stage, and that an axis that is on. */
@@ -52,7 +52,7 @@ static void expect_no_force_while_off(void)
 {
     bool was_powered[2];
     for (unsigned i = 0; i < 2; i++) {
-        was_powered[i] = cia402_powered(&rig.app.drive.axis[i]);
+        was_powered[i] = cia402_powered(&rig.device.drive.axis[i]);
     }
     rig_run(&rig, 1);
     for (unsigned i = 0; i < 2; i++) {
@@ -74,7 +74,7 @@ static void expect_ranges(void)
         const struct od_entry *e = &od_table[i];
         const bool free = e->index == 0x2001 || (e->flags & OD_PDO) != 0;
         if ((e->flags & OD_WRITE) != 0 && (e->flags & OD_READ) != 0 && !free) {
-            const int64_t value = od_read(&rig.app.od, e);
+            const int64_t value = od_read(&rig.device.od, e);
             const bool counted = e->index == 0x1003; /* how many there are */
             TEST_ASSERT_TRUE_MESSAGE(counted || od_check(e, value) == SDO_OK, "an object is out of its range");
         }
@@ -84,7 +84,7 @@ static void expect_ranges(void)
 /* Whatever came before: a master gets the node to answer an SDO. */
 static void expect_an_answer(void)
 {
-    for (unsigned i = 0; rig.app.node.lss.silent_ms != 0 && i < 2 * 0x10000; i++) {
+    for (unsigned i = 0; rig.device.node.lss.silent_ms != 0 && i < 2 * 0x10000; i++) {
         rig_ms(&rig, 1); /* a change of bit rate is under way */
     }
     if (node_id() == OD_UNCONFIGURED) {
@@ -93,15 +93,15 @@ static void expect_an_answer(void)
         command(0x7E5, 8, 0x04, 0);
     }
     command(0, 2, 128, 0);
-    for (int i = 0; i < 5 && co_nmt_state(&rig.app.node) != CO_PRE_OPERATIONAL; i++) {
+    for (int i = 0; i < 5 && co_nmt_state(&rig.device.node) != CO_PRE_OPERATIONAL; i++) {
         command(0, 2, 130, 0);
     }
-    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, co_nmt_state(&rig.app.node));
+    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, co_nmt_state(&rig.device.node));
     command((uint16_t)(0x600u + node_id()), 8, 0x80, 0);
     struct can_frame f = {.id = (uint16_t)(0x600u + node_id()), .len = 8, .data = {0x40, 0x00, 0x10}};
     answers = 0;
     give(&f);
-    for (int i = 0; i < 10 && (answers == 0 || rig.app.node.tx_count != 0); i++) { /* the bus may be full */
+    for (int i = 0; i < 10 && (answers == 0 || rig.device.node.tx_count != 0); i++) { /* the bus may be full */
         rig_ms(&rig, 5);
         give(&f);
     }

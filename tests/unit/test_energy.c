@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "energy.h"
+#include "core/energy.h"
 
 #include "nominal.h"
 #include "unity.h"
@@ -13,7 +13,9 @@ void setUp(void)
     cfg = nominal().energy[0];
     energy_reset(&state);
 }
-void tearDown(void) {}
+void tearDown(void)
+{
+}
 
 static double step(double v_mps, double a_mps2)
 {

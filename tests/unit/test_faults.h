@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* For test_faults_*.c: what each row of faults.toml promises, checked on the simulated drive. A row NAME has at least one
+/* For test_faults_*.c: what each row of supervision/faults.toml promises, checked on the simulated drive. A row NAME has at least one
  * test, whose name begins with test_NAME, which injects the cause and goes by these two:
  * - expect_reaction(ROW_NAME): detection within the row's delay, reaction within two control periods more, EMCY and its
  *   register, 603Fh, and the capture, or none; before it wait_for(ROW_NAME, cause, ...), where the cause takes time;
@@ -9,11 +9,11 @@
 #define TEST_FAULTS_H
 #include <stdio.h>
 
-#include "fault_rows.h"
+#include "supervision/fault_rows.h"
 #include "test_drive_rig.h"
 
 enum { SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, RUN = 0x1F, FAULT_RESET = 0x80 };
-enum { WARNING = 7 }; /* bit of the statusword */
+enum { WARNING = 7 };                               /* bit of the statusword */
 enum { REACTION = 2, BEFORE = 5000, AFTER = 1300 }; /* control periods; the last two: of a capture */
 
 static struct rig rig;
@@ -38,13 +38,13 @@ static inline void be_on_the_way(void)
     rig_ms(&rig, 100);
     rig_enable(&rig);
     rig_go(&rig, &stream, 400);
-    TEST_ASSERT_EQUAL_HEX32(0, rig.app.drive.faults | rig.app.drive.warnings);
+    TEST_ASSERT_EQUAL_HEX32(0, rig.device.drive.faults | rig.device.drive.warnings);
     rig.emcy_count = 0;
 }
 
 static inline bool detected(enum row r)
 {
-    const struct drive *d = &rig.app.drive;
+    const struct drive *d = &rig.device.drive;
     return promises[r].bit == 0 ? rig_had_emcy(&rig, promises[r].emcy)
                                 : ((atomic_load(&d->loop.faults) | d->faults | d->warnings) & promises[r].bit) != 0;
 }
@@ -55,7 +55,7 @@ static inline void run_period(enum row r)
     rig_run(&rig, 1);
     rig.busy = false;
     if (!detected(r)) { /* what the tick sees it reacts to alone: expect_power_cut(), expect_path_stop() */
-        app_poll(&rig.app);
+        device_poll(&rig.device);
     }
 }
 
@@ -87,8 +87,8 @@ static inline void wait_for(enum row r, bool (*reached)(void), unsigned lasts)
 /* What the law and the observer have made of the last control period */
 static inline const struct servo_out *last_out(void)
 {
-    const struct loop *l = &rig.app.drive.loop;
-    return &(l->ticks % 10 == 0 ? &l->record[atomic_load(&l->published) % LOOP_RECORDS] : l->next)->out;
+    const struct servo_loop *l = &rig.device.drive.loop;
+    return &(l->ticks % 10 == 0 ? &l->record[atomic_load(&l->published) % SERVO_LOOP_RECORDS] : l->next)->out;
 }
 
 static inline void expect_no_power(void)
@@ -132,14 +132,14 @@ static inline void expect_told(enum row r, bool stops)
 static inline uint32_t capture_word(unsigned i)
 {
     uint8_t b[4];
-    TEST_ASSERT_TRUE(scope_read(&rig.app.drive.loop.scope, 4 * i, b, 4, rig.app.drive.queue.origin_nm));
+    TEST_ASSERT_TRUE(scope_read(&rig.device.drive.loop.scope, 4 * i, b, 4, rig.device.drive.queue.origin_nm));
     return b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
 }
 
 /* Detected in the last control period or the one before, or just now by the background. */
 static inline void expect_trigger(enum row r)
 {
-    const uint32_t now = rig.app.drive.loop.ticks;
+    const uint32_t now = rig.device.drive.loop.ticks;
     const uint32_t state = rig_read(&rig, 0x2300, 2);
     if (!promises[r].captured) {
         TEST_ASSERT_EQUAL_UINT32(SCOPE_WAITING, state);
@@ -158,7 +158,7 @@ static inline void expect_capture(enum row r)
         return;
     }
     TEST_ASSERT_EQUAL_UINT32(SCOPE_DONE, rig_read(&rig, 0x2300, 2));
-    TEST_ASSERT_GREATER_THAN_UINT32(SCOPE_HEADER, scope_size(&rig.app.drive.loop.scope));
+    TEST_ASSERT_GREATER_THAN_UINT32(SCOPE_HEADER, scope_size(&rig.device.drive.loop.scope));
     const uint32_t periods = capture_word(0) >> 16, last = capture_word(3) + (capture_word(1) - 1) * periods;
     TEST_ASSERT_EQUAL_UINT32(capture.trigger, capture_word(4));
     TEST_ASSERT_BITS_HIGH(promises[r].bit, capture_word(5));
@@ -191,11 +191,11 @@ static inline void expect_power_cut(enum row r)
 /* Path time slows down, both axes stay within off_path_nm of the line, then there is no power. */
 static inline void expect_path_stop(enum row r)
 {
-    const bool runs = !atomic_load(&rig.app.drive.loop.standing);
+    const bool runs = !atomic_load(&rig.device.drive.loop.standing);
     let_it_react();
     if (runs) {
         TEST_ASSERT_TRUE(rig.out.enable[0] && rig.out.enable[1]);
-        const num slope = rig.app.drive.loop.path.at.rate_dot;
+        const num slope = rig.device.drive.loop.path.at.rate_dot;
         TEST_ASSERT_TRUE_MESSAGE(n_lt(slope, NUM(0)), "path time does not slow down");
     }
     expect_trigger(r);
@@ -205,7 +205,7 @@ static inline void expect_path_stop(enum row r)
         rig_ms(&rig, 1);
         TEST_ASSERT_TRUE_MESSAGE(rig_off_line(&rig, &stream) < off_path_nm, "off the path");
     }
-    TEST_ASSERT_TRUE(atomic_load(&rig.app.drive.loop.standing));
+    TEST_ASSERT_TRUE(atomic_load(&rig.device.drive.loop.standing));
     TEST_ASSERT_TRUE(fabs(rig.plant.vel_mps[0]) + fabs(rig.plant.vel_mps[1]) < 1e-3);
     expect_no_power();
     rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
@@ -292,7 +292,7 @@ static inline void expect_end(enum row r, unsigned ms)
 
 static inline void expect_reaction_as(enum row r, enum promised reaction)
 {
-    const struct od_data *od = &rig.app.od;
+    const struct od_data *od = &rig.device.od;
     const bool off_at_once = od->axis[0].quick_stop_option == 0 || od->axis[1].quick_stop_option == 0;
     (void)periods_to_detect(r, promises[r].delay);
     switch (reaction) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Faults of axes, encoders, amplifiers and inputs, one after the other (faults.toml). */
+/* Faults of axes, encoders, amplifiers and inputs, one after the other (supervision/faults.toml). */
 #include <stdlib.h>
 
 #include "test_faults.h"
@@ -27,7 +27,8 @@ static void block(int axis, bool blocked)
 
 static void wait_for_force(int axis, int32_t dN)
 {
-    for (unsigned i = 0; i < 3000 && labs((long)loop_snapshot(&rig.app.drive.loop)->force_dN[axis]) < dN; i++) {
+    for (unsigned i = 0; i < 3000 && labs((long)servo_loop_snapshot(&rig.device.drive.loop)->force_dN[axis]) < dN;
+         i++) {
         rig_run(&rig, 1);
     }
 }
@@ -37,7 +38,7 @@ static double window_nm;
 
 static bool off_its_reference(void)
 {
-    const pos_t reference = pos_add(rig.app.drive.loop.servo.observer[1].pos, n_neg(last_out()->contour.e_w.y));
+    const pos_t reference = pos_add(rig.device.drive.loop.servo.observer[1].pos, n_neg(last_out()->contour.e_w.y));
     return fabs(rig.plant.pos_m[1] * 1e9 - pos_to_nm(reference)) > window_nm;
 }
 
@@ -89,9 +90,9 @@ static bool pushed_out(void)
 
 static void test_travel_beyond_the_limits_and_its_reference_cuts_the_power(void)
 {
-    rig_write(&rig, 0x607D, 2, 4, 1000000);  /* 1 mm */
-    rig_write(&rig, 0x6065, 0, 4, 100000);   /* 0.1 mm, */
-    rig_write(&rig, 0x6066, 0, 2, 1000);     /* which may last */
+    rig_write(&rig, 0x607D, 2, 4, 1000000); /* 1 mm */
+    rig_write(&rig, 0x6065, 0, 4, 100000);  /* 0.1 mm, */
+    rig_write(&rig, 0x6066, 0, 2, 1000);    /* which may last */
     rig_enable(&rig);
     rig.emcy_count = 0;
     block(0, true);
@@ -169,7 +170,7 @@ static void test_encoder_frozen_at_rest_is_no_fault(void)
     rig_enable(&rig);
     rig.frozen[0] = rig.frozen[1] = true;
     rig_ms(&rig, 500);
-    TEST_ASSERT_EQUAL_HEX32(0, rig.app.drive.faults | rig.app.drive.warnings);
+    TEST_ASSERT_EQUAL_HEX32(0, rig.device.drive.faults | rig.device.drive.warnings);
 }
 
 static void test_stop_input_stops_on_the_path(void)

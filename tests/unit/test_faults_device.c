@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Faults of the controller, its store and its bus, refusals, and two faults at once (faults.toml). */
+/* Faults of the controller, its store and its bus, refusals, and two faults at once (supervision/faults.toml). */
 #include "test_faults.h"
 
 void setUp(void)
@@ -13,10 +13,10 @@ void tearDown(void)
 
 static void test_memory_that_changes_by_itself_cuts_the_power(void)
 {
-    const struct drive *d = &rig.app.drive;
-    void *const changed[] = {&rig.app.drive.axis[0].state, &rig.app.drive.axis[1].leave_to,
-                             &rig.app.drive.loop.command.controller, &rig.app.drive.loop.cfg[d->configured % 2u].following_max,
-                             &rig.app.drive.faults};
+    const struct drive *d = &rig.device.drive;
+    void *const changed[] = {&rig.device.drive.axis[0].state, &rig.device.drive.axis[1].leave_to,
+                             &rig.device.drive.loop.command.controller,
+                             &rig.device.drive.loop.cfg[d->configured % 2u].following_max, &rig.device.drive.faults};
     for (unsigned i = 0; i < sizeof changed / sizeof changed[0]; i++) {
         power_on();
         be_on_the_way();
@@ -34,14 +34,14 @@ static void test_memory_of_a_command_to_the_tick_that_changes_gives_no_power_and
 {
     rig_nmt(&rig, 1);
     rig_ms(&rig, 5);
-    atomic_store(&rig.app.drive.loop.command.powered[0], LOOP_OFF ^ 0x400u);
+    atomic_store(&rig.device.drive.loop.command.powered[0], SERVO_LOOP_OFF ^ 0x400u);
     rig_run(&rig, 5);
     expect_no_power();
     rig_ms(&rig, 2);
     rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
     power_on();
     be_on_the_way();
-    atomic_fetch_add(&rig.app.drive.loop.command.configured, 1u);
+    atomic_fetch_add(&rig.device.drive.loop.command.configured, 1u);
     rig_run(&rig, 1);
     expect_no_power();
     rig_ms(&rig, 1);
@@ -51,8 +51,8 @@ static void test_memory_of_a_command_to_the_tick_that_changes_gives_no_power_and
 static void test_memory_of_a_parameter_that_changes_is_mended_by_a_reset_of_the_node(void)
 {
     be_on_the_way();
-    const uint32_t before = rig.app.od.tunnel.debounce;
-    rig.app.od.tunnel.debounce ^= 0x40u;
+    const uint32_t before = rig.device.od.tunnel.debounce;
+    rig.device.od.tunnel.debounce ^= 0x40u;
     rig_ms(&rig, 30);
     rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
     TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0x5510));
@@ -104,7 +104,7 @@ static void test_brown_out_is_a_fault_from_power_on(void)
 static void test_overrun_of_the_servo_tick_cuts_the_power(void)
 {
     be_on_the_way();
-    loop_raise(&rig.app.drive.loop, FAULT_OVERRUN); /* as the port does from the tick itself */
+    servo_loop_raise(&rig.device.drive.loop, FAULT_OVERRUN); /* as the port does from the tick itself */
     expect_reaction(ROW_OVERRUN);
     expect_clearing(ROW_OVERRUN, 0);
 }
@@ -112,7 +112,7 @@ static void test_overrun_of_the_servo_tick_cuts_the_power(void)
 static void test_store_that_is_damaged_is_warned_of_until_the_next_save(void)
 {
     rig.flash.word[0][0] = 0x12345678;
-    app_init(&rig.app, &rig.hal, 1);
+    device_init(&rig.device, &rig.hal, 1);
     rig_nmt(&rig, 1);
     expect_reaction(ROW_STORE);
     rig_enable(&rig); /* with defaults */
@@ -198,9 +198,9 @@ static void expect_refused(uint16_t index, uint8_t sub, int64_t value)
 {
     uint32_t code;
     const struct od_entry *entry = od_find(index, sub, &code);
-    const int64_t before = od_read(&rig.app.od, entry);
+    const int64_t before = od_read(&rig.device.od, entry);
     TEST_ASSERT_EQUAL_HEX32(0x08000022, rig_write(&rig, index, sub, od_size(entry), value));
-    TEST_ASSERT_EQUAL_INT64(before, od_read(&rig.app.od, entry));
+    TEST_ASSERT_EQUAL_INT64(before, od_read(&rig.device.od, entry));
 }
 
 static void test_config_enabled_is_refused_and_told(void)
@@ -209,8 +209,8 @@ static void test_config_enabled_is_refused_and_told(void)
         uint16_t index;
         uint8_t sub;
         int64_t value;
-    } writes[] = {{0x2110, 1, 150000}, {0x1010, 1, 0x65766173}, {0x1011, 1, 0x64616F6C}, {0x2001, 1, 4},
-                  {0x1016, 1, 0},      {0x1029, 1, 2}};
+    } writes[] = {{0x2110, 1, 150000}, {0x1010, 1, 0x65766173}, {0x1011, 1, 0x64616F6C},
+                  {0x2001, 1, 4},      {0x1016, 1, 0},          {0x1029, 1, 2}};
     for (unsigned i = 0; i < sizeof writes / sizeof writes[0]; i++) {
         power_on();
         be_on_the_way();
@@ -228,7 +228,7 @@ static void test_config_enabled_goes_for_every_parameter(void)
     for (uint16_t i = 0; i < od_table_len; i++) {
         const struct od_entry *entry = &od_table[i];
         if ((entry->flags & OD_CONFIG) != 0) {
-            const int64_t now = od_read(&rig.app.od, entry);
+            const int64_t now = od_read(&rig.device.od, entry);
             const int64_t other = od_check(entry, now - 1) == SDO_OK ? now - 1 : now + 1;
             expect_refused(entry->index, entry->sub, (entry->index & ~0x800u) == 0x6098 ? 35 : other); /* of methods */
             parameters++;
@@ -323,12 +323,13 @@ static void test_of_two_faults_within_a_millisecond_603Fh_and_the_first_emcy_tel
     const struct {
         uint8_t first, second;
         uint16_t emcy;
-    } orders[] = {{HAL_ENCODER_FAULT, HAL_AMPLIFIER_FAULT, 0x7305}, {HAL_AMPLIFIER_FAULT, HAL_ENCODER_FAULT, 0x5400},
+    } orders[] = {{HAL_ENCODER_FAULT, HAL_AMPLIFIER_FAULT, 0x7305},
+                  {HAL_AMPLIFIER_FAULT, HAL_ENCODER_FAULT, 0x5400},
                   {HAL_STOP, HAL_AMPLIFIER_FAULT, 0x9000}};
     for (unsigned i = 0; i < 3; i++) {
         power_on();
         be_on_the_way();
-        rig_run(&rig, (10 - rig.app.drive.loop.ticks % 10) % 10);
+        rig_run(&rig, (10 - rig.device.drive.loop.ticks % 10) % 10);
         rig.inputs[0] = orders[i].first;
         rig_run(&rig, 3);
         rig.inputs[0] = orders[i].second;
@@ -361,7 +362,7 @@ static void test_later_fault_cuts_a_stop_on_the_path_short_and_603Fh_keeps_the_f
 static void test_warning_is_told_again_after_a_reset_of_the_node(void)
 {
     rig.flash.word[0][0] = 0x12345678;
-    app_init(&rig.app, &rig.hal, 1);
+    device_init(&rig.device, &rig.hal, 1);
     rig_ms(&rig, 2);
     rig.emcy_count = 0;
     rig_nmt(&rig, 129);

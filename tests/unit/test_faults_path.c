@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Faults of the stream, the path and the law, one after the other (faults.toml). */
+/* Faults of the stream, the path and the law, one after the other (supervision/faults.toml). */
 #include <stdlib.h>
 
 #include "test_faults.h"
@@ -133,7 +133,7 @@ static void test_tunnel_may_be_left_as_long_as_its_debounce_says(void)
     unsigned outside = 0;
     for (unsigned i = 0; i < 100 && !detected(ROW_TUNNEL); i++) {
         rig_ms(&rig, 1);
-        outside = labs((long)loop_snapshot(&rig.app.drive.loop)->e_n_nm[1]) > 10000 ? outside + 1 : 0;
+        outside = labs((long)servo_loop_snapshot(&rig.device.drive.loop)->e_n_nm[1]) > 10000 ? outside + 1 : 0;
         TEST_ASSERT_EQUAL(outside > 5, detected(ROW_TUNNEL));
     }
     TEST_ASSERT_TRUE(detected(ROW_TUNNEL));
@@ -236,18 +236,18 @@ static void test_tunnel_is_off_by_default(void)
     be_on_the_way();
     disturb(true);
     rig_ms(&rig, 50);
-    TEST_ASSERT_EQUAL_HEX32(0, rig.app.drive.faults | rig.app.drive.warnings);
+    TEST_ASSERT_EQUAL_HEX32(0, rig.device.drive.faults | rig.device.drive.warnings);
 }
 
 static bool at_k_max(void)
 {
-    const vec2 k = last_out()->asmc.k_hat;
+    const vec2 k = last_out()->smc.k_hat;
     return n_to_scaled(k.x, 2000) >= 1001 || n_to_scaled(k.y, 2000) >= 1001;
 }
 
 static bool at_mu_max(void)
 {
-    const vec2 mu = last_out()->uncertainty.mu;
+    const vec2 mu = last_out()->compensator.mu;
     return n_to_scaled(mu.x, 40) >= 6001 || n_to_scaled(mu.y, 40) >= 6001;
 }
 
@@ -276,12 +276,12 @@ static void test_gain_at_its_limit_is_warned_of(void)
 
 static void test_gain_that_cannot_grow_is_no_warning(void)
 {
-    rig_write(&rig, 0x2110, 8, 4, 100000); /* k_max = k_0 */
+    rig_write(&rig, 0x2110, 8, 4, 100000);  /* k_max = k_0 */
     rig_write(&rig, 0x2111, 3, 4, 6000000); /* mu_max = mu_0 */
     rig_write(&rig, 0x2121, 3, 2, 20);
     be_on_the_way();
     rig_ms(&rig, 100);
-    TEST_ASSERT_EQUAL_HEX32(0, rig.app.drive.warnings);
+    TEST_ASSERT_EQUAL_HEX32(0, rig.device.drive.warnings);
 }
 
 #ifndef KONTUR_NUM_FIX /* which has numbers only */
@@ -292,8 +292,8 @@ static void test_law_that_gives_no_number_cuts_the_power(void)
         for (int where = 0; where < 3; where++) {
             power_on();
             be_on_the_way();
-            struct servo_state *servo = &rig.app.drive.loop.servo;
-            float *const places[] = {&servo->uncertainty.q_bar_dot.x, &servo->offset.y, &servo->observer[1].vel};
+            struct servo_state *servo = &rig.device.drive.loop.servo;
+            float *const places[] = {&servo->compensator.q_bar_dot.x, &servo->offset.y, &servo->observer[1].vel};
             servo->blending = true; /* so that the offset counts */
             *places[where] = no_numbers[i];
             rig_run(&rig, 1); /* in the tick that computes it */
@@ -302,7 +302,7 @@ static void test_law_that_gives_no_number_cuts_the_power(void)
             expect_reaction(ROW_LAW);
             rig_ms(&rig, 1000);
             expect_clearing(ROW_LAW, 0); /* with numbers again */
-            TEST_ASSERT_TRUE(isfinite(servo->uncertainty.q_bar_dot.x) && isfinite(servo->offset.y) &&
+            TEST_ASSERT_TRUE(isfinite(servo->compensator.q_bar_dot.x) && isfinite(servo->offset.y) &&
                              isfinite(servo->observer[1].vel));
         }
     }

@@ -2,8 +2,8 @@
 /* A parameter store on a flash whose power can be cut, and nothing else. */
 #ifndef TEST_FLASH_H
 #define TEST_FLASH_H
-#include "flash.h"
-#include "store.h"
+#include "od/store.h"
+#include "sim/flash.h"
 #include "unity.h"
 
 enum { NODE = 5, ALL = STORE_COMMUNICATION | STORE_APPLICATION | STORE_NODE };

@@ -55,24 +55,25 @@ static struct can_frame nmt(void)
 static uint8_t next_step(void)
 {
     static const uint8_t steps[][4] = {
-        [CO_SDO_DOWNLOAD] = {0x00, 0x10, 0x01, 0x17},   [CO_SDO_UPLOAD] = {0x60, 0x70, 0x60, 0x70},
-        [CO_SDO_BLOCK_DOWNLOAD] = {0x81, 0x81, 1, 2},   [CO_SDO_BLOCK_DOWNLOAD_END] = {0xC1, 0xCD, 0xD5, 0xD9},
+        [CO_SDO_DOWNLOAD] = {0x00, 0x10, 0x01, 0x17},           [CO_SDO_UPLOAD] = {0x60, 0x70, 0x60, 0x70},
+        [CO_SDO_BLOCK_DOWNLOAD] = {0x81, 0x81, 1, 2},           [CO_SDO_BLOCK_DOWNLOAD_END] = {0xC1, 0xCD, 0xD5, 0xD9},
         [CO_SDO_BLOCK_UPLOAD_START] = {0xA3, 0xA3, 0xA3, 0xA2}, [CO_SDO_BLOCK_UPLOAD] = {0xA2, 0xA2, 0xA2, 0xA3},
         [CO_SDO_BLOCK_UPLOAD_END] = {0xA1, 0xA1, 0xA2, 0xA1},
     };
-    return steps[rig.app.node.sdo.transfer][draw(4)];
+    return steps[rig.device.node.sdo.transfer][draw(4)];
 }
 
 /* Any step of any transfer, of an object that there is. */
 static struct can_frame sdo(void)
 {
-    static const uint8_t commands[] = {0x40, 0x40, 0x2F, 0x2B, 0x27, 0x23, 0x22, 0x21, 0x20, 0x60, 0x70, 0x00, 0x10,
-                                       0x01, 0x80, 0xA0, 0xA4, 0xA3, 0xA2, 0xA1, 0xC0, 0xC2, 0xC6, 0x81, 0xC1, 0xCD, 0xD5};
+    static const uint8_t commands[] = {0x40, 0x40, 0x2F, 0x2B, 0x27, 0x23, 0x22, 0x21, 0x20,
+                                       0x60, 0x70, 0x00, 0x10, 0x01, 0x80, 0xA0, 0xA4, 0xA3,
+                                       0xA2, 0xA1, 0xC0, 0xC2, 0xC6, 0x81, 0xC1, 0xCD, 0xD5};
     const struct od_entry *e = &od_table[draw(od_table_len)];
     struct can_frame f = frame_of(0x600u + node_id(), 8, commands[draw(sizeof commands)]);
     co_put(&f.data[1], e->index, 2);
     f.data[3] = e->sub;
-    if (rig.app.node.sdo.transfer != CO_SDO_IDLE && draw(2) != 0) {
+    if (rig.device.node.sdo.transfer != CO_SDO_IDLE && draw(2) != 0) {
         f.data[0] = next_step();
     }
     if (f.data[0] == 0xA2) {
@@ -109,7 +110,7 @@ static struct can_frame controlwords(void)
 
 static struct can_frame knot(void)
 {
-    const struct od_knot k = {.sequence = (uint8_t)(rig.app.od.stream.accepted16 & 0xFFu),
+    const struct od_knot k = {.sequence = (uint8_t)(rig.device.od.stream.accepted16 & 0xFFu),
                               .dx = (int32_t)draw(2001) - 1000,
                               .dy = (int32_t)draw(2001) - 1000};
     struct can_frame f = frame_of(0x300u + node_id(), 8, k.sequence);
@@ -125,7 +126,7 @@ static struct can_frame record(void)
     struct can_frame f = frame_of(0x400u + node_id(), 8, 0);
     for (unsigned axis = 0; axis < 2; axis++) {
         const int32_t near = (int32_t)draw(20001) - 10000;
-        co_put(&f.data[4 * axis], (uint32_t)rig.app.od.axis[axis].position_actual + (uint32_t)near, 4);
+        co_put(&f.data[4 * axis], (uint32_t)rig.device.od.axis[axis].position_actual + (uint32_t)near, 4);
     }
     return f;
 }
@@ -133,8 +134,12 @@ static struct can_frame record(void)
 /* 6060h of both axes, one after the other, and what a jog or a homing needs */
 static struct can_frame mode(void)
 {
-    static const struct { uint16_t index; uint8_t size; int32_t value; } writes[] = {
-        {0x6060, 1, 7}, {0x6060, 1, 3}, {0x6060, 1, 6}, {0x60FF, 4, 20000}, {0x60FF, 4, -20000}, {0x6098, 1, 35}};
+    static const struct {
+        uint16_t index;
+        uint8_t size;
+        int32_t value;
+    } writes[] = {{0x6060, 1, 7},     {0x6060, 1, 3},      {0x6060, 1, 6},
+                  {0x60FF, 4, 20000}, {0x60FF, 4, -20000}, {0x6098, 1, 35}};
     const unsigned i = draw(sizeof writes / sizeof writes[0]);
     struct can_frame f = frame_of(0x600u + node_id(), 8, (uint8_t)(0x23 | (4 - writes[i].size) << 2));
     co_put(&f.data[1], writes[i].index + 0x800u * draw(2), 2);
@@ -145,8 +150,8 @@ static struct can_frame mode(void)
 
 static struct can_frame lss(void)
 {
-    static const uint8_t commands[] = {0x04, 0x04, 0x11, 0x13, 0x15, 0x17, 0x40, 0x41, 0x42, 0x43, 0x46, 0x47, 0x48,
-                                       0x49, 0x4A, 0x4B, 0x4C, 0x51, 0x51, 0x5A, 0x5B, 0x5C, 0x5D, 0x5E};
+    static const uint8_t commands[] = {0x04, 0x04, 0x11, 0x13, 0x15, 0x17, 0x40, 0x41, 0x42, 0x43, 0x46, 0x47,
+                                       0x48, 0x49, 0x4A, 0x4B, 0x4C, 0x51, 0x51, 0x5A, 0x5B, 0x5C, 0x5D, 0x5E};
     struct can_frame f = frame_of(0x7E5, 8, commands[draw(sizeof commands)]);
     memset(&f.data[1], 0, 7);
     f.data[1] = (uint8_t)draw(4);
@@ -201,8 +206,8 @@ static void tell_a_story(void)
     command(0, 2, 129, 0);
     rig_ms(&rig, 5);
     command(0, 2, 1, 0);
-    const struct can_frame watch_host = {.id = request, .len = 8, .data = {0x23, 0x16, 0x10, 1, 20, 0, 127, 0}};
-    give(&watch_host);
+    const struct can_frame fault_monitor_host = {.id = request, .len = 8, .data = {0x23, 0x16, 0x10, 1, 20, 0, 127, 0}};
+    give(&fault_monitor_host);
     for (unsigned i = 0; i < 3; i++) {
         static const uint8_t words[] = {0x06, 0x07, 0x0F};
         const struct can_frame f = {.id = (uint16_t)(0x200u + node_id()), .len = 4, .data = {words[i], 0, words[i]}};
@@ -211,7 +216,7 @@ static void tell_a_story(void)
     }
     for (uint8_t sub = 2; sub <= 3; sub++) {
         struct can_frame f = {.id = request, .len = 8, .data = {0x23, 0x00, 0x22, sub}};
-        co_put(&f.data[4], (uint32_t)rig.app.od.axis[sub - 2].position_actual, 4);
+        co_put(&f.data[4], (uint32_t)rig.device.od.axis[sub - 2].position_actual, 4);
         give(&f);
     }
     const struct can_frame begin = {.id = request, .len = 8, .data = {0x2F, 0x00, 0x22, 1, 1}};
@@ -232,7 +237,7 @@ static void tell_a_story(void)
         expect_no_force_while_off();
         rig_ms(&rig, 1);
         expect_legal();
-        seen[rig.app.drive.axis[0].state]++;
+        seen[rig.device.drive.axis[0].state]++;
     }
 }
 
@@ -242,9 +247,9 @@ static void test_million_frames_do_no_harm(void)
         const struct can_frame f = any_frame();
         give(&f);
         expect_legal();
-        visited[co_nmt_state(&rig.app.node)]++;
-        seen[rig.app.drive.axis[0].state]++;
-        seen[rig.app.drive.axis[1].state]++;
+        visited[co_nmt_state(&rig.device.node)]++;
+        seen[rig.device.drive.axis[0].state]++;
+        seen[rig.device.drive.axis[1].state]++;
         if (n % FRAMES_A_PERIOD == 0) {
             expect_no_force_while_off();
         }

@@ -13,8 +13,12 @@
 
 enum { WORDS = sizeof golden_words / sizeof golden_words[0] };
 
-void setUp(void) {}
-void tearDown(void) {}
+void setUp(void)
+{
+}
+void tearDown(void)
+{
+}
 
 static void compare(void *ctx, const char *vector, uint32_t word)
 {

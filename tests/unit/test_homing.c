@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Homing on the simulated machine, frame by frame. */
-#include "test_modes.h"
+#include "test_axis_modes.h"
 
 /* Home axis `axis` and wait, at most `ms` */
-static void home(int axis, int method, unsigned ms)
+static void homing(int axis, int method, unsigned ms)
 {
     set(axis, 0x6098, 0, 1, method);
     rig_enable(&rig);
@@ -41,7 +41,7 @@ static void test_current_position_becomes_the_home_offset(void)
     for (int method = 35; method <= 37; method += 2) {
         start_at(0.0123, -0.03);
         set(0, 0x607C, 0, 4, 5000000);
-        home(0, method, 100);
+        homing(0, method, 100);
         expect_attained(0);
         TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, 5.0, told_mm(0));
         TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, -30.0, told_mm(1));
@@ -84,7 +84,7 @@ static void test_homed_axis_follows_streams_and_limits_in_its_new_positions(void
     struct rig_stream s = {.count = 1500, .length_nm = 50e6};
     start_at(0.05, 0.02);
     set(0, 0x607C, 0, 4, 100000000); /* 100 mm; limits at 150 */
-    home(0, 37, 100);
+    homing(0, 37, 100);
     mode(0, PATH);
     rig_controlwords(&rig, ENABLE, ENABLE);
     rig_go(&rig, &s, 1600);
@@ -106,7 +106,7 @@ static void test_home_point_of_a_limit_switch_is_where_it_opens(void)
         for (int axis = 0; axis < 2; axis++) {
             const double where = max ? 0.19 : -0.19;
             start_at(axis == 0 ? where : 0, axis == 1 ? where : 0);
-            home(axis, 17 + max, 3000);
+            homing(axis, 17 + max, 3000);
             expect_attained(axis);
             /* the axis stands where it stopped; 0 is the edge of the switch at 198 mm, to half a count and a period */
             TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(axis) - (max ? 198 : -198), told_mm(axis));
@@ -119,7 +119,7 @@ static void test_axis_that_is_on_the_switch_leaves_it_first(void)
 {
     start_at(-0.199, 0);
     set(0, 0x607C, 0, 4, -195000000);
-    home(0, 17, 3000);
+    homing(0, 17, 3000);
     expect_attained(0);
     TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(0) + 198 - 195, told_mm(0));
 }
@@ -127,11 +127,11 @@ static void test_axis_that_is_on_the_switch_leaves_it_first(void)
 static void test_home_point_of_switch_and_index_is_the_first_pulse_off_the_switch(void)
 {
     start_at(-0.19, 0);
-    home(0, 1, 8000);
+    homing(0, 1, 8000);
     expect_attained(0);
     TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(0) + 190, told_mm(0));
     start_at(0, 0.193);
-    home(1, 2, 8000);
+    homing(1, 2, 8000);
     expect_attained(1);
     TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(1) - 190, told_mm(1));
 }
@@ -139,11 +139,11 @@ static void test_home_point_of_switch_and_index_is_the_first_pulse_off_the_switc
 static void test_next_index_pulse_is_found_in_either_direction(void)
 {
     start_at(0.0123, 0);
-    home(0, 33, 3000);
+    homing(0, 33, 3000);
     expect_attained(0);
     TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(0) - 10, told_mm(0));
     start_at(0.0123, 0);
-    home(0, 34, 6000);
+    homing(0, 34, 6000);
     expect_attained(0);
     TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(0) - 20, told_mm(0));
 }
@@ -152,7 +152,7 @@ static void test_switch_may_lie_beyond_the_soft_limits_and_the_axis_comes_back_f
 {
     start_at(-0.14, 0); /* soft limits at 150, the switch at 198 mm */
     set(0, 0x607C, 0, 4, -198000000);
-    home(0, 17, 8000);
+    homing(0, 17, 8000);
     expect_attained(0);
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, mm(0), told_mm(0));
     rig_controlwords(&rig, ENABLE, ENABLE);
@@ -169,7 +169,7 @@ static void test_switch_may_lie_beyond_the_soft_limits_and_the_axis_comes_back_f
 static void test_both_switches_active_is_a_homing_error(void)
 {
     rig.inputs[0] = HAL_LIMIT_MIN | HAL_LIMIT_MAX;
-    home(0, 17, 100);
+    homing(0, 17, 100);
     expect_error(0);
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0, mm(0));
 }
@@ -178,7 +178,7 @@ static void test_switch_that_is_not_found_within_the_travel_is_a_homing_error(vo
 {
     set(0, 0x607D, 1, 4, -3000000);
     set(0, 0x607D, 2, 4, 3000000);
-    home(0, 17, 3000);
+    homing(0, 17, 3000);
     expect_error(0);
     TEST_ASSERT_DOUBLE_WITHIN(1.5, -6, mm(0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, mm(0), told_mm(0)); /* nothing was shifted */
@@ -187,14 +187,14 @@ static void test_switch_that_is_not_found_within_the_travel_is_a_homing_error(vo
 static void test_search_for_the_index_ends_at_a_limit_switch(void)
 {
     start_at(0.195, 0); /* next pulse upwards: 200 mm, where the table ends */
-    home(0, 34, 8000);
+    homing(0, 34, 8000);
     expect_error(0);
 }
 
 static void test_homing_is_interrupted_when_bit_4_goes_and_begins_anew_with_its_edge(void)
 {
     start_at(-0.15, 0);
-    home(0, 17, 300);
+    homing(0, 17, 300);
     TEST_ASSERT_FALSE(status(0, TARGET_REACHED));
     rig_controlwords(&rig, ENABLE, ENABLE);
     rig_ms(&rig, 300);
@@ -210,7 +210,7 @@ static void test_homing_is_interrupted_when_bit_4_goes_and_begins_anew_with_its_
 static void test_halt_ends_homing_until_the_next_edge(void)
 {
     start_at(-0.15, 0);
-    home(0, 17, 300);
+    homing(0, 17, 300);
     rig_controlwords(&rig, RUN | HALT, ENABLE);
     rig_ms(&rig, 300);
     TEST_ASSERT_DOUBLE_WITHIN(1e-2, 0, mmps(0));
@@ -238,7 +238,7 @@ static void test_both_axes_home_at_once(void)
 static void test_homing_that_loses_its_power_does_not_go_on_by_itself(void)
 {
     start_at(-0.15, 0);
-    home(0, 17, 300);
+    homing(0, 17, 300);
     rig_controlwords(&rig, 0, ENABLE); /* disable voltage */
     rig_ms(&rig, 300);
     rig_expect_states(&rig, RIG_DISABLED, RIG_ENABLED);
@@ -280,7 +280,7 @@ static void test_mode_that_is_written_while_an_axis_homes_is_taken_when_it_has_i
 static void test_node_that_is_reset_while_an_axis_homes_has_not_begun_to(void)
 {
     start_at(-0.15, 0);
-    home(0, 17, 300);
+    homing(0, 17, 300);
     rig_nmt(&rig, 129);
     rig_ms(&rig, 300);
     rig_enable(&rig);
@@ -298,12 +298,12 @@ static void test_home_point_that_puts_the_origin_out_of_range_is_a_homing_error(
     for (int sign = -1; sign <= 1; sign += 2) {
         start_at(-sign * 0.19, 0); /* 2000 mm + 190 mm: more than 2147 */
         set(0, 0x607C, 0, 4, sign * 2000000000LL);
-        home(0, 37, 100);
+        homing(0, 37, 100);
         expect_error(0);
         TEST_ASSERT_DOUBLE_WITHIN(1e-3, -sign * 190, told_mm(0)); /* nothing was shifted */
         start_at(-sign * 0.12, 0);
         set(0, 0x607C, 0, 4, sign * 2000000000LL);
-        home(0, 37, 100);
+        homing(0, 37, 100);
         expect_attained(0);
         TEST_ASSERT_DOUBLE_WITHIN(1e-3, sign * 2000, told_mm(0));
     }
@@ -317,7 +317,7 @@ static void test_search_that_leads_out_of_the_range_of_positions_stops_with_a_fa
     machine.start_m[0] = -1.99;
     rig_start(&rig, &machine);
     set(0, 0x2100, 5, 4, 8200000); /* counts of 82 nm, not 76: the drive takes that for -2139 mm */
-    home(0, 37, 100);
+    homing(0, 37, 100);
     expect_attained(0);
     rig_controlwords(&rig, 0, 0);
     set(0, 0x6098, 0, 1, 17);

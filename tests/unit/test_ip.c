@@ -415,7 +415,7 @@ static void test_path_error_is_kept_over_the_path_time_that_ran(void)
         if (i % 100 == 0) {
             rig_feed(&rig, &s, s.count);
         }
-        const struct loop_snapshot *now = loop_snapshot(&rig.app.drive.loop);
+        const struct servo_loop_snapshot *now = servo_loop_snapshot(&rig.device.drive.loop);
         if (now->rate > 0) {
             const double e = fabs((double)now->e_n_nm[1]);
             sum += e;

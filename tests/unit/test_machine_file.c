@@ -6,7 +6,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 
-#include "machine_file.c"
+#include "port/linux/machine_file.c"
 #include "unity.h"
 
 static struct ks_machine machine;
@@ -48,7 +48,7 @@ static const char *reads(const char *from, const char *more)
     stdin = fmemopen(text, strlen(text), "r");
     TEST_ASSERT_NOT_NULL(stdin);
     if (setjmp(end) == 0) {
-        machine_file_read("-", &machine); /* closes it */
+        machine_file_read("-", &machine);               /* closes it */
     } else if (strstr(message, "is missing") == NULL) { /* that is found at the end, behind its fclose() */
         (void)fclose(stdin);
     }
@@ -80,9 +80,10 @@ static void test_a_schedule_is_optional_and_has_up_to_sixteen_rows(void)
 
 static void test_each_mistake_is_named_with_its_line(void)
 {
-    static const struct { const char *line, *message; } mistakes[] = {
-        {"mas_kg 1 2\n",
-         "machine -:17: mas_kg: no such field; `kontur sim` writes this file from a TOML file"},
+    static const struct {
+        const char *line, *message;
+    } mistakes[] = {
+        {"mas_kg 1 2\n", "machine -:17: mas_kg: no such field; `kontur sim` writes this file from a TOML file"},
         {"mass_kg 1\n", "machine -:17: mass_kg: has 1 of 2 values"},
         {"mass_kg 1 2 3\n", "machine -:17: mass_kg: 3: not a number that belongs here"},
         {"mass_kg 1 2x\n", "machine -:17: mass_kg: 2x: not a number that belongs here"},

@@ -4,8 +4,12 @@
 #include "num_test.h"
 #include "unity.h"
 
-void setUp(void) {}
-void tearDown(void) {}
+void setUp(void)
+{
+}
+void tearDown(void)
+{
+}
 
 static void test_position_to_nm_rounds_to_the_nearest(void)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "observer.h"
+#include "core/observer.h"
 
 #include <math.h>
 
@@ -14,7 +14,9 @@ void setUp(void)
     cfg = observer_design(mk(5), mk(DT)); /* 1000 rad/s; x = 0.05 */
     observer_reset(&state, 0);
 }
-void tearDown(void) {}
+void tearDown(void)
+{
+}
 
 #define POLE ((1 - 2.5 * DT) / (1 + 2.5 * DT))
 
@@ -59,7 +61,8 @@ static void test_all_three_poles_are_where_the_bandwidth_puts_them(void)
     for (int k = 0; k + 3 < count; k++) {
         /* rounding of 1e-4 um in the positions, blown up by p^-k, and the differences' weights 1 3 3 1;
          * in fixed point the rounding of the gains, of 500 um */
-        TEST_ASSERT_DOUBLE_WITHIN((1e-3 + HALF_STEPS(10000)) / pow(POLE, k), 0, e[k + 3] - 3 * e[k + 2] + 3 * e[k + 1] - e[k]);
+        TEST_ASSERT_DOUBLE_WITHIN((1e-3 + HALF_STEPS(10000)) / pow(POLE, k), 0,
+                                  e[k + 3] - 3 * e[k + 2] + 3 * e[k + 1] - e[k]);
     }
     TEST_ASSERT_TRUE(fabs(e[0]) > 250); /* the first step leaves p^3 of the error */
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 500 * POLE * POLE * POLE, e[0]);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Pacing of the Linux process: no drift, bounded catching up, exact SYNC periods. */
-#include "pace.h"
+#include "port/linux/pace.h"
 #include "unity.h"
 
 #define MS 1000000ull
@@ -88,7 +88,8 @@ static void test_the_wait_for_the_wire_ends_with_the_tick_from_which_it_is_free(
     const uint64_t wait_ns = pace_wire_ns(&pace, start_ns + 10 * HOUR_NS);
     TEST_ASSERT_EQUAL_UINT64(900000, wait_ns);
     TEST_ASSERT_EQUAL_UINT64(0, pace_wire_ns(&pace, start_ns + 10 * HOUR_NS + MS));
-    TEST_ASSERT_TRUE(pace_wire_free(&pace, pace_due(&pace, start_ns + 10 * HOUR_NS + wait_ns, 36000ull * HZ) + 36000ull * HZ));
+    TEST_ASSERT_TRUE(
+        pace_wire_free(&pace, pace_due(&pace, start_ns + 10 * HOUR_NS + wait_ns, 36000ull * HZ) + 36000ull * HZ));
 }
 
 int main(void)

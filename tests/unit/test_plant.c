@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "plant.h"
+#include "sim/plant.h"
 
 #include <math.h>
 #include <string.h>
@@ -27,7 +27,9 @@ void setUp(void)
                                   .substeps = 10};
     plant_init(&p, &machine, 1, PERIOD);
 }
-void tearDown(void) {}
+void tearDown(void)
+{
+}
 
 static void restart(void)
 {
@@ -324,7 +326,7 @@ static void test_noise_has_the_asked_mean_and_deviation_and_is_independent_betwe
         product += noise[0] * noise[1];
     }
     for (int i = 0; i < 2; i++) {
-        TEST_ASSERT_DOUBLE_WITHIN(4 * 2 / sqrt(N), 0, sum[i] / N);              /* 4 standard errors */
+        TEST_ASSERT_DOUBLE_WITHIN(4 * 2 / sqrt(N), 0, sum[i] / N); /* 4 standard errors */
         TEST_ASSERT_DOUBLE_WITHIN(4 * 4 * sqrt(2.0 / N), 4, square[i] / N);
     }
     TEST_ASSERT_DOUBLE_WITHIN(4 * 4 / sqrt(N), 0, product / N);
@@ -359,11 +361,11 @@ static void test_check_names_the_first_field_that_is_not_usable(void)
 {
     struct ks_machine good = machine;
     TEST_ASSERT_NULL(plant_check(&good));
-#define BAD(change, name)                             \
-    do {                                              \
-        machine = good;                               \
-        change;                                       \
-        TEST_ASSERT_EQUAL_STRING(name, plant_check(&machine)); \
+#define BAD(change, name)                                                                                              \
+    do {                                                                                                               \
+        machine = good;                                                                                                \
+        change;                                                                                                        \
+        TEST_ASSERT_EQUAL_STRING(name, plant_check(&machine));                                                         \
     } while (0)
     BAD(machine.mass_kg[1] = 0, "mass_kg");
     BAD(machine.mass_kg[0] = NAN, "mass_kg");

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* bxCAN: bit timing, both directions, and a bus on which nobody answers. */
-#include "can.h"
 #include "chip.h"
+#include "port/stm32f405/can.h"
 #include "unity.h"
 
 enum { MAILBOXES_EMPTY = 7 * CAN_TSR_TME0 };

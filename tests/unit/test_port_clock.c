@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The STM32F405's clock tree: 168 MHz with the crystal or without it, and a crystal that stops. */
 #include "chip.h"
-#include "clock.h"
-#include "output.h"
+#include "port/stm32f405/clock.h"
+#include "port/stm32f405/output.h"
 #include "unity.h"
 
 void setUp(void)

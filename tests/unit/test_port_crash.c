@@ -2,7 +2,7 @@
 /* The STM32F405's crash record, which outlives a reset, and what it says of the reset. The module itself is part of this
  * program, so that its record can be damaged. */
 #include "chip.h"
-#include "crash.c"
+#include "port/stm32f405/crash.c"
 #include "unity.h"
 
 void setUp(void)

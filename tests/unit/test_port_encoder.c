@@ -2,7 +2,7 @@
 /* Encoder timers of the STM32F405: counting on over 32 bits, the index pulse, and what shows that the count is wrong.
  */
 #include "chip.h"
-#include "encoder.h"
+#include "port/stm32f405/encoder.h"
 #include "unity.h"
 
 /* x: TIM2, y: TIM5; index at channel 3 (board_kontur.h) */
@@ -132,7 +132,10 @@ static void test_lost_counts_show_at_the_next_index_pulse(void)
 
 static void test_an_index_pulse_within_a_line_fits_on_either_side_and_beyond_it_does_not(void)
 {
-    static const struct { int32_t off; bool fits; } pulses[] = {{4, true}, {-4, true}, {5, false}, {-5, false}};
+    static const struct {
+        int32_t off;
+        bool fits;
+    } pulses[] = {{4, true}, {-4, true}, {5, false}, {-5, false}};
     for (unsigned i = 0; i < sizeof pulses / sizeof pulses[0]; i++) {
         configure(false);
         walk_to(340);

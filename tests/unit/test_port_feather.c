@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The second board (board_feather.h): encoder timers of 16 bits without index pulse, switches that it has no pins for.
  * The modules are part of this program, compiled for it. */
-#define BOARD_HEADER "board_feather.h"
-#include "encoder.c"
+#define BOARD_HEADER "port/stm32f405/board_feather.h"
+#include "port/stm32f405/encoder.c"
 
 #define axes input_axes
-#include "inputs.c"
+#include "port/stm32f405/inputs.c"
 #undef axes
 
 #include "chip.h"

@@ -3,11 +3,11 @@
 #include <string.h>
 
 #include "chip.h"
-#include "inputs.h"
-#include "output.h"
-#include "sectors.h"
+#include "port/stm32f405/inputs.h"
+#include "port/stm32f405/output.h"
+#include "port/stm32f405/sectors.h"
+#include "port/stm32f405/watchdog.h"
 #include "unity.h"
-#include "watchdog.h"
 
 void setUp(void)
 {

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 #include "chip.h"
-#include "output.h"
+#include "port/stm32f405/output.h"
 #include "unity.h"
 
 enum { FULL_mN = 600000 };

@@ -3,12 +3,12 @@
  * goes wrong ends with safe outputs and is told. */
 #include <string.h>
 
-#include "can.h"
 #include "chip.h"
-#include "clock.h"
-#include "crash.h"
-#include "run.h"
-#include "supply.h"
+#include "port/stm32f405/can.h"
+#include "port/stm32f405/clock.h"
+#include "port/stm32f405/crash.h"
+#include "port/stm32f405/run.h"
+#include "port/stm32f405/supply.h"
 #include "unity.h"
 
 enum { MAILBOXES_EMPTY = 7 * CAN_TSR_TME0, SENT_MAX = 64 };
@@ -385,8 +385,8 @@ static void test_what_is_saved_is_in_the_flash_and_there_in_the_next_run(void)
 static void test_a_table_that_is_pushed_while_parameters_are_saved_is_followed(void)
 {
     const uint32_t before = read_object(0x6064, 0);
-    chip.can1.RX[0] =
-        (struct can_mailbox){.IR = 0x601u << CAN_IR_STID, .DTR = 8, .DLR = 0x01101023, .DHR = 0x65766173}; /* 1010h "save" */
+    chip.can1.RX[0] = (struct can_mailbox){
+        .IR = 0x601u << CAN_IR_STID, .DTR = 8, .DLR = 0x01101023, .DHR = 0x65766173}; /* 1010h "save" */
     chip.can1.RF0R = 1;
     can_rx_irq();
     tick_irq();

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The serial port of the STM32F405: bytes through its two rings, by interrupt as on a chip, and at once as in an
  * emulator, whose USART raises no interrupt for an empty data register. */
-#include "board.h"
 #include "chip.h"
-#include "uart.h"
+#include "port/stm32f405/board.h"
+#include "port/stm32f405/uart.h"
 #include "unity.h"
 
 enum { ROOM = 1024, NOTHING = 0x1FF };

@@ -2,11 +2,11 @@
 /* Two ways in and out of the STM32F405: bxCAN, and slcan on the serial line, which has the drive while its channel is open. */
 #include <string.h>
 
-#include "can.h"
 #include "chip.h"
-#include "uart.h"
+#include "port/stm32f405/can.h"
+#include "port/stm32f405/uart.h"
+#include "port/stm32f405/wire.h"
 #include "unity.h"
-#include "wire.h"
 
 enum { MAILBOXES_EMPTY = 7 * CAN_TSR_TME0, RING = 1024 };
 

@@ -15,7 +15,11 @@
 
 #include "test_flash.h"
 
-enum { LEVELS = 20, SETS = LEVELS + 3, ERASE_WAYS = 16 }; /* an erase that is cut can leave much: it is tried more often */
+enum {
+    LEVELS = 20,
+    SETS = LEVELS + 3,
+    ERASE_WAYS = 16
+}; /* an erase that is cut can leave much: it is tried more often */
 enum { FIRST_STRIDE = 61, SECOND_STRIDE = 41, EDGE = 4, THIRD_SAVE = 61 };
 
 static struct od_data od, whole[SETS]; /* what is found where set i is stored; 0: none */
@@ -64,7 +68,8 @@ static bool found(unsigned set)
 }
 
 /* Save a set with the power failing in operation `cut`, in one of several ways, and start again. Returns which is found. */
-static unsigned save_cut(const struct sim_flash *before, unsigned old, unsigned set, uint32_t cut, uint32_t way, bool *done)
+static unsigned save_cut(const struct sim_flash *before, unsigned old, unsigned set, uint32_t cut, uint32_t way,
+                         bool *done)
 {
     flash = *before;
     flash.random += ((uint64_t)way << 40) + cut;
@@ -143,7 +148,8 @@ static void test_power_cut_once_and_twice_leaves_a_whole_set_at_every_fill_level
     TEST_ASSERT_TRUE_MESSAGE(flash.erases >= 3, "no sector has been erased again");
     printf("Power cuts in sets of %u objects, at %u fill levels: %lu operations, each cut: %lu single cuts;"
            " %s: %lu pairs of cuts. Sets mixed or lost: 0.\n",
-           kept, (unsigned)LEVELS, operations, singles, every ? "every pair of operations" : "a part of the pairs", pairs);
+           kept, (unsigned)LEVELS, operations, singles, every ? "every pair of operations" : "a part of the pairs",
+           pairs);
 }
 
 void setUp(void)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Knot frames: what is taken, what is refused and how it is counted. CRC values come from a polynomial long division
  * written for this purpose (checked on the catalogue's DFh for "123456789"), checksums from zlib. */
-#include "queue.h"
+#include "motion/queue.h"
 #include "unity.h"
 
 static struct od_stream stream;

@@ -18,8 +18,8 @@ void tearDown(void)
 
 static void energies(int32_t x_mJ, int32_t y_mJ)
 {
-    rig.app.drive.loop.servo.energy[0].mJ = x_mJ;
-    rig.app.drive.loop.servo.energy[1].mJ = y_mJ;
+    rig.device.drive.loop.servo.energy[0].mJ = x_mJ;
+    rig.device.drive.loop.servo.energy[1].mJ = y_mJ;
     rig_ms(&rig, 1);
 }
 
@@ -28,19 +28,19 @@ static void test_energy_that_an_axis_gave_back_is_told_as_none(void)
     energies(-2000, 5000);
     TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2220, 2));
     TEST_ASSERT_UINT32_WITHIN(1, 5000, rig_read(&rig, 0x2220, 3));
-    TEST_ASSERT_UINT32_WITHIN(1, 3000, rig.app.od.telemetry.energy); /* of both */
+    TEST_ASSERT_UINT32_WITHIN(1, 3000, rig.device.od.telemetry.energy); /* of both */
     energies(2000, -5000);
     TEST_ASSERT_UINT32_WITHIN(1, 2000, rig_read(&rig, 0x2220, 2));
     TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2220, 3));
-    TEST_ASSERT_EQUAL_UINT32(0, rig.app.od.telemetry.energy);
+    TEST_ASSERT_EQUAL_UINT32(0, rig.device.od.telemetry.energy);
 }
 
 static void test_mean_of_the_contour_error_ends_at_the_largest_number(void)
 {
-    rig.app.drive.loop.error = (struct loop_error){.sum_nm = 2 * 4294967, .samples = 2, .max_nm = 4294967};
+    rig.device.drive.loop.error = (struct servo_loop_error){.sum_nm = 2 * 4294967, .samples = 2, .max_nm = 4294967};
     rig_ms(&rig, 1);
     TEST_ASSERT_EQUAL_UINT32(4294967000, rig_read(&rig, 0x2211, 1)); /* pm */
-    rig.app.drive.loop.error.sum_nm = 2 * 4294968;
+    rig.device.drive.loop.error.sum_nm = 2 * 4294968;
     rig_ms(&rig, 1);
     TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, rig_read(&rig, 0x2211, 1));
 }
@@ -74,7 +74,7 @@ static void test_bus_that_is_never_empty_does_not_keep_the_drive_from_its_work(v
     rig_ms(&rig, 100); /* the heartbeat is watched from its first one on */
     rig.hal.can_receive = flood;
     given = 0;
-    app_poll(&rig.app);
+    device_poll(&rig.device);
     TEST_ASSERT_EQUAL_UINT(64, given);
     rig.heartbeat_every_ms = 0; /* nothing of the master comes through */
     rig_ms(&rig, 400);

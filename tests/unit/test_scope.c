@@ -2,11 +2,11 @@
 /* The scope on a servo tick of numbers: what is recorded, where the trigger is, what stays until it is read. */
 #include <string.h>
 
-#include "loop.h"
+#include "drive/servo_loop.h"
 #include "num_test.h"
 #include "unity.h"
 
-static struct loop loop;
+static struct servo_loop loop;
 static struct servo_out out;
 static struct od_data od;
 static uint32_t tick, faults;
@@ -148,16 +148,18 @@ static void test_interval_is_whole_control_periods(void)
 
 static void test_each_kind_of_signal_comes_in_its_unit(void)
 {
-    static const uint8_t numbers[SCOPE_CHANNELS] = {SIGNAL_E_N2,   SIGNAL_LEARNED_FRICTION_Y, SIGNAL_POSITION_Y, SIGNAL_PATH_TIME,
-                                                    SIGNAL_INPUTS_Y, SIGNAL_FORCE_X,            SIGNAL_K_HAT_1,    SIGNAL_ENERGY_X};
+    static const uint8_t numbers[SCOPE_CHANNELS] = {SIGNAL_E_N2,       SIGNAL_FEEDFORWARD_FRICTION_Y,
+                                                    SIGNAL_POSITION_Y, SIGNAL_PATH_TIME,
+                                                    SIGNAL_INPUTS_Y,   SIGNAL_FORCE_X,
+                                                    SIGNAL_K_HAT_1,    SIGNAL_ENERGY_X};
     const int32_t origin[2] = {7, -40};
     memcpy(od.scope_channels, numbers, sizeof numbers);
     out.contour.e_n.y = NUM(-1.5);
-    loop.servo.learning.friction[1] = acc_from(NUM(2.25));
+    loop.servo.feedforward.friction[1] = acc_from(NUM(2.25));
     loop.servo.observer[1].pos = pos_from_nm(-123456789);
     path_set(&loop.path.at, 12 * PATH_ONE + PATH_ONE / 2);
     out.force.x = NUM(-600);
-    out.asmc.k_hat.x = NUM(0.5);
+    out.smc.k_hat.x = NUM(0.5);
     loop.servo.energy[0].mJ = -17;
     arm(SCOPE_NOW, 0, 0);
     steps_until_done();

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "servo.h"
+#include "core/servo.h"
 
 #include "nominal.h"
 #include "unity.h"
@@ -26,14 +26,17 @@ void setUp(void)
 {
     cfg = nominal();
     circle_ring(&ring, 20000, 0.005, 400);
-    in = (struct servo_in){.enabled = {true, true}, .controller = CONTROLLER_CCU, .path = path_at(&ring, 50), .ring = &ring};
+    in = (struct servo_in){
+        .enabled = {true, true}, .controller = CONTROLLER_CCU, .path = path_at(&ring, 50), .ring = &ring};
     periods = 0;
     const double phi = place(20, 4);
     servo_reset(&cfg, &state, in.measured);
     state.observer[0].vel = mk(-500 * sin(phi));
     state.observer[1].vel = mk(500 * cos(phi));
 }
-void tearDown(void) {}
+void tearDown(void)
+{
+}
 
 static void step(double behind_um, double out_um)
 {
@@ -99,7 +102,7 @@ static void test_after_a_switch_the_offset_fades_and_the_new_law_remains(void)
     TEST_ASSERT_EQUAL_DOUBLE(0, val(state.offset.x));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(state.offset.y));
     TEST_ASSERT_FALSE(state.blending);
-    const vec2 u = v2_add(out.asmc.u_linear, out.asmc.u_friction);
+    const vec2 u = v2_add(out.smc.u_linear, out.smc.u_friction);
     ASSERT_NEAR(val(u.x), val(out.force.x), 600.0);
 }
 
@@ -109,8 +112,8 @@ static void test_a_switch_starts_the_new_law_with_fresh_gains_and_integrals(void
     TEST_ASSERT_TRUE(fabs(val(state.cascade.coupled)) > 0);
     run(CONTROLLER_CCU, 1);
     TEST_ASSERT_EQUAL_DOUBLE(0, val(state.cascade.coupled));
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.uncertainty.z_n.x));
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.uncertainty.s.y));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.compensator.z_n.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.compensator.s.y));
 }
 
 static void test_force_is_within_its_limits(void)
@@ -173,8 +176,8 @@ static void test_enabling_starts_without_an_offset_and_from_where_the_axes_are(v
     in.enabled[0] = in.enabled[1] = true;
     run(CONTROLLER_CCU, 1);
     TEST_ASSERT_EQUAL_DOUBLE(0, val(state.offset.x));
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.uncertainty.z_n.x));
-    TEST_ASSERT_TRUE(state.uncertainty.q_bar[0] == state.observer[0].pos);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.compensator.z_n.x));
+    TEST_ASSERT_TRUE(state.compensator.q_bar[0] == state.observer[0].pos);
 }
 
 /* Force asked for in period k acts from reading k+1 to reading k+2: the observer predicts with it at k+2. */
@@ -220,27 +223,27 @@ static void test_reference_model_is_driven_by_the_linear_part_of_the_delayed_for
     double linear[3];
     vec2 before;
     for (int k = 0; k < 3; k++) {
-        before = state.uncertainty.q_bar_dot;
+        before = state.compensator.q_bar_dot;
         step(20, 4);
-        linear[k] = val(out.asmc.u_linear.x);
+        linear[k] = val(out.smc.u_linear.x);
     }
     step(20, 4);
-    before = state.uncertainty.q_bar_dot;
+    before = state.compensator.q_bar_dot;
     step(20, 4); /* the fifth: with that of the third */
     const double v0 = val(before.x);
-    ASSERT_NEAR(v0 + DT * (linear[2] - VISCOUS_X * v0) / MASS_X, val(state.uncertainty.q_bar_dot.x), 600.0);
+    ASSERT_NEAR(v0 + DT * (linear[2] - VISCOUS_X * v0) / MASS_X, val(state.compensator.q_bar_dot.x), 600.0);
 }
 
 static void test_reference_model_as_printed_sees_the_friction_term(void)
 {
-    cfg.uncertainty.whole_input = true;
+    cfg.compensator.whole_input = true;
     step(20, 4);
     step(20, 4);
-    const double whole = val(out.asmc.u_linear.x) + val(out.asmc.u_friction.x);
+    const double whole = val(out.smc.u_linear.x) + val(out.smc.u_friction.x);
     ASSERT_NEAR(whole, val(asked()->model.x), 700.0);
-    cfg.uncertainty.whole_input = false;
+    cfg.compensator.whole_input = false;
     step(20, 4);
-    ASSERT_NEAR(val(out.asmc.u_linear.x), val(asked()->model.x), 700.0);
+    ASSERT_NEAR(val(out.smc.u_linear.x), val(asked()->model.x), 700.0);
 }
 
 static void test_reference_model_sees_the_switching_offset(void)
@@ -248,7 +251,7 @@ static void test_reference_model_sees_the_switching_offset(void)
     run(CONTROLLER_TRACK, 100);
     run(CONTROLLER_CCU, 3);
     TEST_ASSERT_TRUE(fabs(val(state.offset.x)) > 0.1);
-    ASSERT_NEAR(val(out.asmc.u_linear.x) + val(state.offset.x), val(asked()->model.x), 600.0);
+    ASSERT_NEAR(val(out.smc.u_linear.x) + val(state.offset.x), val(asked()->model.x), 600.0);
 }
 
 static void test_reference_model_sees_that_the_force_is_limited(void)
@@ -258,33 +261,33 @@ static void test_reference_model_sees_that_the_force_is_limited(void)
         step(-30, 10);
     }
     TEST_ASSERT_TRUE(out.saturated);
-    const double kept = val(out.force.x) - val(out.asmc.u_friction.x) - val(out.uncertainty.u.x);
+    const double kept = val(out.force.x) - val(out.smc.u_friction.x) - val(out.compensator.u.x);
     ASSERT_NEAR(kept, val(asked()->model.x), 600.0);
 }
 
 static void test_cc_has_no_compensation_and_ccu_has(void)
 {
     run(CONTROLLER_CC, 50);
-    vec2 u = v2_add(out.asmc.u_linear, out.asmc.u_friction);
+    vec2 u = v2_add(out.smc.u_linear, out.smc.u_friction);
     ASSERT_NEAR(val(u.x), val(out.force.x), 600.0);
     setUp();
     run(CONTROLLER_CCU, 50);
-    u = v2_add(v2_add(out.asmc.u_linear, out.asmc.u_friction), out.uncertainty.u);
+    u = v2_add(v2_add(out.smc.u_linear, out.smc.u_friction), out.compensator.u);
     ASSERT_NEAR(val(u.x), val(out.force.x), 600.0);
     ASSERT_NEAR(val(u.y), val(out.force.y), 600.0);
-    TEST_ASSERT_TRUE(fabs(val(out.uncertainty.u.x)) > 0.1);
+    TEST_ASSERT_TRUE(fabs(val(out.compensator.u.x)) > 0.1);
 }
 
 /* Friction learned too fast to overlook: 1 % of the compensation a period */
 static void learn_quickly(void)
 {
-    cfg.learning.friction_rate = mk(0.5);
-    cfg.learning.mass_rate = mk(0.5);
+    cfg.feedforward.friction_rate = mk(0.5);
+    cfg.feedforward.mass_rate = mk(0.5);
 }
 
 static bool learned_nothing(void)
 {
-    const double friction = acc_val(state.learning.friction[0]), mass = acc_val(state.learning.mass[0]);
+    const double friction = acc_val(state.feedforward.friction[0]), mass = acc_val(state.feedforward.mass[0]);
     return !(friction < 0 || 0 < friction || mass < 0 || 0 < mass);
 }
 
@@ -298,7 +301,7 @@ static void test_only_ccu_learns_and_only_ccu_uses_what_is_learned(void)
         TEST_ASSERT_EQUAL(c != CONTROLLER_CCU, learned_nothing());
         const double x = val(out.force.x);
         setUp();
-        state.learning.friction[0] = acc_from(mk(10));
+        state.feedforward.friction[0] = acc_from(mk(10));
         run((enum controller)c, 20);
         const double shift = val(out.force.x) - x;
         TEST_ASSERT_EQUAL(c == CONTROLLER_CCU, shift > 1 || shift < -1);
@@ -307,19 +310,20 @@ static void test_only_ccu_learns_and_only_ccu_uses_what_is_learned(void)
 
 static void test_what_is_learned_is_added_to_the_force_and_is_no_part_of_the_models_input(void)
 {
-    state.learning.friction[0] = acc_from(mk(10));
-    state.learning.friction[1] = acc_from(mk(-10));
-    state.learning.mass[0] = acc_from(mk(0.5));
-    state.learning.mass[1] = acc_from(mk(0.25));
+    state.feedforward.friction[0] = acc_from(mk(10));
+    state.feedforward.friction[1] = acc_from(mk(-10));
+    state.feedforward.mass[0] = acc_from(mk(0.5));
+    state.feedforward.mass[1] = acc_from(mk(0.25));
     step(20, 4);
-    const vec2 learned =
-        learning_force(&state.learning, asmc_direction(cfg.asmc.friction_speed, out.contour.r_dot), out.contour.r_ddot);
-    ASSERT_NEAR(val(out.asmc.u_linear.x) + val(out.uncertainty.u.x), val(asked()->moving.x), 1000);
-    ASSERT_NEAR(val(out.asmc.u_linear.y) + val(out.uncertainty.u.y), val(asked()->moving.y), 1000);
-    ASSERT_NEAR(val(out.asmc.u_linear.x) + val(out.asmc.u_friction.x) + val(out.uncertainty.u.x) + val(learned.x),
+    const vec2 feedforward_state = feedforward_force(
+        &state.feedforward, smc_direction(cfg.smc.friction_speed, out.contour.r_dot), out.contour.r_ddot);
+    ASSERT_NEAR(val(out.smc.u_linear.x) + val(out.compensator.u.x), val(asked()->moving.x), 1000);
+    ASSERT_NEAR(val(out.smc.u_linear.y) + val(out.compensator.u.y), val(asked()->moving.y), 1000);
+    ASSERT_NEAR(val(out.smc.u_linear.x) + val(out.smc.u_friction.x) + val(out.compensator.u.x) +
+                    val(feedforward_state.x),
                 val(out.force.x), 1000);
-    ASSERT_NEAR(val(out.asmc.u_linear.x), val(asked()->model.x), 1000);
-    ASSERT_NEAR(val(out.asmc.u_linear.y), val(asked()->model.y), 1000);
+    ASSERT_NEAR(val(out.smc.u_linear.x), val(asked()->model.x), 1000);
+    ASSERT_NEAR(val(out.smc.u_linear.y), val(asked()->model.y), 1000);
 }
 
 static void test_a_limited_force_teaches_nothing(void)
@@ -327,23 +331,23 @@ static void test_a_limited_force_teaches_nothing(void)
     learn_quickly();
     cfg.plant.force_max = mk2(1, 1);
     step(20, 4); /* what the period before had is not known to be limited */
-    const struct learning_state before = state.learning;
+    const struct feedforward_state before = state.feedforward;
     run(CONTROLLER_CCU, 20);
     TEST_ASSERT_TRUE(out.saturated);
-    TEST_ASSERT_EQUAL_DOUBLE(acc_val(before.friction[0]), acc_val(state.learning.friction[0]));
-    TEST_ASSERT_EQUAL_DOUBLE(acc_val(before.mass[1]), acc_val(state.learning.mass[1]));
+    TEST_ASSERT_EQUAL_DOUBLE(acc_val(before.friction[0]), acc_val(state.feedforward.friction[0]));
+    TEST_ASSERT_EQUAL_DOUBLE(acc_val(before.mass[1]), acc_val(state.feedforward.mass[1]));
 }
 
 static void test_what_is_learned_outlasts_a_change_of_controller_and_a_loss_of_power(void)
 {
     learn_quickly();
     run(CONTROLLER_CCU, 20);
-    const double learned = acc_val(state.learning.friction[0]);
+    const double feedforward_state = acc_val(state.feedforward.friction[0]);
     run(CONTROLLER_CASCADE, 5);
     in.enabled[0] = in.enabled[1] = false;
     run(CONTROLLER_CCU, 5);
     TEST_ASSERT_FALSE(learned_nothing());
-    TEST_ASSERT_EQUAL_DOUBLE(learned, acc_val(state.learning.friction[0]));
+    TEST_ASSERT_EQUAL_DOUBLE(feedforward_state, acc_val(state.feedforward.friction[0]));
     servo_reset(&cfg, &state, in.measured);
     TEST_ASSERT_TRUE(learned_nothing());
 }
@@ -354,10 +358,10 @@ static void test_track_works_on_the_tracking_error_in_the_axis_frame(void)
     const struct contour_out *c = &out.contour;
     const double a = 1 + 6 * 0.006 / cosh(1e-3 * val(c->e_w.x));
     const double s = a * val(c->e_w.x) + val(c->e_w_dot.x);
-    ASSERT_NEAR(s, val(out.asmc.s_bar.x), 600.0);
+    ASSERT_NEAR(s, val(out.smc.s_bar.x), 600.0);
     /* B e is below 1e-5 at 20 um */
     const double acceleration = val(c->r_ddot.x) - a * val(c->e_w_dot.x) - 0.5 * s;
-    ASSERT_NEAR(MASS_X * acceleration + VISCOUS_X * val(out.velocity.x), val(out.asmc.u_linear.x), 600.0);
+    ASSERT_NEAR(MASS_X * acceleration + VISCOUS_X * val(out.velocity.x), val(out.smc.u_linear.x), 600.0);
 }
 
 static void test_cc_works_on_the_error_at_the_foot_point(void)
@@ -365,7 +369,7 @@ static void test_cc_works_on_the_error_at_the_foot_point(void)
     run(CONTROLLER_CC, 1);
     const struct contour_out *c = &out.contour;
     const double a = 1 + 6 * 0.006 / cosh(1e-3 * val(c->e_n.y));
-    ASSERT_NEAR(a * val(c->e_n.y) + val(c->e_n_dot.y), val(out.asmc.s_bar.y), 600.0);
+    ASSERT_NEAR(a * val(c->e_n.y) + val(c->e_n_dot.y), val(out.smc.s_bar.y), 600.0);
     TEST_ASSERT_DOUBLE_WITHIN(2e-3, -4, val(c->e_n.y)); /* 4 um outside an anticlockwise circle: to the right */
 }
 
@@ -388,22 +392,22 @@ static void test_velocity_is_that_of_the_encoders(void)
 
 static void test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_turns(void)
 {
-    cfg.asmc.zeta = cfg.asmc.k_max; /* (16) is its constant rate */
-    cfg.uncertainty.law_printed = true;
+    cfg.smc.zeta = cfg.smc.k_max; /* (16) is its constant rate */
+    cfg.compensator.law_printed = true;
     servo_reset(&cfg, &state, in.measured);
-    double k[2] = {val(cfg.asmc.k_0), val(cfg.asmc.k_0)}, mu[2] = {0, 0};
+    double k[2] = {val(cfg.smc.k_0), val(cfg.smc.k_0)}, mu[2] = {0, 0};
     for (int i = 1; i <= 8; i++) {
         step(20, 4);
         for (int axis = 0; axis < 2; axis++) {
             const bool turn = i % 4 == axis;
-            const double s = axis == 0 ? val(out.uncertainty.s.x) : val(out.uncertainty.s.y);
-            k[axis] += turn ? val(cfg.asmc.zeta_rate) / ACC_GAIN * 4 * DT : 0;
-            mu[axis] += turn ? val(cfg.uncertainty.rho) / ACC_GAIN * fabs(s) * 4 * DT : 0;
-            TEST_ASSERT_DOUBLE_WITHIN(1e-6, k[axis], acc_val(state.asmc.k_hat[axis]));
-            TEST_ASSERT_DOUBLE_WITHIN(1e-6, mu[axis], acc_val(state.uncertainty.mu[axis]));
+            const double s = axis == 0 ? val(out.compensator.s.x) : val(out.compensator.s.y);
+            k[axis] += turn ? val(cfg.smc.zeta_rate) / ACC_GAIN * 4 * DT : 0;
+            mu[axis] += turn ? val(cfg.compensator.rho) / ACC_GAIN * fabs(s) * 4 * DT : 0;
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, k[axis], acc_val(state.smc.k_hat[axis]));
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, mu[axis], acc_val(state.compensator.mu[axis]));
         }
     }
-    TEST_ASSERT_TRUE(k[0] > val(cfg.asmc.k_0) && k[1] > val(cfg.asmc.k_0) && mu[0] > 0 && mu[1] > 0);
+    TEST_ASSERT_TRUE(k[0] > val(cfg.smc.k_0) && k[1] > val(cfg.smc.k_0) && mu[0] > 0 && mu[1] > 0);
 }
 
 static void test_energy_is_counted_for_both_axes(void)

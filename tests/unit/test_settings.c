@@ -19,7 +19,7 @@ static void power_on(void)
     count = 0;
     rig.hal.can_send = keep_frame;
     sim_flash_power_on(&rig.flash);
-    app_init(&rig.app, &rig.hal, 1);
+    device_init(&rig.device, &rig.hal, 1);
 }
 
 void setUp(void)
@@ -35,7 +35,7 @@ void tearDown(void)
 
 static unsigned node_id(void)
 {
-    return rig.app.node.config.node_id;
+    return rig.device.node.config.node_id;
 }
 
 static void lss(uint8_t command, uint8_t a, uint8_t b)
@@ -112,7 +112,7 @@ static void test_services_of_the_configuration_state_have_no_answer_before_it(vo
 
 static void test_identity_is_told_part_by_part(void)
 {
-    rig.app.od.identity.serial = 0x12345678;
+    rig.device.od.identity.serial = 0x12345678;
     lss(4, 1, 0);
     lss(0x5A, 0, 0);
     expect_response(0x5A, 0);
@@ -127,7 +127,7 @@ static void test_identity_is_told_part_by_part(void)
 static void test_only_the_whole_address_in_order_selects(void)
 {
     static const uint32_t own[] = {0, 1, 0x00010000, 77};
-    rig.app.od.identity.serial = 77;
+    rig.device.od.identity.serial = 77;
     for (unsigned wrong = 0; wrong < 4; wrong++) {
         for (unsigned part = 0; part < 4; part++) {
             lss_part((uint8_t)(0x40 + part), own[part] ^ (part == wrong ? 0x80u : 0u));
@@ -147,7 +147,7 @@ static void test_only_the_whole_address_in_order_selects(void)
 static void test_slave_in_the_ranges_identifies_itself(void)
 {
     static const uint32_t inside[] = {0, 1, 0x00010000, 0x00010000, 70, 80};
-    rig.app.od.identity.serial = 77;
+    rig.device.od.identity.serial = 77;
     for (unsigned step = 0; step < 6; step++) {
         lss_part((uint8_t)(0x46 + step), inside[step]);
         TEST_ASSERT_EQUAL_UINT(step == 5 ? 1 : 0, count);
@@ -174,9 +174,9 @@ static void test_new_node_id_acts_from_reset_communication_on(void)
     nmt(130, 1);
     TEST_ASSERT_EQUAL_UINT(9, node_id());
     TEST_ASSERT_TRUE(was_sent(0x709));
-    TEST_ASSERT_EQUAL_HEX32(0x89, rig.app.od.emcy_cob_id);
-    TEST_ASSERT_EQUAL_HEX32(0x589, rig.app.od.sdo_server.cob_id_response);
-    TEST_ASSERT_EQUAL_HEX32(0x40000189, rig.app.od.tpdo1.cob_id);
+    TEST_ASSERT_EQUAL_HEX32(0x89, rig.device.od.emcy_cob_id);
+    TEST_ASSERT_EQUAL_HEX32(0x589, rig.device.od.sdo_server.cob_id_response);
+    TEST_ASSERT_EQUAL_HEX32(0x40000189, rig.device.od.tpdo1.cob_id);
     lss(0x5E, 0, 0);
     TEST_ASSERT_EQUAL_UINT(0, count); /* waiting state again */
 }
@@ -191,7 +191,7 @@ static void test_node_id_that_kontur_does_not_take_is_refused(void)
     }
     lss(0x11, 31, 0);
     expect_response(0x11, 0);
-    TEST_ASSERT_EQUAL_UINT8(31, rig.app.od.node.id);
+    TEST_ASSERT_EQUAL_UINT8(31, rig.device.od.node.id);
 }
 
 static void test_node_id_that_is_not_stored_is_gone_after_power_off(void)
@@ -212,7 +212,7 @@ static void test_stored_node_id_is_there_after_power_on_and_reset_and_nothing_el
     power_on();
     TEST_ASSERT_EQUAL_UINT(9, node_id());
     TEST_ASSERT_TRUE(was_sent(0x709));
-    TEST_ASSERT_EQUAL_UINT32(od_defaults.asmc.lambda, rig.app.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT32(od_defaults.smc.lambda, rig.device.od.smc.lambda);
     nmt(129, 9);
     TEST_ASSERT_EQUAL_UINT(9, node_id());
 }
@@ -246,7 +246,7 @@ static void test_node_without_id_says_nothing_but_by_lss(void)
     unconfigure();
     TEST_ASSERT_EQUAL_UINT(0, count);
     nmt(1, 0);
-    TEST_ASSERT_EQUAL(CO_INITIALISING, co_nmt_state(&rig.app.node));
+    TEST_ASSERT_EQUAL(CO_INITIALISING, co_nmt_state(&rig.device.node));
     const uint8_t upload[8] = {0x40, 0x00, 0x10};
     for (uint16_t id = 0x600; id < 0x700; id++) {
         rig_send(&rig, id, 8, upload);
@@ -275,7 +275,7 @@ static void test_node_without_id_boots_when_it_gets_one_and_leaves_the_configura
     lss(4, 0, 0);
     TEST_ASSERT_TRUE(was_sent(0x707));
     TEST_ASSERT_EQUAL_UINT(7, node_id());
-    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, co_nmt_state(&rig.app.node));
+    TEST_ASSERT_EQUAL(CO_PRE_OPERATIONAL, co_nmt_state(&rig.device.node));
 }
 
 static void test_node_without_id_boots_by_reset_when_it_has_got_one(void)
@@ -293,7 +293,7 @@ static void test_fastscan_finds_the_address_bit_by_bit(void)
 {
     static const uint32_t own[] = {0, 1, 0x00010000, 0xC0FFEE05};
     unconfigure();
-    rig.app.od.identity.serial = own[3];
+    rig.device.od.identity.serial = own[3];
     TEST_ASSERT_TRUE(scan(0, 128, 0, 0));
     for (uint8_t part = 0; part < 4; part++) {
         uint32_t found = 0;
@@ -329,7 +329,7 @@ static void test_bit_rate_by_its_table_and_only_what_the_port_can(void)
     lss(4, 1, 0);
     lss(0x13, 0, 4);
     expect_response(0x13, 0);
-    TEST_ASSERT_EQUAL_UINT16(125, rig.app.od.node.bitrate);
+    TEST_ASSERT_EQUAL_UINT16(125, rig.device.od.node.bitrate);
     lss(0x13, 0, 1); /* 800: the rig cannot */
     expect_response(0x13, 1);
     lss(0x13, 0, 5); /* reserved */
@@ -338,7 +338,7 @@ static void test_bit_rate_by_its_table_and_only_what_the_port_can(void)
     expect_response(0x13, 1);
     lss(0x13, 1, 0);
     expect_response(0x13, 1);
-    TEST_ASSERT_EQUAL_UINT16(125, rig.app.od.node.bitrate);
+    TEST_ASSERT_EQUAL_UINT16(125, rig.device.od.node.bitrate);
     TEST_ASSERT_EQUAL_UINT16(1000, rig.bitrate);
     nmt(130, 1);
     TEST_ASSERT_EQUAL_UINT16(125, rig.bitrate);
@@ -401,7 +401,7 @@ static void test_sub_indices_save_and_restore_their_part(void)
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1017, 0, 2, 70));
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, sub, 4, SAVE));
         power_on();
-        TEST_ASSERT_EQUAL_UINT32(sub != 2 ? 123456 : od_defaults.asmc.lambda, rig_read(&rig, 0x2110, 1));
+        TEST_ASSERT_EQUAL_UINT32(sub != 2 ? 123456 : od_defaults.smc.lambda, rig_read(&rig, 0x2110, 1));
         TEST_ASSERT_EQUAL_UINT32(sub != 3 ? 70 : od_defaults.heartbeat_producer, rig_read(&rig, 0x1017, 0));
     }
     for (uint8_t sub = 1; sub <= 3; sub++) {
@@ -412,7 +412,7 @@ static void test_sub_indices_save_and_restore_their_part(void)
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1011, sub, 4, LOAD));
         TEST_ASSERT_EQUAL_UINT32(123456, rig_read(&rig, 0x2110, 1)); /* until the next reset */
         power_on();
-        TEST_ASSERT_EQUAL_UINT32(sub == 2 ? 123456 : od_defaults.asmc.lambda, rig_read(&rig, 0x2110, 1));
+        TEST_ASSERT_EQUAL_UINT32(sub == 2 ? 123456 : od_defaults.smc.lambda, rig_read(&rig, 0x2110, 1));
         TEST_ASSERT_EQUAL_UINT32(sub == 3 ? 70 : od_defaults.heartbeat_producer, rig_read(&rig, 0x1017, 0));
     }
 }
@@ -425,7 +425,7 @@ static void test_restored_defaults_act_at_the_next_reset_and_leave_the_node_id(v
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1011, 1, 4, LOAD));
     nmt(129, 0);
     TEST_ASSERT_EQUAL_UINT(4, node_id());
-    TEST_ASSERT_EQUAL_UINT32(od_defaults.asmc.lambda, rig.app.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT32(od_defaults.smc.lambda, rig.device.od.smc.lambda);
 }
 
 static void test_wrong_signature_power_and_a_failing_flash_have_their_abort_codes(void)
@@ -451,50 +451,50 @@ static void test_damaged_store_is_reported_the_drive_works_with_defaults_and_can
     nmt(129, 1);
     rig_ms(&rig, 1);
     TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0x5530));
-    TEST_ASSERT_EQUAL_HEX8(0x81, rig.app.od.error_register);
-    TEST_ASSERT_EQUAL_UINT32(od_defaults.asmc.lambda, rig.app.od.asmc.lambda);
+    TEST_ASSERT_EQUAL_HEX8(0x81, rig.device.od.error_register);
+    TEST_ASSERT_EQUAL_UINT32(od_defaults.smc.lambda, rig.device.od.smc.lambda);
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
     rig_ms(&rig, 1);
-    TEST_ASSERT_EQUAL_HEX8(0, rig.app.od.error_register);
+    TEST_ASSERT_EQUAL_HEX8(0, rig.device.od.error_register);
     rig_enable(&rig);
     power_on();
     rig_ms(&rig, 1);
-    TEST_ASSERT_EQUAL_HEX8(0, rig.app.od.error_register);
+    TEST_ASSERT_EQUAL_HEX8(0, rig.device.od.error_register);
 }
 
 static void test_stored_parameters_that_do_not_fit_together_are_reported_and_not_used(void)
 {
-    rig.app.od.asmc.k_bar = od_defaults.asmc.k_bar * 100; /* with e_max as it is, cosh overflows */
-    rig.app.od.node.id = 3;
+    rig.device.od.smc.k_bar = od_defaults.smc.k_bar * 100; /* with e_max as it is, cosh overflows */
+    rig.device.od.node.id = 3;
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
     rig.emcy_count = 0;
     power_on();
     rig_ms(&rig, 1);
     TEST_ASSERT_EQUAL_UINT(3, node_id());
-    TEST_ASSERT_EQUAL_HEX8(0x81, rig.app.od.error_register);
-    TEST_ASSERT_EQUAL_UINT32(od_defaults.asmc.k_bar, rig.app.od.asmc.k_bar);
+    TEST_ASSERT_EQUAL_HEX8(0x81, rig.device.od.error_register);
+    TEST_ASSERT_EQUAL_UINT32(od_defaults.smc.k_bar, rig.device.od.smc.k_bar);
 }
 
 static void test_warning_of_stored_parameters_that_do_not_fit_stays_until_they_are_replaced(void)
 {
-    rig.app.od.asmc.k_bar = od_defaults.asmc.k_bar * 100;
+    rig.device.od.smc.k_bar = od_defaults.smc.k_bar * 100;
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
     power_on();
     rig.flash.broken = true;
     TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_HARDWARE, rig_write(&rig, 0x1010, 1, 4, SAVE));
     rig_ms(&rig, 1);
-    TEST_ASSERT_EQUAL_HEX8(0x81, rig.app.od.error_register);
+    TEST_ASSERT_EQUAL_HEX8(0x81, rig.device.od.error_register);
     rig.flash.broken = false;
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
     rig_ms(&rig, 1);
-    TEST_ASSERT_EQUAL_HEX8(0, rig.app.od.error_register);
+    TEST_ASSERT_EQUAL_HEX8(0, rig.device.od.error_register);
 }
 
 static void expect_warning(bool warned)
 {
     for (int i = 0; i < 2; i++) {
         rig_ms(&rig, 1);
-        TEST_ASSERT_EQUAL_HEX8(warned ? 0x81 : 0, rig.app.od.error_register);
+        TEST_ASSERT_EQUAL_HEX8(warned ? 0x81 : 0, rig.device.od.error_register);
         power_on(); /* and from then on */
     }
 }
@@ -525,7 +525,7 @@ static void test_warning_of_the_store_ends_when_the_parameters_are_saved_or_rest
         if (i % 2 == 0) { /* damaged */
             rig.flash.word[0][0] = 0x12345678;
         } else { /* unfit */
-            rig.app.od.asmc.k_bar = od_defaults.asmc.k_bar * 100;
+            rig.device.od.smc.k_bar = od_defaults.smc.k_bar * 100;
             TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
         }
         power_on();
@@ -542,15 +542,15 @@ static void test_warning_of_the_store_ends_when_the_parameters_are_saved_or_rest
 static void test_stored_parameter_out_of_range_is_told_and_the_others_are_used(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x687D, 1, 4, -1234));
-    rig.app.od.asmc.gamma = UINT32_MAX; /* in range for another firmware */
+    rig.device.od.smc.gamma = UINT32_MAX; /* in range for another firmware */
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
     power_on();
     expect_warning(true);
-    TEST_ASSERT_EQUAL_UINT32(od_defaults.asmc.gamma, rig.app.od.asmc.gamma);
-    TEST_ASSERT_EQUAL_INT32(-1234, rig.app.od.axis[1].position_limit.min);
+    TEST_ASSERT_EQUAL_UINT32(od_defaults.smc.gamma, rig.device.od.smc.gamma);
+    TEST_ASSERT_EQUAL_INT32(-1234, rig.device.od.axis[1].position_limit.min);
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 3, 4, SAVE));
     expect_warning(false);
-    TEST_ASSERT_EQUAL_INT32(-1234, rig.app.od.axis[1].position_limit.min);
+    TEST_ASSERT_EQUAL_INT32(-1234, rig.device.od.axis[1].position_limit.min);
 }
 
 /* ... of the node and of communication, too, until what is out of range is replaced. */
@@ -560,18 +560,18 @@ static void test_stored_place_on_the_bus_out_of_range_is_told_until_it_is_replac
     for (unsigned i = 0; i < CASES; i++) {
         setUp();
         if (i == ID) {
-            rig.app.od.node.id = 99;
+            rig.device.od.node.id = 99;
         } else if (i == BIT_RATE) {
-            rig.app.od.node.bitrate = 2000;
+            rig.device.od.node.bitrate = 2000;
         } else {
-            rig.app.od.error_behaviour.communication = 9;
+            rig.device.od.error_behaviour.communication = 9;
         }
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
         power_on();
         expect_warning(true);
         TEST_ASSERT_EQUAL_UINT(1, node_id());
-        TEST_ASSERT_EQUAL_UINT(od_defaults.node.bitrate, rig.app.od.node.bitrate);
-        TEST_ASSERT_EQUAL_UINT(od_defaults.error_behaviour.communication, rig.app.od.error_behaviour.communication);
+        TEST_ASSERT_EQUAL_UINT(od_defaults.node.bitrate, rig.device.od.node.bitrate);
+        TEST_ASSERT_EQUAL_UINT(od_defaults.error_behaviour.communication, rig.device.od.error_behaviour.communication);
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, i == COMMUNICATION ? 3 : 2, 4, SAVE));
         expect_warning(true);
         store_the_rest(i == COMMUNICATION ? 1 : 2);

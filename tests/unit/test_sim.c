@@ -3,10 +3,10 @@
 #include <math.h>
 #include <string.h>
 
-#include <stdbool.h>
-#include "kontur_sim.h"
+#include "sim/kontur_sim.h"
 #include "test_drive_rig.h"
 #include "unity.h"
+#include <stdbool.h>
 
 static struct ks_machine machine;
 

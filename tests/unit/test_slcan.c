@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "slcan.h"
+#include "port/slcan.h"
 #include "unity.h"
 
 enum { FRAMES = 8 };
@@ -79,8 +79,10 @@ static void test_remote_frame_has_a_length_and_no_data(void)
 static void test_bad_frames_are_refused_and_counted(void)
 {
     const char *const bad[] = {
-        "t\r", "t123\r", "t8000\r", "t1239000000000000000000\r", "t12g0\r", "t1231\r", "t1231A\r", "t1231AG\r",
-        "t1231A5 \r", "t1231A5B\r", "T000001230\r", "R000001230\r", "t12310\t0\r", "rFFFF\r",
+        "t\r",         "t123\r",     "t8000\r",      "t1239000000000000000000\r",
+        "t12g0\r",     "t1231\r",    "t1231A\r",     "t1231AG\r",
+        "t1231A5 \r",  "t1231A5B\r", "T000001230\r", "R000001230\r",
+        "t12310\t0\r", "rFFFF\r",
     };
     for (unsigned i = 0; i < sizeof bad / sizeof *bad; i++) {
         answered(bad[i], "\a");
@@ -193,8 +195,8 @@ static void test_overlong_line_is_refused_as_a_whole(void)
 /* Every line gets one answer or is a valid frame; the next good line is understood. */
 static void test_random_bytes_are_survived(void)
 {
-    static const char *const lines[] = {"t1232A5B4\r", "r7011\r", "O\r", "C\r", "L\r",
-                                        "T000001230\r", "Z1\r", "F\r", "\r\n"};
+    static const char *const lines[] = {"t1232A5B4\r",  "r7011\r", "O\r", "C\r", "L\r",
+                                        "T000001230\r", "Z1\r",    "F\r", "\r\n"};
     uint32_t seed = 12345;
     unsigned taken = 0;
     const char *at = "";

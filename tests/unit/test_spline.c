@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "spline.h"
+#include "core/spline.h"
 
 #include "nominal.h"
 #include "unity.h"
@@ -11,7 +11,9 @@ void setUp(void)
     ring.count = 0;
     ring.start = (struct knot){{0, 0}};
 }
-void tearDown(void) {}
+void tearDown(void)
+{
+}
 
 static struct spline_point at(double knots)
 {
@@ -72,8 +74,10 @@ static void test_derivatives_are_those_of_the_position_by_finite_differences(voi
         const double dt = 2 * h * 0.2;
         /* differences: error h^2/6 r''' <= (0.002)^2/6 * 500 (0.125)^2, and two positions of 1e-5 um rounding;
          * in fixed point half a step of u times 100 um a knot, and 15 and 50 roundings of each derivative */
-        TEST_ASSERT_DOUBLE_WITHIN(0.01 + HALF_STEPS(220) / dt, (um_of(after.pos[0]) - um_of(before.pos[0])) / dt, val(p.d1.x));
-        TEST_ASSERT_DOUBLE_WITHIN(0.01 + HALF_STEPS(220) / dt, (um_of(after.pos[1]) - um_of(before.pos[1])) / dt, val(p.d1.y));
+        TEST_ASSERT_DOUBLE_WITHIN(0.01 + HALF_STEPS(220) / dt, (um_of(after.pos[0]) - um_of(before.pos[0])) / dt,
+                                  val(p.d1.x));
+        TEST_ASSERT_DOUBLE_WITHIN(0.01 + HALF_STEPS(220) / dt, (um_of(after.pos[1]) - um_of(before.pos[1])) / dt,
+                                  val(p.d1.y));
         TEST_ASSERT_DOUBLE_WITHIN(0.05 + HALF_STEPS(30) / dt, (val(after.d1.x) - val(before.d1.x)) / dt, val(p.d2.x));
         TEST_ASSERT_DOUBLE_WITHIN(0.01 + HALF_STEPS(100) / dt, (val(after.d2.y) - val(before.d2.y)) / dt, val(p.d3.y));
     }
@@ -169,9 +173,10 @@ static void test_control_periods_of_10_and_20_khz_are_whole_numbers_of_path_time
 
 static void test_knots_passed_are_those_of_a_division_however_long_the_path(void)
 {
-    static const path_t whole[] = {0, 1, 4, 5, 858993458, 858993459, 858993460, 1717986917, 1717986918, 1717986919, 3435973835};
+    static const path_time_t whole[] = {0,         1,          4,          5,          858993458, 858993459,
+                                        858993460, 1717986917, 1717986918, 1717986919, 3435973835};
     for (unsigned i = 0; i < sizeof whole / sizeof whole[0]; i++) {
-        for (path_t part = 0; part < PATH_ONE; part += PATH_ONE - 1) {
+        for (path_time_t part = 0; part < PATH_ONE; part += PATH_ONE - 1) {
             uint32_t rest = 0;
             TEST_ASSERT_EQUAL_UINT32(whole[i], path_knots(whole[i] * PATH_ONE + part, &rest));
             TEST_ASSERT_EQUAL_UINT32(part, rest);

@@ -31,13 +31,13 @@ static void set_up(struct od_data *to, uint32_t i)
 {
     to->heartbeat_producer = (uint16_t)(100 + i);
     to->heartbeat_consumer[0] = 1000 + i;
-    to->asmc.lambda = 100000 + i;
+    to->smc.lambda = 100000 + i;
     to->axis[AXIS_Y].position_limit.min = -1000000 - (int32_t)i;
 }
 
 static bool is_set(const struct od_data *d, uint32_t i)
 {
-    return d->heartbeat_producer == 100 + i && d->heartbeat_consumer[0] == 1000 + i && d->asmc.lambda == 100000 + i &&
+    return d->heartbeat_producer == 100 + i && d->heartbeat_consumer[0] == 1000 + i && d->smc.lambda == 100000 + i &&
            d->axis[AXIS_Y].position_limit.min == -1000000 - (int32_t)i;
 }
 
@@ -110,7 +110,7 @@ static void test_areas_are_taken_kept_and_left_out_each_for_itself(void)
     TEST_ASSERT_TRUE(store_write(&store, &od, NODE, 0, STORE_APPLICATION | STORE_NODE));
     power_on();
     TEST_ASSERT_EQUAL_UINT16(100, od.heartbeat_producer);
-    TEST_ASSERT_EQUAL_UINT32(100001, od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT32(100001, od.smc.lambda);
     TEST_ASSERT_EQUAL_UINT8(9, od.node.id);
     TEST_ASSERT_TRUE(store_write(&store, &od, NODE, 0, 0));
     power_on();
@@ -124,7 +124,7 @@ static void test_only_the_areas_asked_for_are_loaded(void)
     od_init(&od, NODE);
     store_load(&store, &od, STORE_COMMUNICATION);
     TEST_ASSERT_EQUAL_UINT16(103, od.heartbeat_producer);
-    TEST_ASSERT_EQUAL_UINT32(od_defaults.asmc.lambda, od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT32(od_defaults.smc.lambda, od.smc.lambda);
 }
 
 static void test_identifier_at_its_default_follows_a_new_node_id_and_a_chosen_one_does_not(void)
@@ -173,20 +173,20 @@ static void make_set(uint32_t magic, const uint32_t *pairs, unsigned count)
 static void test_set_of_another_firmware_gives_what_is_known_and_in_range(void)
 {
     const uint32_t pairs[] = {
-        0x211001, 123456,              /* lambda */
-        0x5FFF01, 1,                   /* no such object */
-        0x211077, 1,                   /* no such sub-index */
-        0x211002, 0xFFFFFFFF,          /* gamma: too large */
-        0x101700, 0x10007,             /* heartbeat: of 16 bits here */
-        0x687D01, (uint32_t)-5000,     /* position limit of y */
-        0x604000, 0x0F,                /* controlword: not kept */
-        0x606400, 99,                  /* position: read only */
+        0x211001, 123456,          /* lambda */
+        0x5FFF01, 1,               /* no such object */
+        0x211077, 1,               /* no such sub-index */
+        0x211002, 0xFFFFFFFF,      /* gamma: too large */
+        0x101700, 0x10007,         /* heartbeat: of 16 bits here */
+        0x687D01, (uint32_t)-5000, /* position limit of y */
+        0x604000, 0x0F,            /* controlword: not kept */
+        0x606400, 99,              /* position: read only */
     };
     make_set(STORE_MAGIC, pairs, 8);
     power_on();
     struct od_data expected;
     od_init(&expected, NODE);
-    expected.asmc.lambda = 123456;
+    expected.smc.lambda = 123456;
     expected.axis[AXIS_Y].position_limit.min = -5000;
     TEST_ASSERT_EQUAL_MEMORY(&expected, &od, sizeof od);
     TEST_ASSERT_EQUAL_UINT32(77, store.sequence);
@@ -205,7 +205,7 @@ static void test_what_is_unknown_is_no_loss(void)
     make_set(STORE_MAGIC, pairs, 3);
     power_on();
     TEST_ASSERT_TRUE(store_load(&store, &od, ALL));
-    TEST_ASSERT_EQUAL_UINT32(123456, od.asmc.lambda);
+    TEST_ASSERT_EQUAL_UINT32(123456, od.smc.lambda);
 }
 
 static void test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_keeps_it(void)

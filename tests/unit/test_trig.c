@@ -1,13 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "trig.h"
+#include "core/trig.h"
 
 #include <math.h>
 
 #include "num_test.h"
 #include "unity.h"
 
-void setUp(void) {}
-void tearDown(void) {}
+void setUp(void)
+{
+}
+void tearDown(void)
+{
+}
 
 /* The header's promise. */
 #define PROMISE (NUM_FIXED ? 2e-5 : 1e-6)

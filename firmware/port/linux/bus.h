@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "kontur_sim.h"
+#include "sim/kontur_sim.h"
 
 enum { BUS_FDS = 2 };
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "can_errors.h"
+#include "port/linux/can_errors.h"
 
 #include <linux/can/error.h>
 #include <string.h>

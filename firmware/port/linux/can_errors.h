@@ -6,7 +6,7 @@
 #include <linux/can.h>
 #include <stdbool.h>
 
-#include "kontur_sim.h"
+#include "sim/kontur_sim.h"
 
 /* Bring *status up to date by an error frame (its id has CAN_ERR_FLAG). false: nothing changed. */
 bool can_errors_apply(const struct can_frame *frame, struct ks_can_status *status);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "library.h"
+#include "port/linux/library.h"
 
 #include <dlfcn.h>
 #include <limits.h>
@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "say.h"
+#include "port/linux/say.h"
 
 static void *find(void *handle, const char *name)
 {

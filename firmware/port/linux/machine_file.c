@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "machine_file.h"
+#include "port/linux/machine_file.h"
 
 #include <errno.h>
 #include <limits.h>
@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "say.h"
+#include "port/linux/say.h"
 
 enum { SCHEDULE_ROWS = 16, LINE_BYTES = 1024 };
 

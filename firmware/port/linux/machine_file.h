@@ -11,7 +11,7 @@
  */
 #ifndef KONTUR_MACHINE_FILE_H
 #define KONTUR_MACHINE_FILE_H
-#include "kontur_sim.h"
+#include "sim/kontur_sim.h"
 
 /* Ends the program with a message, of file and line, when there is no machine in it. Ranges are for ks_check(). */
 void machine_file_read(const char *path, struct ks_machine *machine);

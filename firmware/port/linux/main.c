@@ -16,11 +16,11 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "bus.h"
-#include "library.h"
-#include "machine_file.h"
-#include "pace.h"
-#include "say.h"
+#include "port/linux/bus.h"
+#include "port/linux/library.h"
+#include "port/linux/machine_file.h"
+#include "port/linux/pace.h"
+#include "port/linux/say.h"
 
 enum { SLICE_HZ = 1000, FRAMES_A_TURN = 256, NS_PER_MS = 1000000 };
 
@@ -73,8 +73,8 @@ static uint64_t whole_number(const char *name, const char *text, uint64_t least,
     errno = 0;
     const unsigned long long value = strtoull(text, &end, 10);
     if (*text < '0' || *text > '9' || *end != '\0' || errno != 0 || value < least || value > greatest) {
-        die("--%s %s: must be a whole number %llu..%llu", name, text,
-            (unsigned long long)least, (unsigned long long)greatest);
+        die("--%s %s: must be a whole number %llu..%llu", name, text, (unsigned long long)least,
+            (unsigned long long)greatest);
     }
     return value;
 }
@@ -83,12 +83,18 @@ static struct options parse(int argc, char **argv)
 {
     enum { MACHINE, CAN, TCP, PTY, PACE, SEED, NODE, NUM, STORE, RECORD, PARENT, HELP };
     static const struct option known[] = {
-        {"machine", required_argument, NULL, MACHINE}, {"can", required_argument, NULL, CAN},
-        {"slcan-tcp", required_argument, NULL, TCP},   {"slcan-pty", no_argument, NULL, PTY},
-        {"pace", required_argument, NULL, PACE},       {"seed", required_argument, NULL, SEED},
-        {"node", required_argument, NULL, NODE},       {"num", required_argument, NULL, NUM},
-        {"store", required_argument, NULL, STORE},     {"record", required_argument, NULL, RECORD},
-        {"with-parent", no_argument, NULL, PARENT},    {"help", no_argument, NULL, HELP},
+        {"machine", required_argument, NULL, MACHINE},
+        {"can", required_argument, NULL, CAN},
+        {"slcan-tcp", required_argument, NULL, TCP},
+        {"slcan-pty", no_argument, NULL, PTY},
+        {"pace", required_argument, NULL, PACE},
+        {"seed", required_argument, NULL, SEED},
+        {"node", required_argument, NULL, NODE},
+        {"num", required_argument, NULL, NUM},
+        {"store", required_argument, NULL, STORE},
+        {"record", required_argument, NULL, RECORD},
+        {"with-parent", no_argument, NULL, PARENT},
+        {"help", no_argument, NULL, HELP},
         {NULL, 0, NULL, 0},
     };
     struct options o = {.num = "f32", .seed = 1, .node = 1};

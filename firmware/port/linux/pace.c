@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "pace.h"
+#include "port/linux/pace.h"
 
 #define NS_PER_S 1000000000u
 #define NS_PER_MS 1000000u

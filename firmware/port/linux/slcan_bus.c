@@ -13,9 +13,9 @@
 #include <termios.h>
 #include <unistd.h>
 
-#include "bus.h"
-#include "say.h"
-#include "slcan.h"
+#include "port/linux/bus.h"
+#include "port/linux/say.h"
+#include "port/slcan.h"
 
 /* A second of telemetry. What a client leaves unread beyond that, and beyond the kernel's buffer, is lost to it. */
 enum { IN_BYTES = 4096, OUT_BYTES = 131072, SOCKET_BYTES = 131072 };

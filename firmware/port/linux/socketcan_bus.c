@@ -14,9 +14,9 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "bus.h"
-#include "can_errors.h"
-#include "say.h"
+#include "port/linux/bus.h"
+#include "port/linux/can_errors.h"
+#include "port/linux/say.h"
 
 enum { WAITING = 256, RECEIVE_BYTES = 1 << 20, RETRY_MS = 100 };
 

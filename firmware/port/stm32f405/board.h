@@ -3,7 +3,7 @@
  * means stands in board_kontur.h; another pinout is a copy of it, named in BOARD= of `make firmware`. */
 #ifndef KONTUR_BOARD_H
 #define KONTUR_BOARD_H
-#include "pins.h"
+#include "port/stm32f405/pins.h"
 
 /* A quadrature encoder at channels 1 and 2 of a timer. The index pulse is captured by another channel of the same
  * timer. */
@@ -31,7 +31,7 @@ struct board_axis {
 };
 
 #ifndef BOARD_HEADER
-#define BOARD_HEADER "board_kontur.h"
+#define BOARD_HEADER "port/stm32f405/board_kontur.h"
 #endif
 #include BOARD_HEADER
 #endif

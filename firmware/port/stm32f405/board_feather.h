@@ -29,17 +29,19 @@
 
 /* DAC: A0 (x), A1 (y) */
 #define BOARD_X                                                                                                        \
-    {                                                                                                                  \
-        .encoder = {TIM3, RCC_APB1ENR_TIM3, 0xFFFFu, PIN('C', 6), PIN('C', 7), PIN_NONE, 2, 3}, /* D6, D5 */           \
-        .limit_min = {PIN_NONE, true, PIN_PULL_UP}, .limit_max = {PIN_NONE, true, PIN_PULL_UP},                        \
-        .amplifier_fault = {PIN('C', 4), true, PIN_PULL_UP}, .enable = PIN('C', 3), /* A4, D11 */                      \
-        .pwm = PIN_NONE, .direction = PIN_NONE                                                                         \
-    }
+    {.encoder = {TIM3, RCC_APB1ENR_TIM3, 0xFFFFu, PIN('C', 6), PIN('C', 7), PIN_NONE, 2, 3}, /* D6, D5 */              \
+     .limit_min = {PIN_NONE, true, PIN_PULL_UP},                                                                       \
+     .limit_max = {PIN_NONE, true, PIN_PULL_UP},                                                                       \
+     .amplifier_fault = {PIN('C', 4), true, PIN_PULL_UP},                                                              \
+     .enable = PIN('C', 3), /* A4, D11 */                                                                              \
+     .pwm = PIN_NONE,                                                                                                  \
+     .direction = PIN_NONE}
 #define BOARD_Y                                                                                                        \
-    {                                                                                                                  \
-        .encoder = {TIM4, RCC_APB1ENR_TIM4, 0xFFFFu, PIN('B', 6), PIN('B', 7), PIN_NONE, 2, 3}, /* SCL, SDA */         \
-        .limit_min = {PIN_NONE, true, PIN_PULL_UP}, .limit_max = {PIN_NONE, true, PIN_PULL_UP},                        \
-        .amplifier_fault = {PIN('C', 5), true, PIN_PULL_UP}, .enable = PIN('C', 2), /* A5, D12 */                      \
-        .pwm = PIN_NONE, .direction = PIN_NONE                                                                         \
-    }
+    {.encoder = {TIM4, RCC_APB1ENR_TIM4, 0xFFFFu, PIN('B', 6), PIN('B', 7), PIN_NONE, 2, 3}, /* SCL, SDA */            \
+     .limit_min = {PIN_NONE, true, PIN_PULL_UP},                                                                       \
+     .limit_max = {PIN_NONE, true, PIN_PULL_UP},                                                                       \
+     .amplifier_fault = {PIN('C', 5), true, PIN_PULL_UP},                                                              \
+     .enable = PIN('C', 2), /* A5, D12 */                                                                              \
+     .pwm = PIN_NONE,                                                                                                  \
+     .direction = PIN_NONE}
 #endif

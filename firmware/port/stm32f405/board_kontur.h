@@ -32,17 +32,19 @@
 #define BOARD_STOP {PIN('C', 4), true, PIN_PULL_UP}
 
 #define BOARD_X                                                                                                        \
-    {                                                                                                                  \
-        .encoder = {TIM2, RCC_APB1ENR_TIM2, 0xFFFFFFFFu, PIN('A', 15), PIN('B', 3), PIN('B', 10), 1, 3},               \
-        .limit_min = {PIN('C', 0), true, PIN_PULL_UP}, .limit_max = {PIN('C', 1), true, PIN_PULL_UP},                  \
-        .amplifier_fault = {PIN('C', 5), true, PIN_PULL_UP}, .enable = PIN('B', 12), .pwm = PIN('C', 6),               \
-        .direction = PIN('B', 14)                                                                                      \
-    }
+    {.encoder = {TIM2, RCC_APB1ENR_TIM2, 0xFFFFFFFFu, PIN('A', 15), PIN('B', 3), PIN('B', 10), 1, 3},                  \
+     .limit_min = {PIN('C', 0), true, PIN_PULL_UP},                                                                    \
+     .limit_max = {PIN('C', 1), true, PIN_PULL_UP},                                                                    \
+     .amplifier_fault = {PIN('C', 5), true, PIN_PULL_UP},                                                              \
+     .enable = PIN('B', 12),                                                                                           \
+     .pwm = PIN('C', 6),                                                                                               \
+     .direction = PIN('B', 14)}
 #define BOARD_Y                                                                                                        \
-    {                                                                                                                  \
-        .encoder = {TIM5, RCC_APB1ENR_TIM5, 0xFFFFFFFFu, PIN('A', 0), PIN('A', 1), PIN('A', 2), 2, 3},                 \
-        .limit_min = {PIN('C', 2), true, PIN_PULL_UP}, .limit_max = {PIN('C', 3), true, PIN_PULL_UP},                  \
-        .amplifier_fault = {PIN('B', 1), true, PIN_PULL_UP}, .enable = PIN('C', 8), .pwm = PIN('C', 7),                \
-        .direction = PIN('B', 15)                                                                                      \
-    }
+    {.encoder = {TIM5, RCC_APB1ENR_TIM5, 0xFFFFFFFFu, PIN('A', 0), PIN('A', 1), PIN('A', 2), 2, 3},                    \
+     .limit_min = {PIN('C', 2), true, PIN_PULL_UP},                                                                    \
+     .limit_max = {PIN('C', 3), true, PIN_PULL_UP},                                                                    \
+     .amplifier_fault = {PIN('B', 1), true, PIN_PULL_UP},                                                              \
+     .enable = PIN('C', 8),                                                                                            \
+     .pwm = PIN('C', 7),                                                                                               \
+     .direction = PIN('B', 15)}
 #endif

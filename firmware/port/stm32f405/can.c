@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "can.h"
+#include "port/stm32f405/can.h"
 
 #include <stdatomic.h>
 
-#include "board.h"
-#include "clock.h"
-#include "cpu.h"
+#include "port/stm32f405/board.h"
+#include "port/stm32f405/clock.h"
+#include "port/stm32f405/cpu.h"
 
 enum { RX_ROOM = 64, TX_ROOM = 32, MAILBOXES = 3, POLLS = 100000 };
 

@@ -9,7 +9,7 @@
  */
 #ifndef KONTUR_CAN_H
 #define KONTUR_CAN_H
-#include "hal.h"
+#include "hal/hal.h"
 
 /* false: the controller does not answer (as in an emulator). Then frames to send are dropped and none comes. */
 bool can_init(uint16_t kbitps);

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "clock.h"
+#include "port/stm32f405/clock.h"
 
-#include "board.h"
-#include "cpu.h"
-#include "crash.h"
-#include "output.h"
+#include "port/stm32f405/board.h"
+#include "port/stm32f405/cpu.h"
+#include "port/stm32f405/crash.h"
+#include "port/stm32f405/output.h"
 
 _Static_assert(BOARD_HSE_MHZ >= 4 && BOARD_HSE_MHZ <= 26 && BOARD_HSE_MHZ % 2 == 0,
                "the PLL wants 2 MHz (RM0090 7.3.2)");

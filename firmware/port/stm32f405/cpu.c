@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "cpu.h"
+#include "port/stm32f405/cpu.h"
 
 static bool emulated;
 

@@ -5,7 +5,7 @@
 #define KONTUR_CPU_H
 #include <stdbool.h>
 
-#include "regs.h"
+#include "port/stm32f405/regs.h"
 
 /* Priorities, 0 first; the chip has the upper four bits (RM0090 12.1.1). The serial line has one byte of room and so
  * goes before the servo, for some 40 instructions a byte; bxCAN has room for three frames, 140 us, and waits. */

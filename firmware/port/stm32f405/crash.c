@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "crash.h"
+#include "port/stm32f405/crash.h"
 
 #include <string.h>
 
-#include "cpu.h"
-#include "output.h"
+#include "port/stm32f405/cpu.h"
+#include "port/stm32f405/output.h"
 
 enum { MAGIC = 0x4B43524D };
 enum { OLD, CRASHED, SUPPLY_FAILED }; /* how the run before this one has ended */
 
 /* Neither cleared nor loaded at start-up (kontur.ld). */
-struct record {
+struct ip_record {
     uint32_t magic;
     uint32_t end;
     struct hal_crash crash;
@@ -19,7 +19,7 @@ struct record {
 #ifdef __arm__
 __attribute__((section(".noinit")))
 #endif
-static struct record record;
+static struct ip_record record;
 
 #ifdef __arm__
 extern uint32_t kontur_stack_bottom[], kontur_stack_top[];
@@ -29,11 +29,11 @@ extern uint32_t kontur_stack_bottom[16];
 #endif
 
 /* Adler's sum: RAM without power comes up with anything, but not with this. */
-static uint32_t check(const struct record *r)
+static uint32_t check(const struct ip_record *r)
 {
     const uint8_t *byte = (const uint8_t *)r;
     uint32_t a = 1, b = 0;
-    for (size_t i = 0; i < offsetof(struct record, check); i++) {
+    for (size_t i = 0; i < offsetof(struct ip_record, check); i++) {
         a = (a + byte[i]) % 65521u;
         b = (b + a) % 65521u;
     }

@@ -4,7 +4,7 @@
  * interrupt that nobody expects ends here, too: the low bits of `psr` are its number. */
 #ifndef KONTUR_CRASH_H
 #define KONTUR_CRASH_H
-#include "hal.h"
+#include "hal/hal.h"
 
 /* At start-up, before anything writes RCC_CSR: why the processor has started, and the record. Once. */
 void crash_read(enum hal_reset *reset_cause, struct hal_crash *crash);

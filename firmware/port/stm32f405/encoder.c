@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "encoder.h"
+#include "port/stm32f405/encoder.h"
 
-#include "board.h"
-#include "cpu.h"
+#include "port/stm32f405/board.h"
+#include "port/stm32f405/cpu.h"
 
 enum { LINE = 4 };
 
 struct encoder {
     bool running; /* not in an emulator: QEMU's timers know no encoder mode and count time */
     bool invert;
-    bool paused; /* since the last read */
+    bool paused;     /* since the last read */
     bool index_seen; /* index_count is that of a pulse under this configuration */
     uint32_t index_counts, jump_counts;
     uint32_t last; /* the timer's counter at the last read */

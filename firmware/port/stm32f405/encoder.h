@@ -13,7 +13,7 @@
  */
 #ifndef KONTUR_ENCODER_H
 #define KONTUR_ENCODER_H
-#include "hal.h"
+#include "hal/hal.h"
 
 void encoder_init(void);
 /* Without power on an axis. */

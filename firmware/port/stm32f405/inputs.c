@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "inputs.h"
+#include "port/stm32f405/inputs.h"
 
-#include "board.h"
+#include "port/stm32f405/board.h"
 
 static const struct board_axis axes[AXES] = {BOARD_X, BOARD_Y};
 static const struct board_input stop = BOARD_STOP;

@@ -3,7 +3,7 @@
  * (0.3 ms at 10 kHz), which a bounce or a spike on the line is not. Servo interrupt: inputs_read(). */
 #ifndef KONTUR_INPUTS_H
 #define KONTUR_INPUTS_H
-#include "hal.h"
+#include "hal/hal.h"
 
 void inputs_init(void);
 /* Adds what is active to `inputs`. */

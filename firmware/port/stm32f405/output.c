@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "output.h"
+#include "port/stm32f405/output.h"
 
-#include "board.h"
-#include "cpu.h"
+#include "port/stm32f405/board.h"
+#include "port/stm32f405/cpu.h"
 
 enum { DAC_ZERO = 2048, PWM_STEPS = 4200 };
 enum { PWM_OFF = TIM_BDTR_OSSI | TIM_BDTR_OSSR, PWM_ON = PWM_OFF | TIM_BDTR_MOE }; /* off: driven low */

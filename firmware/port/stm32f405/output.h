@@ -8,7 +8,7 @@
  */
 #ifndef KONTUR_OUTPUT_H
 #define KONTUR_OUTPUT_H
-#include "hal.h"
+#include "hal/hal.h"
 
 /* Zero force, not enabled; DAC until told otherwise. */
 void output_init(void);

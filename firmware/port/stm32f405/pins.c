@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "pins.h"
+#include "port/stm32f405/pins.h"
 
 static void set_field(reg *r, unsigned position, unsigned width, uint32_t value)
 {

@@ -5,7 +5,7 @@
 #define KONTUR_PINS_H
 #include <stdbool.h>
 
-#include "regs.h"
+#include "port/stm32f405/regs.h"
 
 #define PIN(port, number) ((uint8_t)(((port) - 'A') << 4 | (number)))
 #define PIN_NONE 0xFFu

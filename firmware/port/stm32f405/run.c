@@ -1,22 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "run.h"
+#include "port/stm32f405/run.h"
 
 #include <stdatomic.h>
 
-#include "app.h"
-#include "board.h"
-#include "wire.h"
-#include "can.h"
-#include "clock.h"
-#include "cpu.h"
-#include "crash.h"
-#include "encoder.h"
-#include "sectors.h"
-#include "inputs.h"
-#include "output.h"
-#include "params.h"
-#include "supply.h"
-#include "watchdog.h"
+#include "device.h"
+#include "drive/configuration.h"
+#include "port/stm32f405/board.h"
+#include "port/stm32f405/can.h"
+#include "port/stm32f405/clock.h"
+#include "port/stm32f405/cpu.h"
+#include "port/stm32f405/crash.h"
+#include "port/stm32f405/encoder.h"
+#include "port/stm32f405/inputs.h"
+#include "port/stm32f405/output.h"
+#include "port/stm32f405/sectors.h"
+#include "port/stm32f405/supply.h"
+#include "port/stm32f405/watchdog.h"
+#include "port/stm32f405/wire.h"
 
 enum {
     NODE_ID = 1, /* until one is set (2001h, LSS) */
@@ -26,7 +26,7 @@ enum {
     TICK_US = 1000000 / CONTROL_HZ,
 };
 
-static struct app app;
+static struct device device;
 static enum hal_reset reset_cause;
 static struct hal_crash last_crash;
 static _Atomic uint32_t ticks;
@@ -62,10 +62,10 @@ static bool send(void *ctx, const struct can_frame *frame)
 /* Ticks up to the end of a millisecond, `most` at most; returns how many. */
 static unsigned tick_to_ms(unsigned most)
 {
-    const uint32_t published = atomic_load(&app.drive.loop.published);
+    const uint32_t published = atomic_load(&device.drive.loop.published);
     unsigned n = 0;
-    while (n < most && atomic_load(&app.drive.loop.published) == published) {
-        app_tick(&app);
+    while (n < most && atomic_load(&device.drive.loop.published) == published) {
+        device_tick(&device);
         n++;
     }
     return n;
@@ -88,17 +88,17 @@ static bool receive(void *ctx, struct can_frame *frame)
     if (pass_time() || !wire_receive(frame)) {
         return false;
     }
-    if (app.od.clock.pace != 0 && !frame->rtr && frame->id == (app.od.sync_cob_id & 0x7FFu)) {
-        owed_us += app.od.sync_period;
+    if (device.od.clock.pace != 0 && !frame->rtr && frame->id == (device.od.sync_cob_id & 0x7FFu)) {
+        owed_us += device.od.sync_period;
     }
     return true;
 }
 
 static void choose_pace(void)
 {
-    const uint8_t pace = cpu_emulated() ? app.od.pace_select : 0;
-    if (pace != app.od.clock.pace) {
-        app.od.clock.pace = pace;
+    const uint8_t pace = cpu_emulated() ? device.od.pace_select : 0;
+    if (pace != device.od.clock.pace) {
+        device.od.clock.pace = pace;
         owed_us = 0;
         if (pace != 0) {
             (void)tick_to_ms(CONTROL_HZ / 1000u); /* so that from now on each SYNC finds a whole millisecond */
@@ -141,8 +141,8 @@ static bool sector_write(void *ctx, unsigned sector, uint32_t offset, const void
 static void health(void *ctx, struct hal_health *h)
 {
     (void)ctx;
-    const bool ended_badly = reset_cause == HAL_RESET_WATCHDOG || reset_cause == HAL_RESET_CRASH ||
-                             reset_cause == HAL_RESET_BROWN_OUT;
+    const bool ended_badly =
+        reset_cause == HAL_RESET_WATCHDOG || reset_cause == HAL_RESET_CRASH || reset_cause == HAL_RESET_BROWN_OUT;
     *h = (struct hal_health){
         .bits = (uint8_t)((clock_degraded() ? HAL_CLOCK : 0) | (ended_badly ? HAL_RESET : 0)),
         .reset = reset_cause,
@@ -167,14 +167,14 @@ static const struct hal hal = {
 void tick_irq(void)
 {
     static unsigned late;
-    if (app.od.clock.pace == 0) {
-        app_tick(&app);
+    if (device.od.clock.pace == 0) {
+        device_tick(&device);
     }
     atomic_fetch_add(&ticks, 1u);
     /* the next one is due already; in an emulator the time is the host's, and says nothing */
     late = (SCB->ICSR & SCB_ICSR_PENDSTSET) != 0 && !cpu_emulated() ? late + 1u : 0u;
     if (late >= OVERRUNS_IN_A_ROW) {
-        loop_raise(&app.drive.loop, FAULT_OVERRUN); /* the next one cuts the power, and is short */
+        servo_loop_raise(&device.drive.loop, FAULT_OVERRUN); /* the next one cuts the power, and is short */
     }
 }
 
@@ -188,7 +188,7 @@ static void tick_start(void)
 
 static void show_life(void)
 {
-    pin_write(BOARD_LED, (app.ms & 512u) != 0);
+    pin_write(BOARD_LED, (device.ms & 512u) != 0);
 }
 
 void run_start(void)
@@ -205,17 +205,17 @@ void run_start(void)
     pin_setup(BOARD_LED, PIN_OUTPUT, PIN_FLOATING, 0);
     wire_init();
     (void)can_init(KBITPS);
-    app_init(&app, &hal, NODE_ID);
+    device_init(&device, &hal, NODE_ID);
     tick_start();
     watchdog_start();
 }
 
 void run_pass(void)
 {
-    app_poll(&app);
+    device_poll(&device);
     choose_pace();
     show_life();
-    watchdog_pass(atomic_load(&ticks), atomic_load(&app.drive.loop.published) - app.ms < BEHIND_MS);
+    watchdog_pass(atomic_load(&ticks), atomic_load(&device.drive.loop.published) - device.ms < BEHIND_MS);
     if (owed_us < TICK_US) {
         cpu_sleep();
     }

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "sectors.h"
+#include "port/stm32f405/sectors.h"
 
 #include <string.h>
 
-#include "cpu.h"
-#include "hal.h"
-#include "ram.h"
-#include "supply.h"
-#include "watchdog.h"
+#include "hal/hal.h"
+#include "port/stm32f405/cpu.h"
+#include "port/stm32f405/ram.h"
+#include "port/stm32f405/supply.h"
+#include "port/stm32f405/watchdog.h"
 
 enum { FIRST_SECTOR = 1 };
 #define ERRORS (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR)

@@ -2,14 +2,14 @@
 /* start.c: vector table and the way from reset to run_start() (DDI 0403E B1.5; RM0090 12, vector table). */
 #include <stdint.h>
 
-#include "board.h"
-#include "can.h"
-#include "clock.h"
-#include "cpu.h"
-#include "crash.h"
-#include "run.h"
-#include "supply.h"
-#include "uart.h"
+#include "port/stm32f405/board.h"
+#include "port/stm32f405/can.h"
+#include "port/stm32f405/clock.h"
+#include "port/stm32f405/cpu.h"
+#include "port/stm32f405/crash.h"
+#include "port/stm32f405/run.h"
+#include "port/stm32f405/supply.h"
+#include "port/stm32f405/uart.h"
 
 /* kontur.ld */
 extern uint32_t kontur_stack_top[], kontur_data[], kontur_data_end[], kontur_bss[], kontur_bss_end[];
@@ -44,14 +44,14 @@ struct vectors {
 };
 
 _Pragma("GCC diagnostic push") _Pragma("GCC diagnostic ignored \"-Woverride-init\"")
-__attribute__((section(".vectors"), used)) static const struct vectors vectors = {
-    .stack = kontur_stack_top,
-    .exception = {[0 ... 14] = crash_irq, [0] = reset_irq, [1] = clock_failed_irq, [14] = tick_irq},
-    .irq = {[0 ... IRQS - 1] = crash_irq,
-            [IRQ_PVD] = supply_irq,
-            [IRQ_CAN1_TX] = can_tx_irq,
-            [IRQ_CAN1_RX0] = can_rx_irq,
-            [IRQ_CAN1_SCE] = can_error_irq,
-            [BOARD_UART_IRQ] = uart_irq},
+    __attribute__((section(".vectors"), used)) static const struct vectors vectors = {
+        .stack = kontur_stack_top,
+        .exception = {[0 ... 14] = crash_irq, [0] = reset_irq, [1] = clock_failed_irq, [14] = tick_irq},
+        .irq = {[0 ... IRQS - 1] = crash_irq,
+                [IRQ_PVD] = supply_irq,
+                [IRQ_CAN1_TX] = can_tx_irq,
+                [IRQ_CAN1_RX0] = can_rx_irq,
+                [IRQ_CAN1_SCE] = can_error_irq,
+                [BOARD_UART_IRQ] = uart_irq},
 };
 _Pragma("GCC diagnostic pop")

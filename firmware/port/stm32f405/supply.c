@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "supply.h"
+#include "port/stm32f405/supply.h"
 
-#include "cpu.h"
-#include "crash.h"
+#include "port/stm32f405/cpu.h"
+#include "port/stm32f405/crash.h"
 
 enum { POLLS = 1680000 }; /* of 10 cycles or more */
 

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "uart.h"
+#include "port/stm32f405/uart.h"
 
 #include <stdatomic.h>
 
-#include "board.h"
-#include "cpu.h"
+#include "port/stm32f405/board.h"
+#include "port/stm32f405/cpu.h"
 
 enum { ROOM = 1024 }; /* 10 ms of the line at 1 Mbit/s */
 _Static_assert((ROOM & (ROOM - 1)) == 0, "positions count on and wrap");

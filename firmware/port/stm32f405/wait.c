@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "cpu.h"
+#include "port/stm32f405/cpu.h"
 
 bool wait_until(const reg *r, uint32_t mask, uint32_t value, uint32_t polls)
 {

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "watchdog.h"
+#include "port/stm32f405/watchdog.h"
 
-#include "cpu.h"
-#include "ram.h"
+#include "port/stm32f405/cpu.h"
+#include "port/stm32f405/ram.h"
 
 enum { DIVIDE_BY_16 = 2, PERIOD = 99 }; /* 32 kHz / 16 / 100 = 20 Hz */
 

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "wire.h"
+#include "port/stm32f405/wire.h"
 
-#include "can.h"
-#include "slcan.h"
-#include "uart.h"
+#include "port/slcan.h"
+#include "port/stm32f405/can.h"
+#include "port/stm32f405/uart.h"
 
 static struct slcan serial;
 

@@ -3,7 +3,7 @@
  * Never both, so that there is one master, one order of frames and one flow control. Background only. */
 #ifndef KONTUR_WIRE_H
 #define KONTUR_WIRE_H
-#include "hal.h"
+#include "hal/hal.h"
 
 void wire_init(void);
 bool wire_send(const struct can_frame *frame);

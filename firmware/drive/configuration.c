@@ -1,0 +1,162 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "drive/configuration.h"
+
+#include "core/trig.h"
+
+/* Core units: um, T0 = 5 ms, N. A value of u wire units of `factor` each is u * factor * core units per SI unit:
+ *   m/s    -> um/T0     5000        1/s    -> 1/T0      1/200      1/s2 -> 1/T0^2  1/40000
+ *   m/s2   -> um/T0^2   25          kg     -> N T0^2/um 1/25       N s/m -> N T0/um 1/5000 */
+static num milli_per_s(uint32_t u)
+{
+    return n_ratio(u, 200000);
+}
+
+static num nano_mps(uint32_t u)
+{
+    return n_ratio(u, 200000);
+}
+
+static num micro_mps2(uint32_t u)
+{
+    return n_ratio(u, 40000);
+}
+
+static num milli(uint32_t u)
+{
+    return n_ratio(u, 1000);
+}
+
+/* Steps of the velocity estimate grow with the length of a count and with the bandwidth to the power of two and more: for
+ * counts longer than ENCODER_FINE the bandwidth goes with the fourth root of their length. The coarser axis counts. */
+#define ENCODER_FINE 7629000 /* 76.29 nm in 10 fm */
+
+static num observer_bandwidth(const struct od_data *od)
+{
+    const uint32_t x = od->axis[0].plant.encoder;
+    const uint32_t y = od->axis[1].plant.encoder;
+    const uint32_t count = x > y ? x : y;
+    const num bandwidth = milli_per_s(od->observer.bandwidth);
+    return count <= ENCODER_FINE ? bandwidth : n_mul(bandwidth, n_sqrt(n_sqrt(n_ratio(ENCODER_FINE, count))));
+}
+
+static struct plant_cfg plant(const struct od_plant *x, const struct od_plant *y)
+{
+    const struct plant_cfg p = {
+        .mass = v2(n_ratio(x->mass, 25000), n_ratio(y->mass, 25000)),
+        .viscous = v2(n_ratio(x->viscous, 5000000), n_ratio(y->viscous, 5000000)),
+        .coulomb = v2(milli(x->coulomb), milli(y->coulomb)),
+        .force_max = v2(milli(x->force_limit), milli(y->force_limit)),
+    };
+    return p;
+}
+
+static struct energy_cfg energy(const struct od_motor *m, num sign_speed)
+{
+    const struct energy_cfg e = {
+        .force_constant = milli(m->force_constant),
+        .impedance = milli(m->impedance),
+        .back_emf = n_ratio(m->back_emf, 5000000),
+        .power_factor = milli(m->power_factor),
+        .sign_speed = sign_speed,
+        .dt_ms = n_ratio((int64_t)SERVO_TURNS * 1000, CONTROL_HZ),
+    };
+    return e;
+}
+
+bool configuration_fits(const struct od_data *od)
+{
+    const struct od_smc *a = &od->smc;
+    const struct od_compensator *u = &od->compensator;
+    const uint64_t damping_range = (uint64_t)a->k_bar * a->e_max; /* k_bar e_max in 1e-9 */
+    for (int i = 0; i < 2; i++) {
+        if (od->axis[i].position_limit.min > od->axis[i].position_limit.max) {
+            return false;
+        }
+    }
+    const struct od_onchip_plant *m = &od->onchip_plant;
+    return damping_range <= (uint64_t)TRIG_COSH_MAX * 1000000000u && a->k_0 <= a->k_max && u->mu_0 <= u->mu_max &&
+           m->viscous_x / CONTROL_HZ <= m->mass_x && m->viscous_y / CONTROL_HZ <= m->mass_y;
+}
+
+struct servo_cfg configuration_servo(const struct od_data *od)
+{
+    const struct od_smc *a = &od->smc;
+    const struct od_compensator *u = &od->compensator;
+    const struct od_cascade *c = &od->cascade;
+    const num friction_speed = nano_mps(od->contour.friction_speed);
+    const num dt = n_ratio(200, CONTROL_HZ);
+    /* exp(-dt / blend_time) to first order: dt / (dt + blend_time) is left out of the offset each period */
+    const uint32_t dt_us = 1000000u / CONTROL_HZ;
+    return (struct servo_cfg){
+        .dt = dt,
+        .blend = n_ratio(od->contour.blend_time, (int64_t)od->contour.blend_time + dt_us),
+        .plant = plant(&od->axis[0].plant, &od->axis[1].plant),
+        .observer = observer_design(observer_bandwidth(od), dt),
+        .contour = {.v_min = nano_mps(od->contour.v_min),
+                    .lag_max = n_ratio(od->contour.lag_max, 5000),
+                    .newton = od->contour.newton != 0},
+        .smc = {.lambda = milli_per_s(a->lambda),
+                .gamma = milli_per_s(a->gamma),
+                .beta = milli(a->beta),
+                .k_bar = n_ratio(a->k_bar, 1000000),
+                .e_max = milli(a->e_max),
+                .psi_printed = a->psi_printed != 0,
+                .k_0 = milli_per_s(a->k_0),
+                .k_max = milli_per_s(a->k_max),
+                .zeta = milli_per_s(a->zeta),
+                .zeta_rate = n_ratio((int64_t)a->zeta * ACC_GAIN, 40000000),
+                .xi = n_ratio((int64_t)a->xi * ACC_GAIN, 200000000000), /* milli/(m s) to 1/(um T0) */
+                .epsilon = nano_mps(a->epsilon),
+                .friction_speed = friction_speed},
+        .compensator = {.alpha = milli_per_s(u->alpha),
+                        .mu_0 = micro_mps2(u->mu_0),
+                        .mu_max = micro_mps2(u->mu_max),
+                        .rho = n_ratio((int64_t)u->rho * ACC_GAIN, 40000000),
+                        .phi = nano_mps(u->phi),
+                        .dead_zone = nano_mps(u->dead_zone),
+                        .law_printed = u->law_printed != 0,
+                        .whole_input = u->whole_input != 0},
+        .feedforward = {.friction_rate = milli_per_s(od->feedforward.friction_rate),
+                        .mass_rate = milli_per_s(od->feedforward.mass_rate),
+                        .acceleration = micro_mps2(od->feedforward.acceleration)},
+        .cascade = {.k_p = milli_per_s(c->position_gain),
+                    .k_v = milli_per_s(c->velocity_gain),
+                    .k_i = milli_per_s(c->integral_gain),
+                    .coupling = milli(c->coupling_gain),
+                    .integral_max = NUM(1000)},
+        .energy = {energy(&od->axis[0].motor, friction_speed), energy(&od->axis[1].motor, friction_speed)},
+    };
+}
+
+/* A length in nm in encoder counts of `length` 10 fm each: nearest */
+static int32_t counts(int32_t nm, uint32_t length)
+{
+    const int64_t half = nm < 0 ? -(int64_t)(length / 2) : (int64_t)(length / 2);
+    const int64_t n = ((int64_t)nm * 100000 + half) / (int64_t)length;
+    return n > INT32_MAX ? INT32_MAX : n < INT32_MIN ? INT32_MIN : (int32_t)n;
+}
+
+struct onchip_plant_cfg configuration_onchip_plant(const struct od_data *od)
+{
+    const struct od_onchip_plant *m = &od->onchip_plant;
+    const uint32_t length[2] = {od->axis[0].plant.encoder, od->axis[1].plant.encoder};
+    struct onchip_plant_cfg cfg = {
+        .simulated = m->simulated != 0,
+        .dt = n_ratio(200, CONTROL_HZ),
+        .seed = m->seed,
+        .axis = {{.mass = n_ratio(m->mass_x, 25000),
+                  .viscous = n_ratio(m->viscous_x, 5000000),
+                  .coulomb = milli(m->coulomb_x),
+                  .counts = n_ratio(100000000, length[0]),
+                  .noise = milli(m->noise_x),
+                  .start = counts(m->start_x, length[0])},
+                 {.mass = n_ratio(m->mass_y, 25000),
+                  .viscous = n_ratio(m->viscous_y, 5000000),
+                  .coulomb = milli(m->coulomb_y),
+                  .counts = n_ratio(100000000, length[1]),
+                  .noise = milli(m->noise_y),
+                  .start = counts(m->start_y, length[1])}},
+    };
+    machine_design(&cfg);
+    return cfg;
+}

@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* motion/ip_record.h: from the records of 60C1h, one each 1..20 ms, to knots, one a millisecond. Background only.
+ *
+ * Records are the control points of a uniform cubic B-spline over their own time, as knots are over a millisecond. The
+ * knots that make the same curve: each record m times, then three moving averages over m (Lane and Riesenfeld, 1980).
+ * In integers, rounded once: exact wherever the path rests.
+ */
+#ifndef KONTUR_RECORD_H
+#define KONTUR_RECORD_H
+#include "core/spline.h"
+#include "motion/moving_average.h"
+
+enum { RECORD_MS_MAX = 20 /* at most MOVING_AVERAGE_MAX */, RECORD_JITTER = 16 /* ms */ };
+
+struct ip_record {
+    uint8_t ms; /* m */
+    struct moving_average average[2][3];
+};
+
+/* At rest. ms: 1..RECORD_MS_MAX. */
+void record_start(struct ip_record *r, uint8_t ms, struct knot start);
+/* The next knot; each record is given `ms` times. */
+struct knot record_step(struct ip_record *r, struct knot record);
+#endif

@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* motion/path_clock.h: path time. Servo tick only.
+ *
+ * Path time s runs over the knots at rate sigma; slowing it stops both axes *on the curve*. sigma goes to where it is
+ * wanted, 1 or the feed override, without a step in its slope: a stop from rate 1 takes stop_time and half as many knots
+ * (slope 0 .. -4/3 .. 0 over stop_time), so does the way back. Whatever is wanted when, slope and its change are limited.
+ * sigma is only ever raised if a stop from there still ends within the knots that are there, unless the stream is
+ * complete: an underrun is a stop on the path by construction.
+ *
+ * Along the path at programmed speed v and acceleration a: sigma v, and sigma^2 a + v d sigma/dt, where
+ * |d sigma/dt| <= PATH_SLOPE_MAX / stop_time. At sigma = 1.2 the programmed acceleration counts 1.44 times, the jerk 1.73.
+ */
+#ifndef KONTUR_PATH_H
+#define KONTUR_PATH_H
+#include "core/contour.h"
+
+#define PATH_STOP_TIME_MAX 1000  /* ms: a stop from PATH_RATE_MAX needs 0.69 as many knots, which must fit the queue */
+#define PATH_RATE_MAX 1.2        /* feed override 120 % */
+#define PATH_SLOPE_MAX (4.0 / 3) /* of sigma, per stop_time */
+#define PATH_JERK_MAX (16.0 / 3) /* change of the slope, per stop_time squared */
+
+struct path_clock_in {
+    uint32_t count;   /* knots there */
+    bool complete;    /* no more will come: the path's own end is at rest */
+    num rate;         /* sigma to go to, 0..PATH_RATE_MAX; 0: slow down to a stop */
+    num stop_time;    /* knots (ms) from rate 1 to 0, 1..PATH_STOP_TIME_MAX */
+    path_time_t step; /* path time of one control period at rate 1 */
+};
+
+struct path_clock {
+    struct path_state at;  /* what contour_step() takes */
+    struct motion {        /* what a control period adds may be far below the resolution of a num */
+        acc_t rate, slope; /* sigma, and its change in a stop_time */
+    } motion;
+    uint32_t spare; /* while sigma is 1: knots from at.knot on with which it may surely stay so; else 0 */
+};
+
+enum path_clock_event {
+    PATH_NOTHING,
+    PATH_STANDS,   /* sigma = 0: stopped or not started */
+    PATH_STARVED,  /* held back for want of knots */
+    PATH_UNDERRUN, /* stands on its way for want of knots */
+    PATH_AT_END    /* the last knot of a complete stream has been reached */
+};
+
+void path_clock_reset(struct path_clock *p);
+/* One control period on. */
+enum path_clock_event path_clock_step(struct path_clock *p, const struct path_clock_in *in);
+/* The same where sigma is 1, is to stay so, and knots enough lie ahead, as mostly: then nothing else is to be found out
+ * (PATH_NOTHING). false: nothing is done. */
+static inline bool path_clock_run_on(struct path_clock *p, uint32_t count, bool complete, path_time_t step)
+{
+    if (p->spare == 0 || p->at.knot + (complete ? 2u : p->spare) >= count) {
+        return false;
+    }
+    p->at.count = count;
+    p->at.rest += (uint32_t)step;
+    if (p->at.rest >= (uint32_t)PATH_ONE) {
+        p->at.rest -= (uint32_t)PATH_ONE;
+        p->at.knot++;
+    }
+    return true;
+}
+/* Knots passed: those with an index <= s. */
+uint32_t path_clock_executed(const struct path_clock *p);
+#endif

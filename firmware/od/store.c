@@ -1,0 +1,223 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "od/store.h"
+
+#include <stddef.h>
+
+#define ERASED 0xFFFFFFFFu
+#define KIND 0xFF000000u /* of a pair's first word: 0, or STORE_END */
+#define LOST 0u          /* key of a set's first pair, and of no object: parameters were lost before, not replaced */
+
+enum { WORD = 4, PAIR = 8 };
+
+/* IEEE 802.3, four bits at a time */
+static uint32_t crc32(uint32_t crc, uint32_t word)
+{
+    static const uint32_t nibble[16] = {0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u,
+                                        0x4DB26158u, 0x5005713Cu, 0xEDB88320u, 0xF00F9344u, 0xD6D6A3E8u, 0xCB61B38Cu,
+                                        0x9B64C2B0u, 0x86D3D2D4u, 0xA00AE278u, 0xBDBDF21Cu};
+    crc ^= word;
+    for (int i = 0; i < 8; i++) {
+        crc = (crc >> 4) ^ nibble[crc & 15u];
+    }
+    return crc;
+}
+
+static uint32_t word_at(const struct hal *hal, unsigned sector, uint32_t offset)
+{
+    uint32_t word;
+    hal->flash_read(hal->ctx, sector, offset, &word, WORD);
+    return word;
+}
+
+static bool is_erased(const struct hal *hal, unsigned sector, uint32_t begin, uint32_t end)
+{
+    for (uint32_t at = begin; at < end; at += WORD) {
+        if (word_at(hal, sector, at) != ERASED) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Where the set that begins there ends; 0 when there is none, or none that is whole. */
+static uint32_t end_of_set(const struct hal *hal, unsigned sector, uint32_t begin)
+{
+    if (begin + 2 * PAIR > HAL_FLASH_BYTES || word_at(hal, sector, begin) != STORE_MAGIC) {
+        return 0;
+    }
+    const uint32_t sequence = word_at(hal, sector, begin + WORD);
+    if (sequence == ERASED) { /* nothing could be newer */
+        return 0;
+    }
+    uint32_t crc = crc32(crc32(ERASED, STORE_MAGIC), sequence);
+    uint32_t pairs = 0;
+    for (uint32_t at = begin + PAIR; at + PAIR <= HAL_FLASH_BYTES; at += PAIR, pairs++) {
+        const uint32_t key = word_at(hal, sector, at), value = word_at(hal, sector, at + WORD);
+        crc = crc32(crc, key);
+        if ((key & KIND) == STORE_END) {
+            return key == (STORE_END | pairs) && value == ~crc ? at + PAIR : 0;
+        }
+        if ((key & KIND) != 0) {
+            return 0;
+        }
+        crc = crc32(crc, value);
+    }
+    return 0;
+}
+
+void store_open(struct store *s, const struct hal *hal)
+{
+    *s = (struct store){.hal = hal};
+    for (unsigned sector = 0; sector < HAL_FLASH_SECTORS; sector++) {
+        uint32_t begin = 0, end;
+        while ((end = end_of_set(hal, sector, begin)) != 0) {
+            const uint32_t sequence = word_at(hal, sector, begin + WORD);
+            if (!s->found || sequence > s->sequence) {
+                s->found = true;
+                s->sector = (uint8_t)sector;
+                s->begin = begin;
+                s->end = end;
+                s->sequence = sequence;
+            }
+            begin = end;
+        }
+    }
+    s->damaged = s->found && word_at(hal, s->sector, s->begin + PAIR) == LOST;
+    for (unsigned sector = 0; sector < HAL_FLASH_SECTORS; sector++) {
+        s->damaged = s->damaged || (!s->found && !is_erased(hal, sector, 0, HAL_FLASH_BYTES));
+    }
+}
+
+/* 0: not kept */
+static unsigned area_of(const struct od_entry *entry)
+{
+    const unsigned both = OD_READ | OD_WRITE;
+    if ((entry->flags & both) != both || entry->index == 0x1003 || entry->index == 0x1010 || entry->index == 0x1011) {
+        return 0;
+    }
+    if (entry->index < 0x2000) {
+        return STORE_COMMUNICATION;
+    }
+    if (entry->index == 0x2001) {
+        return STORE_NODE;
+    }
+    return (entry->flags & OD_CONFIG) != 0 ? STORE_APPLICATION : 0;
+}
+
+/* The entry of a stored pair that is of `areas`, or NULL. */
+static const struct od_entry *entry_of(uint32_t key, unsigned areas)
+{
+    uint32_t abort = 0;
+    const struct od_entry *entry = od_find((uint16_t)(key >> 8), (uint8_t)key, &abort);
+    return entry != NULL && (area_of(entry) & areas) != 0 ? entry : NULL;
+}
+
+bool store_load(const struct store *s, struct od_data *od, unsigned areas)
+{
+    bool whole = true;
+    for (uint32_t at = s->begin + PAIR; s->found && at < s->end - PAIR; at += PAIR) {
+        const struct od_entry *entry = entry_of(word_at(s->hal, s->sector, at), areas);
+        const uint32_t raw = word_at(s->hal, s->sector, at + WORD);
+        if (entry == NULL) {
+            continue;
+        }
+        const uint8_t bytes[4] = {(uint8_t)raw, (uint8_t)(raw >> 8), (uint8_t)(raw >> 16), (uint8_t)(raw >> 24)};
+        const int64_t value = od_decode(entry, bytes);
+        const bool unconfigured = entry->index == 0x2001 && entry->sub == 1 && value == OD_UNCONFIGURED;
+        if ((uint32_t)value == raw && (unconfigured || od_check(entry, value) == SDO_OK)) {
+            od_write(od, entry, value);
+        } else {
+            whole = false;
+        }
+    }
+    return whole;
+}
+
+struct writer {
+    const struct hal *hal;
+    unsigned sector;
+    uint32_t at, crc, pairs;
+    bool ok;
+};
+
+static void write_pair(struct writer *w, uint32_t first, uint32_t second)
+{
+    const uint32_t pair[2] = {first, second};
+    w->ok = w->ok && w->at + PAIR <= HAL_FLASH_BYTES &&
+            w->hal->flash_write(w->hal->ctx, w->sector, w->at, pair, sizeof pair);
+    w->at += PAIR;
+    w->crc = crc32(crc32(w->crc, first), second);
+}
+
+static void write_value(struct writer *w, const struct od_entry *entry, uint32_t value)
+{
+    write_pair(w, (uint32_t)entry->index << 8 | entry->sub, value);
+    w->pairs++;
+}
+
+static void write_dictionary(struct writer *w, const struct od_data *od, uint8_t node_id, unsigned areas)
+{
+    for (uint16_t i = 0; i < od_table_len; i++) {
+        const struct od_entry *entry = &od_table[i];
+        if ((area_of(entry) & areas) == 0) {
+            continue;
+        }
+        const int64_t value = od_read(od, entry);
+        if ((entry->flags & OD_NODE_ID) == 0 || value != od_read(&od_defaults, entry) + node_id) {
+            write_value(w, entry, (uint32_t)value);
+        }
+    }
+}
+
+static void write_stored(struct writer *w, const struct store *s, unsigned areas)
+{
+    for (uint32_t at = s->begin + PAIR; s->found && at < s->end - PAIR; at += PAIR) {
+        const struct od_entry *entry = entry_of(word_at(s->hal, s->sector, at), areas);
+        if (entry != NULL) {
+            write_value(w, entry, word_at(s->hal, s->sector, at + WORD));
+        }
+    }
+}
+
+/* Bytes that a set can have. */
+static uint32_t largest_set(void)
+{
+    uint32_t bytes = 3 * PAIR; /* its frame, and LOST */
+    for (uint16_t i = 0; i < od_table_len; i++) {
+        bytes += area_of(&od_table[i]) != 0 ? PAIR : 0;
+    }
+    return bytes;
+}
+
+bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, unsigned take, unsigned keep)
+{
+    const struct hal *hal = s->hal;
+    const uint32_t room = largest_set();
+    struct writer w = {.hal = hal, .sector = s->sector, .at = s->end, .crc = ERASED, .ok = true};
+    if (!s->found || s->end + room > HAL_FLASH_BYTES || !is_erased(hal, s->sector, s->end, s->end + room)) {
+        /* never the sector with the newest set */
+        w.sector = s->found ? 1u - s->sector : 0u;
+        w.at = 0;
+        w.ok = hal->flash_erase(hal->ctx, w.sector);
+    }
+    const uint32_t begin = w.at, sequence = s->sequence + 1;
+    const bool damaged = s->damaged && (keep & STORE_APPLICATION) != 0;
+    write_pair(&w, STORE_MAGIC, sequence);
+    if (damaged) {
+        write_pair(&w, LOST, 0);
+        w.pairs++;
+    }
+    write_dictionary(&w, od, node_id, take);
+    write_stored(&w, s, keep);
+    write_pair(&w, STORE_END | w.pairs, ~crc32(w.crc, STORE_END | w.pairs));
+    if (!w.ok || end_of_set(hal, w.sector, begin) != w.at) {
+        return false;
+    }
+    s->found = true;
+    s->damaged = damaged;
+    s->sector = (uint8_t)w.sector;
+    s->begin = begin;
+    s->end = w.at;
+    s->sequence = sequence;
+    return true;
+}

@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "onchip/onchip_plant.h"
+
+#define UNIFORM NUM(1.7320508075688772) /* half the width of a uniform distribution of standard deviation 1 */
+
+void machine_design(struct onchip_plant_cfg *cfg)
+{
+    for (int i = 0; i < AXES; i++) {
+        struct machine_axis_cfg *a = &cfg->axis[i];
+        const num z = n_div(n_mul(a->viscous, cfg->dt), a->mass);
+        num phi_2 = NUM(1); /* Taylor series by Horner's rule: 1/2 (1 - z/3 (1 - z/4 (...))) */
+        for (int k = 10; k >= 2; k--) {
+            phi_2 = n_sub(NUM(1), n_mul(n_mul(z, n_ratio(1, k + 1)), phi_2));
+        }
+        phi_2 = n_mul(NUM(0.5), phi_2);
+        const num phi_1 = n_sub(NUM(1), n_mul(z, phi_2));
+        a->gain = n_mul(phi_1, cfg->dt);
+        a->share = n_div(phi_2, phi_1);
+    }
+}
+
+void onchip_plant_reset(const struct onchip_plant_cfg *cfg, struct onchip_plant *m)
+{
+    *m = (struct onchip_plant){.random = cfg->seed};
+    for (int i = 0; i < AXES; i++) {
+        m->axis[i].pos = (int64_t)cfg->axis[i].start * ((int64_t)1 << 32);
+    }
+}
+
+void onchip_plant_read(const struct onchip_plant *m, struct hal_drive_in *in)
+{
+    *in = (struct hal_drive_in){0};
+    for (int i = 0; i < AXES; i++) { /* the nearest count */
+        in->count[i] = (int32_t)((uint64_t)(m->axis[i].pos + ((int64_t)1 << 31)) >> 32);
+    }
+}
+
+static void axis_step(const struct machine_axis_cfg *c, struct machine_axis *a, num force, num dt)
+{
+    const num v = a->vel;
+    const bool stays = !n_lt(c->coulomb, n_abs(force)); /* once it stands */
+    const bool rests = !n_lt(v, NUM(0)) && !n_lt(NUM(0), v);
+    if (rests && stays) {
+        return;
+    }
+    const bool forward = n_lt(NUM(0), rests ? force : v);
+    const num against = forward ? n_neg(c->coulomb) : c->coulomb;
+    const num dv = n_mul(c->gain, n_div(n_sub(n_add(force, against), n_mul(c->viscous, v)), c->mass));
+    num dx = n_mul(dt, n_mad(v, c->share, dv));
+    num next = n_add(v, dv);
+    if (!rests && (forward ? n_lt(next, NUM(0)) : n_lt(NUM(0), next))) {
+        const num part = n_div(v, n_neg(dv)); /* of the period until v = 0 */
+        const num rest = n_sub(NUM(1), part);
+        next = stays ? NUM(0) : n_mul(n_mul(rest, c->gain), n_div(n_sub(force, against), c->mass));
+        dx = n_mul(n_mul(NUM(0.5), dt), n_mad(n_mul(part, v), rest, next));
+    }
+    a->vel = n_state(next);
+    a->pos += n_to_q32(n_mul(dx, c->counts));
+}
+
+void onchip_plant_step(const struct onchip_plant_cfg *cfg, struct onchip_plant *m, const struct hal_drive_out *out)
+{
+    for (int i = 0; i < AXES; i++) {
+        struct machine_axis *a = &m->axis[i];
+        num force = a->force;
+        a->force = out->enable[i] ? n_ratio(out->force_mN[i], 1000) : NUM(0);
+        if (out->enable[i]) {
+            m->random = m->random * 1664525u + 1013904223u;
+            const num uniform = n_ratio((int32_t)(m->random >> 16) - 0x8000, 0x8000);
+            force = n_mad(force, n_mul(UNIFORM, cfg->axis[i].noise), uniform);
+        }
+        axis_step(&cfg->axis[i], a, force, cfg->dt);
+    }
+}

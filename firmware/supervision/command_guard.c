@@ -1,0 +1,100 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "supervision/command_guard.h"
+
+void command_guard_reset(struct command_guard *g)
+{
+    *g = (struct command_guard){0};
+}
+
+static void hold(struct command_guard *g, uint8_t id, uint32_t key)
+{
+    g->holder = id;
+    g->key = key;
+    g->lost = g->drawn = g->armed = false;
+}
+
+bool command_guard_claim(struct command_guard *g, uint8_t id, uint32_t key, bool powered)
+{
+    const bool same = g->holder != 0 && key == g->key;
+    if (id != 0 && same && id == g->holder && key != 0) {
+        return true;
+    }
+    const bool may = id != 0 ? g->holder == 0 : g->holder == 0 || same;
+    if (!may || powered) {
+        return false;
+    }
+    hold(g, id, key);
+    return true;
+}
+
+void command_guard_lost(struct command_guard *g)
+{
+    g->lost = g->holder != 0;
+}
+
+static bool in_time(const struct command_guard *g, uint32_t now)
+{
+    return g->armed && now - g->armed_at < COMMAND_GUARD_ARM_MS * (CONTROL_HZ / 1000u);
+}
+
+bool command_guard_ended(struct command_guard *g, bool powered, uint32_t now)
+{
+    g->armed = in_time(g, now);
+    if (!g->lost || powered) {
+        return false;
+    }
+    hold(g, 0, 0);
+    return true;
+}
+
+uint32_t command_guard_draw(struct command_guard *g, uint32_t now)
+{
+    g->ticket = now;
+    g->drawn = true;
+    return now;
+}
+
+bool command_guard_arm(struct command_guard *g, uint32_t ticket, uint32_t now)
+{
+    const bool right = g->holder != 0 && (g->drawn || g->armed) && ticket == g->ticket;
+    if (right && g->drawn) {
+        g->armed = true;
+        g->armed_at = now;
+    }
+    g->drawn = false;
+    return right;
+}
+
+void command_guard_disarm(struct command_guard *g)
+{
+    g->armed = false;
+}
+
+void command_guard_sent(struct command_guard *g, int axis, uint32_t changes)
+{
+    g->axis[axis].sent = changes;
+}
+
+void command_guard_drained(struct command_guard *g, uint32_t now)
+{
+    for (int i = 0; i < 2; i++) {
+        struct command_guard_axis *a = &g->axis[i];
+        if (a->told != a->sent) {
+            a->told = a->sent;
+            a->told_at = now;
+        }
+    }
+}
+
+bool command_guard_permits(const struct command_guard *g, int axis, uint32_t changes, bool claim_required, uint32_t now)
+{
+    const struct command_guard_axis *a = &g->axis[axis];
+    const bool armed = in_time(g, now) && !g->lost;
+    return a->told == changes && now - a->told_at >= COMMAND_GUARD_PERIODS &&
+           (g->holder != 0 ? armed : !claim_required);
+}
+
+void command_guard_refused(struct command_guard *g, int axis, uint32_t now)
+{
+    g->axis[axis].told_at = now;
+}

@@ -1,0 +1,297 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Parameters in wire units to the core's units: each against its SI value, written here next to the integer. */
+#include <math.h>
+
+#include "drive/configuration.h"
+#include "num_test.h"
+#include "od/od.h"
+#include "unity.h"
+
+/* The core's units in SI */
+static const double UM = 1e-6, T0 = 5e-3;
+
+static struct od_data od;
+
+void setUp(void)
+{
+    od_init(&od, 1);
+}
+
+void tearDown(void)
+{
+}
+
+static void near(double expected, num actual)
+{
+    TEST_ASSERT_DOUBLE_WITHIN(NUM_FIXED ? 0x1.01p-20 : 1e-6 * fabs(expected), expected, val(actual));
+}
+
+static void test_plant_of_each_axis(void)
+{
+    od.axis[0].plant = (struct od_plant){.mass = 123456, .viscous = 456789, .coulomb = 12345, .force_limit = 654321};
+    od.axis[1].plant = (struct od_plant){.mass = 234567, .viscous = 567891, .coulomb = 23456, .force_limit = 765432};
+    const struct plant_cfg p = configuration_servo(&od).plant;
+    near(123.456 * UM / (T0 * T0), p.mass.x); /* kg = N s2/m */
+    near(234.567 * UM / (T0 * T0), p.mass.y);
+    near(456.789 * UM / T0, p.viscous.x); /* N s/m */
+    near(567.891 * UM / T0, p.viscous.y);
+    near(12.345, p.coulomb.x);
+    near(23.456, p.coulomb.y);
+    near(654.321, p.force_max.x);
+    near(765.432, p.force_max.y);
+}
+
+static void test_motor_of_each_axis(void)
+{
+    od.axis[0].motor =
+        (struct od_motor){.force_constant = 71234, .impedance = 2345, .back_emf = 41234, .power_factor = 876};
+    od.axis[1].motor =
+        (struct od_motor){.force_constant = 81234, .impedance = 3456, .back_emf = 51234, .power_factor = 765};
+    od.contour.friction_speed = 71234;
+    const struct servo_cfg c = configuration_servo(&od);
+    near(71.234, c.energy[0].force_constant);
+    near(81.234, c.energy[1].force_constant);
+    near(2.345, c.energy[0].impedance);
+    near(3.456, c.energy[1].impedance);
+    near(41.234 * UM / T0, c.energy[0].back_emf); /* V s/m */
+    near(51.234 * UM / T0, c.energy[1].back_emf);
+    near(0.876, c.energy[0].power_factor);
+    near(0.765, c.energy[1].power_factor);
+    near(71.234e-6 / UM * T0, c.energy[0].sign_speed);
+    near(71.234e-6 / UM * T0, c.energy[1].sign_speed);
+    near(0.4, c.energy[0].dt_ms);
+    near(0.4, c.energy[1].dt_ms);
+}
+
+static void test_contouring_law(void)
+{
+    od.smc = (struct od_smc){.lambda = 173205,
+                             .gamma = 1234,
+                             .beta = 5678,
+                             .k_bar = 987,
+                             .e_max = 3210123,
+                             .psi_printed = 1,
+                             .k_0 = 91234,
+                             .k_max = 412345,
+                             .zeta = 98765,
+                             .xi = 10203040,
+                             .epsilon = 1234567};
+    od.contour.friction_speed = 87654;
+    const struct smc_cfg a = configuration_servo(&od).smc;
+    near(173.205 * T0, a.lambda); /* 1/s */
+    near(1.234 * T0, a.gamma);
+    near(5.678, a.beta);
+    near(987.0 * UM, a.k_bar); /* 1/m */
+    near(3210.123, a.e_max);   /* um */
+    TEST_ASSERT_TRUE(a.psi_printed);
+    near(91.234 * T0, a.k_0);
+    near(412.345 * T0, a.k_max);
+    near(98.765 * T0, a.zeta);
+    near(98.765 * T0 * T0 * ACC_GAIN, a.zeta_rate); /* 1/s2 */
+    near(10203.040 * UM * T0 * ACC_GAIN, a.xi);     /* 1/(m s) */
+    near(1.234567e-3 / UM * T0, a.epsilon);
+    near(87.654e-6 / UM * T0, a.friction_speed);
+    od.smc.psi_printed = 0;
+    TEST_ASSERT_FALSE(configuration_servo(&od).smc.psi_printed);
+}
+
+static void test_uncertainty_compensator(void)
+{
+    od.compensator = (struct od_compensator){.alpha = 61234,
+                                             .mu_0 = 1234567,
+                                             .mu_max = 4567890,
+                                             .rho = 543,
+                                             .phi = 1111111,
+                                             .dead_zone = 2222222,
+                                             .law_printed = 1,
+                                             .whole_input = 0};
+    const struct compensator_cfg u = configuration_servo(&od).compensator;
+    near(61.234 * T0, u.alpha);
+    near(1.234567 / UM * T0 * T0, u.mu_0); /* m/s2 */
+    near(4.567890 / UM * T0 * T0, u.mu_max);
+    near(0.543 * T0 * T0 * ACC_GAIN, u.rho); /* 1/s2 */
+    near(1.111111e-3 / UM * T0, u.phi);
+    near(2.222222e-3 / UM * T0, u.dead_zone);
+    TEST_ASSERT_TRUE(u.law_printed);
+    TEST_ASSERT_FALSE(u.whole_input);
+    od.compensator.law_printed = 0;
+    od.compensator.whole_input = 1;
+    TEST_ASSERT_FALSE(configuration_servo(&od).compensator.law_printed);
+    TEST_ASSERT_TRUE(configuration_servo(&od).compensator.whole_input);
+}
+
+static void test_cascade(void)
+{
+    od.cascade = (struct od_cascade){
+        .position_gain = 67891, .velocity_gain = 301234, .integral_gain = 77123, .coupling_gain = 1234};
+    const struct cascade_cfg c = configuration_servo(&od).cascade;
+    near(67.891 * T0, c.k_p);
+    near(301.234 * T0, c.k_v);
+    near(77.123 * T0, c.k_i);
+    near(1.234, c.coupling);
+}
+
+static void test_contour_estimator(void)
+{
+    od.contour = (struct od_contour){
+        .newton = 0, .v_min = 123456, .friction_speed = 80000, .lag_max = 6789, .blend_time = 19900};
+    const struct servo_cfg c = configuration_servo(&od);
+    TEST_ASSERT_FALSE(c.contour.newton);
+    near(123.456e-6 / UM * T0, c.contour.v_min);
+    near(6.789e-3 / T0, c.contour.lag_max); /* ms */
+    near(19.9 / 20.0, c.blend);             /* a share of 0.1 ms of 20 ms is left out each period */
+    od.contour.newton = 1;
+    TEST_ASSERT_TRUE(configuration_servo(&od).contour.newton);
+}
+
+static void test_control_period(void)
+{
+    near(100e-6 / T0, configuration_servo(&od).dt);
+}
+
+static void test_learned_feedforward(void)
+{
+    od.feedforward = (struct od_feedforward){.friction_rate = 43210, .mass_rate = 21098, .acceleration = 765432};
+    const struct feedforward_cfg l = configuration_servo(&od).feedforward;
+    near(43.210 * T0, l.friction_rate); /* 1/s */
+    near(21.098 * T0, l.mass_rate);
+    near(0.765432 / UM * T0 * T0, l.acceleration); /* m/s2 */
+}
+
+static void test_observer_is_slower_for_coarse_encoders_by_the_fourth_root(void)
+{
+    const struct observer_cfg nominal = configuration_servo(&od).observer;
+    od.axis[0].plant.encoder = 1000000; /* 10 nm: no faster */
+    TEST_ASSERT_EQUAL_DOUBLE(val(nominal.gain_pos), val(configuration_servo(&od).observer.gain_pos));
+    od.axis[1].plant.encoder = 16 * 7629000; /* the coarser axis counts */
+    const struct observer_cfg coarse = configuration_servo(&od).observer;
+    od.axis[1].plant.encoder = 7629000;
+    od.observer.bandwidth /= 2;
+    const struct observer_cfg half = configuration_servo(&od).observer;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, val(half.gain_pos), val(coarse.gain_pos));
+    TEST_ASSERT_TRUE(val(coarse.gain_pos) < 0.6 * val(nominal.gain_pos));
+}
+
+static void test_observer_has_its_poles_where_the_bandwidth_says(void)
+{
+    od.observer.bandwidth = 1200000;
+    const struct observer_cfg o = configuration_servo(&od).observer;
+    const double dt = val(o.dt), x = 1200.0 * T0 * dt / 2, p = (1 - x) / (1 + x), q = 1 - p;
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(8), 1 - p * p * p, val(o.gain_pos));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5 * 3 + HALF_STEPS(6 * q / dt), 1.5 * q * q * (1 + p) / dt, val(o.gain_vel));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5 * 5 + HALF_STEPS(3 * q * q / dt / dt), q * q * q / dt / dt, val(o.gain_acc));
+    near(0.02, o.dt);
+}
+
+/* ---- what must fit together ---- */
+
+static void test_defaults_fit(void)
+{
+    TEST_ASSERT_TRUE(configuration_fits(&od));
+}
+
+static void test_soft_limits_are_no_empty_range(void)
+{
+    for (int i = 0; i < 2; i++) {
+        od_init(&od, 1);
+        od.axis[i].position_limit.min = od.axis[i].position_limit.max;
+        TEST_ASSERT_TRUE(configuration_fits(&od));
+        od.axis[i].position_limit.min++;
+        TEST_ASSERT_FALSE(configuration_fits(&od));
+    }
+}
+
+static void test_k_bar_times_e_max_is_at_most_4(void)
+{
+    od.smc.k_bar = 1000;    /* 1/m */
+    od.smc.e_max = 4000000; /* 4 mm */
+    TEST_ASSERT_TRUE(configuration_fits(&od));
+    od.smc.e_max = 4000001;
+    TEST_ASSERT_FALSE(configuration_fits(&od));
+    od.smc.e_max = 4000000;
+    od.smc.k_bar = 1001;
+    TEST_ASSERT_FALSE(configuration_fits(&od));
+    od.smc.k_bar = 1000000; /* both at their greatest: 1e14, which no 32 bits hold */
+    od.smc.e_max = 100000000;
+    TEST_ASSERT_FALSE(configuration_fits(&od));
+    od.smc.k_bar = 0;
+    TEST_ASSERT_TRUE(configuration_fits(&od));
+}
+
+static void test_k_0_is_at_most_k_max(void)
+{
+    od.smc.k_0 = od.smc.k_max = 300000;
+    TEST_ASSERT_TRUE(configuration_fits(&od));
+    od.smc.k_0 = 300001;
+    TEST_ASSERT_FALSE(configuration_fits(&od));
+}
+
+static void test_mu_0_is_at_most_mu_max(void)
+{
+    od.compensator.mu_0 = od.compensator.mu_max = 3000000;
+    TEST_ASSERT_TRUE(configuration_fits(&od));
+    od.compensator.mu_max = 2999999;
+    TEST_ASSERT_FALSE(configuration_fits(&od));
+}
+
+static void test_friction_of_the_simulated_machine_lets_it_move_on_within_a_period(void)
+{
+    uint32_t *const viscous[] = {&od.onchip_plant.viscous_x, &od.onchip_plant.viscous_y};
+    const uint32_t mass_g[] = {od.onchip_plant.mass_x, od.onchip_plant.mass_y};
+    for (int i = 0; i < 2; i++) {
+        const uint32_t kept = *viscous[i];
+        *viscous[i] = (mass_g[i] + 1u) * CONTROL_HZ - 1u;
+        TEST_ASSERT_TRUE(configuration_fits(&od));
+        *viscous[i] += 1u;
+        TEST_ASSERT_FALSE(configuration_fits(&od));
+        *viscous[i] = kept;
+    }
+}
+
+/* ---- the simulated machine ---- */
+
+static void test_simulated_machine_starts_at_the_nearest_count(void)
+{
+    od.axis[0].plant.encoder = od.axis[1].plant.encoder = 10000000; /* 100 nm */
+    od.onchip_plant.start_x = 1249;
+    od.onchip_plant.start_y = -1251;
+    TEST_ASSERT_EQUAL_INT32(12, configuration_onchip_plant(&od).axis[0].start);
+    TEST_ASSERT_EQUAL_INT32(-13, configuration_onchip_plant(&od).axis[1].start);
+    od.onchip_plant.start_x = 1250;
+    od.onchip_plant.start_y = -1249;
+    TEST_ASSERT_EQUAL_INT32(13, configuration_onchip_plant(&od).axis[0].start);
+    TEST_ASSERT_EQUAL_INT32(-12, configuration_onchip_plant(&od).axis[1].start);
+}
+
+static void test_start_beyond_what_the_counter_holds_is_its_end(void)
+{
+    od.axis[0].plant.encoder = od.axis[1].plant.encoder = 25000; /* 0.25 nm */
+    od.onchip_plant.start_x = 2000000000;
+    od.onchip_plant.start_y = -2000000000;
+    TEST_ASSERT_EQUAL_INT32(INT32_MAX, configuration_onchip_plant(&od).axis[0].start);
+    TEST_ASSERT_EQUAL_INT32(INT32_MIN, configuration_onchip_plant(&od).axis[1].start);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_plant_of_each_axis);
+    RUN_TEST(test_motor_of_each_axis);
+    RUN_TEST(test_contouring_law);
+    RUN_TEST(test_uncertainty_compensator);
+    RUN_TEST(test_cascade);
+    RUN_TEST(test_contour_estimator);
+    RUN_TEST(test_control_period);
+    RUN_TEST(test_observer_has_its_poles_where_the_bandwidth_says);
+    RUN_TEST(test_learned_feedforward);
+    RUN_TEST(test_observer_is_slower_for_coarse_encoders_by_the_fourth_root);
+    RUN_TEST(test_defaults_fit);
+    RUN_TEST(test_soft_limits_are_no_empty_range);
+    RUN_TEST(test_k_bar_times_e_max_is_at_most_4);
+    RUN_TEST(test_k_0_is_at_most_k_max);
+    RUN_TEST(test_mu_0_is_at_most_mu_max);
+    RUN_TEST(test_friction_of_the_simulated_machine_lets_it_move_on_within_a_period);
+    RUN_TEST(test_simulated_machine_starts_at_the_nearest_count);
+    RUN_TEST(test_start_beyond_what_the_counter_holds_is_its_end);
+    return UNITY_END();
+}

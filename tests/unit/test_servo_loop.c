@@ -1,0 +1,563 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The servo tick on a HAL of wires: order, encoder counters, and limits that cut the power in the period that sees them. */
+#include <math.h>
+#include <string.h>
+
+#include "drive/servo_loop.h"
+#include "num_test.h"
+#include "unity.h"
+
+static struct servo_loop loop;
+static struct spline_ring ring;
+static struct hal hal;
+
+/* The wires */
+static struct hal_drive_in wires;
+static struct hal_drive_out out;
+static char calls[64];
+static unsigned call_count;
+
+static void note(char what)
+{
+    if (call_count < sizeof calls - 1) {
+        calls[call_count++] = what;
+        calls[call_count] = '\0';
+    }
+}
+
+static void drive_read(void *ctx, struct hal_drive_in *in)
+{
+    TEST_ASSERT_EQUAL_PTR(&wires, ctx);
+    note('r');
+    *in = wires;
+}
+
+static void drive_write(void *ctx, const struct hal_drive_out *written)
+{
+    TEST_ASSERT_EQUAL_PTR(&wires, ctx);
+    note('w');
+    out = *written;
+}
+
+static void tick(unsigned count)
+{
+    for (unsigned i = 0; i < count; i++) {
+        servo_loop_tick(&loop);
+    }
+}
+
+static void start(int32_t x_count, int32_t y_count)
+{
+    wires = (struct hal_drive_in){.count = {x_count, y_count}};
+    servo_loop_init(&loop, &hal, &ring);
+    loop.cfg[0] = (struct servo_loop_cfg){
+        .servo = configuration_servo(&od_defaults),
+        .encoder_10fm = {10000000, 10000000}, /* 0.1 um */
+        .following_max = {NUM(100), NUM(100)},
+        .speed_max = NUM(500), /* um/T0: 0.1 m/s */
+        .min_nm = {-1000000, -1000000},
+        .max_nm = {1000000, 1000000},
+        .stop_time = NUM(100),
+        .jump_counts = {1000000, 1000000},
+        .cut = fault_mask(&od_defaults, REACT_DISABLE),
+        .stop = fault_mask(&od_defaults, REACT_PATH_STOP),
+    };
+    tick(20);
+}
+
+static void power(void)
+{
+    for (int i = 0; i < 2; i++) {
+        ring.start.nm[i] = servo_loop_snapshot(&loop)->position_nm[i];
+        atomic_store(&loop.command.powered[i], SERVO_LOOP_ON);
+    }
+    tick(1);
+    TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
+    TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+}
+
+void setUp(void)
+{
+    memset(&ring, 0, sizeof ring);
+    hal = (struct hal){.ctx = &wires, .drive_read = drive_read, .drive_write = drive_write};
+    out = (struct hal_drive_out){{0, 0}, {false, false}};
+    start(0, 0);
+    call_count = 0;
+}
+
+void tearDown(void)
+{
+}
+
+/* ---- order ---- */
+
+static void test_each_tick_reads_once_then_writes_once(void)
+{
+    tick(3);
+    TEST_ASSERT_EQUAL_STRING("rwrwrw", calls);
+}
+
+static void test_force_answers_the_encoders_of_the_same_tick(void)
+{
+    power();
+    tick(100);
+    const int32_t before = out.force_mN[0];
+    wires.count[0] += 10; /* 1 um ahead of the reference */
+    tick(1);
+    TEST_ASSERT_TRUE_MESSAGE(out.force_mN[0] < before - 1000, "no force back in the tick that saw the step");
+}
+
+static void test_force_is_zero_without_power(void)
+{
+    wires.count[0] = wires.count[1] = 500;
+    tick(50);
+    TEST_ASSERT_FALSE(out.enable[0] || out.enable[1]);
+    TEST_ASSERT_EQUAL_INT32(0, out.force_mN[0]);
+    TEST_ASSERT_EQUAL_INT32(0, out.force_mN[1]);
+}
+
+static void test_axis_without_power_gets_no_force_while_the_other_one_is_held(void)
+{
+    atomic_store(&loop.command.powered[1], SERVO_LOOP_ON);
+    wires.count[0] = wires.count[1] = 5;
+    tick(2);
+    TEST_ASSERT_FALSE(out.enable[0]);
+    TEST_ASSERT_TRUE(out.enable[1]);
+    TEST_ASSERT_EQUAL_INT32(0, out.force_mN[0]);
+    TEST_ASSERT_NOT_EQUAL_INT32(0, out.force_mN[1]);
+}
+
+/* ---- encoders ---- */
+
+static void test_position_goes_on_when_the_counter_wraps_upwards(void)
+{
+    start(INT32_MAX - 2, INT32_MIN + 2);
+    loop.cfg[1] = loop.cfg[0];
+    loop.cfg[1].encoder_10fm[0] = loop.cfg[1].encoder_10fm[1] = 100; /* so that 2^31 counts are 2.1 mm */
+    atomic_store(&loop.command.configured, 1);
+    for (int i = 0; i < 200; i++) {
+        wires.count[0] = (int32_t)((uint32_t)wires.count[0] + 5000u);
+        wires.count[1] = (int32_t)((uint32_t)wires.count[1] - 5000u);
+        tick(1);
+    }
+    tick(300); /* the observer catches up */
+    TEST_ASSERT_INT32_WITHIN(1, 2147484 + 1000, servo_loop_snapshot(&loop)->position_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, -2147484 - 1000, servo_loop_snapshot(&loop)->position_nm[1]);
+}
+
+static void test_position_is_count_times_length(void)
+{
+    wires.count[0] = 12345;
+    wires.count[1] = -54321;
+    tick(1000);
+    TEST_ASSERT_INT32_WITHIN(1, 1234500, servo_loop_snapshot(&loop)->position_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, -5432100, servo_loop_snapshot(&loop)->position_nm[1]);
+}
+
+static void test_length_of_a_count_is_exact_to_ten_femtometres(void)
+{
+    loop.cfg[1] = loop.cfg[0];
+    loop.cfg[1].encoder_10fm[0] = 7629395;
+    loop.cfg[1].encoder_10fm[1] = 7629394;
+    wires.count[0] = wires.count[1] = 2000000;
+    atomic_store(&loop.command.configured, 1);
+    tick(20);
+    TEST_ASSERT_EQUAL_INT32(152587900, servo_loop_snapshot(&loop)->position_nm[0]);
+    TEST_ASSERT_EQUAL_INT32(152587880, servo_loop_snapshot(&loop)->position_nm[1]);
+}
+
+static void test_new_configuration_takes_the_axes_where_they_are_and_at_rest(void)
+{
+    wires.count[0] = 700000;
+    loop.cfg[1] = loop.cfg[0];
+    atomic_store(&loop.command.configured, 1);
+    tick(10);
+    TEST_ASSERT_EQUAL_INT32(70000000, servo_loop_snapshot(&loop)->position_nm[0]);
+    TEST_ASSERT_EQUAL_INT32(0, servo_loop_snapshot(&loop)->velocity_umps[0]);
+}
+
+static void test_second_configuration_before_a_tick_is_taken_over_like_the_first(void)
+{
+    wires.count[0] = 1000;
+    tick(10);
+    loop.cfg[0].encoder_10fm[0] *= 2;
+    atomic_store(&loop.command.configured, 2);
+    tick(10);
+    TEST_ASSERT_EQUAL_INT32(200000, servo_loop_snapshot(&loop)->position_nm[0]);
+}
+
+/* ---- limits ---- */
+
+static void expect_cut(enum fault fault)
+{
+    TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(fault), atomic_load(&loop.faults));
+    TEST_ASSERT_FALSE(out.enable[0] || out.enable[1]);
+    TEST_ASSERT_EQUAL_INT32(0, out.force_mN[0]);
+    TEST_ASSERT_EQUAL_INT32(0, out.force_mN[1]);
+    wires.count[0] += 3000; /* now the axes move as they like: no fault more */
+    wires.count[1] -= 3000;
+    tick(100);
+    TEST_ASSERT_FALSE(out.enable[0] || out.enable[1]);
+    TEST_ASSERT_EQUAL_INT32(0, out.force_mN[0]);
+    TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(fault), atomic_load(&loop.faults));
+}
+
+static void test_following_error_cuts_the_power_in_the_period_that_sees_it(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        for (int sign = -1; sign <= 1; sign += 2) {
+            start(0, 0);
+            atomic_store(&loop.command.powered[0], SERVO_LOOP_OFF);
+            atomic_store(&loop.command.powered[1], SERVO_LOOP_OFF);
+            ring.start.nm[0] = ring.start.nm[1] = 0;
+            power();
+            ring.start.nm[axis] = sign * 100010; /* reference 100.01 um away; window 100 um */
+            call_count = 0;
+            tick(1);
+            TEST_ASSERT_EQUAL_STRING("rw", calls);
+            expect_cut(FAULT_FOLLOWING);
+        }
+    }
+}
+
+static void test_following_error_within_its_window_is_no_fault(void)
+{
+    power();
+    ring.start.nm[0] = 99990;
+    ring.start.nm[1] = -99990;
+    tick(1);
+    TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+    TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
+}
+
+static void test_overspeed_cuts_the_power_in_the_period_that_sees_it(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        for (int sign = -1; sign <= 1; sign += 2) {
+            start(0, 0);
+            atomic_store(&loop.command.powered[0], SERVO_LOOP_OFF);
+            atomic_store(&loop.command.powered[1], SERVO_LOOP_OFF);
+            ring.start.nm[0] = ring.start.nm[1] = 0;
+            power();
+            loop.cfg[0].speed_max = NUM(5); /* 1 mm/s */
+            for (int i = 0; i < 400 && atomic_load(&loop.faults) == 0; i++) {
+                TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
+                wires.count[axis] += sign * (i % 8 == 0 ? 1 : 0); /* 0.125 mm/s, ... */
+                wires.count[axis] += sign * (i > 200 ? 2 : 0);    /* then 2 mm/s more */
+                tick(1);
+                const double v = val(loop.servo.observer[axis].vel);
+                TEST_ASSERT_EQUAL(fabs(v) > 5, (atomic_load(&loop.faults) & FAULT_BIT(FAULT_OVERSPEED)) != 0);
+            }
+            expect_cut(FAULT_OVERSPEED);
+        }
+    }
+}
+
+/* An axis that stands outside and is held there may be brought back. */
+static void test_axis_outside_the_limits_is_no_fault_while_it_is_where_its_reference_is(void)
+{
+    for (int sign = -1; sign <= 1; sign += 2) {
+        start(sign * 30000, 0); /* 3 mm */
+        for (int axis = 0; axis < 2; axis++) {
+            ring.start.nm[axis] = servo_loop_snapshot(&loop)->position_nm[axis];
+            atomic_store(&loop.command.powered[axis], SERVO_LOOP_ON);
+        }
+        tick(100);
+        TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+        loop.cfg[0].following_ticks[0] = 1000000; /* which would see it first */
+        ring.start.nm[0] -= sign * 200000;
+        tick(1);
+        expect_cut(FAULT_TRAVEL);
+    }
+}
+
+static void test_limits_are_the_users_and_move_with_the_origin(void)
+{
+    for (int beyond = 0; beyond < 2; beyond++) {
+        start(0, 0);
+        atomic_store(&loop.command.origin_nm[0], beyond ? 1102000 : 1098000); /* limit and window: 1.1 mm */
+        loop.cfg[0].following_ticks[0] = 1000000;
+        atomic_store(&loop.command.powered[0], SERVO_LOOP_ON);
+        ring.start.nm[0] = -200000;
+        tick(1);
+        TEST_ASSERT_EQUAL_HEX32(beyond ? FAULT_BIT(FAULT_TRAVEL) : 0, atomic_load(&loop.faults));
+    }
+}
+
+static void test_following_error_may_last_as_long_as_its_timeout(void)
+{
+    start(0, 0);
+    power();
+    loop.cfg[0].following_ticks[0] = 50;
+    ring.start.nm[0] = 200000; /* 0.2 mm: twice the window */
+    tick(30);
+    ring.start.nm[0] = 0;
+    tick(1);
+    ring.start.nm[0] = 200000;
+    tick(50); /* anew */
+    TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+    tick(1);
+    expect_cut(FAULT_FOLLOWING);
+}
+
+static void test_travel_ends_where_the_limits_and_the_window_do(void)
+{
+    static const int32_t inside[4][2] = {{10990, 0}, {-10990, 0}, {0, 10990}, {0, -10990}}; /* 1.099 mm; limit 1.1 */
+    for (int i = 0; i < 4; i++) {
+        for (int beyond = 0; beyond < 2; beyond++) {
+            const int32_t k = beyond ? 20 : 0; /* 2 um more */
+            start(inside[i][0] + (inside[i][0] > 0) * k - (inside[i][0] < 0) * k,
+                  inside[i][1] + (inside[i][1] > 0) * k - (inside[i][1] < 0) * k);
+            for (int axis = 0; axis < 2; axis++) {
+                const int32_t nm = servo_loop_snapshot(&loop)->position_nm[axis];
+                ring.start.nm[axis] = nm > 0 ? nm - 150000 : nm < 0 ? nm + 150000 : 0; /* inside, it has lost its way */
+                loop.cfg[0].following_ticks[axis] = 1000000;
+                atomic_store(&loop.command.powered[axis], SERVO_LOOP_ON);
+            }
+            tick(1);
+            if (beyond) {
+                expect_cut(FAULT_TRAVEL);
+            } else {
+                TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+            }
+        }
+    }
+}
+
+static void test_axis_without_power_has_no_limits(void)
+{
+    wires.count[0] = 100000; /* 10 mm, in a single period */
+    tick(100);
+    TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+}
+
+static void test_fault_of_the_amplifier_or_encoder_cuts_both_axes_in_the_same_period(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        start(0, 0);
+        ring.start.nm[0] = ring.start.nm[1] = 0;
+        power();
+        wires.inputs[axis] = HAL_AMPLIFIER_FAULT;
+        tick(1);
+        expect_cut(FAULT_AMPLIFIER);
+        wires.inputs[axis] = 0;
+        wires.count[0] = wires.count[1] = 0;
+        tick(1000);
+        TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_AMPLIFIER),
+                                atomic_load(&loop.faults)); /* until the background clears it */
+        TEST_ASSERT_FALSE(out.enable[0]);
+        atomic_store(&loop.faults, 0);
+        tick(1);
+        TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
+    }
+}
+
+static void test_fault_with_a_path_stop_keeps_the_power(void)
+{
+    power();
+    atomic_store(&loop.faults, FAULT_BIT(FAULT_UNDERRUN) | FAULT_BIT(FAULT_HEARTBEAT) | FAULT_BIT(FAULT_KNOT_RANGE));
+    tick(5);
+    TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
+}
+
+static void test_force_stays_within_its_limit(void)
+{
+    loop.cfg[0].following_max[0] = NUM(4000);
+    power();
+    ring.start.nm[0] = 3000000;
+    loop.cfg[0].max_nm[0] = 4000000;
+    tick(1);
+    TEST_ASSERT_TRUE(out.enable[0]);
+    TEST_ASSERT_EQUAL_INT32(600000, out.force_mN[0]);
+}
+
+/* ---- snapshots ---- */
+
+static void test_snapshot_is_published_once_a_millisecond(void)
+{
+    const uint32_t before = atomic_load(&loop.published);
+    for (uint32_t i = 1; i <= 100; i++) {
+        tick(9);
+        TEST_ASSERT_EQUAL_UINT32(before + i - 1, atomic_load(&loop.published));
+        tick(1);
+        TEST_ASSERT_EQUAL_UINT32(before + i, atomic_load(&loop.published));
+        TEST_ASSERT_EQUAL_UINT32(before + i, servo_loop_snapshot(&loop)->ms);
+    }
+}
+
+static void test_snapshot_that_is_read_is_not_written_for_a_millisecond(void)
+{
+    const struct servo_loop_snapshot *s = servo_loop_snapshot(&loop);
+    const uint32_t ms = s->ms;
+    tick(19);
+    TEST_ASSERT_EQUAL_UINT32(ms, s->ms);
+}
+
+static void test_snapshot_is_in_units_of_the_wire(void)
+{
+    atomic_store(&loop.command.controller, CONTROLLER_CCU);
+    power();
+    tick(9);
+    ring.start.nm[0] = 3000; /* reference 3 um ahead */
+    tick(10 - loop.ticks % 10);
+    const struct servo_loop_snapshot *s = servo_loop_snapshot(&loop);
+    TEST_ASSERT_EQUAL_INT32(3000, s->reference_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, s->position_nm[0] - 3000, s->following_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, s->position_nm[1], s->following_nm[1]);
+    TEST_ASSERT_INT32_WITHIN(1, s->following_nm[0], s->e_n_nm[0]); /* at rest the path's direction is x */
+    TEST_ASSERT_INT32_WITHIN(1, s->following_nm[1], s->e_n_nm[1]);
+    TEST_ASSERT_INT32_WITHIN(1, out.force_mN[0] / 100, s->force_dN[0]);
+    TEST_ASSERT_INT32_WITHIN(5, 1000, s->k_hat[0]); /* k_0 = 100 1/s */
+    TEST_ASSERT_INT32_WITHIN(5, 1000, s->k_hat[1]);
+    TEST_ASSERT_INT32_WITHIN(5, 6000, s->mu[0]); /* mu_0 = 6 m/s2 */
+    TEST_ASSERT_EQUAL_INT32(0, s->rate);
+}
+
+static void test_velocity_of_the_snapshot_is_in_um_per_s(void)
+{
+    for (int i = 0; i < 2000; i++) {
+        wires.count[0] += 1; /* 0.1 um in 0.1 ms: 1 mm/s */
+        wires.count[1] -= 2;
+        tick(1);
+    }
+    TEST_ASSERT_INT32_WITHIN(2, 1000, servo_loop_snapshot(&loop)->velocity_umps[0]);
+    TEST_ASSERT_INT32_WITHIN(4, -2000, servo_loop_snapshot(&loop)->velocity_umps[1]);
+}
+
+static void test_energy_is_reset_once_for_each_request(void)
+{
+    power();
+    for (int i = 0; i < 3000; i++) {
+        ring.start.nm[0] = (i / 100) % 2 == 0 ? 50000 : -50000;
+        tick(1);
+    }
+    for (int i = 0; i < 2000; i++) { /* the axis is moved: friction takes energy */
+        wires.count[0] += 1;
+        ring.start.nm[0] = wires.count[0] * 100;
+        tick(1);
+    }
+    const int32_t before = servo_loop_snapshot(&loop)->energy_mJ[0];
+    TEST_ASSERT_TRUE(before > 0);
+    atomic_store(&loop.command.energy_reset, true);
+    tick(10);
+    TEST_ASSERT_TRUE(servo_loop_snapshot(&loop)->energy_mJ[0] < before / 2);
+    TEST_ASSERT_FALSE(atomic_load(&loop.command.energy_reset));
+}
+
+/* ---- path ---- */
+
+static void test_begin_starts_path_time_anew(void)
+{
+    ring.count = 1000;
+    atomic_store(&loop.command.run, true);
+    atomic_fetch_add(&loop.command.begin, 1u);
+    tick(1001);
+    TEST_ASSERT_EQUAL_UINT32(101, atomic_load(&loop.executed));
+    TEST_ASSERT_FALSE(atomic_load(&loop.standing));
+    TEST_ASSERT_EQUAL_INT32(1000, servo_loop_snapshot(&loop)->rate);
+    TEST_ASSERT_EQUAL_UINT32(1, atomic_load(&loop.begun));
+    atomic_store(&loop.command.run, false);
+    atomic_fetch_add(&loop.command.begin, 1u);
+    tick(1);
+    TEST_ASSERT_EQUAL_UINT32(0, atomic_load(&loop.executed));
+    TEST_ASSERT_TRUE(atomic_load(&loop.standing));
+    TEST_ASSERT_EQUAL_UINT32(2, atomic_load(&loop.begun));
+}
+
+static void test_reference_of_a_stream_is_its_own_from_the_first_period_on(void)
+{
+    power();
+    ring.count = 200;
+    for (uint32_t i = 0; i < ring.count; i++) {
+        ring.knot[i].nm[0] = ring.start.nm[0];
+        ring.knot[i].nm[1] = ring.start.nm[1];
+    }
+    atomic_store(&loop.command.run, true);
+    atomic_fetch_add(&loop.command.begin, 1u);
+    tick(35); /* knots 0 to 3 have been used */
+    for (uint32_t i = 0; i < ring.count; i++) {
+        ring.knot[i].nm[0] += 10000;
+    }
+    ring.start.nm[0] += 10000;
+    atomic_fetch_add(&loop.command.begin, 1u);
+    for (int ms = 0; ms < 4; ms++) {
+        tick(10);
+        TEST_ASSERT_EQUAL_INT32(ring.start.nm[0], servo_loop_snapshot(&loop)->reference_nm[0]);
+    }
+}
+
+static void test_end_of_a_complete_stream_is_told_from_a_stop(void)
+{
+    ring.count = 100;
+    atomic_store(&loop.command.run, true);
+    atomic_store(&loop.command.complete, true);
+    tick(500);
+    TEST_ASSERT_FALSE(atomic_load(&loop.at_end));
+    atomic_store(&loop.command.run, false);
+    tick(400);
+    TEST_ASSERT_FALSE(atomic_load(&loop.at_end)); /* a stop takes 50 knots: at 99 it would be at its end */
+    start(0, 0);
+    atomic_store(&loop.command.run, true);
+    atomic_store(&loop.command.complete, true);
+    tick(1100);
+    TEST_ASSERT_TRUE(atomic_load(&loop.at_end));
+    TEST_ASSERT_TRUE(atomic_load(&loop.standing));
+    TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+}
+
+static void test_want_of_knots_is_told_until_the_path_is_at_full_rate_again(void)
+{
+    ring.count = 200;
+    atomic_store(&loop.command.run, true);
+    tick(1400);
+    TEST_ASSERT_FALSE(atomic_load(&loop.starved));
+    tick(400);
+    TEST_ASSERT_TRUE(atomic_load(&loop.starved));
+    ring.count = 900;
+    unsigned changes = 0;
+    for (int i = 0; i < 2000; i++) {
+        const bool before = atomic_load(&loop.starved);
+        tick(1);
+        changes += before != atomic_load(&loop.starved) ? 1 : 0;
+    }
+    TEST_ASSERT_FALSE(atomic_load(&loop.starved));
+    TEST_ASSERT_EQUAL_UINT(1, changes);
+    TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+    tick(10000);
+    TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_UNDERRUN), atomic_load(&loop.faults));
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_each_tick_reads_once_then_writes_once);
+    RUN_TEST(test_force_answers_the_encoders_of_the_same_tick);
+    RUN_TEST(test_force_is_zero_without_power);
+    RUN_TEST(test_axis_without_power_gets_no_force_while_the_other_one_is_held);
+    RUN_TEST(test_position_goes_on_when_the_counter_wraps_upwards);
+    RUN_TEST(test_position_is_count_times_length);
+    RUN_TEST(test_length_of_a_count_is_exact_to_ten_femtometres);
+    RUN_TEST(test_new_configuration_takes_the_axes_where_they_are_and_at_rest);
+    RUN_TEST(test_second_configuration_before_a_tick_is_taken_over_like_the_first);
+    RUN_TEST(test_following_error_cuts_the_power_in_the_period_that_sees_it);
+    RUN_TEST(test_following_error_within_its_window_is_no_fault);
+    RUN_TEST(test_overspeed_cuts_the_power_in_the_period_that_sees_it);
+    RUN_TEST(test_axis_outside_the_limits_is_no_fault_while_it_is_where_its_reference_is);
+    RUN_TEST(test_limits_are_the_users_and_move_with_the_origin);
+    RUN_TEST(test_following_error_may_last_as_long_as_its_timeout);
+    RUN_TEST(test_travel_ends_where_the_limits_and_the_window_do);
+    RUN_TEST(test_axis_without_power_has_no_limits);
+    RUN_TEST(test_fault_of_the_amplifier_or_encoder_cuts_both_axes_in_the_same_period);
+    RUN_TEST(test_fault_with_a_path_stop_keeps_the_power);
+    RUN_TEST(test_force_stays_within_its_limit);
+    RUN_TEST(test_snapshot_is_published_once_a_millisecond);
+    RUN_TEST(test_snapshot_that_is_read_is_not_written_for_a_millisecond);
+    RUN_TEST(test_snapshot_is_in_units_of_the_wire);
+    RUN_TEST(test_velocity_of_the_snapshot_is_in_um_per_s);
+    RUN_TEST(test_energy_is_reset_once_for_each_request);
+    RUN_TEST(test_begin_starts_path_time_anew);
+    RUN_TEST(test_reference_of_a_stream_is_its_own_from_the_first_period_on);
+    RUN_TEST(test_end_of_a_complete_stream_is_told_from_a_stop);
+    RUN_TEST(test_want_of_knots_is_told_until_the_path_is_at_full_rate_again);
+    return UNITY_END();
+}
