@@ -16,7 +16,7 @@ int main(void)
                                            {.full_scale_mN = 600000, .jump_counts = UINT32_MAX}};
     uint32_t worst = 0;
     uint64_t sum = 0;
-    output_init(); /* without cpu_look(): to them this is a chip */
+    output_init(); /* without cpu_detect_emulator(): to them this is a chip */
     inputs_init();
     encoder_init();
     encoder_configure(cfg);
