@@ -7,7 +7,7 @@
 #include "port/stm32f405/can.h"
 #include "port/stm32f405/clock.h"
 #include "port/stm32f405/crash.h"
-#include "port/stm32f405/run.h"
+#include "port/stm32f405/main_loop.h"
 #include "port/stm32f405/supply.h"
 #include "unity.h"
 
@@ -61,7 +61,7 @@ static void ticks(unsigned n)
 {
     for (unsigned i = 0; i < n; i++) {
         tick_irq();
-        run_pass();
+        main_loop_pass();
         if (master.listening) {
             acknowledge();
         }
@@ -140,7 +140,7 @@ static void power_on(void)
 
 static void start(void)
 {
-    run_start();
+    main_loop_start();
     chip.can1.MSR = 0;
     master.statusword = 0xFFFF; /* not told yet */
     ticks(30);
@@ -278,10 +278,10 @@ static void expect_watchdog_starved(void)
 static void test_a_servo_tick_that_stands_still_starves_the_watchdog(void)
 {
     enable();
-    run_pass();
+    main_loop_pass();
     chip.iwdg.KR = 0;
     for (int i = 0; i < 1000; i++) {
-        run_pass();
+        main_loop_pass();
     }
     expect_watchdog_starved();
 }
@@ -289,7 +289,7 @@ static void test_a_servo_tick_that_stands_still_starves_the_watchdog(void)
 static void test_a_background_that_does_not_run_starves_the_watchdog(void)
 {
     enable();
-    run_pass();
+    main_loop_pass();
     chip.iwdg.KR = 0;
     for (int i = 0; i < 10000; i++) {
         tick_irq();
@@ -391,7 +391,7 @@ static void test_a_table_that_is_pushed_while_parameters_are_saved_is_followed(v
     can_rx_irq();
     tick_irq();
     chip.tim2.CNT += 20000; /* an encoder that jumps, by itself */
-    run_pass();
+    main_loop_pass();
     TEST_ASSERT_NOT_EQUAL_HEX32(0xFFFFFFFF, chip_store[0]);
     ticks(200);
     TEST_ASSERT_EQUAL_HEX8(0, read_object(0x1001, 0) & 0xFF);

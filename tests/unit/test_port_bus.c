@@ -3,9 +3,9 @@
 #include <string.h>
 
 #include "chip.h"
+#include "port/stm32f405/bus.h"
 #include "port/stm32f405/can.h"
 #include "port/stm32f405/uart.h"
-#include "port/stm32f405/wire.h"
 #include "unity.h"
 
 enum { MAILBOXES_EMPTY = 7 * CAN_TSR_TME0, RING = 1024 };
@@ -17,11 +17,11 @@ static const struct can_frame frame = {.id = 0x181, .len = 2, .data = {0xAB, 0xC
 void setUp(void)
 {
     chip_reset();
-    wire_init();
+    bus_init();
     can_init(1000);
     chip.can1.MSR = 0;
     chip.can1.TSR = MAILBOXES_EMPTY;
-    while (wire_receive(&got)) {
+    while (bus_receive(&got)) {
     }
 }
 
@@ -65,22 +65,22 @@ static void can_frame_comes(uint16_t id)
 static void open_channel(void)
 {
     type("O\r");
-    TEST_ASSERT_FALSE(wire_receive(&got));
+    TEST_ASSERT_FALSE(bus_receive(&got));
     TEST_ASSERT_EQUAL_STRING("\r", sent());
 }
 
 static void test_can_has_the_drive_until_the_serial_channel_is_opened(void)
 {
     can_frame_comes(0x201);
-    TEST_ASSERT_TRUE(wire_receive(&got));
+    TEST_ASSERT_TRUE(bus_receive(&got));
     TEST_ASSERT_EQUAL_HEX16(0x201, got.id);
-    TEST_ASSERT_FALSE(wire_receive(&got));
-    TEST_ASSERT_TRUE(wire_send(&frame));
+    TEST_ASSERT_FALSE(bus_receive(&got));
+    TEST_ASSERT_TRUE(bus_send(&frame));
     can_tx_irq();
     TEST_ASSERT_EQUAL_HEX32((uint32_t)frame.id << CAN_IR_STID | CAN_IR_TXRQ, chip.can1.TX[0].IR);
     TEST_ASSERT_EQUAL_STRING("", sent());
     type("t2012AABB\r");
-    TEST_ASSERT_FALSE(wire_receive(&got)); /* not open */
+    TEST_ASSERT_FALSE(bus_receive(&got)); /* not open */
     TEST_ASSERT_EQUAL_STRING("\a", sent());
 }
 
@@ -88,15 +88,15 @@ static void test_open_channel_takes_and_gives_frames_alone(void)
 {
     open_channel();
     can_frame_comes(0x201);
-    TEST_ASSERT_FALSE(wire_receive(&got));
+    TEST_ASSERT_FALSE(bus_receive(&got));
     type("t2022AABB\rt2031CC\r");
-    TEST_ASSERT_TRUE(wire_receive(&got));
+    TEST_ASSERT_TRUE(bus_receive(&got));
     TEST_ASSERT_EQUAL_HEX16(0x202, got.id);
     TEST_ASSERT_EQUAL_HEX8(0xBB, got.data[1]);
-    TEST_ASSERT_TRUE(wire_receive(&got));
+    TEST_ASSERT_TRUE(bus_receive(&got));
     TEST_ASSERT_EQUAL_HEX16(0x203, got.id);
-    TEST_ASSERT_FALSE(wire_receive(&got));
-    TEST_ASSERT_TRUE(wire_send(&frame));
+    TEST_ASSERT_FALSE(bus_receive(&got));
+    TEST_ASSERT_TRUE(bus_send(&frame));
     TEST_ASSERT_EQUAL_STRING("t1812ABCD\r", sent());
     can_tx_irq();
     TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TX[0].IR);
@@ -107,13 +107,13 @@ static void test_what_came_by_can_while_the_channel_was_open_is_not_found_later(
     open_channel();
     can_frame_comes(0x201);
     can_frame_comes(0x202);
-    while (wire_receive(&got)) {
+    while (bus_receive(&got)) {
     }
-    (void)wire_receive(&got);
+    (void)bus_receive(&got);
     type("C\r");
-    TEST_ASSERT_FALSE(wire_receive(&got));
+    TEST_ASSERT_FALSE(bus_receive(&got));
     can_frame_comes(0x203);
-    TEST_ASSERT_TRUE(wire_receive(&got));
+    TEST_ASSERT_TRUE(bus_receive(&got));
     TEST_ASSERT_EQUAL_HEX16(0x203, got.id);
 }
 
@@ -121,16 +121,16 @@ static void test_open_channel_is_an_active_bus_whatever_the_can_controller_says(
 {
     struct hal_can_status status;
     chip.can1.ESR = 128u << CAN_ESR_TEC | CAN_ESR_EPVF;
-    wire_status(&status);
+    bus_status(&status);
     TEST_ASSERT_EQUAL(HAL_CAN_PASSIVE, status.state);
     open_channel();
-    wire_status(&status);
+    bus_status(&status);
     TEST_ASSERT_EQUAL(HAL_CAN_ACTIVE, status.state);
     TEST_ASSERT_EQUAL_UINT8(0, status.tx_errors);
     const uint32_t before = status.rx_lost;
     type("t20\r"); /* cut off */
-    TEST_ASSERT_FALSE(wire_receive(&got));
-    wire_status(&status);
+    TEST_ASSERT_FALSE(bus_receive(&got));
+    bus_status(&status);
     TEST_ASSERT_EQUAL_UINT32(before + 1u, status.rx_lost);
 }
 
@@ -142,15 +142,15 @@ static void test_bytes_that_come_too_fast_are_counted_and_the_line_goes_on(void)
     uart_irq();
     TEST_ASSERT_EQUAL_UINT32(before + 1u, uart_lost());
     type("\r");
-    TEST_ASSERT_FALSE(wire_receive(&got));
+    TEST_ASSERT_FALSE(bus_receive(&got));
     TEST_ASSERT_EQUAL_STRING("\r", sent());
     for (unsigned i = 0; i < RING + 3; i++) { /* nobody takes them */
         type("x");
     }
     TEST_ASSERT_EQUAL_UINT32(before + 4u, uart_lost());
-    TEST_ASSERT_FALSE(wire_receive(&got));
+    TEST_ASSERT_FALSE(bus_receive(&got));
     type("\rt2010\r");
-    TEST_ASSERT_TRUE(wire_receive(&got));
+    TEST_ASSERT_TRUE(bus_receive(&got));
     TEST_ASSERT_EQUAL_HEX16(0x201, got.id);
 }
 
@@ -158,14 +158,14 @@ static void test_frame_goes_whole_or_not_at_all_when_the_line_is_full(void)
 {
     open_channel();
     unsigned frames = 0;
-    while (frames < RING && wire_send(&frame)) {
+    while (frames < RING && bus_send(&frame)) {
         frames++;
     }
     TEST_ASSERT_EQUAL_UINT(RING / 10, frames); /* t1812ABCD and its end */
     const char *all = sent();
     TEST_ASSERT_EQUAL_UINT(10 * frames, strlen(all));
     TEST_ASSERT_EQUAL_STRING("t1812ABCD\r", &all[10 * (frames - 1)]);
-    TEST_ASSERT_TRUE(wire_send(&frame));
+    TEST_ASSERT_TRUE(bus_send(&frame));
 }
 
 static void test_interrupt_of_a_line_with_nothing_to_send_ends(void)
@@ -185,11 +185,11 @@ static void test_in_an_emulator_a_line_is_sent_at_once(void)
 {
     open_channel();
     chip_emulate();
-    TEST_ASSERT_TRUE(wire_send(&frame));
+    TEST_ASSERT_TRUE(bus_send(&frame));
     TEST_ASSERT_EQUAL_HEX32('\r', chip.usart1.DR);
     TEST_ASSERT_EQUAL_HEX32(0, chip.usart1.CR1 & USART_CR1_TXEIE);
     for (unsigned i = 0; i < RING; i++) { /* nothing is left in its ring */
-        TEST_ASSERT_TRUE(wire_send(&frame));
+        TEST_ASSERT_TRUE(bus_send(&frame));
     }
 }
 

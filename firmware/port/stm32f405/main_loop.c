@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "port/stm32f405/run.h"
+/* main_loop.c: the chip's HAL, the servo tick and the background loop, main_loop.h. */
+#include "port/stm32f405/main_loop.h"
 
 #include <stdatomic.h>
 
 #include "device.h"
 #include "drive/configuration.h"
 #include "port/stm32f405/board.h"
+#include "port/stm32f405/bus.h"
 #include "port/stm32f405/can.h"
 #include "port/stm32f405/clock.h"
 #include "port/stm32f405/cpu.h"
@@ -16,13 +18,12 @@
 #include "port/stm32f405/sectors.h"
 #include "port/stm32f405/supply.h"
 #include "port/stm32f405/watchdog.h"
-#include "port/stm32f405/wire.h"
 
 enum {
-    NODE_ID = 1, /* until one is set (2001h, LSS) */
+    NODE_ID = 1, /* until another one is set (2001h, LSS) */
     KBITPS = 1000,
-    OVERRUNS_IN_A_ROW = 3, /* one late tick is an interrupt that was in the way */
-    BEHIND_MS = 50,
+    OVERRUNS_IN_A_ROW = 3, /* a single late tick may be due to an interrupt of higher priority */
+    BEHIND_MS = 50,        /* the background loop may be this far behind the servo tick */
     TICK_US = 1000000 / CONTROL_HZ,
 };
 
@@ -30,7 +31,7 @@ static struct device device;
 static enum hal_reset reset_cause;
 static struct hal_crash last_crash;
 static _Atomic uint32_t ticks;
-static uint32_t owed_us; /* time that is still to pass, where SYNC paces */
+static uint32_t due_us; /* paced by SYNC: time that is due but has not passed */
 
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
@@ -56,10 +57,10 @@ static void drive_wiring(void *ctx, const struct hal_axis_cfg cfg[AXES])
 static bool send(void *ctx, const struct can_frame *frame)
 {
     (void)ctx;
-    return wire_send(frame);
+    return bus_send(frame);
 }
 
-/* Ticks up to the end of a millisecond, `most` at most; returns how many. */
+/* Run servo ticks up to the end of a millisecond, `most` at most. Returns their number. */
 static unsigned tick_to_ms(unsigned most)
 {
     const uint32_t published = atomic_load(&device.drive.loop.published);
@@ -71,37 +72,37 @@ static unsigned tick_to_ms(unsigned most)
     return n;
 }
 
-/* Paced by SYNC (2034h), where no motor is driven: the ticks that the last SYNC has let pass, up to the end of a
- * millisecond. false: none is left. */
+/* Paced by SYNC (2034h), which only an emulator may be: run the ticks that are due, up to the end of a
+ * millisecond. false: no tick is due. */
 static bool pass_time(void)
 {
-    if (owed_us < TICK_US) {
+    if (due_us < TICK_US) {
         return false;
     }
-    owed_us -= TICK_US * tick_to_ms(owed_us / TICK_US);
+    due_us -= TICK_US * tick_to_ms(due_us / TICK_US);
     return true;
 }
 
 static bool receive(void *ctx, struct can_frame *frame)
 {
     (void)ctx;
-    if (pass_time() || !wire_receive(frame)) {
+    if (pass_time() || !bus_receive(frame)) {
         return false;
     }
     if (device.od.clock.pace != 0 && !frame->rtr && frame->id == (device.od.sync_cob_id & 0x7FFu)) {
-        owed_us += device.od.sync_period;
+        due_us += device.od.sync_period;
     }
     return true;
 }
 
-static void choose_pace(void)
+static void update_pace(void)
 {
     const uint8_t pace = cpu_emulated() ? device.od.pace_select : 0;
     if (pace != device.od.clock.pace) {
         device.od.clock.pace = pace;
-        owed_us = 0;
+        due_us = 0;
         if (pace != 0) {
-            (void)tick_to_ms(CONTROL_HZ / 1000u); /* so that from now on each SYNC finds a whole millisecond */
+            (void)tick_to_ms(CONTROL_HZ / 1000u); /* so that each SYNC comes at the end of a millisecond */
         }
     }
 }
@@ -109,7 +110,7 @@ static void choose_pace(void)
 static void status(void *ctx, struct hal_can_status *s)
 {
     (void)ctx;
-    wire_status(s);
+    bus_status(s);
 }
 
 static bool bitrate(void *ctx, uint16_t kbitps, bool change)
@@ -171,10 +172,10 @@ void tick_irq(void)
         device_tick(&device);
     }
     atomic_fetch_add(&ticks, 1u);
-    /* the next one is due already; in an emulator the time is the host's, and says nothing */
+    /* Is the next tick pending already? In an emulator time is the host's, so a late tick is no fault. */
     late = (SCB->ICSR & SCB_ICSR_PENDSTSET) != 0 && !cpu_emulated() ? late + 1u : 0u;
     if (late >= OVERRUNS_IN_A_ROW) {
-        servo_loop_raise(&device.drive.loop, FAULT_OVERRUN); /* the next one cuts the power, and is short */
+        servo_loop_raise(&device.drive.loop, FAULT_OVERRUN); /* the next tick disables the axes, and is short */
     }
 }
 
@@ -186,14 +187,14 @@ static void tick_start(void)
     SYSTICK->CTRL = SYSTICK_CORE_CLOCK | SYSTICK_TICKINT | SYSTICK_ENABLE;
 }
 
-static void show_life(void)
+static void blink_led(void)
 {
     pin_write(BOARD_LED, (device.ms & 512u) != 0);
 }
 
-void run_start(void)
+void main_loop_start(void)
 {
-    cpu_look();
+    cpu_detect_emulator();
     output_init();
     (void)clock_start();
     crash_read(&reset_cause, &last_crash);
@@ -203,20 +204,20 @@ void run_start(void)
     inputs_init();
     encoder_init();
     pin_setup(BOARD_LED, PIN_OUTPUT, PIN_FLOATING, 0);
-    wire_init();
+    bus_init();
     (void)can_init(KBITPS);
     device_init(&device, &hal, NODE_ID);
     tick_start();
     watchdog_start();
 }
 
-void run_pass(void)
+void main_loop_pass(void)
 {
     device_poll(&device);
-    choose_pace();
-    show_life();
+    update_pace();
+    blink_led();
     watchdog_pass(atomic_load(&ticks), atomic_load(&device.drive.loop.published) - device.ms < BEHIND_MS);
-    if (owed_us < TICK_US) {
+    if (due_us < TICK_US) {
         cpu_sleep();
     }
 }
