@@ -380,9 +380,9 @@ int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_m
         for (int k = 0; k < 2; k++) {
             q[k] = llround(position_m[2 * i + (uint32_t)k] * 1e9 * POS_PER_NM);
         }
-        struct spline_kept kept = {0};
+        struct spline_cache cache = {0};
         struct contour_out out;
-        contour_step(&cfg, &kept, &ring, &path, q, v2(NUM(0), NUM(0)), &out);
+        contour_step(&cfg, &cache, &ring, &path, q, v2(NUM(0), NUM(0)), &out);
         e_n_m[2 * i] = (double)n_to_q32(out.e_n.x) * 1e-6 / 4294967296.0;
         e_n_m[2 * i + 1] = (double)n_to_q32(out.e_n.y) * 1e-6 / 4294967296.0;
     }

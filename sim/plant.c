@@ -45,9 +45,9 @@ static double uniform(uint64_t s[4])
 /* Marsaglia's polar method */
 static double gaussian(struct plant *p)
 {
-    if (p->has_spare) {
-        p->has_spare = 0;
-        return p->spare;
+    if (p->has_next_gaussian) {
+        p->has_next_gaussian = 0;
+        return p->next_gaussian;
     }
     double a, b, r2;
     do {
@@ -56,8 +56,8 @@ static double gaussian(struct plant *p)
         r2 = a * a + b * b;
     } while (r2 >= 1.0 || r2 == 0.0);
     const double k = sqrt(-2.0 * log(r2) / r2);
-    p->spare = b * k;
-    p->has_spare = 1;
+    p->next_gaussian = b * k;
+    p->has_next_gaussian = 1;
     return a * k;
 }
 
@@ -211,12 +211,12 @@ void plant_step(struct plant *p, const double force_N[2])
     const double h = p->period_s / m->substeps;
     const double scale = friction_scale(p);
 
-    memmove(p->asked_N[1], p->asked_N[0], sizeof p->asked_N[0] * PLANT_DELAY_MAX);
+    memmove(p->demand_N[1], p->demand_N[0], sizeof p->demand_N[0] * PLANT_DELAY_MAX);
     for (int i = 0; i < 2; i++) {
-        p->asked_N[0][i] = fmin(fmax(force_N[i], -m->force_limit_N[i]), m->force_limit_N[i]);
+        p->demand_N[0][i] = fmin(fmax(force_N[i], -m->force_limit_N[i]), m->force_limit_N[i]);
     }
     for (int i = 0; i < 2; i++) {
-        const double asked = p->asked_N[m->delay_periods][i];
+        const double asked = p->demand_N[m->delay_periods][i];
         const double noise = m->force_noise_N[i] * gaussian(p);
         const double follow = m->current_lag_s[i] > 0.0 ? 1.0 - exp(-h / m->current_lag_s[i]) : 1.0;
         const double before_m = p->pos_m[i];

@@ -19,10 +19,10 @@ struct plant {
     struct ks_machine machine;
     double period_s;
     uint64_t rng[4];
-    double spare; /* second value of the last Gaussian pair */
-    int has_spare;
+    double next_gaussian; /* second value of the last Gaussian pair */
+    int has_next_gaussian;
     double pos_m[2], vel_mps[2];
-    double asked_N[PLANT_DELAY_MAX + 1][2]; /* [0]: newest */
+    double demand_N[PLANT_DELAY_MAX + 1][2]; /* [0]: newest */
     double lagged_N[2];
     double friction_N[2];    /* that acted in the last sub-step */
     uint8_t index_pulses[2]; /* so far, modulo 256 */

@@ -95,7 +95,7 @@ __attribute__((noinline)) static void change_path(struct servo_loop *loop, const
     const uint32_t begin = LOAD(loop->command.begin);
     if (begin != LOAD(loop->begun)) {
         path_clock_reset(&loop->path);
-        loop->servo.kept = (struct spline_kept){0};
+        loop->servo.spline_cache = (struct spline_cache){0};
         loop->error = (struct servo_loop_error){0};
     }
     const struct path_clock_in in = {
@@ -149,7 +149,7 @@ SELDOM static void watch_inputs(struct servo_loop *loop, unsigned inputs)
 /* Whatever in the law is no number, the velocity or what was left of the force is none either. */
 static bool finite(const struct servo_loop *loop, const struct servo_out *out)
 {
-    const vec2 model = loop->servo.asked[loop->servo.turn % 2u].model;
+    const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
     const vec2 nought = v2_add(v2_sub(out->velocity, out->velocity), v2_sub(model, model));
     return n_finite(n_add(nought.x, nought.y));
 }
@@ -208,7 +208,7 @@ static inline void supervise(struct servo_loop *loop, const struct servo_loop_cf
     const unsigned inputs = in->inputs[0] | in->inputs[1];
     const vec2 v = out->velocity;
     const vec2 e_w = out->contour.e_w;
-    const vec2 model = loop->servo.asked[loop->servo.turn % 2u].model;
+    const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
     if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) == 0 && !jumps(loop, cfg, 0) &&
         !jumps(loop, cfg, 1) && n_lt(n_abs(v.x), cfg->speed_max) && n_lt(n_abs(v.y), cfg->speed_max) &&
         !n_lt(cfg->following_max[0], n_abs(e_w.x)) && !n_lt(cfg->following_max[1], n_abs(e_w.y)) &&
@@ -439,7 +439,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     } else if (left == 0) {
         publish(loop, record, servo.controller);
     } else {
-        spline_prepare(&loop->servo.kept, loop->ring, loop->path.at.count, loop->path.at.knot);
+        spline_prefetch(&loop->servo.spline_cache, loop->ring, loop->path.at.count, loop->path.at.knot);
     }
 }
 

@@ -113,7 +113,7 @@ static struct servo_cfg config(const struct api_params *p)
                         .phi = mk(p->phi / MPS),
                         .dead_zone = mk(p->dead_zone / MPS),
                         .law_printed = p->mu_printed != 0,
-                        .whole_input = p->whole_input != 0},
+                        .input_printed = p->input_printed != 0},
         .feedforward = {.friction_rate = mk(p->friction_rate * T0),
                         .mass_rate = mk(p->mass_rate * T0),
                         .acceleration = mk(p->feedforward_acceleration / MPS2)},
@@ -130,7 +130,7 @@ static struct servo_cfg config(const struct api_params *p)
                                           .back_emf = mk(p->back_emf[i] * MPS),
                                           .power_factor = mk(p->power_factor),
                                           .sign_speed = mk(p->friction_speed / MPS),
-                                          .dt_ms = mk(SERVO_TURNS * p->dt * 1e3)};
+                                          .dt_ms = mk(SERVO_SLOTS * p->dt * 1e3)};
     }
     return c;
 }
@@ -188,7 +188,7 @@ void api_contour(const api_drive *d, const struct api_path *path, const int64_t 
     const pos_t at[2] = {pos_of(q[0]), pos_of(q[1])};
     struct contour_out c;
     bound_path_time = 0;
-    contour_step(&d->cfg.contour, &(struct spline_kept){0}, &d->ring, &ps, at, in2(q_dot, MPS), &c);
+    contour_step(&d->cfg.contour, &(struct spline_cache){0}, &d->ring, &ps, at, in2(q_dot, MPS), &c);
     out2(c.r_dot, MPS, out->r_dot);
     out2(c.r_ddot, MPS2, out->r_ddot);
     out2(c.e_w, UM, out->e_w);
@@ -314,6 +314,6 @@ void api_servo_step(api_drive *d, const struct api_path *path, const int64_t *me
     out2(out.contour.e_n, UM, e_n);
     *energy_J = 0;
     for (int i = 0; i < 2; i++) {
-        *energy_J += (d->state.energy[i].mJ + told(d->state.energy[i].part_mJ)) * 1e-3;
+        *energy_J += (d->state.energy[i].mJ + told(d->state.energy[i].fraction_mJ)) * 1e-3;
     }
 }

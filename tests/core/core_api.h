@@ -15,7 +15,7 @@ struct api_params {
     double friction_rate, mass_rate, feedforward_acceleration;
     double k_p, k_v, k_i, coupling, integral_max;
     double force_constant[2], impedance[2], back_emf[2], power_factor, blend;
-    int newton, psi_printed, mu_printed, whole_input;
+    int newton, psi_printed, mu_printed, input_printed;
 };
 
 struct api_point {

@@ -142,7 +142,7 @@ static void modules(const struct servo_cfg *c)
         q[0] += p.pos[0];
         q[1] += p.pos[1];
         struct contour_out o;
-        contour_step(&c->contour, &(struct spline_kept){0}, &ring, &path, q, v2_add(p.d1, in2(5000)), &o);
+        contour_step(&c->contour, &(struct spline_cache){0}, &ring, &path, q, v2_add(p.d1, in2(5000)), &o);
         put2(o.e_w);
         put2(o.e_w_dot);
         put2(o.e_l);
@@ -245,7 +245,7 @@ static void modules(const struct servo_cfg *c)
         const num v = in(400000);
         put(energy_step(&c->energy[1], &e, c->plant.mass.y, c->plant.viscous.y, c->plant.coulomb.y, v, in(50000)));
         word((uint32_t)e.mJ);
-        put(e.part_mJ);
+        put(e.fraction_mJ);
     }
     vector = "path";
     struct path_clock path;

@@ -31,7 +31,7 @@ static void mix_servo(uint32_t *hash, const struct servo_state *s)
     mix(hash, &s->feedforward, sizeof s->feedforward);
     mix(hash, &s->offset, sizeof s->offset);
     mix(hash, &s->force, sizeof s->force);
-    mix(hash, s->asked, sizeof s->asked);
+    mix(hash, s->demand, sizeof s->demand);
 }
 
 int main(void)
