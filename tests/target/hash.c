@@ -51,7 +51,7 @@ int main(void)
             mix(&hash, &r.onchip_plant.axis[k].vel, sizeof r.onchip_plant.axis[k].vel);
         }
     }
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&r.loop);
+    const struct servo_snapshot *s = servo_loop_snapshot(&r.loop);
     printf("%08lX at (%ld, %ld) nm, faults %lX\n", (unsigned long)hash, (long)s->position_nm[0],
            (long)s->position_nm[1], (unsigned long)r.loop.faults);
     return r.loop.faults == 0 ? 0 : 1;
