@@ -92,7 +92,7 @@ def unknown_to_cli(words: list[str]) -> str | None:
             return word
         command = found
     options = {option: parameter for parameter in command.params for option in parameter.opts}
-    for word, value in zip(rest, [*rest[1:], ""], strict=True):
+    for word, value in zip(rest, [*rest, ""][1:], strict=True):
         if word in ("--help", "-h") or not re.match(r"--?[a-z]", word):
             continue
         if word not in options:
