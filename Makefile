@@ -37,7 +37,7 @@ TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/,drive/servo_
 GENERATED := build/gen/od/od_gen.c build/gen/scope/signal_gen.c build/gen/supervision/fault_gen.c
 ROOMS    := core od canopen motion supervision scope drive onchip
 FIRMWARE := $(wildcard firmware/*.c $(ROOMS:%=firmware/%/*.c)) $(GENERATED)
-SOURCES  := $(FIRMWARE) sim/flash.c sim/kontur_sim.c sim/plant.c
+SOURCES  := $(FIRMWARE) sim/flash.c sim/libkontur.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
 PORT_SOURCES := firmware/port/slcan.c firmware/port/linux/pace.c firmware/port/linux/can_errors.c  # not in the library, but tested with it
 PORT     := firmware/port/stm32f405

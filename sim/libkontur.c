@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* libkontur.c: the interface of kontur_sim.h: the firmware, a simulated machine and a CAN bus in memory. */
 #include "sim/kontur_sim.h"
 
 #include <math.h>
