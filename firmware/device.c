@@ -287,7 +287,7 @@ static bool needs_power_off(const struct od_entry *entry)
     return (entry->flags & OD_CONFIG) != 0 || entry->index == 0x1016 || entry->index == 0x1029;
 }
 
-static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t value)
+static uint32_t before_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
     struct device *device = ctx;
     if (entry->index == 0x2300 || entry->index == 0x2301) {
@@ -404,7 +404,7 @@ void device_init(struct device *device, const struct hal *hal, uint8_t node_id)
         .hal = hal,
         .node_id = used_id,
         .hooks = {.ctx = device,
-                  .check_write = check_write,
+                  .before_write = before_write,
                   .on_write = on_write,
                   .before_read = before_read,
                   .domain_size = domain_size,

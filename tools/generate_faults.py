@@ -129,7 +129,7 @@ def c_source(faults: list[Fault]) -> str:
         C_HEAD,
         '#include "supervision/fault.h"',
         "",
-        '#include "canopen/emcy.h"',
+        '#include "od/od.h"',
         "",
         "const struct fault_row fault_table[FAULTS] = {",
     ]
@@ -142,7 +142,7 @@ def c_source(faults: list[Fault]) -> str:
 
 def c_rows(faults: list[Fault]) -> str:
     """For tests: what each row promises, those of the node among them. See tests/unit/test_faults.h."""
-    lines = [C_HEAD, "#ifndef FAULT_ROWS_H", "#define FAULT_ROWS_H", '#include "canopen/emcy.h"', '#include "supervision/fault.h"', ""]
+    lines = [C_HEAD, "#ifndef FAULT_ROWS_H", "#define FAULT_ROWS_H", '#include "od/od.h"', '#include "supervision/fault.h"', ""]
     lines += ["enum row {", *(f"    ROW_{f.name.upper()}," for f in faults), "    ROWS", "};", ""]
     lines += ["static const struct promise {"]
     lines += ["    uint32_t bit; /* FAULT_BIT(), 0: the node's */", "    uint16_t emcy;", "    uint8_t reg;"]
