@@ -217,7 +217,9 @@ void co_lss_reset(struct co_lss *lss, uint8_t node_id)
 {
     lss->node_id = node_id;
     lss->configuring = false;
-    lss->selected = lss->identified = lss->scanned = 0;
+    lss->selected = 0;
+    lss->identified = 0;
+    lss->scanned = 0;
     lss->delay_ms = 0;
     set_silence(lss, 0);
     change_bitrate(lss);

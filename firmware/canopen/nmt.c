@@ -99,7 +99,8 @@ void co_nmt_written(struct co_nmt *nmt, uint16_t index)
 {
     if (index == OBJ_HEARTBEAT_CONSUMER && nmt->watched == 0) {
         nmt->consumer_left_ms = 0;
-    } else if (index == OBJ_HEARTBEAT_PRODUCER) {
+    }
+    if (index == OBJ_HEARTBEAT_PRODUCER) {
         nmt->producer_ms = 0;
     }
 }

@@ -31,7 +31,7 @@ void co_tx_send(struct co_tx *tx, const struct can_frame *frame)
     }
 }
 
-bool co_tx_send_now(struct co_tx *tx, const struct can_frame *frame)
+bool co_tx_send_now(const struct co_tx *tx, const struct can_frame *frame)
 {
     return tx->count == 0 && transmit(tx, frame);
 }

@@ -88,13 +88,12 @@ uint32_t settings_command(struct settings *s, const struct od_entry *entry, uint
     static const unsigned restored[] = {[SUB_RESTORE_ALL] = STORE_COMMUNICATION | STORE_APPLICATION,
                                         [SUB_RESTORE_COMMUNICATION] = STORE_COMMUNICATION,
                                         [SUB_RESTORE_APPLICATION] = STORE_APPLICATION};
-    bool ok = true;
-    if (entry->index == OBJ_STORE) {
-        ok = write(s, node_id, saved[entry->sub], ALL & ~saved[entry->sub]);
-    } else if (entry->index == OBJ_RESTORE) {
-        ok = write(s, node_id, 0, ALL & ~restored[entry->sub]);
+    if (entry->index == OBJ_NODE) { /* no command */
+        return SDO_OK;
     }
-    return ok ? SDO_OK : SDO_ABORT_HARDWARE;
+    const bool save = entry->index == OBJ_STORE;
+    const unsigned replaced = save ? saved[entry->sub] : restored[entry->sub];
+    return write(s, node_id, save ? replaced : 0u, ALL & ~replaced) ? SDO_OK : SDO_ABORT_HARDWARE;
 }
 
 bool settings_store_node(struct settings *s, uint8_t node_id)
