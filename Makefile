@@ -151,7 +151,7 @@ define debian
 endef
 
 # --- library ----------------------------------------------------------------------------------------------------------
-build/gen/od/od_gen.c: firmware/od/objects.toml tools/objects.py tools/dbc.py tools/generate_objects.py | $(VENV)/stamp
+build/gen/od/od_gen.c: firmware/od/objects.toml tools/source.py tools/objects.py tools/dbc.py tools/generate_objects.py | $(VENV)/stamp
 	@echo "  GEN objects.toml"
 	$(Q)$(PY) tools/generate_objects.py build/gen/od --eds host/kontur/kontur.eds --dbc host/kontur/kontur.dbc --docs docs/objects.md
 
@@ -159,7 +159,7 @@ build/gen/scope/signal_gen.c: firmware/scope/signals.toml tools/generate_signals
 	@echo "  GEN signals.toml"
 	$(Q)$(PY) tools/generate_signals.py build/gen/scope --docs docs/signals.md --json host/kontur/signals.json
 
-build/gen/supervision/fault_gen.c: firmware/supervision/faults.toml tools/generate_faults.py | $(VENV)/stamp
+build/gen/supervision/fault_gen.c: firmware/supervision/faults.toml tools/source.py tools/generate_faults.py | $(VENV)/stamp
 	@echo "  GEN faults.toml"
 	$(Q)$(PY) tools/generate_faults.py build/gen/supervision --docs docs/faults.md --json host/kontur/fault_table.json
 
