@@ -3,8 +3,8 @@
  *
  * The master addresses the node by its identity, object 1018h. What it configures is written to 2001h and takes effect
  * at the next reset of communication. A new bit rate also takes effect by "activate bit timing"; for the two delays of
- * that service the node sends nothing. A node without id (OD_UNCONFIGURED) answers LSS only, until it has been given one
- * and is sent back to the waiting state, or reset.
+ * that service the node sends nothing. A node without id (OD_UNCONFIGURED) answers LSS only, until it has been given
+ * one and is sent back to the waiting state, or reset.
  *
  * Background only; called by node.c.
  */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* sdo_transfer.h: what all kinds of SDO transfer have in common (CiA 301, 7.2.4): the object that is read or written, its
- * value on the way, and the frames of the answers.
+/* sdo_transfer.h: what all kinds of SDO transfer have in common (CiA 301, 7.2.4): the object that is read or written,
+ * its value on the way, and the frames of the answers.
  *
  * An SDO is a service data object: a client, mostly the master, writes (download) or reads (upload) one object of the
  * dictionary. A short value fits into one frame (expedited); a longer one comes in segments, or in blocks of segments.
