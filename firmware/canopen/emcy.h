@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* emcy.h: errors in effect and what tells of them: EMCY messages (1014h, 1015h), the error register 1001h and the error
+/* emcy.h: errors in effect, and their report: EMCY messages (1014h, 1015h), the error register 1001h and the error
  * history 1003h (CiA 301, 7.2.7).
  *
  * An error is known by its code (CiA 301, CiA 402) and is in effect from co_emcy_raise() to co_emcy_clear(). Each sends

@@ -40,7 +40,7 @@ struct co_hooks {
     void (*before_read)(void *ctx, const struct od_entry *entry);
     /* An SDO is about to read a domain. Returns the number of its bytes; 0: there are none. */
     uint32_t (*domain_size)(void *ctx, const struct od_entry *entry);
-    /* Put `count` bytes of a domain from `at` on into `to`; they may be asked for again. false: they are gone. */
+    /* Put `count` bytes of a domain from `at` on into `to`; they may be read again. false: it has changed. */
     bool (*domain_read)(void *ctx, const struct od_entry *entry, uint32_t at, uint8_t *to, uint32_t count);
     /* The values of RPDO `number` (1...) are stored. Called for every RPDO before the next one is handled;
      * co_rpdo_carries() says what is mapped into it. */

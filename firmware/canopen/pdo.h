@@ -29,7 +29,7 @@
 
 enum { PDO_SYNC_MAX = 240, PDO_EVENT = 254 }; /* transmission types */
 
-/* The node's other parts, told of PDOs. */
+/* Functions of the node that are called for PDOs. */
 struct co_pdo_hooks {
     void *ctx;
     void (*on_rpdo)(void *ctx, unsigned number); /* the values of RPDO `number` (1...) are stored */
