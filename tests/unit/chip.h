@@ -9,8 +9,8 @@
 #include "hal/hal.h"
 #include "port/stm32f405/regs.h"
 
-/* The answer to wait_until(). The default sets the bits that the port waits for. false: the hardware does not set
- * them. */
+/* The answer to wait_until(). The default sets the bits that
+ * the port waits for. false: the hardware does not set them. */
 typedef bool chip_answer(const reg *r, uint32_t mask, uint32_t value);
 extern chip_answer *chip_waits;
 /* Number of waits since chip_reset(). */
@@ -18,8 +18,8 @@ extern unsigned chip_waited;
 
 extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
 
-/* Set all registers to 0, except RCC_CR, which tells a chip from an emulator; erase the store; let every wait
- * succeed. */
+/* Set all registers to 0, except RCC_CR, which tells a chip
+ * from an emulator; erase the store; let every wait succeed. */
 void chip_reset(void);
 /* Become an emulator for cpu_emulated(). */
 void chip_emulate(void);

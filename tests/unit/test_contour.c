@@ -2,9 +2,8 @@
 /* test_contour.c: the contour error, the foot point and the rates of the frame.
  *
  * Expected values: the path is a circle of radius R about the origin, run anticlockwise at the rate W (rad/T0). The
- * axes are at the polar position (rho, phi_q) with the rates rho', phi_q', while the reference is at phi_r = phi_q +
- * a. The foot point is at phi_q, where t = e_t and n = -e_r. So e_n = (-R sin a, R - rho) and r_n = R e_r + R sin a
- * e_t.
+ * axes are at the polar position (rho, phi_q) with the rates rho', phi_q', while the reference is at phi_r = phi_q + a.
+ * The foot point is at phi_q, where t = e_t and n = -e_r. So e_n = (-R sin a, R - rho) and r_n = R e_r + R sin a e_t.
  */
 #include "core/contour.h"
 
@@ -128,8 +127,8 @@ static void test_the_frame_turns_at_speed_over_radius(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, cos(80.3 * STEP), val(o.t.y));
     /* Knots of 1 nm round r'' by 25 um/T0^2 a um, which is 0.025/500. */
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, W, val(o.theta_dot));
-    /* They round r''' by 125 um/T0^3 a um times 4 nm, 0.5/500, and the spline's own steps in r''' are R step^3
-     * 125/2. */
+    /* They round r''' by 125 um/T0^3 a um times 4 nm, 0.5/500,
+     * and the spline's own steps in r''' are R step^3 125/2. */
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 0, val(o.theta_ddot));
 }
 

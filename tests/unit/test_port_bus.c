@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_port_bus.c: the bus of the STM32F405, which is slcan on the serial port while its channel is open, and else
- * CAN. */
+/* test_port_bus.c: the bus of the STM32F405, which is slcan
+ * on the serial port while its channel is open, and else CAN. */
 #include <string.h>
 
 #include "chip.h"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_port_clock.c: the clock tree of the STM32F405: 168 MHz with and without the crystal, and a crystal that
- * stops. */
+/* test_port_clock.c: the clock tree of the STM32F405: 168 MHz
+ * with and without the crystal, and a crystal that stops. */
 #include "chip.h"
 #include "port/stm32f405/clock.h"
 #include "port/stm32f405/output.h"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* test_port_encoder.c: the encoder timers of the STM32F405: counts of 32 bits, the index pulse, and the symptoms of a
- * wrong count.
+/* test_port_encoder.c: the encoder timers of the STM32F405: counts
+ * of 32 bits, the index pulse, and the symptoms of a wrong count.
  */
 #include "chip.h"
 #include "port/stm32f405/encoder.h"

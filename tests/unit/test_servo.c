@@ -155,8 +155,8 @@ static void test_a_disabled_axis_gets_no_force(void)
     TEST_ASSERT_FALSE(out.saturated);
 }
 
-/* The encoder of x stands still while y moves. No force acts on x, so observer and reference model of x must get
- * none. */
+/* The encoder of x stands still while y moves. No force acts
+ * on x, so observer and reference model of x must get none. */
 static void test_an_axis_that_is_disabled_and_rests_is_seen_at_rest(void)
 {
     in.enabled[0] = false;

@@ -29,8 +29,8 @@ static double um_of(pos_t p)
     return (double)p / (POS_PER_NM * 1e3);
 }
 
-/* Tolerance of a position. In fixed point 1/6 is half a step off, which is multiplied by second differences of up
- * to 36 um. */
+/* Tolerance of a position. In fixed point 1/6 is half a step
+ * off, which is multiplied by second differences of up to 36 um. */
 #define POS (1e-8 + HALF_STEPS(40))
 
 /* Knots 2, 3, 4, 5 are 1.5, 3, 7.5, 3 um in x, and minus twice that in y. */
@@ -74,9 +74,9 @@ static void test_derivatives_are_those_of_the_position_by_finite_differences(voi
         const double h = 0.01;
         const struct spline_point before = at(s - h), p = at(s), after = at(s + h);
         const double dt = 2 * h * 0.2;
-        /* The error of the differences is h^2/6 r''' <= (0.002)^2/6 * 500 (0.125)^2, and two positions of 1e-5 um
-         * rounding. In fixed point it is half a step of u times 100 um a knot, and 15 and 50 roundings of each
-         * derivative. */
+        /* The error of the differences is h^2/6 r''' <= (0.002)^2/6 * 500 (0.125)^2,
+         * and two positions of 1e-5 um rounding. In fixed point it is half a step of
+         * u times 100 um a knot, and 15 and 50 roundings of each derivative. */
         TEST_ASSERT_DOUBLE_WITHIN(0.01 + HALF_STEPS(220) / dt, (um_of(after.pos[0]) - um_of(before.pos[0])) / dt,
                                   val(p.d1.x));
         TEST_ASSERT_DOUBLE_WITHIN(0.01 + HALF_STEPS(220) / dt, (um_of(after.pos[1]) - um_of(before.pos[1])) / dt,
