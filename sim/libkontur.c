@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* libkontur.c: the interface of kontur_sim.h: the firmware, a simulated machine and a CAN bus in memory. */
+/* libkontur.c: libkontur, the object of kontur_sim.h. It is the HAL of the simulated machine, and it lets time
+ * pass. */
 #include "sim/kontur_sim.h"
 
 #include <math.h>
@@ -30,11 +31,11 @@ struct ks {
     uint64_t tick;
     uint32_t overflows;
     struct ks_truth *truth;
-    uint64_t truth_count, truth_room;
+    uint64_t truth_count, truth_capacity;
     int recording;
 };
 
-static int put(struct fifo *f, const struct ks_frame *frame)
+static int push(struct fifo *f, const struct ks_frame *frame)
 {
     if (f->count == QUEUE_FRAMES) {
         return 0;
@@ -44,7 +45,7 @@ static int put(struct fifo *f, const struct ks_frame *frame)
     return 1;
 }
 
-static int take(struct fifo *f, struct ks_frame *frame)
+static int pop(struct fifo *f, struct ks_frame *frame)
 {
     if (f->count == 0) {
         return 0;
@@ -55,7 +56,7 @@ static int take(struct fifo *f, struct ks_frame *frame)
     return 1;
 }
 
-/* ---- the HAL: the plant in place of the machine ---- */
+/* ---- the HAL of the simulated machine ---- */
 
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
@@ -82,8 +83,8 @@ static bool can_send(void *ctx, const struct can_frame *frame)
     ks *s = ctx;
     struct ks_frame f = {.id = frame->id, .len = frame->len, .rtr = frame->rtr, .tick = s->tick};
     memcpy(f.data, frame->data, sizeof f.data);
-    if (!put(&s->to_host, &f)) {
-        s->overflows++; /* the wire does not wait for a listener */
+    if (!push(&s->to_host, &f)) {
+        s->overflows++; /* a bus does not wait for a listener */
     }
     return true;
 }
@@ -92,7 +93,7 @@ static bool can_receive(void *ctx, struct can_frame *frame)
 {
     ks *s = ctx;
     struct ks_frame f;
-    if (!take(&s->to_device, &f)) {
+    if (!pop(&s->to_device, &f)) {
         return false;
     }
     *frame = (struct can_frame){.id = (uint16_t)f.id, .len = f.len, .rtr = f.rtr != 0};
@@ -106,7 +107,7 @@ static void can_status(void *ctx, struct hal_can_status *status)
     *status = s->can;
 }
 
-/* Frames have no bits here: any rate of CiA 301, table 1, will do. */
+/* The simulated bus has no bit rate, so it accepts every rate of CiA 301, table 1. */
 static bool can_bitrate(void *ctx, uint16_t kbitps, bool change)
 {
     static const uint16_t rates[] = {10, 20, 50, 125, 250, 500, 800, 1000};
@@ -187,7 +188,7 @@ int ks_send(ks *s, uint32_t id, uint8_t rtr, uint8_t len, const uint8_t *data)
         return -1;
     }
     memcpy(f.data, data, len);
-    if (!put(&s->to_device, &f)) {
+    if (!push(&s->to_device, &f)) {
         return -1;
     }
     device_poll(&s->device);
@@ -196,20 +197,21 @@ int ks_send(ks *s, uint32_t id, uint8_t rtr, uint8_t len, const uint8_t *data)
 
 int ks_recv(ks *s, struct ks_frame *out)
 {
-    return take(&s->to_host, out);
+    return pop(&s->to_host, out);
 }
 
-static void record(ks *s)
+/* Append the true position and velocity at the start of a control period. */
+static void record_truth(ks *s)
 {
-    if (s->truth_count == s->truth_room) {
-        const uint64_t room = s->truth_room == 0 ? 65536 : 2 * s->truth_room;
-        struct ks_truth *more = realloc(s->truth, room * sizeof *more);
+    if (s->truth_count == s->truth_capacity) {
+        const uint64_t capacity = s->truth_capacity == 0 ? 65536 : 2 * s->truth_capacity;
+        struct ks_truth *more = realloc(s->truth, capacity * sizeof *more);
         if (more == NULL) {
             s->recording = 0;
             return;
         }
         s->truth = more;
-        s->truth_room = room;
+        s->truth_capacity = capacity;
     }
     struct ks_truth *row = &s->truth[s->truth_count++];
     const struct servo_loop *loop = &s->device.drive.loop;
@@ -224,11 +226,11 @@ static void record(ks *s)
     }
 }
 
-/* One control period: read, law, write; then the machine moves on. */
+/* One control period: the servo tick, the background loop, and then the movement of the plant. */
 static void period(ks *s)
 {
     if (s->recording) {
-        record(s);
+        record_truth(s);
     }
     device_tick(&s->device);
     s->tick++;
@@ -240,7 +242,7 @@ static void period(ks *s)
         memcpy(row->friction_N, s->plant.friction_N, sizeof row->friction_N);
         for (int i = 0; s->device.drive.loop.simulated && i < 2; i++) {
             row->force_N[i] = (double)n_to_q32(s->device.drive.loop.onchip_plant.axis[i].force) * 0x1p-32;
-            row->friction_N[i] = 0.0; /* not told by this model */
+            row->friction_N[i] = 0.0; /* this model does not output its friction */
         }
     }
 }
@@ -381,9 +383,9 @@ int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_m
         for (int k = 0; k < 2; k++) {
             q[k] = llround(position_m[2 * i + (uint32_t)k] * 1e9 * POS_PER_NM);
         }
-        struct spline_kept kept = {0};
+        struct spline_cache cache = {0};
         struct contour_out out;
-        contour_step(&cfg, &kept, &ring, &path, q, v2(NUM(0), NUM(0)), &out);
+        contour_step(&cfg, &cache, &ring, &path, q, v2(NUM(0), NUM(0)), &out);
         e_n_m[2 * i] = (double)n_to_q32(out.e_n.x) * 1e-6 / 4294967296.0;
         e_n_m[2 * i + 1] = (double)n_to_q32(out.e_n.y) * 1e-6 / 4294967296.0;
     }

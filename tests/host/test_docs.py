@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The hand-written pages: lines of at most 120 characters, links that lead somewhere, commands that exist."""
 
+import importlib
+import json
 import re
 import shlex
 from collections.abc import Iterator
@@ -103,6 +105,25 @@ def unknown_to_cli(words: list[str]) -> str | None:
     return None
 
 
+def make_targets(text: str) -> set[str]:
+    """The targets of `make` that a page calls, inline or at the start of a line of code."""
+    return set(re.findall(r"(?:`|^)make ([a-z][a-z-]*)", text, re.MULTILINE))
+
+
+def presets(text: str) -> set[str]:
+    """The CMake presets that a page calls."""
+    return set(re.findall(r"(?:cmake|ctest)[^`\n]* --preset[ =]([\w-]+)", text))
+
+
+def missing_imports(code: str) -> list[str]:
+    """What the examples in Python import from kontur and is not there."""
+    missing = []
+    for module, names in re.findall(r"^from (kontur[\w.]*) import ([\w, ]+)$", code, re.MULTILINE):
+        found = importlib.import_module(module)
+        missing += [f"{module}.{name}" for name in re.split(r", *", names) if not hasattr(found, name)]
+    return missing
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_lines_are_at_most_120_characters(page: Path) -> None:
     # A line without a blank, such as a long link, cannot be broken.
@@ -118,6 +139,24 @@ def test_relative_links_lead_to_a_file_and_its_heading(page: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_and_options_exist(page: Path) -> None:
     assert not [word for call in kontur_commands(page) if (word := unknown_to_cli(call))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_targets_of_make_exist(page: Path) -> None:
+    known = set(re.findall(r"^([a-z][a-z-]*):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE))
+    assert make_targets(page.read_text("utf-8")) <= known
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if presets(page.read_text("utf-8"))], ids=name_of)
+def test_presets_of_cmake_exist(page: Path) -> None:
+    described = json.loads((ROOT / "CMakePresets.json").read_text("utf-8"))
+    known = {preset["name"] for kind in described if kind.endswith("Presets") for preset in described[kind]}
+    assert presets(page.read_text("utf-8")) <= known
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_examples_in_python_import_what_exists(page: Path) -> None:
+    assert not missing_imports(prose_and_code(page)[1])
 
 
 def test_pages_are_found_and_marked_tables_are_left_out() -> None:
