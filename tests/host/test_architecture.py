@@ -24,6 +24,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "architecture.md"
 GENERATORS = {"od": "generate_objects", "scope": "generate_signals", "supervision": "generate_faults"}
 PARTS = {r"core/num_\w+": "core/num"}  # modules that count as parts of another one
+_NAME = re.compile("`([^`]+)`")
 CONTEXTS = {"tick", "background", "both", "wires"}
 WALKS = ("The way of a setpoint", "The way of a controlword", "One tick")
 # What a program need not load to talk to a real drive.
@@ -40,32 +41,30 @@ def section(title: str) -> str:
 
 @dataclass(frozen=True)
 class Room:
-    """A row of a table of rooms. `others`: files, without suffix, that run in another context than the room."""
+    """A row of a table of rooms. `both`: files, without suffix, of a room of the background that the tick uses, too."""
 
     context: str
-    others: Mapping[str, str]
+    both: frozenset[str]
     may_include: frozenset[str]
 
 
 def rooms(title: str) -> dict[str, Room]:
     """The rooms of a table, from the lowest to the highest; those of one row may include each other."""
+    text = section(title)
+    lists = {
+        room: frozenset(_NAME.findall(files)) for room, files in re.findall("^- `([^`]+)`: (.+)", text, re.MULTILINE)
+    }
     found: dict[str, Room] = {}
-    for line in section(title).splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
-        if not line.startswith("| `"):
-            continue
-        names, context, includes = re.findall("`([^`]+)`", cells[0]), cells[1], cells[-1]
-        listed = set(re.findall("`([^`]+)`", includes))
-        allowed = set(found) - listed if includes.startswith("all above") else listed
-        others = {
-            file: kind for kind, files in re.findall(r"(\w+): ((?:`[^`]+`,? ?)+)", context)
-            for file in re.findall("`([^`]+)`", files)
-        }  # fmt: skip
-        allowed |= set(names)
+    for line in re.findall(r"^\| (`.*) \|$", text, re.MULTILINE):
+        cells = line.split(" | ")
+        names, listed = _NAME.findall(cells[0]), set(_NAME.findall(cells[-1]))
+        allowed = set(found) - listed if cells[-1].startswith("all above") else listed
         wrong = allowed - set(found) - set(names)
         assert not wrong, f"{names}: a room may include rooms above it only, not {wrong}"
-        found |= {name: Room(context.split()[0].rstrip(";"), others, frozenset(allowed)) for name in names}
+        for name in names:
+            found[name] = Room(cells[1].split()[0], lists.get(name, frozenset()), frozenset(allowed | set(names)))
     assert found, f"no table of rooms in {title!r}"
+    assert set(lists) <= set(found)
     return found
 
 
@@ -115,7 +114,7 @@ def sources(tmp_path_factory) -> CSources:
         for table in (generated / room).glob("*.c"):  # a module of its own: its types are of those who use the header
             table.rename(table.with_suffix(".c.c"))
     roots = {ROOT / "firmware": [ROOT / "firmware"], ROOT: [ROOT / "sim"], generated: [generated]}
-    supplied = set(re.findall(r"`(\w+)`", section("Firmware").rpartition("leaves")[2]))
+    supplied = _NAME.findall(section("Firmware").rpartition("leaves")[2])
     return CSources(roots, PARTS, supplied)
 
 
@@ -141,7 +140,7 @@ def forbidden(arrows: Mapping[str, set[str]], table: Mapping[str, Room]) -> list
 def context_of(module: str, table: Mapping[str, Room]) -> str:
     """In which context a C module runs."""
     room = table[room_of(module, table)]
-    return room.others.get(module.rpartition("/")[2], room.context)
+    return "both" if module.rpartition("/")[2] in room.both else room.context
 
 
 @cache
@@ -200,9 +199,9 @@ def test_each_room_of_the_page_has_modules(sources):
     table = rooms("Firmware")
     assert set(table) == {room_of(module, table) for module in sources.modules}
     for name, room in table.items():
-        assert {room.context, *room.others.values()} <= CONTEXTS, name
+        assert room.context in CONTEXTS, name
         files = {module.rpartition("/")[2] for module in sources.modules if room_of(module, table) == name}
-        assert set(room.others) <= files, f"{name}: the page names files that are not there"
+        assert room.both <= files, f"{name}: the page names files that are not there: {room.both - files}"
 
 
 def test_what_the_tick_may_call_includes_nothing_of_the_background(sources):
