@@ -228,6 +228,31 @@ def test_a_context_calls_nothing_of_the_other(sources, entry, other_context):
     nothing(bad)
 
 
+# --- what CMake builds ------------------------------------------------------------------------------------------------
+def cmake_rooms() -> dict[str, dict[str, list[str]]]:
+    """The arguments of kontur_room() in the CMakeLists.txt of the firmware, by room and keyword."""
+    found: dict[str, dict[str, list[str]]] = {}
+    for path in sorted((ROOT / "firmware").glob("**/CMakeLists.txt")):
+        for words in re.findall(r"^kontur_room\(([^)]*)\)", path.read_text(), re.MULTILINE):
+            name, *rest = words.split()
+            found[name] = {key: [] for key in ("SOURCES", "TICK", "USES")}
+            for word in rest:
+                if word in found[name]:
+                    key = word
+                else:
+                    found[name][key].append(word)
+    return found
+
+
+@pytest.mark.parametrize(("name", "words"), cmake_rooms().items())
+def test_cmake_knows_rooms_and_the_tick_as_the_page_does(name, words):
+    table = rooms("Firmware")
+    uses = [f"{name} uses {other}" for other in words["USES"] if other not in table[name].may_include]
+    files = [f"{name}/{Path(source).stem}" for source in words["TICK"]]
+    ticks = [f"{file} is compiled for the tick" for file in files if context_of(file, table) == "background"]
+    nothing([*uses, *ticks])
+
+
 # --- the host ---------------------------------------------------------------------------------------------------------
 def host_arrows() -> dict[str, set[str]]:
     """Modules of the package by their paths below host/kontur; the package itself is `__init__`."""
