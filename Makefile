@@ -37,7 +37,7 @@ TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/,drive/encode
 GENERATED := build/gen/od/od_gen.c build/gen/scope/signal_gen.c build/gen/supervision/fault_gen.c
 ROOMS    := core od canopen motion supervision scope drive onchip
 FIRMWARE := $(wildcard firmware/*.c $(ROOMS:%=firmware/%/*.c)) $(GENERATED)
-SOURCES  := $(FIRMWARE) sim/flash.c sim/kontur_sim.c sim/plant.c
+SOURCES  := $(FIRMWARE) sim/flash.c sim/libkontur.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
 PORT_SOURCES := firmware/port/slcan.c firmware/port/linux/pace.c firmware/port/linux/can_errors.c  # not in the library, but tested with it
 PORT     := firmware/port/stm32f405
@@ -76,7 +76,7 @@ demo: setup lib  ## cut examples/part.ngc under five controllers: table, build/d
 	$(KONTUR) demo
 
 paper: setup lib  ## run the paper again: docs/paper.md and its pictures (some minutes)
-	$(KONTUR) experiment paper-page docs/paper.md
+	$(PY) tools/paper_page.py docs/paper.md
 
 test: setup test-c coverage test-target test-host test-hil lint  ## all tests: C (Unity, with sanitizers; branches), Python (pytest), over the bus, lint
 
@@ -97,8 +97,8 @@ test-hil: setup lib $(if $(filter vcan,$(HIL)),build/uml.stamp) $(if $(filter qe
 	  $$vcan $(PY) -m pytest tests/hil --target $$target $(if $(NO_MOTION),--no-motion) || exit 1; done
 
 lint: setup lib build/debian.stamp $(GENERATED)  ## ruff, mypy --strict; clang-tidy, gcc -fanalyzer, cppcheck with MISRA C:2012
-	$(VENV)/bin/ruff check host tests firmware examples
-	$(VENV)/bin/ruff format --check host tests firmware examples
+	$(VENV)/bin/ruff check host tools reference tests firmware examples
+	$(VENV)/bin/ruff format --check host tools reference tests firmware examples
 	$(VENV)/bin/mypy host/kontur
 	$(Q)$(MAKE) --no-print-directory -j$(shell nproc) lint-c
 
@@ -108,7 +108,7 @@ golden: build/unit/f32/write_golden build/unit/fix/write_golden  ## write the go
 
 bench: setup lib cost-programs  ## speed of the simulated drive; instructions of a servo tick by stage, stack, flash, RAM
 	$(KONTUR) bench sim
-	$(KONTUR) bench step
+	$(PY) tools/cost.py
 
 lib: $(NUMS:%=$(LIB)/libkontur_%.so) $(LIB)/kontur_sim.h $(LIB)/kontur-sim  ## firmware and simulated machine as a shared library, for each numeric back end, and as a process
 
@@ -151,15 +151,15 @@ define debian
 endef
 
 # --- library ----------------------------------------------------------------------------------------------------------
-build/gen/od/od_gen.c: firmware/od/objects.toml tools/objects.py tools/dbc.py tools/generate_objects.py | $(VENV)/stamp
+build/gen/od/od_gen.c: firmware/od/objects.toml tools/source.py tools/objects.py tools/dbc.py tools/generate_objects.py | $(VENV)/stamp
 	@echo "  GEN objects.toml"
 	$(Q)$(PY) tools/generate_objects.py build/gen/od --eds host/kontur/kontur.eds --dbc host/kontur/kontur.dbc --docs docs/objects.md
 
-build/gen/scope/signal_gen.c: firmware/scope/signals.toml firmware/od/objects.toml tools/objects.py tools/generate_signals.py | $(VENV)/stamp
+build/gen/scope/signal_gen.c: firmware/scope/signals.toml firmware/od/objects.toml tools/source.py tools/objects.py tools/generate_signals.py | $(VENV)/stamp
 	@echo "  GEN signals.toml"
 	$(Q)$(PY) tools/generate_signals.py build/gen --docs docs/signals.md --json host/kontur/signals.json
 
-build/gen/supervision/fault_gen.c: firmware/supervision/faults.toml tools/generate_faults.py | $(VENV)/stamp
+build/gen/supervision/fault_gen.c: firmware/supervision/faults.toml tools/source.py tools/generate_faults.py | $(VENV)/stamp
 	@echo "  GEN faults.toml"
 	$(Q)$(PY) tools/generate_faults.py build/gen/supervision --docs docs/faults.md --json host/kontur/fault_table.json
 
@@ -368,7 +368,7 @@ test-target: $(TARGET_TESTS:%=build/target/%.elf) $(TARGETS:%=build/target/%/has
 	for n in $(TARGETS); do h=$$(build/target/host-$${n#*-}/hash); t=$$(cat build/target/$$n/hash.log); \
 	  if [ -n "$$h" ] && [ "$$h" = "$$t" ]; then echo "closed loop on $$n: $$t, as on the host"; \
 	  else failed=1; echo "closed loop on $$n: $$t, on the host: $$h: DIFFERENT"; fi; done; \
-	$(KONTUR) bench step --check || failed=1; \
+	$(PY) tools/cost.py --check || failed=1; \
 	if [ $$failed = 0 ]; then echo "target tests: $(words $(TARGET_TESTS)) programs passed"; else echo "target tests: FAILED"; exit 1; fi
 
 # Counts instructions by stage, inside QEMU. Its interface has had version 2 since QEMU 9; what is used of it is the same.
@@ -385,7 +385,7 @@ DRIVERS  := $(patsubst %,build/target/m4-f32/$(PORT)/%.o,cpu encoder inputs outp
 build/target/m4-f32/bench_port.elf: $(DRIVERS)
 
 cost: cost-programs  ## write down what the firmware costs: tests/target/cost.json, docs/performance.md
-	$(KONTUR) bench step --write
+	$(PY) tools/cost.py --write
 
 # --- static analysis --------------------------------------------------------------------------------------------------
 # Deviations stand in firmware/deviations.txt. Files are looked at again when they or a header have changed.
@@ -423,7 +423,7 @@ lint-c: build/lint/misra-f32.ok build/lint/misra-fix.ok $(LINT_SOURCES:%.c=build
 .PHONY: lint-c
 
 # --- fuzzing --------------------------------------------------------------------------------------------------------------
-# tests/fuzz/NAME.c with clang's libFuzzer; what is found goes to build/fuzz/NAME-crash-*, new inputs to build/fuzz/corpus.
+# tests/fuzz/NAME.c with clang's libFuzzer; what is found goes to build/fuzz/NAME-crash-*, new inputs to build/fuzz/corpus (tests/fuzz/corpus.py).
 # build/fuzz/asan: AddressSanitizer and UBSan; build/fuzz/ub: UBSan alone, nearly twice as fast.
 FUZZERS  := can sdo slcan store
 SECONDS  := 60
@@ -458,9 +458,9 @@ endef
 $(foreach s,asan ub,$(eval $(call fuzzers,$(s))))
 
 fuzz: setup lib $(FUZZERS:%=build/fuzz/asan/%)  ## fuzz CAN, SDO, slcan, stored image and G-code, SECONDS=60 each, from SEED=1
-	@$(foreach f,$(FUZZERS),mkdir -p build/fuzz/corpus/$(f); \
+	@$(foreach f,$(FUZZERS),mkdir -p build/fuzz/corpus/$(f); $(PY) tests/fuzz/corpus.py unpack $(f) build/fuzz/seeds/$(f) || exit 1; \
 	  if build/fuzz/asan/$(f) -max_total_time=$(SECONDS) -seed=$(SEED) -print_final_stats=1 -artifact_prefix=build/fuzz/$(f)- \
-	      -max_len=160 -len_control=0 -entropic=0 -detect_leaks=0 build/fuzz/corpus/$(f) tests/fuzz/corpus/$(f) >build/fuzz/$(f).log 2>&1; \
+	      -max_len=160 -len_control=0 -entropic=0 -detect_leaks=0 build/fuzz/corpus/$(f) build/fuzz/seeds/$(f) >build/fuzz/$(f).log 2>&1; \
 	  then awk -v f=$(f) '/number_of_executed_units/ { n = $$2 } /average_exec_per_sec/ { s = $$2 } \
 	    END { printf "%-6s %10d executions %8d a second, no finding\n", f, n, s }' build/fuzz/$(f).log; \
 	  else tail -40 build/fuzz/$(f).log; echo "make: $(f): a finding; run it again: build/fuzz/asan/$(f) build/fuzz/$(f)-crash-..."; exit 1; fi;)

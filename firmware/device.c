@@ -85,7 +85,7 @@ static void check_health(struct device *device)
 
 static void follow(struct device *device)
 {
-    device->drive.store_lost = settings_lost(&device->settings);
+    device->drive.store_lost = settings_invalid(&device->settings);
     device->drive.node_warns = co_emcy_of_node(&device->node);
     drive_poll(&device->drive);
     announce(device);
@@ -141,7 +141,8 @@ static uint32_t check_settings(struct device *device, const struct od_entry *ent
         fault_monitor_event(&device->drive.fault_monitor, FAULT_CONFIG_ENABLED);
         return SDO_ABORT_STATE;
     }
-    return settings_command(&device->settings, entry, value, device->node.config.node_id);
+    const uint32_t code = settings_check(&device->settings, entry, value);
+    return code != SDO_OK ? code : settings_command(&device->settings, entry, device->node.config.node_id);
 }
 
 /* 2140h: the drive is held by the heartbeat that is watched meanwhile. */
@@ -229,7 +230,7 @@ static bool needs_power_off(const struct od_entry *entry)
     return (entry->flags & OD_CONFIG) != 0 || entry->index == 0x1016 || entry->index == 0x1029;
 }
 
-static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t value)
+static uint32_t before_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
     struct device *device = ctx;
     if (entry->index == 0x2300 || entry->index == 0x2301) {
@@ -339,14 +340,14 @@ void device_init(struct device *device, const struct hal *hal, uint8_t node_id)
     *device = (struct device){.hal = hal};
     od_init(&device->od, node_id);
     set_build(&device->od);
-    const uint8_t used_id = settings_init(&device->settings, &device->od, hal, node_id);
+    const uint8_t used_id = settings_init(&device->settings, &device->od, hal, node_id, configuration_fits);
     drive_init(&device->drive, &device->od, hal);
     const struct co_config config = {
         .od = &device->od,
         .hal = hal,
         .node_id = used_id,
         .hooks = {.ctx = device,
-                  .check_write = check_write,
+                  .before_write = before_write,
                   .on_write = on_write,
                   .before_read = before_read,
                   .domain_size = domain_size,

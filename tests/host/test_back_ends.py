@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kontur import machine, programs
-from kontur.device import CONTROLLERS
-from kontur.experiment import CASES, paper
-from kontur.planner import plan
-from kontur.run import Target, limits, run
+from kontur import machine
+from kontur.drive.device import CONTROLLERS
+from kontur.drive.target import Target
+from kontur.experiments.circles import CASES, paper
+from kontur.path import programs
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs.runner import run
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINE = machine.load()

@@ -15,11 +15,14 @@ import pytest
 from gdb import PC, SP, set_registers
 
 from kontur import machine as machines
-from kontur import shapes
-from kontur.device import Device, connected, open_bus
-from kontur.emulator import PROGRAM, Emulator, start
-from kontur.planner import plan
-from kontur.run import Target, limits, run
+from kontur.can.bus import open_bus
+from kontur.drive.device import Device, connected
+from kontur.drive.target import Target
+from kontur.path import shapes
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs.runner import run
+from kontur.sim.emulator import PROGRAM, Emulator, start
 
 ROOT = Path(__file__).parents[2]
 IMAGE = ROOT / "build/firmware/kontur.elf"

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* 100,000 periods of a part in closed loop under ccu, and a hash of all that the servo keeps and puts out: the same words
- * on the host and on every target. */
+/* hash.c: a program that prints a hash over the state and the outputs of the servo in 100,000 control periods of a
+ * part in closed loop under ccu. It must print the same on the host and on every target.
+ */
 #include <stdio.h>
 
 #include "rig.h"
 
 enum { STEPS = 100000 };
 
-/* FNV-1a, of things without padding, least significant byte first */
+/* The hash FNV-1a of data without padding, least significant byte first. */
 static void mix(uint32_t *hash, const void *data, uint32_t size)
 {
     const uint8_t *bytes = data;

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* rig.c: the closed loop of rig.h. */
 #include "rig.h"
 
 #include "part_knots.h"
 
-enum { AHEAD = 200 }; /* knots kept in the ring */
+enum { AHEAD = 200 }; /* knots in the ring ahead of path time */
 
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
