@@ -61,7 +61,7 @@ def _pair(x: float, y: float) -> Array:
 class Params:
     """Everything the loop needs, SI. The defaults are Table 1 and, where it is silent, values to compare with.
 
-    Most of those are the drive's defaults (firmware/canopen/objects.toml), but not all.
+    Most of those are the drive's defaults (firmware/od/objects.toml), but not all.
     """
 
     dt_s: float = 1e-4

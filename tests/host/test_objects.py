@@ -182,7 +182,7 @@ def test_parameters_are_marked_and_complete(od: canopen.ObjectDictionary) -> Non
     entries = [v for o in od.values() for v in (o.values() if hasattr(o, "values") else [o])]
     marked = [v for v in entries if v.storage_location == "PARAMETER"]
     named = {v.qualname for v in marked}
-    assert {"plant_x.mass", "motor_y.back_emf", "asmc.xi", "limits.velocity", "following_window_y"} <= named
+    assert {"plant_x.mass", "motor_y.back_emf", "smc.xi", "limits.velocity", "following_window_y"} <= named
     for v in marked:
         assert v.access_type == "rw", v.qualname
         assert v.min <= v.default <= v.max, v.qualname

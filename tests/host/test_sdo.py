@@ -86,9 +86,9 @@ def expected(name: str, entry: objects.Entry, value: int) -> int:
     if name == "sync_overflow":
         return STATE  # 1006h is not 0
     if (name, entry.name, value) in (
-        ("asmc", "k_bar", entry.high),
-        ("asmc", "k_0", entry.high),
-        ("uncertainty", "mu_0", entry.high),
+        ("smc", "k_bar", entry.high),
+        ("smc", "k_0", entry.high),
+        ("compensator", "mu_0", entry.high),
     ):
         return INCOMPATIBLE
     if (entry.name == "source" or name == "scope_channels") and value == entry.high:
@@ -323,7 +323,7 @@ def test_store_and_restore_of_python_canopen(link: Link) -> None:
 
 def test_stalled_transfer_gives_way_to_a_new_request_and_to_time(link: Link) -> None:
     link.node.sdo.open(0x1009, 0, buffering=0)  # begun, and left
-    assert Device(link).read("asmc.lambda") == 200.0
+    assert Device(link).read("smc.lambda") == 200.0
     aborts: list[bytes] = []
     link.node.sdo.open(0x1009, 0, buffering=0)
     link._network.subscribe(0x581, lambda _id, data, _time: aborts.append(bytes(data)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far path time came on a drive that was slowed, held or sped up (firmware/drive/path.h), known from when that was
+"""How far path time came on a drive that was slowed, held or sped up (firmware/motion/path_clock.h), known from when that was
 asked for. What slows it unasked, want of knots or a fault, is not in it.
 """
 
@@ -43,7 +43,7 @@ def curve(wanted: Sequence[tuple[int, float]], end: int, stop_periods: float) ->
 
 
 def _moved(rate: float, slope: float, goal: float, step: float) -> tuple[float, float]:
-    """One control period, `step` stop times long, towards `goal`: moved() of firmware/drive/path.c."""
+    """One control period, `step` stop times long, towards `goal`: moved() of firmware/motion/path_clock.c."""
     gap = goal - rate
     change = _JERK_MAX * step
     landing = math.sqrt(change * change / 4.0 + 2.0 * _JERK_MAX * abs(gap)) - change / 2.0
