@@ -37,7 +37,7 @@ TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/,drive/servo_
 GENERATED := build/gen/od/od_gen.c build/gen/scope/signal_gen.c build/gen/supervision/fault_gen.c
 ROOMS    := core od canopen motion supervision scope drive onchip
 FIRMWARE := $(wildcard firmware/*.c $(ROOMS:%=firmware/%/*.c)) $(GENERATED)
-SOURCES  := $(FIRMWARE) sim/flash.c sim/kontur_sim.c sim/plant.c
+SOURCES  := $(FIRMWARE) sim/flash.c sim/libkontur.c sim/plant.c
 chk_SOURCES := sim/chk_fail.c
 PORT_SOURCES := firmware/port/slcan.c firmware/port/linux/pace.c firmware/port/linux/can_errors.c  # not in the library, but tested with it
 PORT     := firmware/port/stm32f405
@@ -151,7 +151,7 @@ define debian
 endef
 
 # --- library ----------------------------------------------------------------------------------------------------------
-build/gen/od/od_gen.c: firmware/od/objects.toml tools/objects.py tools/dbc.py tools/generate_objects.py | $(VENV)/stamp
+build/gen/od/od_gen.c: firmware/od/objects.toml tools/source.py tools/objects.py tools/dbc.py tools/generate_objects.py | $(VENV)/stamp
 	@echo "  GEN objects.toml"
 	$(Q)$(PY) tools/generate_objects.py build/gen/od --eds host/kontur/kontur.eds --dbc host/kontur/kontur.dbc --docs docs/objects.md
 
@@ -159,7 +159,7 @@ build/gen/scope/signal_gen.c: firmware/scope/signals.toml tools/generate_signals
 	@echo "  GEN signals.toml"
 	$(Q)$(PY) tools/generate_signals.py build/gen/scope --docs docs/signals.md --json host/kontur/signals.json
 
-build/gen/supervision/fault_gen.c: firmware/supervision/faults.toml tools/generate_faults.py | $(VENV)/stamp
+build/gen/supervision/fault_gen.c: firmware/supervision/faults.toml tools/source.py tools/generate_faults.py | $(VENV)/stamp
 	@echo "  GEN faults.toml"
 	$(Q)$(PY) tools/generate_faults.py build/gen/supervision --docs docs/faults.md --json host/kontur/fault_table.json
 
@@ -422,7 +422,7 @@ lint-c: build/lint/misra-f32.ok build/lint/misra-fix.ok $(LINT_SOURCES:%.c=build
 .PHONY: lint-c
 
 # --- fuzzing --------------------------------------------------------------------------------------------------------------
-# tests/fuzz/NAME.c with clang's libFuzzer; what is found goes to build/fuzz/NAME-crash-*, new inputs to build/fuzz/corpus.
+# tests/fuzz/NAME.c with clang's libFuzzer; what is found goes to build/fuzz/NAME-crash-*, new inputs to build/fuzz/corpus (tests/fuzz/corpus.py).
 # build/fuzz/asan: AddressSanitizer and UBSan; build/fuzz/ub: UBSan alone, nearly twice as fast.
 FUZZERS  := can sdo slcan store
 SECONDS  := 60
@@ -457,9 +457,9 @@ endef
 $(foreach s,asan ub,$(eval $(call fuzzers,$(s))))
 
 fuzz: setup lib $(FUZZERS:%=build/fuzz/asan/%)  ## fuzz CAN, SDO, slcan, stored image and G-code, SECONDS=60 each, from SEED=1
-	@$(foreach f,$(FUZZERS),mkdir -p build/fuzz/corpus/$(f); \
+	@$(foreach f,$(FUZZERS),mkdir -p build/fuzz/corpus/$(f); $(PY) tests/fuzz/corpus.py unpack $(f) build/fuzz/seeds/$(f) || exit 1; \
 	  if build/fuzz/asan/$(f) -max_total_time=$(SECONDS) -seed=$(SEED) -print_final_stats=1 -artifact_prefix=build/fuzz/$(f)- \
-	      -max_len=160 -len_control=0 -entropic=0 -detect_leaks=0 build/fuzz/corpus/$(f) tests/fuzz/corpus/$(f) >build/fuzz/$(f).log 2>&1; \
+	      -max_len=160 -len_control=0 -entropic=0 -detect_leaks=0 build/fuzz/corpus/$(f) build/fuzz/seeds/$(f) >build/fuzz/$(f).log 2>&1; \
 	  then awk -v f=$(f) '/number_of_executed_units/ { n = $$2 } /average_exec_per_sec/ { s = $$2 } \
 	    END { printf "%-6s %10d executions %8d a second, no finding\n", f, n, s }' build/fuzz/$(f).log; \
 	  else tail -40 build/fuzz/$(f).log; echo "make: $(f): a finding; run it again: build/fuzz/asan/$(f) build/fuzz/$(f)-crash-..."; exit 1; fi;)
