@@ -134,7 +134,10 @@ class Machine:
                     f"onchip_plant.noise_{name}": axis.force_noise_N,
                     f"onchip_plant.start_{name}": round(axis.start_m * 1e9) * 1e-9,
                 }
-            values |= {"onchip_plant.seed": seed, "onchip_plant.simulated": 1}  # last: it starts with all that stands before
+            values |= {
+                "onchip_plant.seed": seed,
+                "onchip_plant.simulated": 1,
+            }  # last: it starts with all that stands before
         return values
 
 

@@ -3,11 +3,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import can
+import objects
 import pytest
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
@@ -16,11 +15,7 @@ from kontur.can.link import Link
 from kontur.drive.device import Device, connected
 from kontur.sim.process import start
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "firmware" / "canopen"))
-import objects
-
-SOURCE = Path(objects.__file__).with_name("objects.toml")
-OBJECTS = objects.load(SOURCE)[1]
+OBJECTS = objects.load()[1]
 
 # CiA 301, table 22
 WRITE_ONLY, READ_ONLY, NO_OBJECT, NO_SUB = 0x06010001, 0x06010002, 0x06020000, 0x06090011
