@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* kontur_sim.c: libkontur, the object of kontur_sim.h. It is
+/* libkontur.c: libkontur, the object of kontur_sim.h. It is
  * the HAL of the simulated machine, and it lets time pass. */
 #include "sim/kontur_sim.h"
 
