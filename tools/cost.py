@@ -38,7 +38,7 @@ MACHINES = {"m4-f32": "netduinoplus2", "m4-fix": "netduinoplus2", "m3-fix": "net
 STAGES = {
     "encoders, inputs": ("read_machine", "measure", "watch_switches", "drive_read"),
     "observer": ("observer.c", "energy.c"),
-    "path, spline": ("follow_path", "change_path", "wanted_rate", "spline_prepare", "path_clock.c", "spline.c"),
+    "path, spline": ("change_path", "wanted_rate", "spline_prefetch", "path_clock.c", "spline.c"),
     "contour": ("contour.c",),
     "law": ("smc.c", "cascade.c"),
     "compensator, feedforward": ("compensator.c", "feedforward.c"),
