@@ -8,7 +8,7 @@ struct rig {
     struct hal hal;
     struct servo_loop loop;
     struct spline_ring ring;
-    struct onchip_plant machine; /* behind the HAL */
+    struct onchip_plant onchip_plant; /* behind the HAL */
     struct onchip_plant_cfg machine_cfg;
     struct hal_drive_out out;
 };
