@@ -28,7 +28,7 @@ static int32_t low24(int32_t x)
     return (int32_t)(((uint32_t)x + 0x800000u) & 0xFFFFFFu) - 0x800000;
 }
 
-static uint32_t mean_pm(const struct servo_loop_error *error)
+static uint32_t mean_pm(const struct contour_statistics *error)
 {
     const uint64_t pm = error->sum_nm * 1000u / error->samples;
     return pm > UINT32_MAX ? UINT32_MAX : (uint32_t)pm;
@@ -40,7 +40,7 @@ static uint32_t digital_inputs(uint8_t inputs)
     return (inputs & 0x0Fu) | (uint32_t)(inputs >> 4) << 16;
 }
 
-static void report(struct device *device, const struct servo_loop_snapshot *s)
+static void report(struct device *device, const struct servo_snapshot *s)
 {
     struct od_data *od = &device->od;
     struct od_telemetry *t = &od->telemetry;
@@ -49,8 +49,8 @@ static void report(struct device *device, const struct servo_loop_snapshot *s)
 
     od->clock.tick = s->ms;
     od->controller.active = s->controller;
-    od->stream.rate = (uint16_t)s->rate;
-    const struct servo_loop_error *error = &s->error;
+    od->stream.rate = (uint16_t)s->path_rate_permille;
+    const struct contour_statistics *error = &s->contour_statistics;
     od->path_error.samples = error->samples;
     od->path_error.max = error->max_nm;
     od->path_error.mean = error->samples == 0 ? 0u : mean_pm(error);
@@ -59,23 +59,23 @@ static void report(struct device *device, const struct servo_loop_snapshot *s)
     for (int i = 0; i < 2; i++) {
         od->axis[i].position_actual = position.nm[i];
         od->axis[i].velocity_actual = s->velocity_umps[i];
-        od->axis[i].following_error = s->following_nm[i];
-        od->axis[i].feedforward_state.friction = s->feedforward_mN[i];
-        od->axis[i].feedforward_state.mass = s->feedforward_g[i];
+        od->axis[i].following_error = s->following_error_nm[i];
+        od->axis[i].feedforward_state.friction = s->feedforward_friction_mN[i];
+        od->axis[i].feedforward_state.mass = s->feedforward_mass_g[i];
         od->axis[i].digital_inputs = digital_inputs(s->inputs[i]);
         od->axis[i].ip_buffer.position = (uint16_t)(od->stream.accepted - od->stream.executed);
     }
     t->tick = (uint16_t)s->ms;
-    t->e_n1 = int24(s->e_n_nm[0]);
-    t->e_n2 = int24(s->e_n_nm[1]);
+    t->e_n1 = int24(s->tangential_error_nm);
+    t->e_n2 = int24(s->contour_error_nm);
     t->position_x = low24(position.nm[0]);
     t->position_y = low24(position.nm[1]);
     t->force_x = (int16_t)clamp(s->force_dN[0], INT16_MIN, INT16_MAX);
     t->force_y = (int16_t)clamp(s->force_dN[1], INT16_MIN, INT16_MAX);
-    t->k_1 = (uint16_t)clamp(s->k_hat[0], 0, UINT16_MAX);
-    t->k_2 = (uint16_t)clamp(s->k_hat[1], 0, UINT16_MAX);
-    t->mu_1 = (uint16_t)clamp(s->mu[0], 0, UINT16_MAX);
-    t->mu_2 = (uint16_t)clamp(s->mu[1], 0, UINT16_MAX);
+    t->k_1 = (uint16_t)clamp(s->adaptive_gain_per_10s[0], 0, UINT16_MAX);
+    t->k_2 = (uint16_t)clamp(s->adaptive_gain_per_10s[1], 0, UINT16_MAX);
+    t->mu_1 = (uint16_t)clamp(s->switching_gain_mmps2[0], 0, UINT16_MAX);
+    t->mu_2 = (uint16_t)clamp(s->switching_gain_mmps2[1], 0, UINT16_MAX);
     t->energy = energy < 0 ? 0 : (uint32_t)energy;
 }
 
@@ -143,7 +143,7 @@ static void check_health(struct device *device)
 
 static void follow(struct device *device)
 {
-    device->drive.store_lost = settings_lost(&device->settings);
+    device->drive.store_lost = settings_invalid(&device->settings);
     device->drive.node_warns = co_emcy_of_node(&device->node);
     drive_poll(&device->drive);
     announce(device);
@@ -199,7 +199,8 @@ static uint32_t check_settings(struct device *device, const struct od_entry *ent
         fault_monitor_event(&device->drive.fault_monitor, FAULT_CONFIG_ENABLED);
         return SDO_ABORT_STATE;
     }
-    return settings_command(&device->settings, entry, value, device->node.config.node_id);
+    const uint32_t code = settings_check(&device->settings, entry, value);
+    return code != SDO_OK ? code : settings_command(&device->settings, entry, device->node.config.node_id);
 }
 
 /* 2140h: the drive is held by the heartbeat that is watched meanwhile. */
@@ -287,7 +288,7 @@ static bool needs_power_off(const struct od_entry *entry)
     return (entry->flags & OD_CONFIG) != 0 || entry->index == 0x1016 || entry->index == 0x1029;
 }
 
-static uint32_t check_write(void *ctx, const struct od_entry *entry, int64_t value)
+static uint32_t before_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
     struct device *device = ctx;
     if (entry->index == 0x2300 || entry->index == 0x2301) {
@@ -397,14 +398,14 @@ void device_init(struct device *device, const struct hal *hal, uint8_t node_id)
     *device = (struct device){.hal = hal};
     od_init(&device->od, node_id);
     set_build(&device->od);
-    const uint8_t used_id = settings_init(&device->settings, &device->od, hal, node_id);
+    const uint8_t used_id = settings_init(&device->settings, &device->od, hal, node_id, configuration_fits);
     drive_init(&device->drive, &device->od, hal);
     const struct co_config config = {
         .od = &device->od,
         .hal = hal,
         .node_id = used_id,
         .hooks = {.ctx = device,
-                  .check_write = check_write,
+                  .before_write = before_write,
                   .on_write = on_write,
                   .before_read = before_read,
                   .domain_size = domain_size,

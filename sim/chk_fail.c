@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* chk_fail.c: where the checking back end (num_chk.h) ends a program. The exit code is that of a signalled abort, so that
- * neither a test nor a script takes it for a result. */
+/* chk_fail.c: ends a program whose checking back end (num_chk.h) has found an error. It calls abort(), so that
+ * neither a test nor a script takes its output for a result. It is linked into libkontur_chk and tests.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* flash.c: the simulated flash, flash.h. */
 #include "sim/flash.h"
 
 #include <string.h>
@@ -6,7 +7,8 @@
 enum { WORDS = HAL_FLASH_BYTES / 4 };
 #define ERASED 0xFFFFFFFFu
 
-static uint32_t draw(struct sim_flash *f) /* splitmix64 */
+/* A random number, by splitmix64. */
+static uint32_t next_random(struct sim_flash *f)
 {
     uint64_t z = (f->random += 0x9E3779B97F4A7C15u);
     z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
@@ -31,8 +33,8 @@ void sim_flash_read(const struct sim_flash *f, unsigned sector, uint32_t offset,
     memcpy(data, &f->word[sector][offset / 4], bytes);
 }
 
-/* Whether the power fails in this operation. */
-static bool fails(struct sim_flash *f)
+/* Count an operation. Returns whether the power fails in it. */
+static bool power_fails(struct sim_flash *f)
 {
     f->off = ++f->operations == f->cut_at;
     return f->off;
@@ -44,16 +46,16 @@ bool sim_flash_erase(struct sim_flash *f, unsigned sector)
         return false;
     }
     f->erases++;
-    if (!fails(f)) {
+    if (!power_fails(f)) {
         memset(f->word[sector], 0xFF, sizeof f->word[sector]);
         return true;
     }
     for (unsigned i = 0; i < WORDS; i++) {
-        const uint32_t left = draw(f);
-        if (left % 3 == 0) {
+        const uint32_t choice = next_random(f);
+        if (choice % 3 == 0) {
             f->word[sector][i] = ERASED;
-        } else if (left % 3 == 1) {
-            f->word[sector][i] |= draw(f);
+        } else if (choice % 3 == 1) {
+            f->word[sector][i] |= next_random(f);
         }
     }
     return false;
@@ -69,8 +71,8 @@ bool sim_flash_write(struct sim_flash *f, unsigned sector, uint32_t offset, cons
             return false;
         }
         f->misuse += *word != ERASED ? 1u : 0u;
-        if (fails(f)) {
-            *word &= value | draw(f);
+        if (power_fails(f)) {
+            *word &= value | next_random(f);
             return false;
         }
         *word &= value;

@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* kontur_sim.h: the firmware and a simulated machine as one object, for any host language.
  *
- * One `ks` is one drive: the firmware of `firmware/` (core, drive, CANopen) wired to the plant of
- * `plant.h` through the HAL that a board fills. It has no thread, socket or clock of its own: time
- * passes in ks_step() only, one control period a step, so a run is a function of machine, seed and
- * the frames sent. Several may live side by side. Nothing here is thread safe.
+ * One `ks` is one drive: the firmware of `firmware/` wired to the plant of `plant.h` through the HAL that a board
+ * fills. It has no thread, socket or clock of its own. Time passes only in ks_step() and ks_run(), one control period
+ * a step, so a run is a function of the machine, the seed and the frames sent. Several drives may exist side by side.
+ * Nothing here is thread safe.
+ *
+ * Context: a host process. Python calls it through cffi (kontur.simlib), and so do the process kontur-sim and C
+ * tests.
  *
  * The lines between CDEF-BEGIN and CDEF-END are plain C declarations that cffi reads as they are.
  */
@@ -13,8 +16,8 @@
 #include <stdint.h>
 
 /* CDEF-BEGIN */
-/* A machine, SI units; index 0 is x, 1 is y. `friction_scale` is eq (32): from time_s[i] on, the
- * Coulomb friction is scale[i] times coulomb_N; it starts anew every repeat_s (0: never). */
+/* A machine in SI units. Index 0 is x, index 1 is y. The schedule is eq (32): from schedule_time_s[i] on, the
+ * Coulomb friction is schedule_scale[i] times coulomb_N. It starts again every schedule_repeat_s (0: never). */
 struct ks_machine {
     double mass_kg[2];
     double viscous_Nspm[2];
@@ -22,23 +25,23 @@ struct ks_machine {
     double breakaway[2];    /* breakaway force over Coulomb force, >= 1 */
     double stribeck_mps[2]; /* Stribeck velocity; used where breakaway > 1, > 0 */
     double force_limit_N[2];
-    double force_noise_N[2]; /* standard deviation, one Gaussian draw a control period */
-    double current_lag_s[2]; /* first-order lag of the force loop; 0: none */
+    double force_noise_N[2]; /* standard deviation of the Gaussian force noise, one value for each control period */
+    double current_lag_s[2]; /* time constant of the force loop, of first order; 0: no lag */
     double encoder_m[2];     /* length of one encoder count */
     double travel_min_m[2];
     double travel_max_m[2]; /* mechanical end stops */
-    double switch_m[2];     /* limit switches: active so near an end stop; 0: none */
-    double index_m[2];      /* distance from index pulse to index pulse, one at 0; 0: none */
+    double switch_m[2];     /* limit switches are active within this distance of an end stop; 0: there are none */
+    double index_m[2];      /* distance between index pulses, one of which is at 0; 0: there are none */
     double start_m[2];      /* position at power-on */
     int32_t delay_periods;  /* control periods from encoder reading to force, 1..4 */
-    int32_t substeps;       /* integration steps a control period, >= 10 */
+    int32_t substeps;       /* integration steps in a control period, 10..1000 */
     int32_t schedule_count; /* used rows of the schedule, 0..16 */
     double schedule_time_s[16];
     double schedule_scale[16];
     double schedule_repeat_s;
 };
 
-/* One classic CAN frame; id with 11 bits. tick: control period at which the device sent it. */
+/* One classic CAN frame. `id` has 11 bits. `tick` is the control period in which the device sent it. */
 struct ks_frame {
     uint32_t id;
     uint8_t len;
@@ -47,78 +50,82 @@ struct ks_frame {
     uint64_t tick;
 };
 
-/* One row of the truth, taken each control period: what no encoder sees. */
+/* The true motion and forces in a control period, which no encoder measures. */
 struct ks_truth {
     double pos_m[2]; /* true position at the instant the encoders are read */
     double vel_mps[2];
-    double force_N[2];    /* force the firmware asked for in this period, before delay and noise */
+    double force_N[2];    /* force demand of the firmware in this period, before delay and noise */
     double friction_N[2]; /* friction force that acted */
 };
 
-/* What the CAN controller tells the firmware of itself. */
+/* The state of the CAN controller, as the firmware sees it. */
 enum { KS_CAN_ACTIVE, KS_CAN_WARNING, KS_CAN_PASSIVE, KS_CAN_OFF };
 struct ks_can_status {
     uint32_t state;                /* KS_CAN_... */
     uint32_t tx_errors, rx_errors; /* its error counters, 0..255 */
-    uint32_t rx_lost;              /* frames received for which there was no room, since power-on */
+    uint32_t rx_lost;              /* frames lost because there was no room for them, since power-on */
     uint32_t bus_offs;             /* since power-on */
 };
 
 typedef struct ks ks;
 
-/* Power on a drive with node_id (1..31). NULL: no memory, or a machine out of range (ks_check). */
+/* Power on a drive with node_id (1..31). NULL: there is no memory, or node_id or the machine is out of range
+ * (ks_check()). */
 ks *ks_new(const struct ks_machine *machine, uint64_t seed, uint8_t node_id);
 void ks_free(ks *s);
-/* NULL when the machine is usable, else the name of the first field that is not. */
+/* NULL when the machine is usable, else the name of the first field that is out of range. */
 const char *ks_check(const struct ks_machine *machine);
 
-/* Give the device one frame; it is handled (and answered) before this returns. 0, or -1: bad frame. */
+/* Give the device one frame, which it handles and answers before this returns. Returns 0, or -1 for an invalid
+ * frame. */
 int ks_send(ks *s, uint32_t id, uint8_t rtr, uint8_t len, const uint8_t *data);
-/* Take the oldest frame the device has sent. 1: *out is filled; 0: there is none. */
+/* Take the oldest frame that the device has sent. Returns 1 with *out filled, or 0 when there is none. */
 int ks_recv(ks *s, struct ks_frame *out);
-/* Let at most `periods` control periods pass; ends earlier, after a whole period, as soon as a frame
- * waits for ks_recv(). Returns the periods that passed (0 when a frame was waiting already). */
+/* Let up to `periods` control periods pass. It ends after the period in which the device sends a frame for ks_recv().
+ * Returns the number of periods that have passed, which is 0 when a frame was waiting before. */
 uint32_t ks_step(ks *s, uint32_t periods);
-/* The same, whether or not frames wait. */
+/* Let `periods` control periods pass, whether or not frames wait. */
 void ks_run(ks *s, uint32_t periods);
 
 uint64_t ks_tick(const ks *s); /* control periods since power-on */
 uint32_t ks_control_hz(const ks *s);
-uint32_t ks_overflows(const ks *s); /* frames lost because nobody took them */
+uint32_t ks_overflows(const ks *s); /* frames lost because ks_recv() was not called in time */
 const char *ks_build(const ks *s);  /* firmware build id */
 const char *ks_num(const ks *s);    /* numeric back end: "f32", "fix" or "chk" */
 
-/* What the CAN controller tells from now on; at power-on it is error active, and nothing was lost. */
+/* Set the state of the CAN controller. At power-on it is error active, and no frame is lost. */
 void ks_set_can_status(ks *s, const struct ks_can_status *status);
 
-/* The flash that parameters are stored in (1010h): `*bytes` at the address returned. */
+/* The flash in which the drive stores parameters (1010h): `*bytes` bytes at the address returned. */
 const void *ks_flash(const ks *s, uint32_t *bytes);
-/* Put other contents, as many bytes, into the flash and power on with them. For a drive that has not been used yet. */
+/* Set the contents of the flash, as many bytes, and power on with them. Call it for a new drive only. */
 void ks_power_on_with(ks *s, const void *flash);
 
-/* Tell in 2020h:4 that time passes with SYNC; letting it do so is the caller's. */
+/* Set 2020h:4, by which the drive reports that its time passes with SYNC. The caller then lets time pass after
+ * each SYNC. */
 void ks_set_paced(ks *s, int by_sync);
-/* Identifier of SYNC (1005h), and the time between two in us (1006h). */
+/* Identifier of SYNC (1005h), and its period in us (1006h). */
 uint32_t ks_sync_id(const ks *s);
 uint32_t ks_sync_us(const ks *s);
 
-/* Start the friction schedule now. */
+/* Start the friction schedule at the present time. */
 void ks_start_schedule(ks *s);
-/* Take the truth of each period from now on into memory of this object (0: stop). */
+/* Record a struct ks_truth in each period from now on, in memory of this object. 0 ends the recording. */
 void ks_record(ks *s, int on);
+/* Number of periods recorded. */
 uint64_t ks_record_count(const ks *s);
-/* `ks_record_count` rows, valid until the next call that lets time pass, records anew or frees. */
+/* The periods recorded. They are valid until the next ks_step(), ks_run(), ks_record() or ks_free(). */
 const struct ks_truth *ks_record_data(const ks *s);
 
-/* Hand knots to the queue without the wire, as the knot frame would (benchmark of the direct loop).
- * xy_nm: count absolute pairs. Returns how many were taken. */
+/* Give knots to the queue without CAN frames (for a benchmark of the direct loop). xy_nm has `count` absolute
+ * pairs. Returns the number of knots accepted. */
 uint32_t ks_push_knots(ks *s, const int32_t *xy_nm, uint32_t count);
 
-/* What the firmware estimates of the contour error, (3)-(9), with default parameters but for `newton` and `lag_max_ms`
- * (1..1000); no drive is needed and no time passes. xy_nm: `knots` (1..1024) absolute pairs, one a ms, the path. For each
- * of `count` rows the reference is at path time path_s[i] and the axes are at position_m[2 i], [2 i + 1]; e_n1 (along
- * the path) and e_n2 (its normal: the contour error) go to e_n_m[2 i], [2 i + 1]. 0, or -1: knots or lag_max_ms out of
- * range. */
+/* The contour error as the firmware estimates it, (3)-(9), with default parameters except `newton` and
+ * `lag_max_ms` (1..1000). It needs no drive, and no time passes. The path is xy_nm, `knots` (1..1024) absolute
+ * pairs, one for each millisecond. In each of `count` rows the reference is at path time path_s[i] and the axes
+ * are at position_m[2 i] and [2 i + 1]; e_n1 (along the path) and e_n2 (along its normal, the contour error) are
+ * written to e_n_m[2 i] and [2 i + 1]. Returns 0, or -1 when knots or lag_max_ms is out of range. */
 int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_max_ms, uint32_t count,
                 const double *path_s, const double *position_m, double *e_n_m);
 /* CDEF-END */

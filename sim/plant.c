@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* plant.c: the simulated machine, plant.h. */
 #include "sim/plant.h"
 
 #include <math.h>
@@ -6,7 +7,7 @@
 
 #include "hal/hal.h"
 
-/* xoshiro256++ (Blackman, Vigna), seeded by splitmix64 */
+/* xoshiro256++ (Blackman, Vigna), seeded by splitmix64. */
 static uint64_t rotl(uint64_t x, int k)
 {
     return (x << k) | (x >> (64 - k));
@@ -36,18 +37,18 @@ static void seed_rng(uint64_t s[4], uint64_t seed)
     }
 }
 
-/* uniform in [-1, 1) */
+/* Uniform in [-1, 1). */
 static double uniform(uint64_t s[4])
 {
     return (double)(next(s) >> 11) * 0x1.0p-52 - 1.0;
 }
 
-/* Marsaglia's polar method */
+/* By Marsaglia's polar method, which gives two values at a time. */
 static double gaussian(struct plant *p)
 {
-    if (p->has_spare) {
-        p->has_spare = 0;
-        return p->spare;
+    if (p->has_next_gaussian) {
+        p->has_next_gaussian = 0;
+        return p->next_gaussian;
     }
     double a, b, r2;
     do {
@@ -56,8 +57,8 @@ static double gaussian(struct plant *p)
         r2 = a * a + b * b;
     } while (r2 >= 1.0 || r2 == 0.0);
     const double k = sqrt(-2.0 * log(r2) / r2);
-    p->spare = b * k;
-    p->has_spare = 1;
+    p->next_gaussian = b * k;
+    p->has_next_gaussian = 1;
     return a * k;
 }
 
@@ -149,7 +150,7 @@ void plant_switches(const struct plant *p, uint8_t inputs[2])
     }
 }
 
-/* The pulse between two positions, where there is one: of several, the last */
+/* Count the index pulse between two positions, if there is one. Of several, the last one counts. */
 static void pass_index(struct plant *p, int i, double before_m)
 {
     const double pitch = p->machine.index_m[i];
@@ -195,7 +196,7 @@ static void axis_step(struct plant *p, int i, double force_N, double coulomb_N, 
     const double a = (force_N - m->viscous_Nspm[i] * v - dir * level) / m->mass_kg[i];
     double v1 = v + a * h;
     if (v1 * dir < 0.0) {
-        v1 = 0.0; /* friction stops an axis, it does not turn it round */
+        v1 = 0.0; /* friction stops an axis but does not reverse it */
     }
     p->pos_m[i] += 0.5 * (v + v1) * h;
     p->vel_mps[i] = v1;
@@ -211,17 +212,17 @@ void plant_step(struct plant *p, const double force_N[2])
     const double h = p->period_s / m->substeps;
     const double scale = friction_scale(p);
 
-    memmove(p->asked_N[1], p->asked_N[0], sizeof p->asked_N[0] * PLANT_DELAY_MAX);
+    memmove(p->demand_N[1], p->demand_N[0], sizeof p->demand_N[0] * PLANT_DELAY_MAX);
     for (int i = 0; i < 2; i++) {
-        p->asked_N[0][i] = fmin(fmax(force_N[i], -m->force_limit_N[i]), m->force_limit_N[i]);
+        p->demand_N[0][i] = fmin(fmax(force_N[i], -m->force_limit_N[i]), m->force_limit_N[i]);
     }
     for (int i = 0; i < 2; i++) {
-        const double asked = p->asked_N[m->delay_periods][i];
+        const double demand = p->demand_N[m->delay_periods][i];
         const double noise = m->force_noise_N[i] * gaussian(p);
-        const double follow = m->current_lag_s[i] > 0.0 ? 1.0 - exp(-h / m->current_lag_s[i]) : 1.0;
+        const double gain = m->current_lag_s[i] > 0.0 ? 1.0 - exp(-h / m->current_lag_s[i]) : 1.0;
         const double before_m = p->pos_m[i];
         for (int k = 0; k < m->substeps; k++) {
-            p->lagged_N[i] += follow * (asked - p->lagged_N[i]);
+            p->lagged_N[i] += gain * (demand - p->lagged_N[i]);
             axis_step(p, i, p->lagged_N[i] + noise, m->coulomb_N[i] * scale, h);
         }
         pass_index(p, i, before_m);

@@ -115,8 +115,8 @@ def number(value: Decimal) -> str:
     return format(value.normalize(), "f") if abs(value) >= Decimal("1e-9") or not value else format(value, "g")
 
 
-def dbc(objects: list[Object]) -> str:
-    """The file."""
+def dbc(objects: list[Object], note: str) -> str:
+    """The file; `note` says where it comes from."""
     named = {
         (e.index, e.sub): (o.name if o.kind == "var" else f"{o.name}.{e.name}", e) for o in objects for e in o.entries
     }
@@ -129,7 +129,7 @@ def dbc(objects: list[Object]) -> str:
         lines.append(f"BO_ {m.can_id} {m.name}: {m.length} {sender}")
         lines += [signal_line(s, receiver) for s in m.signals]
         lines.append("")
-    lines.append('CM_ "Kontur, node 1, default mapping. Generated from objects.toml by generate.py: do not edit.";')
+    lines.append(f'CM_ "Kontur, node 1, default mapping. {note}.";')
     for m in messages:
         lines.append(f'CM_ BO_ {m.can_id} "{m.comment}";')
         lines += [f'CM_ SG_ {m.can_id} {s.name} "{s.comment}";' for s in m.signals if s.comment]

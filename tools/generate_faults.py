@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the C table, the page, the host's table and that of the tests of faults from faults.toml.
+"""Makes the C table of faults, the page, the host's table and that of the tests from firmware/supervision/faults.toml.
 
     generate_faults.py OUTDIR [--docs PATH] [--json PATH]
 
@@ -18,15 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from source import ROOT, SourceError, c_head, load_toml, run
 
-ROOT = Path(__file__).resolve().parents[1]
-C_HEAD = (
-    "/* SPDX-License-Identifier: Apache-2.0 */\n/* Generated from faults.toml by generate_faults.py: do not edit. */\n"
-)
+SOURCE = "firmware/supervision/faults.toml"
+C_HEAD = c_head(SOURCE, "tools/generate_faults.py")
 REACTIONS = {
     "warn": "REACT_WARN",
     "refuse": "REACT_WARN",
@@ -40,7 +35,7 @@ MOST = 32  # bits of a word
 PERIODS_PER_MS = 10  # at the usual CONTROL_HZ: for tests
 
 
-class FaultsError(Exception):
+class FaultsError(SourceError):
     """faults.toml is not usable; the message says which row and what is wrong."""
 
 
@@ -104,9 +99,8 @@ def row(name: str, given: dict[str, Any]) -> Fault:
 
 
 def load(path: Path) -> list[Fault]:
-    """All rows, in the order written. Raises FaultsError."""
-    table = tomllib.loads(path.read_text("utf-8"))
-    faults = [row(name, given) for name, given in table["fault"].items()]
+    """All rows, in the order written. Raises SourceError."""
+    faults = [row(name, given) for name, given in load_toml(path)["fault"].items()]
     codes = [f.emcy for f in faults]
     for f in faults:
         if codes.count(f.emcy) > 1:
@@ -129,7 +123,7 @@ def c_source(faults: list[Fault]) -> str:
         C_HEAD,
         '#include "supervision/fault.h"',
         "",
-        '#include "canopen/emcy.h"',
+        '#include "od/od.h"',
         "",
         "const struct fault_row fault_table[FAULTS] = {",
     ]
@@ -142,7 +136,14 @@ def c_source(faults: list[Fault]) -> str:
 
 def c_rows(faults: list[Fault]) -> str:
     """For tests: what each row promises, those of the node among them. See tests/unit/test_faults.h."""
-    lines = [C_HEAD, "#ifndef FAULT_ROWS_H", "#define FAULT_ROWS_H", '#include "canopen/emcy.h"', '#include "supervision/fault.h"', ""]
+    lines = [
+        C_HEAD,
+        "#ifndef FAULT_ROWS_H",
+        "#define FAULT_ROWS_H",
+        '#include "od/od.h"',
+        '#include "supervision/fault.h"',
+        "",
+    ]
     lines += ["enum row {", *(f"    ROW_{f.name.upper()}," for f in faults), "    ROWS", "};", ""]
     lines += ["static const struct promise {"]
     lines += ["    uint32_t bit; /* FAULT_BIT(), 0: the node's */", "    uint16_t emcy;", "    uint8_t reg;"]
@@ -210,18 +211,9 @@ def table(faults: list[Fault]) -> str:
     return json.dumps(rows, indent=1) + "\n"
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description="make C table, page and host's table from faults.toml")
-    parser.add_argument("outdir", type=Path, help="folder for fault_gen.h, fault_gen.c and fault_rows.h")
-    parser.add_argument("--docs", type=Path)
-    parser.add_argument("--json", type=Path)
-    args = parser.parse_args()
-    try:
-        faults = load(ROOT / "firmware/supervision/faults.toml")
-    except FaultsError as error:
-        print(f"faults.toml: {error}", file=sys.stderr)
-        return 1
-    args.outdir.mkdir(parents=True, exist_ok=True)
+def make(args: argparse.Namespace) -> dict[Path, str]:
+    """The files that the command line asks for."""
+    faults = load(ROOT / SOURCE)
     outputs = {
         args.outdir / "fault_gen.h": c_header(faults),
         args.outdir / "fault_gen.c": c_source(faults),
@@ -231,9 +223,15 @@ def main() -> int:
         outputs[args.docs] = docs(faults)
     if args.json:
         outputs[args.json] = table(faults)
-    for path, text in outputs.items():
-        path.write_text(text, "utf-8", newline="\n")
-    return 0
+    return outputs
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=f"make C table, page and host's table from {SOURCE}")
+    parser.add_argument("outdir", type=Path, help="folder for fault_gen.h, fault_gen.c and fault_rows.h")
+    parser.add_argument("--docs", type=Path)
+    parser.add_argument("--json", type=Path)
+    return run(parser, make)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the C table, the EDS, the DBC and the reference page from objects.toml.
+"""Makes the C table, the EDS, the DBC and the reference page from firmware/od/objects.toml.
 
-    generate.py OUTDIR [--eds PATH] [--dbc PATH] [--docs PATH]
+    generate_objects.py OUTDIR [--eds PATH] [--dbc PATH] [--docs PATH]
 
 writes OUTDIR/od_gen.h and OUTDIR/od_gen.c, and the others where asked. The output depends on objects.toml alone.
 """
@@ -16,10 +16,11 @@ from decimal import Decimal
 from pathlib import Path
 
 from dbc import dbc
-from objects import AXES, PDO_ENTRIES, Device, Entry, Object, ObjectsError, load
+from objects import AXES, PDO_ENTRIES, SOURCE, Device, Entry, Object, load
+from source import ROOT, c_head, note, run
 
-ROOT = Path(__file__).resolve().parents[1]
-C_HEAD = "/* SPDX-License-Identifier: Apache-2.0 */\n/* Generated from objects.toml by generate.py: do not edit. */\n"
+GENERATOR = "tools/generate_objects.py"
+C_HEAD = c_head(SOURCE, GENERATOR)
 KIND_CODE = {"var": 7, "array": 8, "record": 9}
 AREAS = (
     (0x1000, "Communication (CiA 301)"),
@@ -64,7 +65,7 @@ def c_declare(o: Object) -> list[str]:
 
 
 def c_numbers(objects: list[Object]) -> list[str]:
-    """OBJ_NAME, the index of each object (OBJ_NAME_X, _Y where axes have their own), and SUB_NAME_ENTRY, the sub-indices."""
+    """OBJ_NAME, the index of each object (OBJ_NAME_X and _Y for each axis), and SUB_NAME_ENTRY, the sub-indices."""
     lines = ["/* Indices of the objects, and their sub-indices. */", "enum {"]
     for o in objects:
         lines.append(f"    OBJ_{o.name.upper()} = 0x{o.index:04X},")
@@ -160,7 +161,7 @@ def eds(device: Device, objects: list[Object]) -> str:
                 "FileVersion=1",
                 "FileRevision=1",
                 "EDSVersion=4.0",
-                "Description=Generated from objects.toml by generate.py: do not edit",
+                f"Description={note(SOURCE, GENERATOR)}",
                 *(f"{what}Time=12:00AM" for what in ("Creation", "Modification")),  # of the first one: what is
                 *(
                     f"{what}Date=11-22-2026" for what in ("Creation", "Modification")
@@ -268,29 +269,26 @@ def docs(objects: list[Object]) -> str:
     return "\n".join([*lines, ""])
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description="make C table, EDS, DBC and reference page from objects.toml")
-    parser.add_argument("outdir", type=Path, help="folder for od_gen.h and od_gen.c")
-    parser.add_argument("--eds", type=Path)
-    parser.add_argument("--dbc", type=Path)
-    parser.add_argument("--docs", type=Path)
-    args = parser.parse_args()
-    try:
-        device, objects = load(ROOT / "firmware/od/objects.toml")
-    except ObjectsError as error:
-        print(f"objects.toml: {error}", file=sys.stderr)
-        return 1
-    args.outdir.mkdir(parents=True, exist_ok=True)
+def make(args: argparse.Namespace) -> dict[Path, str]:
+    """The files that the command line asks for."""
+    device, objects = load(ROOT / SOURCE)
     outputs = {args.outdir / "od_gen.h": c_header(objects), args.outdir / "od_gen.c": c_source(objects)}
     if args.eds:
         outputs[args.eds] = eds(device, objects)
     if args.dbc:
-        outputs[args.dbc] = dbc(objects)
+        outputs[args.dbc] = dbc(objects, note(SOURCE, GENERATOR))
     if args.docs:
         outputs[args.docs] = docs(objects)
-    for path, text in outputs.items():
-        path.write_text(text, "utf-8", newline="\n")
-    return 0
+    return outputs
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=f"make C table, EDS, DBC and reference page from {SOURCE}")
+    parser.add_argument("outdir", type=Path, help="folder for od_gen.h and od_gen.c")
+    parser.add_argument("--eds", type=Path)
+    parser.add_argument("--dbc", type=Path)
+    parser.add_argument("--docs", type=Path)
+    return run(parser, make)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads and checks objects.toml: the list of all objects, axes expanded, in wire units.
+"""Reads and checks firmware/od/objects.toml: the list of all objects, in wire units, those of each axis apart.
 
 The format stands at the head of objects.toml. Every mistake in it raises ObjectsError with the name of the object.
 """
@@ -7,17 +7,14 @@ The format stands at the head of objects.toml. Every mistake in it raises Object
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from source import ROOT, SourceError, load_toml
 
+SOURCE = "firmware/od/objects.toml"
 AXES = ("x", "y")
 AXIS_STEP = 0x800
 HIGHEST_SUB = "highest_sub"
@@ -26,7 +23,7 @@ TRANSMISSION_TYPES = "0: at the SYNC after an event; 1..240: every so many SYNCs
 RECEPTION_TYPES = "0..240: takes effect at the next SYNC; 254, 255: at once"
 
 
-class ObjectsError(Exception):
+class ObjectsError(SourceError):
     """objects.toml is not usable; the message says which object and what is wrong."""
 
 
@@ -120,15 +117,16 @@ OBJECT_KEYS = {"index", "axes", "config", "sub", "used", "count", "counted", "de
 ENTRY_KEYS = {"type", "access", "factor", "unit", "default", "min", "max", "pdo", "description", "config"}
 
 
-def load(path: Path) -> tuple[Device, list[Object]]:
+def load(path: Path = ROOT / SOURCE) -> tuple[Device, list[Object]]:
     """Read objects.toml. Returns the device and all objects sorted by index; raises ObjectsError."""
     try:
-        text = path.read_text("ascii")
-        toml: dict[str, Any] = tomllib.loads(text, parse_float=Decimal)
+        toml = load_toml(path)
         device = Device(**toml["device"])
         sources = {**toml["object"]}
         maps = toml["pdo"]
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, TypeError, KeyError) as error:
+    except SourceError as error:
+        raise ObjectsError(*error.args) from error
+    except (TypeError, KeyError) as error:
         raise ObjectsError(f"{path}: {error}") from error
     objects = [made for name, source in sources.items() for made in _objects(name, source)]
     _check_indices(objects)

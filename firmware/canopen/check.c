@@ -3,16 +3,17 @@
 
 #include <stddef.h>
 
-#include "canopen/node.h"
+#include "canopen/frame.h"
+#include "canopen/pdo.h"
 
-/* CiA 301, table of restricted identifiers: those that other services use. */
+/* Restricted CAN identifiers (CiA 301): other services use them. */
 static bool is_restricted(uint32_t id)
 {
     return id < 0x80 || (id > 0x100 && id <= 0x180) || (id > 0x580 && id < 0x600) || (id > 0x600 && id < 0x680) ||
            (id >= 0x6E0);
 }
 
-/* Besides `flags`, nothing but an 11-bit identifier; the one of a service that is in use cannot change. */
+/* Besides the bits `flags`, a COB-ID has nothing but an 11-bit identifier. That of a service in use cannot change. */
 static uint32_t check_cob_id(uint32_t now, uint32_t value, uint32_t flags)
 {
     const bool used = !(value & COB_UNUSED), was_used = !(now & COB_UNUSED);
@@ -23,11 +24,11 @@ static uint32_t check_cob_id(uint32_t now, uint32_t value, uint32_t flags)
     return SDO_OK;
 }
 
-/* Bit 31 of the SYNC's identifier has no meaning; bit 30 would make this device its producer. */
+/* Bit 31 of the SYNC's COB-ID has no meaning; bit 30 would make this node its producer. */
 static uint32_t check_sync_cob_id(uint32_t value)
 {
-    const uint32_t cob = value & ~COB_UNUSED;
-    return cob > COB_ID_MASK || is_restricted(cob) ? SDO_ABORT_VALUE : SDO_OK;
+    const uint32_t cob_id = value & ~COB_UNUSED;
+    return cob_id > COB_ID_MASK || is_restricted(cob_id) ? SDO_ABORT_VALUE : SDO_OK;
 }
 
 static uint32_t check_sync_overflow(const struct od_data *od, int64_t value)
@@ -38,18 +39,19 @@ static uint32_t check_sync_overflow(const struct od_data *od, int64_t value)
     return od->sync_period != 0 ? SDO_ABORT_STATE : SDO_OK;
 }
 
+/* The sub-indices of RPDOs are the first ones of TPDOs. */
 static uint32_t check_communication(const struct od_data *od, const struct od_entry *entry, uint32_t value)
 {
-    const uint32_t cob = (uint32_t)od_number(od, entry->index, 1);
+    const uint32_t cob_id = (uint32_t)od_number(od, entry->index, SUB_TPDO1_COB_ID);
     switch (entry->sub) {
-    case 1: return check_cob_id(cob, value, COB_NO_RTR);
-    case 2: return value > PDO_SYNC_MAX && value < PDO_EVENT ? SDO_ABORT_VALUE : SDO_OK;
-    case 5: return SDO_OK;
-    default: return (cob & COB_UNUSED) ? SDO_OK : SDO_ABORT_STATE;
+    case SUB_TPDO1_COB_ID: return check_cob_id(cob_id, value, COB_NO_RTR);
+    case SUB_TPDO1_TYPE: return value > PDO_SYNC_MAX && value < PDO_EVENT ? SDO_ABORT_VALUE : SDO_OK;
+    case SUB_TPDO1_EVENT_MS: return SDO_OK;
+    default: return (cob_id & COB_UNUSED) ? SDO_OK : SDO_ABORT_STATE;
     }
 }
 
-/* Entries 1..count together */
+/* Whether entries 1..count can be mapped together. */
 static uint32_t check_mapping_count(const struct od_data *od, uint16_t index, bool transmit, unsigned count)
 {
     unsigned bytes = 0;
@@ -66,7 +68,9 @@ static uint32_t check_mapping_count(const struct od_data *od, uint16_t index, bo
 
 static uint32_t check_mapping(const struct od_data *od, const struct od_entry *entry, uint32_t value)
 {
-    const bool transmit = entry->index >= 0x1A00, used = !(od_number(od, entry->index - 0x200u, 1) & COB_UNUSED);
+    const bool transmit = entry->index >= OBJ_TPDO1_MAP;
+    const unsigned communication = entry->index - (unsigned)(OBJ_RPDO1_MAP - OBJ_RPDO1);
+    const bool used = !(od_number(od, communication, SUB_TPDO1_COB_ID) & COB_UNUSED);
     uint32_t code = SDO_OK;
     if (used || (entry->sub != 0 && od_number(od, entry->index, 0) != 0)) {
         return SDO_ABORT_STATE;
@@ -74,28 +78,34 @@ static uint32_t check_mapping(const struct od_data *od, const struct od_entry *e
     if (entry->sub == 0) {
         return check_mapping_count(od, entry->index, transmit, value);
     }
-    if (value != 0) { /* 0: not filled */
+    if (value != 0) { /* 0: the entry is empty */
         (void)co_pdo_mappable(value, transmit, &code);
     }
     return code;
 }
 
-uint32_t co_check_write(const struct co_node *node, const struct od_entry *entry, int64_t value)
+static bool is_mapping(uint16_t index)
 {
-    const struct od_data *od = node->config.od;
-    switch (entry->index) {
-    case 0x1003: return value == 0 ? SDO_OK : SDO_ABORT_VALUE;
-    case 0x1005: return check_sync_cob_id((uint32_t)value);
-    case 0x1014: return check_cob_id(od->emcy_cob_id, (uint32_t)value, 0);
-    case 0x1019: return check_sync_overflow(od, value);
-    default: break;
-    }
-    if (entry->index < 0x1400 || entry->index >= 0x1C00) {
-        return SDO_OK;
-    }
-    if (node->state == CO_OPERATIONAL) {
+    return (index >= OBJ_RPDO1_MAP && index < OBJ_TPDO1) || index >= OBJ_TPDO1_MAP;
+}
+
+static uint32_t check_pdo(const struct od_data *od, bool operational, const struct od_entry *entry, uint32_t value)
+{
+    if (operational) {
         return SDO_ABORT_STATE;
     }
-    const bool mapping = (entry->index & 0x0200u) != 0;
-    return mapping ? check_mapping(od, entry, (uint32_t)value) : check_communication(od, entry, (uint32_t)value);
+    return is_mapping(entry->index) ? check_mapping(od, entry, value) : check_communication(od, entry, value);
+}
+
+uint32_t co_check_write(const struct od_data *od, bool operational, const struct od_entry *entry, int64_t value)
+{
+    switch (entry->index) {
+    case OBJ_ERROR_HISTORY: return value == 0 ? SDO_OK : SDO_ABORT_VALUE;
+    case OBJ_SYNC_COB_ID: return check_sync_cob_id((uint32_t)value);
+    case OBJ_EMCY_COB_ID: return check_cob_id(od->emcy_cob_id, (uint32_t)value, 0);
+    case OBJ_SYNC_OVERFLOW: return check_sync_overflow(od, value);
+    default: break;
+    }
+    const bool of_pdo = entry->index >= OD_PDO_FIRST && entry->index <= OD_PDO_LAST;
+    return of_pdo ? check_pdo(od, operational, entry, (uint32_t)value) : SDO_OK;
 }

@@ -1,17 +1,35 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "canopen/emcy.h"
 
-#include "canopen/node.h"
+#include "canopen/frame.h"
 
-void co_emcy_refresh(struct co_node *node)
+void co_emcy_init(struct co_emcy *emcy, struct od_data *od, struct co_tx *tx, const struct co_nmt *nmt)
 {
-    node->emcy.inhibit_left_ms = 0;
-    if ((node->config.od->emcy_cob_id & COB_UNUSED) != 0) {
-        node->emcy.waiting_count = 0;
+    *emcy = (struct co_emcy){.od = od, .tx = tx, .nmt = nmt};
+    od->error_register = 0;
+}
+
+static bool is_unused(const struct co_emcy *emcy)
+{
+    return (emcy->od->emcy_cob_id & COB_UNUSED) != 0;
+}
+
+void co_emcy_refresh(struct co_emcy *emcy)
+{
+    emcy->inhibit_left_ms = 0;
+    if (is_unused(emcy)) {
+        emcy->waiting_count = 0;
     }
 }
 
-static bool in_effect(const struct co_emcy *emcy, uint16_t code)
+void co_emcy_written(struct co_emcy *emcy, uint16_t index)
+{
+    if (index == OBJ_EMCY_COB_ID || index == OBJ_EMCY_INHIBIT) {
+        co_emcy_refresh(emcy);
+    }
+}
+
+bool co_emcy_in_effect(const struct co_emcy *emcy, uint16_t code)
 {
     for (unsigned i = 0; i < emcy->count; i++) {
         if (emcy->code[i] == code) {
@@ -21,25 +39,10 @@ static bool in_effect(const struct co_emcy *emcy, uint16_t code)
     return false;
 }
 
-uint16_t co_emcy_code(const struct co_node *node, unsigned i)
-{
-    return i < node->emcy.count ? node->emcy.code[i] : 0;
-}
+/* ---- messages ---- */
 
-bool co_emcy_of_node(const struct co_node *node)
-{
-    static const uint16_t codes[CO_ERRORS_OF_NODE] = {CO_EMCY_PDO_SHORT, CO_EMCY_PDO_LONG, CO_EMCY_SYNC_LENGTH,
-                                                      CO_EMCY_PASSIVE,   CO_EMCY_WAS_OFF,  CO_EMCY_OVERRUN};
-    for (unsigned i = 0; i < CO_ERRORS_OF_NODE; i++) {
-        if (in_effect(&node->emcy, codes[i])) {
-            return true;
-        }
-    }
-    return false;
-}
-
-/* Waiting message `i` may be left out: it is not the only word of an error in effect. */
-static bool dispensable(const struct co_emcy *emcy, unsigned i)
+/* Message `i` that waits may be left out: its error has ended, or a later message has the same code. */
+static bool is_dispensable(const struct co_emcy *emcy, unsigned i)
 {
     const uint16_t code = emcy->waiting[i].code;
     for (unsigned k = i + 1; k < emcy->waiting_count; k++) {
@@ -47,10 +50,10 @@ static bool dispensable(const struct co_emcy *emcy, unsigned i)
             return true;
         }
     }
-    return !in_effect(emcy, code);
+    return !co_emcy_in_effect(emcy, code);
 }
 
-static void leave_out(struct co_emcy *emcy, unsigned i)
+static void remove_message(struct co_emcy *emcy, unsigned i)
 {
     emcy->waiting_count--;
     for (; i < emcy->waiting_count; i++) {
@@ -58,55 +61,55 @@ static void leave_out(struct co_emcy *emcy, unsigned i)
     }
 }
 
-/* Send what waits and may go; the inhibit time after a message lasts `inhibit_ms` ticks. Half of the node's frames that
- * wait for the bus are left to answers. */
-static void send_waiting(struct co_node *node, unsigned inhibit_ms)
+/* Send the messages that wait, as far as they may go. After each an inhibit time of `inhibit_ms` ticks begins. Half of
+ * the queue for the bus is left to the answers of other services, so there is room whenever a message is sent. */
+static void send_waiting(struct co_emcy *emcy, unsigned inhibit_ms)
 {
-    struct co_emcy *emcy = &node->emcy;
-    const bool allowed = node->state == CO_PRE_OPERATIONAL || node->state == CO_OPERATIONAL;
-    while (allowed && emcy->waiting_count > 0 && emcy->inhibit_left_ms == 0 && node->tx_count < CO_TX_FRAMES / 2) {
+    const bool allowed = emcy->nmt->state == CO_PRE_OPERATIONAL || emcy->nmt->state == CO_OPERATIONAL;
+    while (allowed && emcy->waiting_count > 0 && emcy->inhibit_left_ms == 0 && emcy->tx->count < CO_TX_FRAMES / 2) {
         const struct co_emcy_message *message = &emcy->waiting[0];
-        struct can_frame frame = {.id = (uint16_t)(node->config.od->emcy_cob_id & COB_ID_MASK), .len = 8};
+        struct can_frame frame = {.id = (uint16_t)(emcy->od->emcy_cob_id & COB_ID_MASK), .len = 8};
         co_put(&frame.data[0], message->code, 2);
         frame.data[2] = message->reg;
-        co_put(&frame.data[3], message->msef, 4);
-        co_send(node, &frame); /* there is room */
-        leave_out(emcy, 0);
+        co_put(&frame.data[3], message->details, 4);
+        co_tx_send(emcy->tx, &frame);
+        remove_message(emcy, 0);
         emcy->inhibit_left_ms = (uint16_t)inhibit_ms;
     }
 }
 
-/* Of 1015h, in 100 us */
-static unsigned inhibit_ms(const struct co_node *node)
+/* 1015h counts 100 us. */
+static unsigned inhibit_ms(const struct co_emcy *emcy)
 {
-    return (node->config.od->emcy_inhibit + 9u) / 10u;
+    return (emcy->od->emcy_inhibit + 9u) / 10u;
 }
 
-static void report(struct co_node *node, uint16_t code, uint32_t msef)
+static void report(struct co_emcy *emcy, uint16_t code, uint32_t details)
 {
-    struct co_emcy *emcy = &node->emcy;
-    if ((node->config.od->emcy_cob_id & COB_UNUSED) != 0) {
+    if (is_unused(emcy)) {
         return;
     }
     for (unsigned i = 0; emcy->waiting_count == CO_EMCY_WAITING; i++) {
-        if (dispensable(emcy, i)) {
-            leave_out(emcy, i);
+        if (is_dispensable(emcy, i)) {
+            remove_message(emcy, i);
         }
     }
     emcy->waiting[emcy->waiting_count++] =
-        (struct co_emcy_message){.code = code, .reg = node->config.od->error_register, .msef = msef};
-    send_waiting(node, inhibit_ms(node) != 0 ? inhibit_ms(node) + 1 : 0); /* the next tick may follow at once */
+        (struct co_emcy_message){.code = code, .reg = emcy->od->error_register, .details = details};
+    send_waiting(emcy, inhibit_ms(emcy) != 0 ? inhibit_ms(emcy) + 1 : 0); /* the next tick may follow at once */
 }
 
-void co_emcy_tick_ms(struct co_node *node)
+void co_emcy_tick_ms(struct co_emcy *emcy)
 {
-    if (node->emcy.inhibit_left_ms > 0) {
-        node->emcy.inhibit_left_ms--;
+    if (emcy->inhibit_left_ms > 0) {
+        emcy->inhibit_left_ms--;
     }
-    send_waiting(node, inhibit_ms(node));
+    send_waiting(emcy, inhibit_ms(emcy));
 }
 
-static void remember(struct od_data *od, uint32_t entry)
+/* ---- errors ---- */
+
+static void add_to_history(struct od_data *od, uint32_t entry)
 {
     enum { SIZE = sizeof od->error_history / sizeof od->error_history[0] };
     for (unsigned i = SIZE - 1; i > 0; i--) {
@@ -118,25 +121,22 @@ static void remember(struct od_data *od, uint32_t entry)
     }
 }
 
-void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t msef)
+void co_emcy_raise(struct co_emcy *emcy, uint16_t code, uint8_t reg, uint32_t details)
 {
-    struct co_emcy *emcy = &node->emcy;
-    struct od_data *od = node->config.od;
-    if (in_effect(emcy, code) || emcy->count == CO_ERRORS) {
+    if (co_emcy_in_effect(emcy, code) || emcy->count == CO_ERRORS) {
         return;
     }
     reg |= CO_REG_GENERIC;
     emcy->code[emcy->count] = code;
     emcy->reg[emcy->count] = reg;
     emcy->count++;
-    od->error_register |= reg;
-    remember(od, code | msef << 16);
-    report(node, code, msef);
+    emcy->od->error_register |= reg;
+    add_to_history(emcy->od, code | details << 16);
+    report(emcy, code, details);
 }
 
-void co_emcy_reset(struct co_node *node, uint16_t code)
+void co_emcy_clear(struct co_emcy *emcy, uint16_t code)
 {
-    struct co_emcy *emcy = &node->emcy;
     uint8_t left = 0, reg = 0;
     for (unsigned i = 0; i < emcy->count; i++) {
         if (emcy->code[i] != code) {
@@ -148,7 +148,7 @@ void co_emcy_reset(struct co_node *node, uint16_t code)
     }
     if (left != emcy->count) {
         emcy->count = left;
-        node->config.od->error_register = reg;
-        report(node, 0, 0);
+        emcy->od->error_register = reg;
+        report(emcy, 0, 0);
     }
 }

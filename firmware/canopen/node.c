@@ -3,91 +3,117 @@
 
 #include <stddef.h>
 
-enum { NMT_START = 1, NMT_STOP = 2, NMT_PRE_OPERATIONAL = 128, NMT_RESET_NODE = 129, NMT_RESET_COMMUNICATION = 130 };
-enum { ID_NMT = 0x000, ID_SDO_REQUEST = 0x600, ID_HEARTBEAT = 0x700, ID_SERVICE = 0x780, ID_NODE = 0x07F };
+#include "canopen/check.h"
 
-void co_put(uint8_t *data, uint32_t value, uint8_t count)
+enum { SERVICE_MASK = 0x780 }; /* of an identifier, without the node id */
+
+/* ---- what the services ask and tell ---- */
+
+static uint32_t before_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
-    for (unsigned i = 0; i < count; i++) {
-        data[i] = (uint8_t)(value >> (8 * i));
+    const struct co_node *node = ctx;
+    const struct co_hooks *hooks = &node->config.hooks;
+    const uint32_t code = co_check_write(node->config.od, node->nmt.state == CO_OPERATIONAL, entry, value);
+    if (code != SDO_OK || hooks->before_write == NULL) {
+        return code;
+    }
+    return hooks->before_write(hooks->ctx, entry, value);
+}
+
+static void on_write(void *ctx, const struct od_entry *entry)
+{
+    struct co_node *node = ctx;
+    const struct co_hooks *hooks = &node->config.hooks;
+    co_emcy_written(&node->emcy, entry->index);
+    co_nmt_written(&node->nmt, entry->index);
+    co_pdo_written(&node->pdo, entry->index);
+    if (hooks->on_write != NULL) {
+        hooks->on_write(hooks->ctx, entry);
     }
 }
 
-uint32_t co_get(const uint8_t *data, uint8_t count)
+static void before_read(void *ctx, const struct od_entry *entry)
 {
-    uint32_t value = 0;
-    for (unsigned i = 0; i < count; i++) {
-        value |= (uint32_t)data[i] << (8 * i);
-    }
-    return value;
-}
-
-bool co_transmit(struct co_node *node, const struct can_frame *frame)
-{
-    const struct hal *hal = node->config.hal;
-    return node->lss.silent_ms == 0 && hal->can_send(hal->ctx, frame);
-}
-
-static void flush(struct co_node *node)
-{
-    unsigned sent = 0;
-    while (sent < node->tx_count && co_transmit(node, &node->tx[sent])) {
-        sent++;
-    }
-    node->tx_count = (uint8_t)(node->tx_count - sent);
-    for (unsigned i = 0; i < node->tx_count; i++) {
-        node->tx[i] = node->tx[i + sent];
+    const struct co_node *node = ctx;
+    const struct co_hooks *hooks = &node->config.hooks;
+    if (hooks->before_read != NULL) {
+        hooks->before_read(hooks->ctx, entry);
     }
 }
 
-void co_send(struct co_node *node, const struct can_frame *frame)
+static uint32_t domain_size(void *ctx, const struct od_entry *entry)
 {
-    flush(node);
-    if (node->tx_count == 0 && co_transmit(node, frame)) {
-        return;
-    }
-    if (node->tx_count < CO_TX_FRAMES) {
-        node->tx[node->tx_count++] = *frame;
+    const struct co_node *node = ctx;
+    const struct co_hooks *hooks = &node->config.hooks;
+    return hooks->domain_size != NULL ? hooks->domain_size(hooks->ctx, entry) : 0u;
+}
+
+static bool domain_read(void *ctx, const struct od_entry *entry, uint32_t at, uint8_t *to, uint32_t count)
+{
+    const struct co_node *node = ctx;
+    const struct co_hooks *hooks = &node->config.hooks;
+    return hooks->domain_read(hooks->ctx, entry, at, to, count);
+}
+
+static void on_rpdo(void *ctx, unsigned number)
+{
+    const struct co_node *node = ctx;
+    const struct co_hooks *hooks = &node->config.hooks;
+    if (hooks->on_rpdo != NULL) {
+        hooks->on_rpdo(hooks->ctx, number);
     }
 }
 
-/* The heartbeat; state 0 is the boot-up message. */
-static void send_heartbeat(struct co_node *node, uint8_t state)
+static void on_tpdo(void *ctx, unsigned number)
 {
-    const struct can_frame frame = {.id = (uint16_t)(ID_HEARTBEAT + node->config.node_id), .len = 1, .data = {state}};
-    node->producer_ms = 0;
-    co_send(node, &frame);
+    const struct co_node *node = ctx;
+    const struct co_hooks *hooks = &node->config.hooks;
+    if (hooks->on_tpdo != NULL) {
+        hooks->on_tpdo(hooks->ctx, number);
+    }
+}
+
+static bool store_node(void *ctx)
+{
+    const struct co_node *node = ctx;
+    const struct co_hooks *hooks = &node->config.hooks;
+    return hooks->store_node != NULL && hooks->store_node(hooks->ctx);
+}
+
+/* ---- NMT state ---- */
+
+static void report_state(const struct co_node *node)
+{
+    const struct co_hooks *hooks = &node->config.hooks;
+    if (hooks->on_nmt != NULL) {
+        hooks->on_nmt(hooks->ctx, node->nmt.state);
+    }
 }
 
 static void enter(struct co_node *node, enum co_state state)
 {
-    if (node->state == state) {
+    if (!co_nmt_enter(&node->nmt, state)) {
         return;
     }
-    node->state = state;
     if (state == CO_OPERATIONAL) {
-        co_pdo_start(node);
+        co_pdo_start(&node->pdo);
     }
-    if (node->config.hooks.on_nmt != NULL) {
-        node->config.hooks.on_nmt(node->config.hooks.ctx, state);
-    }
+    report_state(node);
 }
 
-/* From initialisation, which no frame can see, to pre-operational; a node without id stays there. */
+/* From initialising, which no frame can see, to pre-operational. A node without id stays in initialising. */
 static void boot(struct co_node *node)
 {
-    const struct co_hooks *hooks = &node->config.hooks;
-    node->state = CO_INITIALISING;
-    node->sdo.transfer = CO_SDO_IDLE;
-    co_watch_heartbeat(node, 0);
-    co_emcy_refresh(node);
-    co_pdo_refresh(node);
-    co_lss_reset(node);
+    co_nmt_reset(&node->nmt, node->config.node_id);
+    co_sdo_reset(&node->sdo);
+    co_emcy_refresh(&node->emcy);
+    co_pdo_refresh(&node->pdo);
+    co_lss_reset(&node->lss, node->config.node_id);
     if (node->config.node_id != OD_UNCONFIGURED) {
-        send_heartbeat(node, 0);
+        co_nmt_send_boot_up(&node->nmt);
         enter(node, CO_PRE_OPERATIONAL);
-    } else if (hooks->on_nmt != NULL) {
-        hooks->on_nmt(hooks->ctx, CO_INITIALISING);
+    } else {
+        report_state(node);
     }
 }
 
@@ -97,11 +123,11 @@ static void reset(struct co_node *node, bool communication_only)
     if (hooks->load != NULL) {
         node->config.node_id = hooks->load(hooks->ctx, communication_only);
     } else {
-        od_restore(node->config.od, node->config.node_id, 0x1000, communication_only ? 0x1FFF : 0xFFFF);
+        od_restore(node->config.od, node->config.node_id, OD_COMMUNICATION_FIRST,
+                   communication_only ? OD_COMMUNICATION_LAST : OD_LAST);
     }
     if (!communication_only) {
-        node->emcy = (struct co_emcy){0};
-        node->config.od->error_register = 0;
+        co_emcy_init(&node->emcy, node->config.od, &node->tx, &node->nmt);
     }
     if (hooks->on_reset != NULL) {
         hooks->on_reset(hooks->ctx, communication_only);
@@ -109,70 +135,70 @@ static void reset(struct co_node *node, bool communication_only)
     boot(node);
 }
 
-void co_reset_communication(struct co_node *node)
+static void obey(struct co_node *node, enum co_nmt_command command)
 {
-    reset(node, true);
-}
-
-void co_init(struct co_node *node, const struct co_config *config)
-{
-    *node = (struct co_node){.config = *config};
-    boot(node);
-}
-
-enum co_state co_nmt_state(const struct co_node *node)
-{
-    return node->state;
-}
-
-void co_written(struct co_node *node, const struct od_entry *entry)
-{
-    if (entry->index == 0x1014 || entry->index == 0x1015) {
-        co_emcy_refresh(node);
-    } else if (entry->index == 0x1016 && node->guarded == 0) {
-        node->consumer_left_ms = 0;
-    } else if (entry->index == 0x1017) {
-        node->producer_ms = 0;
-    } else if (entry->index >= 0x1400 && entry->index < 0x1C00) {
-        co_pdo_refresh(node);
-    }
-}
-
-static void nmt(struct co_node *node, const struct can_frame *frame)
-{
-    const bool is_reset = frame->data[0] == NMT_RESET_NODE || frame->data[0] == NMT_RESET_COMMUNICATION;
-    if (node->state == CO_INITIALISING && !is_reset) {
-        return;
-    }
-    if (frame->len != 2 || (frame->data[1] != 0 && frame->data[1] != node->config.node_id)) {
-        return;
-    }
-    switch (frame->data[0]) {
-    case NMT_START: enter(node, CO_OPERATIONAL); break;
-    case NMT_STOP: enter(node, CO_STOPPED); break;
-    case NMT_PRE_OPERATIONAL: enter(node, CO_PRE_OPERATIONAL); break;
-    case NMT_RESET_NODE: reset(node, false); break;
-    case NMT_RESET_COMMUNICATION: reset(node, true); break;
+    switch (command) {
+    case CO_NMT_START: enter(node, CO_OPERATIONAL); break;
+    case CO_NMT_STOP: enter(node, CO_STOPPED); break;
+    case CO_NMT_ENTER_PRE_OPERATIONAL: enter(node, CO_PRE_OPERATIONAL); break;
+    case CO_NMT_RESET_NODE: reset(node, false); break;
+    case CO_NMT_RESET_COMMUNICATION: reset(node, true); break;
     default: break;
     }
 }
 
-void co_watch_heartbeat(struct co_node *node, uint8_t id)
+/* 1029h:1 says which NMT state follows. The application learns of the loss first, since its stop may be gentler than
+ * the one that it makes of the state. */
+static void heartbeat_lost(struct co_node *node)
 {
-    const uint32_t consumer = node->config.od->heartbeat_consumer[0];
-    const uint32_t time_ms =
-        consumer >> 16 == id && (consumer & 0xFFFFu) != 0 ? consumer & 0xFFFFu : CO_HEARTBEAT_WATCH_MS;
-    node->guarded = id != 0 ? (uint32_t)id << 16 | time_ms : 0u;
-    node->consumer_left_ms = id != 0 ? time_ms + 1u : 0u;
+    enum { ENTER_PRE_OPERATIONAL = 0, ENTER_STOPPED = 2 };
+    const struct co_hooks *hooks = &node->config.hooks;
+    const uint8_t behaviour = node->config.od->error_behaviour.communication;
+    if (hooks->on_heartbeat_lost != NULL) {
+        hooks->on_heartbeat_lost(hooks->ctx);
+    }
+    if (behaviour == ENTER_STOPPED) {
+        enter(node, CO_STOPPED);
+    } else if (behaviour == ENTER_PRE_OPERATIONAL && node->nmt.state == CO_OPERATIONAL) {
+        enter(node, CO_PRE_OPERATIONAL);
+    }
 }
 
-/* 1016h:1 holds node << 16 | ms. */
-static void heartbeat_seen(struct co_node *node, unsigned from)
+/* ---- frames and time ---- */
+
+void co_init(struct co_node *node, const struct co_config *config)
 {
-    const uint32_t consumer = node->guarded != 0 ? node->guarded : node->config.od->heartbeat_consumer[0];
-    const uint32_t time_ms = consumer & 0xFFFFu;
-    if (time_ms != 0 && consumer >> 16 == from) {
-        node->consumer_left_ms = time_ms + 1; /* never early: the first tick may follow at once */
+    const struct co_sdo_hooks sdo_hooks = {node, before_write, on_write, before_read, domain_size, domain_read};
+    const struct co_pdo_hooks pdo_hooks = {node, on_rpdo, on_tpdo};
+    const struct co_lss_hooks lss_hooks = {node, store_node};
+    struct od_data *od = config->od;
+    node->config = *config;
+    co_tx_init(&node->tx, config->hal);
+    co_nmt_init(&node->nmt, od, &node->tx);
+    co_emcy_init(&node->emcy, od, &node->tx, &node->nmt);
+    co_bus_state_init(&node->bus_state, od, config->hal, &node->emcy);
+    co_pdo_init(&node->pdo, od, &node->tx, &node->emcy, &pdo_hooks);
+    co_sdo_init(&node->sdo, od, &node->tx, &sdo_hooks);
+    co_lss_init(&node->lss, od, &node->tx, config->hal, &lss_hooks);
+    boot(node);
+}
+
+/* Services that a node in pre-operational, operational or stopped has (CiA 301, 7.3.2). */
+static void receive(struct co_node *node, const struct can_frame *frame)
+{
+    const enum co_state state = node->nmt.state;
+    if (frame->id == CO_SDO_REQUEST_ID + node->config.node_id) {
+        if (state != CO_STOPPED) {
+            co_sdo_receive(&node->sdo, frame);
+        }
+    } else if ((frame->id & SERVICE_MASK) == CO_HEARTBEAT_ID) {
+        co_nmt_heartbeat(&node->nmt, frame);
+    } else if (state == CO_OPERATIONAL) {
+        if (frame->id == (node->config.od->sync_cob_id & COB_ID_MASK)) {
+            co_pdo_sync(&node->pdo, frame);
+        } else {
+            co_pdo_receive(&node->pdo, frame);
+        }
     }
 }
 
@@ -181,60 +207,87 @@ void co_receive(struct co_node *node, const struct can_frame *frame)
     if (frame->rtr) {
         return;
     }
-    if (frame->id == ID_NMT) {
-        nmt(node, frame);
+    if (frame->id == CO_NMT_COMMAND_ID) {
+        obey(node, co_nmt_decode(&node->nmt, frame));
     } else if (frame->id == CO_LSS_REQUEST) {
-        co_lss_receive(node, frame);
-    } else if (node->state == CO_INITIALISING) {
-        return;
-    } else if (frame->id == ID_SDO_REQUEST + node->config.node_id) {
-        if (node->state != CO_STOPPED) {
-            co_sdo_receive(node, frame);
+        if (co_lss_receive(&node->lss, frame)) {
+            reset(node, true);
         }
-    } else if ((frame->id & ID_SERVICE) == ID_HEARTBEAT) {
-        if (frame->len == 1 && frame->data[0] != 0) { /* 0 is a boot-up message: the node has just been away */
-            heartbeat_seen(node, frame->id & ID_NODE);
-        }
-    } else if (node->state == CO_OPERATIONAL) {
-        if (frame->id == (node->config.od->sync_cob_id & COB_ID_MASK)) {
-            co_pdo_sync(node, frame);
-        } else {
-            co_pdo_receive(node, frame);
-        }
+    } else if (node->nmt.state != CO_INITIALISING) {
+        receive(node, frame);
     }
 }
 
-/* 1029h:1 says which NMT state follows. The application learns of the loss first: its stop may be gentler than the one
- * it makes of the state. */
-static void heartbeat_lost(struct co_node *node)
-{
-    const struct co_hooks *hooks = &node->config.hooks;
-    const uint8_t behaviour = node->config.od->error_behaviour.communication;
-    if (hooks->on_heartbeat_lost != NULL) {
-        hooks->on_heartbeat_lost(hooks->ctx);
-    }
-    if (behaviour == 2) {
-        enter(node, CO_STOPPED);
-    } else if (behaviour == 0 && node->state == CO_OPERATIONAL) {
-        enter(node, CO_PRE_OPERATIONAL);
-    }
-}
-
+/* SDOs go last, so that PDOs find room on the bus. */
 void co_tick_ms(struct co_node *node)
 {
-    const uint16_t period_ms = node->config.od->heartbeat_producer;
-    co_lss_tick_ms(node);
-    flush(node);
-    co_busstate_tick_ms(node);
-    co_emcy_tick_ms(node);
-    if (node->state != CO_INITIALISING && period_ms != 0 && ++node->producer_ms >= period_ms) {
-        send_heartbeat(node, (uint8_t)node->state);
-    }
-    if (node->consumer_left_ms != 0 && --node->consumer_left_ms == 0) {
+    co_lss_tick_ms(&node->lss);
+    co_tx_flush(&node->tx);
+    co_bus_state_tick_ms(&node->bus_state);
+    co_emcy_tick_ms(&node->emcy);
+    if (co_nmt_tick_ms(&node->nmt)) {
         heartbeat_lost(node);
     }
-    if (node->state == CO_OPERATIONAL) {
-        co_pdo_tick_ms(node);
+    if (node->nmt.state == CO_OPERATIONAL) {
+        co_pdo_tick_ms(&node->pdo);
     }
-    co_sdo_tick_ms(node); /* last: PDOs go first */
+    if (node->nmt.state == CO_STOPPED) { /* a node that is stopped has no SDOs */
+        co_sdo_reset(&node->sdo);
+    } else {
+        co_sdo_tick_ms(&node->sdo);
+    }
+}
+
+/* ---- for the application ---- */
+
+enum co_state co_nmt_state(const struct co_node *node)
+{
+    return node->nmt.state;
+}
+
+void co_watch_heartbeat(struct co_node *node, uint8_t id)
+{
+    co_nmt_watch(&node->nmt, id);
+}
+
+void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t details)
+{
+    co_emcy_raise(&node->emcy, code, reg, details);
+}
+
+void co_emcy_reset(struct co_node *node, uint16_t code)
+{
+    co_emcy_clear(&node->emcy, code);
+}
+
+uint16_t co_emcy_code(const struct co_node *node, unsigned i)
+{
+    return i < node->emcy.count ? node->emcy.code[i] : 0;
+}
+
+bool co_emcy_of_node(const struct co_node *node)
+{
+    static const uint16_t codes[CO_ERRORS_OF_NODE] = {CO_EMCY_OVERRUN,   CO_EMCY_PASSIVE,  CO_EMCY_WAS_OFF,
+                                                      CO_EMCY_PDO_SHORT, CO_EMCY_PDO_LONG, CO_EMCY_SYNC_LENGTH};
+    for (unsigned i = 0; i < CO_ERRORS_OF_NODE; i++) {
+        if (co_emcy_in_effect(&node->emcy, codes[i])) {
+            return true;
+        }
+    }
+    return false;
+}
+
+bool co_tpdo_send(struct co_node *node, unsigned number)
+{
+    return node->nmt.state == CO_OPERATIONAL && co_pdo_send(&node->pdo, number);
+}
+
+bool co_rpdo_carries(const struct co_node *node, unsigned number, uint16_t index)
+{
+    return co_pdo_carries(&node->pdo.rpdo[number - 1].mapping, index);
+}
+
+bool co_tpdo_carries(const struct co_node *node, unsigned number, uint16_t index)
+{
+    return co_pdo_carries(&node->pdo.tpdo[number - 1].mapping, index);
 }

@@ -4,15 +4,26 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "canopen/node.h"
+#include "canopen/frame.h"
 
-/* Data types 0002h..0007h may fill gaps of an RPDO (CiA 301, dummy mapping): what is there is not stored. */
+/* Dummy mapping (CiA 301): an RPDO may have gaps, which are mapped to the index of a data type and not stored. */
+enum { DUMMY_FIRST = 0x0002, DUMMY_LAST = 0x0007 };
 static const struct od_entry dummies[] = {
-    {.index = 2, .type = OD_I8, .flags = OD_WRITE | OD_PDO},  {.index = 3, .type = OD_I16, .flags = OD_WRITE | OD_PDO},
-    {.index = 4, .type = OD_I32, .flags = OD_WRITE | OD_PDO}, {.index = 5, .type = OD_U8, .flags = OD_WRITE | OD_PDO},
-    {.index = 6, .type = OD_U16, .flags = OD_WRITE | OD_PDO}, {.index = 7, .type = OD_U32, .flags = OD_WRITE | OD_PDO},
+    {.index = 0x0002, .type = OD_I8, .flags = OD_WRITE | OD_PDO},
+    {.index = 0x0003, .type = OD_I16, .flags = OD_WRITE | OD_PDO},
+    {.index = 0x0004, .type = OD_I32, .flags = OD_WRITE | OD_PDO},
+    {.index = 0x0005, .type = OD_U8, .flags = OD_WRITE | OD_PDO},
+    {.index = 0x0006, .type = OD_U16, .flags = OD_WRITE | OD_PDO},
+    {.index = 0x0007, .type = OD_U32, .flags = OD_WRITE | OD_PDO},
 };
-enum { DUMMY_FIRST = 2, DUMMY_LAST = 7 };
+
+void co_pdo_init(struct co_pdo *pdo, struct od_data *od, struct co_tx *tx, struct co_emcy *emcy,
+                 const struct co_pdo_hooks *hooks)
+{
+    *pdo = (struct co_pdo){.od = od, .tx = tx, .emcy = emcy, .hooks = *hooks};
+}
+
+/* ---- mapping ---- */
 
 const struct od_entry *co_pdo_mappable(uint32_t map, bool transmit, uint32_t *code)
 {
@@ -32,64 +43,98 @@ const struct od_entry *co_pdo_mappable(uint32_t map, bool transmit, uint32_t *co
     return NULL;
 }
 
-static void resolve(const struct od_data *od, struct co_pdo *pdo, unsigned communication)
+bool co_pdo_carries(const struct co_pdo_mapping *mapping, uint16_t index)
 {
-    const unsigned mapping = communication + 0x200;
-    const bool transmit = communication >= 0x1800;
-    const uint32_t cob = (uint32_t)od_number(od, communication, 1);
-    *pdo = (struct co_pdo){.type = (uint8_t)od_number(od, communication, 2)};
-    const unsigned count = (unsigned)od_number(od, mapping, 0);
+    for (unsigned k = 0; k < mapping->count; k++) {
+        if (mapping->entry[k]->index == index) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Empty when an entry cannot be mapped: a stored mapping may be that of another firmware, and half of it is of no use. */
+static struct co_pdo_mapping resolve_mapping(const struct od_data *od, unsigned index, bool transmit)
+{
+    struct co_pdo_mapping mapping = {0};
+    const unsigned count = (unsigned)od_number(od, index, 0);
     for (unsigned i = 1; i <= count; i++) {
         uint32_t code = SDO_OK;
-        const struct od_entry *e = co_pdo_mappable((uint32_t)od_number(od, mapping, i), transmit, &code);
-        if (e == NULL || pdo->bytes + od_size(e) > 8) { /* a stored mapping may be another firmware's: not half of it */
-            pdo->count = 0;
-            break;
+        const struct od_entry *e = co_pdo_mappable((uint32_t)od_number(od, index, i), transmit, &code);
+        if (e == NULL || mapping.bytes + od_size(e) > 8) {
+            return (struct co_pdo_mapping){0};
         }
-        pdo->entry[pdo->count++] = e;
-        pdo->bytes = (uint8_t)(pdo->bytes + od_size(e));
+        mapping.entry[mapping.count++] = e;
+        mapping.bytes = (uint8_t)(mapping.bytes + od_size(e));
     }
-    pdo->id = (cob & COB_UNUSED) || pdo->count == 0 ? 0 : (uint16_t)(cob & COB_ID_MASK);
-    if (transmit) {
-        pdo->inhibit_ms = (uint16_t)((od_number(od, communication, 3) + 9) / 10); /* of 100 us */
-        pdo->event_ms = (uint16_t)od_number(od, communication, 5);
-        pdo->sync_start = (uint8_t)od_number(od, communication, 6);
+    return mapping;
+}
+
+static uint16_t resolve_id(const struct od_data *od, unsigned index, const struct co_pdo_mapping *mapping)
+{
+    const uint32_t cob_id = (uint32_t)od_number(od, index, SUB_RPDO1_COB_ID);
+    return (cob_id & COB_UNUSED) || mapping->count == 0 ? 0 : (uint16_t)(cob_id & COB_ID_MASK);
+}
+
+static void resolve_rpdo(const struct od_data *od, struct co_rpdo *rpdo, unsigned i)
+{
+    const unsigned index = OBJ_RPDO1 + i;
+    *rpdo = (struct co_rpdo){.mapping = resolve_mapping(od, OBJ_RPDO1_MAP + i, false),
+                             .type = (uint8_t)od_number(od, index, SUB_RPDO1_TYPE)};
+    rpdo->id = resolve_id(od, index, &rpdo->mapping);
+}
+
+static void resolve_tpdo(const struct od_data *od, struct co_tpdo *tpdo, unsigned i)
+{
+    const unsigned index = OBJ_TPDO1 + i;
+    *tpdo =
+        (struct co_tpdo){.mapping = resolve_mapping(od, OBJ_TPDO1_MAP + i, true),
+                         .type = (uint8_t)od_number(od, index, SUB_TPDO1_TYPE),
+                         .inhibit_ms = (uint16_t)((od_number(od, index, SUB_TPDO1_INHIBIT) + 9) / 10), /* of 100 us */
+                         .event_ms = (uint16_t)od_number(od, index, SUB_TPDO1_EVENT_MS),
+                         .sync_start = (uint8_t)od_number(od, index, SUB_TPDO1_SYNC_START)};
+    tpdo->id = resolve_id(od, index, &tpdo->mapping);
+}
+
+void co_pdo_refresh(struct co_pdo *pdo)
+{
+    for (unsigned i = 0; i < OD_RPDOS; i++) {
+        resolve_rpdo(pdo->od, &pdo->rpdo[i], i);
+    }
+    for (unsigned i = 0; i < OD_TPDOS; i++) {
+        resolve_tpdo(pdo->od, &pdo->tpdo[i], i);
     }
 }
 
-void co_pdo_refresh(struct co_node *node)
+void co_pdo_written(struct co_pdo *pdo, uint16_t index)
 {
-    const struct od_data *od = node->config.od;
-    for (unsigned i = 0; i < OD_RPDOS; i++) {
-        resolve(od, &node->rpdo[i], 0x1400 + i);
-    }
-    for (unsigned i = 0; i < OD_TPDOS; i++) {
-        resolve(od, &node->tpdo[i], 0x1800 + i);
+    if (index >= OD_PDO_FIRST && index <= OD_PDO_LAST) {
+        co_pdo_refresh(pdo);
     }
 }
 
-void co_pdo_start(struct co_node *node)
+void co_pdo_start(struct co_pdo *pdo)
 {
     for (unsigned i = 0; i < OD_RPDOS; i++) {
-        node->rpdo[i].pending = false;
+        pdo->rpdo[i].pending = false;
     }
     for (unsigned i = 0; i < OD_TPDOS; i++) {
-        struct co_pdo *pdo = &node->tpdo[i];
-        pdo->pending = false;
-        pdo->counting = pdo->sync_start == 0 || node->config.od->sync_overflow == 0;
-        pdo->syncs = 0;
-        pdo->elapsed_ms = pdo->event_ms;
-        pdo->inhibit_left_ms = 0;
+        struct co_tpdo *tpdo = &pdo->tpdo[i];
+        tpdo->pending = false;
+        tpdo->counting = tpdo->sync_start == 0 || pdo->od->sync_overflow == 0;
+        tpdo->syncs = 0;
+        tpdo->elapsed_ms = tpdo->event_ms;
+        tpdo->inhibit_left_ms = 0;
     }
 }
 
 /* ---- received ---- */
 
 /* All values are within the ranges of their objects. */
-static bool in_range(const struct co_pdo *pdo, const uint8_t *data)
+static bool in_range(const struct co_pdo_mapping *mapping, const uint8_t *data)
 {
-    for (unsigned k = 0; k < pdo->count; k++) {
-        const struct od_entry *e = pdo->entry[k];
+    for (unsigned k = 0; k < mapping->count; k++) {
+        const struct od_entry *e = mapping->entry[k];
         if (e->index > DUMMY_LAST && od_check(e, od_decode(e, data)) != SDO_OK) {
             return false;
         }
@@ -98,171 +143,149 @@ static bool in_range(const struct co_pdo *pdo, const uint8_t *data)
     return true;
 }
 
-/* All of it or nothing. */
-static void store(struct co_node *node, unsigned i, const uint8_t *data)
+/* Store all values of RPDO `i`, or none when one is out of its range. */
+static void store(struct co_pdo *pdo, unsigned i, const uint8_t *data)
 {
-    const struct co_pdo *pdo = &node->rpdo[i];
-    if (!in_range(pdo, data)) {
-        node->config.od->stream.rejected_range++;
+    const struct co_pdo_mapping *mapping = &pdo->rpdo[i].mapping;
+    if (!in_range(mapping, data)) {
+        pdo->od->stream.rejected_range++;
         return;
     }
-    for (unsigned k = 0; k < pdo->count; k++) {
-        const struct od_entry *e = pdo->entry[k];
+    for (unsigned k = 0; k < mapping->count; k++) {
+        const struct od_entry *e = mapping->entry[k];
         if (e->index > DUMMY_LAST) {
-            od_write(node->config.od, e, od_decode(e, data));
+            od_write(pdo->od, e, od_decode(e, data));
         }
         data += od_size(e);
     }
-    if (node->config.hooks.on_rpdo != NULL) {
-        node->config.hooks.on_rpdo(node->config.hooks.ctx, i + 1);
-    }
+    pdo->hooks.on_rpdo(pdo->hooks.ctx, i + 1);
 }
 
-static void receive(struct co_node *node, unsigned i, const struct can_frame *frame)
+static void receive(struct co_pdo *pdo, unsigned i, const struct can_frame *frame)
 {
-    struct co_pdo *pdo = &node->rpdo[i];
-    if (frame->len != pdo->bytes) {
-        node->config.od->stream.rejected_length++;
-        co_emcy_set(node, frame->len < pdo->bytes ? CO_EMCY_PDO_SHORT : CO_EMCY_PDO_LONG, CO_REG_COMMUNICATION, i + 1);
+    struct co_rpdo *rpdo = &pdo->rpdo[i];
+    if (frame->len != rpdo->mapping.bytes) {
+        const uint16_t code = frame->len < rpdo->mapping.bytes ? CO_EMCY_PDO_SHORT : CO_EMCY_PDO_LONG;
+        pdo->od->stream.rejected_length++;
+        co_emcy_raise(pdo->emcy, code, CO_REG_COMMUNICATION, i + 1);
         return;
     }
-    co_emcy_reset(node, CO_EMCY_PDO_SHORT);
-    co_emcy_reset(node, CO_EMCY_PDO_LONG);
-    if (pdo->type <= PDO_SYNC_MAX) {
-        memcpy(pdo->data, frame->data, sizeof pdo->data);
-        pdo->pending = true;
+    co_emcy_clear(pdo->emcy, CO_EMCY_PDO_SHORT);
+    co_emcy_clear(pdo->emcy, CO_EMCY_PDO_LONG);
+    if (rpdo->type <= PDO_SYNC_MAX) {
+        memcpy(rpdo->data, frame->data, sizeof rpdo->data);
+        rpdo->pending = true;
     } else {
-        store(node, i, frame->data);
+        store(pdo, i, frame->data);
     }
 }
 
-void co_pdo_receive(struct co_node *node, const struct can_frame *frame)
+void co_pdo_receive(struct co_pdo *pdo, const struct can_frame *frame)
 {
     for (unsigned i = 0; i < OD_RPDOS; i++) {
-        if (node->rpdo[i].id == frame->id) { /* 0, not in use, is NMT's */
-            receive(node, i, frame);
+        if (pdo->rpdo[i].id == frame->id) { /* no frame has 0, which stands for not in use: that is an NMT command */
+            receive(pdo, i, frame);
             return;
         }
     }
 }
 
-static bool carries(const struct co_pdo *pdo, uint16_t index)
-{
-    for (unsigned k = 0; k < pdo->count; k++) {
-        if (pdo->entry[k]->index == index) {
-            return true;
-        }
-    }
-    return false;
-}
-
-bool co_rpdo_carries(const struct co_node *node, unsigned number, uint16_t index)
-{
-    return carries(&node->rpdo[number - 1], index);
-}
-
-bool co_tpdo_carries(const struct co_node *node, unsigned number, uint16_t index)
-{
-    return carries(&node->tpdo[number - 1], index);
-}
-
 /* ---- transmitted ---- */
 
-/* An inhibit time of `inhibit_ms` ticks begins. */
-static bool transmit(struct co_node *node, struct co_pdo *pdo, unsigned inhibit_ms)
+/* Send TPDO `i` now; an inhibit time of `inhibit_ms` ticks begins. A frame for which there is no room is made anew later,
+ * with the values of that moment. */
+static bool transmit(struct co_pdo *pdo, unsigned i, unsigned inhibit_ms)
 {
-    struct can_frame frame = {.id = pdo->id, .len = pdo->bytes};
+    struct co_tpdo *tpdo = &pdo->tpdo[i];
+    struct can_frame frame = {.id = tpdo->id, .len = tpdo->mapping.bytes};
     uint8_t *at = frame.data;
-    /* Frames that wait go first. Of this one only what is true when it leaves is worth something: it is not kept. */
-    if (node->tx_count > 0) {
+    for (unsigned k = 0; k < tpdo->mapping.count; k++) {
+        const struct od_entry *e = tpdo->mapping.entry[k];
+        co_put(at, (uint32_t)od_read(pdo->od, e), od_size(e));
+        at += od_size(e);
+    }
+    if (!co_tx_send_now(pdo->tx, &frame)) {
         return false;
     }
-    for (unsigned k = 0; k < pdo->count; k++) {
-        const uint8_t size = od_size(pdo->entry[k]);
-        co_put(at, (uint32_t)od_read(node->config.od, pdo->entry[k]), size);
-        at += size;
-    }
-    if (!co_transmit(node, &frame)) {
-        return false;
-    }
-    pdo->pending = false;
-    pdo->syncs = 0;
-    pdo->elapsed_ms = 0;
-    pdo->inhibit_left_ms = (uint16_t)inhibit_ms;
-    if (node->config.hooks.on_tpdo != NULL) {
-        node->config.hooks.on_tpdo(node->config.hooks.ctx, (unsigned)(pdo - node->tpdo) + 1u);
-    }
+    tpdo->pending = false;
+    tpdo->syncs = 0;
+    tpdo->elapsed_ms = 0;
+    tpdo->inhibit_left_ms = (uint16_t)inhibit_ms;
+    pdo->hooks.on_tpdo(pdo->hooks.ctx, i + 1u);
     return true;
 }
 
-bool co_tpdo_send(struct co_node *node, unsigned number)
+bool co_pdo_send(struct co_pdo *pdo, unsigned number)
 {
-    struct co_pdo *pdo = &node->tpdo[number - 1];
-    if (node->state != CO_OPERATIONAL || pdo->id == 0) {
+    struct co_tpdo *tpdo = &pdo->tpdo[number - 1];
+    if (tpdo->id == 0) {
         return false;
     }
-    pdo->pending = true;
-    /* the next tick may follow at once: one more */
-    return pdo->type >= PDO_EVENT && pdo->inhibit_left_ms == 0 &&
-           transmit(node, pdo, pdo->inhibit_ms != 0 ? pdo->inhibit_ms + 1u : 0u);
+    tpdo->pending = true;
+    if (tpdo->type < PDO_EVENT || tpdo->inhibit_left_ms != 0) {
+        return false;
+    }
+    return transmit(pdo, number - 1,
+                    tpdo->inhibit_ms != 0 ? tpdo->inhibit_ms + 1u : 0u); /* the next tick may follow at once */
 }
 
-void co_pdo_tick_ms(struct co_node *node)
+void co_pdo_tick_ms(struct co_pdo *pdo)
 {
     for (unsigned i = 0; i < OD_TPDOS; i++) {
-        struct co_pdo *pdo = &node->tpdo[i];
-        if (pdo->id == 0 || pdo->type < PDO_EVENT) {
+        struct co_tpdo *tpdo = &pdo->tpdo[i];
+        if (tpdo->id == 0 || tpdo->type < PDO_EVENT) {
             continue;
         }
-        if (pdo->inhibit_left_ms > 0) {
-            pdo->inhibit_left_ms--;
+        if (tpdo->inhibit_left_ms > 0) {
+            tpdo->inhibit_left_ms--;
         }
-        if (pdo->elapsed_ms < pdo->event_ms) {
-            pdo->elapsed_ms++;
+        if (tpdo->elapsed_ms < tpdo->event_ms) {
+            tpdo->elapsed_ms++;
         }
-        const bool due = pdo->event_ms != 0 && pdo->elapsed_ms >= pdo->event_ms;
-        if ((due || pdo->pending) && pdo->inhibit_left_ms == 0) {
-            (void)transmit(node, pdo, pdo->inhibit_ms);
+        const bool due = tpdo->event_ms != 0 && tpdo->elapsed_ms >= tpdo->event_ms;
+        if ((due || tpdo->pending) && tpdo->inhibit_left_ms == 0) {
+            (void)transmit(pdo, i, tpdo->inhibit_ms);
         }
     }
 }
 
 /* ---- SYNC ---- */
 
-static void tpdo_sync(struct co_node *node, struct co_pdo *pdo, const struct can_frame *frame)
+static void sync_tpdo(struct co_pdo *pdo, unsigned i, uint8_t counter)
 {
-    if (pdo->type == 0) {
-        if (pdo->pending) {
-            (void)transmit(node, pdo, 0);
+    struct co_tpdo *tpdo = &pdo->tpdo[i];
+    if (tpdo->type == 0) {
+        if (tpdo->pending) {
+            (void)transmit(pdo, i, 0);
         }
         return;
     }
-    pdo->counting = pdo->counting || frame->data[0] == pdo->sync_start;
-    if (pdo->counting && pdo->syncs < pdo->type) {
-        pdo->syncs++;
+    tpdo->counting = tpdo->counting || counter == tpdo->sync_start;
+    if (tpdo->counting && tpdo->syncs < tpdo->type) {
+        tpdo->syncs++;
     }
-    if (pdo->syncs >= pdo->type) {
-        (void)transmit(node, pdo, 0);
+    if (tpdo->syncs >= tpdo->type) {
+        (void)transmit(pdo, i, 0);
     }
 }
 
-void co_pdo_sync(struct co_node *node, const struct can_frame *frame)
+void co_pdo_sync(struct co_pdo *pdo, const struct can_frame *frame)
 {
-    const unsigned len = node->config.od->sync_overflow != 0 ? 1 : 0;
+    const unsigned len = pdo->od->sync_overflow != 0 ? 1 : 0; /* 1019h: SYNC has a counter */
     if (frame->len != len) {
-        co_emcy_set(node, CO_EMCY_SYNC_LENGTH, CO_REG_COMMUNICATION, frame->len);
+        co_emcy_raise(pdo->emcy, CO_EMCY_SYNC_LENGTH, CO_REG_COMMUNICATION, frame->len);
         return;
     }
-    co_emcy_reset(node, CO_EMCY_SYNC_LENGTH);
+    co_emcy_clear(pdo->emcy, CO_EMCY_SYNC_LENGTH);
     for (unsigned i = 0; i < OD_TPDOS; i++) {
-        if (node->tpdo[i].id != 0 && node->tpdo[i].type <= PDO_SYNC_MAX) {
-            tpdo_sync(node, &node->tpdo[i], frame);
+        if (pdo->tpdo[i].id != 0 && pdo->tpdo[i].type <= PDO_SYNC_MAX) {
+            sync_tpdo(pdo, i, frame->data[0]);
         }
     }
     for (unsigned i = 0; i < OD_RPDOS; i++) {
-        if (node->rpdo[i].pending) {
-            node->rpdo[i].pending = false;
-            store(node, i, node->rpdo[i].data);
+        if (pdo->rpdo[i].pending) {
+            pdo->rpdo[i].pending = false;
+            store(pdo, i, pdo->rpdo[i].data);
         }
     }
 }

@@ -1,61 +1,100 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pdo.h: process data and SYNC (CiA 301, 7.2.2, 7.2.5), 1005h, 1019h, 1400h..1BFFh.
+/* pdo.h: process data objects (PDOs) and SYNC (CiA 301, 7.2.2 and 7.2.5): 1005h, 1019h, 1400h to 1BFFh.
  *
- * TPDOs go out by their transmission type: at events and by a timer (254, 255), every n-th SYNC (1..240), or at the
- * SYNC after an event (0); those of one millisecond in the order of their numbers. Values are those of the moment a
- * frame leaves. RPDOs take effect at once (254, 255) or at the next SYNC (0..240), after the synchronous TPDOs of that
- * SYNC: these say what was before. Mapping and parameters change in pre-operational (check.h).
+ * A PDO is a frame whose bytes are values of the object dictionary. Its communication object (14xxh, 18xxh) holds
+ * identifier, transmission type and times; its mapping object (16xxh, 1Axxh) says which values. Both change in
+ * pre-operational only (check.h).
  *
- * An RPDO has exactly the length of its mapping. CiA 301 lets a device take a longer one, too; here that may be another
- * frame with a corrupted identifier: a knot is one bit away from controlwords.
+ * A TPDO, which the node transmits, goes out by its transmission type: at events and by a timer (254, 255), at every
+ * n-th SYNC (1..240), or at the SYNC after an event (0). Those of one millisecond go in the order of their numbers.
+ * Values are those of the moment the frame leaves.
  *
- * Times are whole milliseconds of co_tick_ms(); an inhibit time is rounded up.
+ * An RPDO, which the node receives, takes effect at once (254, 255) or at the next SYNC (0..240). At a SYNC the TPDOs go
+ * first, so they hold what was before it. An RPDO must be exactly as long as its mapping. CiA 301 lets a device take a
+ * longer one, too; here that may be another frame with a corrupted identifier: a knot of the path is one bit away from
+ * the controlwords.
+ *
+ * Times are whole milliseconds of co_pdo_tick_ms(); an inhibit time is rounded up. Background only; called by node.c,
+ * and by the application through node.h.
  */
 #ifndef CO_PDO_H
 #define CO_PDO_H
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "canopen/emcy.h"
+#include "canopen/tx.h"
 #include "hal/hal.h"
 #include "od/od.h"
 
 enum { PDO_SYNC_MAX = 240, PDO_EVENT = 254 }; /* transmission types */
 
-#define COB_UNUSED 0x80000000u
-#define COB_NO_RTR 0x40000000u
-#define COB_ID_MASK 0x7FFu
+/* The node's other parts, told of PDOs. */
+struct co_pdo_hooks {
+    void *ctx;
+    void (*on_rpdo)(void *ctx, unsigned number); /* the values of RPDO `number` (1...) are stored */
+    void (*on_tpdo)(void *ctx, unsigned number); /* TPDO `number` (1...) has been handed to the bus */
+};
 
-struct co_pdo {
+/* What a PDO carries. */
+struct co_pdo_mapping {
     const struct od_entry *entry[OD_PDO_ENTRIES];
     uint8_t count, bytes;
+};
+
+struct co_rpdo {
+    struct co_pdo_mapping mapping;
     uint16_t id; /* 0: not in use */
     uint8_t type;
-    uint8_t data[8]; /* RPDO that waits for the SYNC */
-    bool pending;    /* it does; TPDO: an event has not been told yet */
-    /* of TPDOs */
-    bool counting; /* the SYNC that counts as the first has come */
-    uint8_t sync_start;
-    uint8_t syncs;       /* since it was sent */
-    uint16_t event_ms;   /* 0: no timer */
-    uint16_t elapsed_ms; /* since it was sent */
+    bool pending; /* `data` takes effect at the next SYNC */
+    uint8_t data[8];
+};
+
+struct co_tpdo {
+    struct co_pdo_mapping mapping;
+    uint16_t id; /* 0: not in use */
+    uint8_t type;
+    bool pending; /* an event has not been sent yet */
+    /* type 1..240 */
+    uint8_t sync_start; /* counter of the SYNC to count from; 0: any */
+    bool counting;      /* that SYNC has come */
+    uint8_t syncs;      /* since the last frame */
+    /* type 254, 255 */
+    uint16_t event_ms;   /* period of the timer; 0: none */
+    uint16_t elapsed_ms; /* since the last frame */
     uint16_t inhibit_ms, inhibit_left_ms;
 };
 
-struct co_node;
+struct co_pdo {
+    struct od_data *od;
+    struct co_tx *tx;
+    struct co_emcy *emcy;
+    struct co_pdo_hooks hooks;
+    struct co_rpdo rpdo[OD_RPDOS];
+    struct co_tpdo tpdo[OD_TPDOS];
+};
 
-/* Something happened that TPDO `number` (1...) tells: send it now, its event timer starts anew; or as soon as its
- * transmission type, inhibit time and the bus allow. false: not now. */
-bool co_tpdo_send(struct co_node *node, unsigned number);
-/* RPDO `number` carries a part of object `index`. */
-bool co_rpdo_carries(const struct co_node *node, unsigned number, uint16_t index);
-bool co_tpdo_carries(const struct co_node *node, unsigned number, uint16_t index);
+/* Power-on. co_pdo_refresh() is to follow. */
+void co_pdo_init(struct co_pdo *pdo, struct od_data *od, struct co_tx *tx, struct co_emcy *emcy,
+                 const struct co_pdo_hooks *hooks);
+/* The objects of PDOs may have changed. */
+void co_pdo_refresh(struct co_pdo *pdo);
+/* An SDO has written the object `index`. */
+void co_pdo_written(struct co_pdo *pdo, uint16_t index);
+/* The node is operational from now on: TPDOs with a timer are due at once. */
+void co_pdo_start(struct co_pdo *pdo);
 
-/* For node.c, check.c: */
-void co_pdo_refresh(struct co_node *node); /* the objects have changed */
-void co_pdo_start(struct co_node *node);   /* operational: all with a timer are due */
-void co_pdo_receive(struct co_node *node, const struct can_frame *frame);
-void co_pdo_sync(struct co_node *node, const struct can_frame *frame);
-void co_pdo_tick_ms(struct co_node *node);
-/* The object that a mapping entry (index << 16 | sub << 8 | bits) names; NULL, and the abort code, if it is none. */
+/* The following are for a node that is operational. */
+void co_pdo_receive(struct co_pdo *pdo, const struct can_frame *frame);
+void co_pdo_sync(struct co_pdo *pdo, const struct can_frame *frame);
+void co_pdo_tick_ms(struct co_pdo *pdo);
+/* An event has happened that TPDO `number` (1...) reports: send it now, and start its timer anew, or send it as soon as
+ * its transmission type, its inhibit time and the bus allow. false: it was not sent now. */
+bool co_pdo_send(struct co_pdo *pdo, unsigned number);
+
+/* Whether a part of object `index` is mapped. */
+bool co_pdo_carries(const struct co_pdo_mapping *mapping, uint16_t index);
+/* The object that a mapping entry (index << 16 | sub-index << 8 | bits) names. NULL: it cannot be mapped, and *code is
+ * the abort code that says why. */
 const struct od_entry *co_pdo_mappable(uint32_t map, bool transmit, uint32_t *code);
 #endif

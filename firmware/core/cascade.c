@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* cascade.c: the P-PI law of cascade.h. Runs in the servo tick. */
 #include "core/cascade.h"
 
 static num integrate(num integral, num x, num dt, num limit)

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* compensator.c: the uncertainty compensator of compensator.h. Runs in the servo tick. */
 #include "core/compensator.h"
 
 void compensator_reset(const struct compensator_cfg *cfg, struct compensator_state *state, const pos_t q[2], vec2 q_dot)
@@ -19,15 +20,15 @@ void compensator_adapt(const struct compensator_cfg *cfg, struct compensator_sta
     }
 }
 
-/* Follow z with the model where it exceeds the limit. */
-static num hold_within(num z, num limit, pos_t q, pos_t *q_bar)
+/* z within the limit. Where z exceeds it, the model's position *q_bar is moved so that it does not. */
+static num limit_z(num z, num limit, pos_t q, pos_t *q_bar)
 {
     if (!n_lt(limit, n_abs(z))) {
         return z;
     }
-    const num held = n_lt(z, NUM(0)) ? n_neg(limit) : limit;
-    *q_bar = pos_add(q, n_neg(held));
-    return held;
+    const num limited = n_lt(z, NUM(0)) ? n_neg(limit) : limit;
+    *q_bar = pos_add(q, n_neg(limited));
+    return limited;
 }
 
 void compensator_step(const struct compensator_cfg *cfg, const struct plant_cfg *plant, struct compensator_state *state,
@@ -35,8 +36,8 @@ void compensator_step(const struct compensator_cfg *cfg, const struct plant_cfg 
 {
     const num z_max = n_div(cfg->phi, cfg->alpha);
     vec2 z; /* (17) */
-    z.x = hold_within(pos_sub(q[0], state->q_bar[0]), z_max, q[0], &state->q_bar[0]);
-    z.y = hold_within(pos_sub(q[1], state->q_bar[1]), z_max, q[1], &state->q_bar[1]);
+    z.x = limit_z(pos_sub(q[0], state->q_bar[0]), z_max, q[0], &state->q_bar[0]);
+    z.y = limit_z(pos_sub(q[1], state->q_bar[1]), z_max, q[1], &state->q_bar[1]);
     const vec2 z_dot = v2_sub(q_dot, state->q_bar_dot);
     out->z_n = v2_to_frame(t, z);
     const vec2 zn_dot = v2_to_frame(t, v2_mad(z_dot, theta_dot, v2_ie(z)));

@@ -1,17 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* core/compensator.h: sliding mode uncertainty compensator, eqs (2), (17)-(25).
+/* compensator.h: sliding mode uncertainty compensator, eqs (2), (17)-(25).
  *
- * A linear reference model (2) runs beside the plant under the same contouring input; what the plant does
- * otherwise, z = q - q_bar, is driven to zero.
+ * A linear reference model (2) runs beside the plant with the same contouring input. The compensator drives the
+ * difference between plant and model, z = q - q_bar, to zero.
+ *
+ * Context: servo_step() (servo.c) calls it in the servo tick under the controller `ccu`.
  *
  * Differences from the source
- * - (2) is driven by the linear part of u_bar: with the Coulomb term in it, z would carry the whole friction and
- *   the compensator would cancel it a second time. `whole_input` selects the printed form.
- * - The model sees the input as late as the plant does (one control period).
- * - (24) sign(s) becomes sat(s / phi); phi -> 0 gives the paper's law.
- * - v is an acceleration in the frame at the foot point: the force is M R v.
- * - (25) mu starts at mu_0, grows only while |s| > dead_zone, and is clamped; `law_printed`: from 0, by rho |s| alone.
- * - |z| is held within phi/alpha: beyond it sat() is full and z would only wind up.
+ * - The input of (2) is the linear part of u_bar. With the Coulomb term in it, z would contain all friction, and the
+ *   compensator would cancel it a second time. `input_printed` selects the printed form.
+ * - The model gets the input with the delay that the plant has (one control period).
+ * - (24) has sat(s / phi) in place of sign(s); phi -> 0 gives the paper's law.
+ * - v is an acceleration in the frame at the foot point, so the force is M R v.
+ * - (25) mu starts at mu_0, grows only while |s| > dead_zone, and is clamped. `law_printed` selects the printed form:
+ *   mu starts at 0 and grows by rho |s|.
+ * - |z| is limited to phi/alpha, because beyond it sat() saturates and z would only wind up.
  *
  * | symbol | meaning                                   | unit      |
  * |--------|-------------------------------------------|-----------|
@@ -23,8 +26,8 @@
  * | alpha  | slope of the surface                      | 1/T0      |
  * | phi    | boundary layer                            | um/T0     |
  */
-#ifndef KONTUR_UNCERTAINTY_H
-#define KONTUR_UNCERTAINTY_H
+#ifndef KONTUR_COMPENSATOR_H
+#define KONTUR_COMPENSATOR_H
 #include "core/smc.h"
 
 struct compensator_cfg {
@@ -34,7 +37,7 @@ struct compensator_cfg {
     num phi;       /* > 0 */
     num dead_zone; /* um/T0 */
     bool law_printed;
-    bool whole_input;
+    bool input_printed;
 };
 
 struct compensator_state {
@@ -45,18 +48,18 @@ struct compensator_state {
 
 struct compensator_out {
     vec2 z_n, s, v;
-    vec2 mu; /* in use in this period */
+    vec2 mu; /* used in this period */
     vec2 u;  /* M R v, N */
 };
 
-/* The model starts where the plant is. */
+/* Start the model at the plant's position and velocity. */
 void compensator_reset(const struct compensator_cfg *cfg, struct compensator_state *state, const pos_t q[2],
                        vec2 q_dot);
-/* (17)-(24) in the frame t, theta_dot at position q, velocity q_dot. */
+/* The force of one control period, (17)-(24), at position q and velocity q_dot in the frame t, theta_dot. */
 void compensator_step(const struct compensator_cfg *cfg, const struct plant_cfg *plant, struct compensator_state *state,
                       const pos_t q[2], vec2 q_dot, vec2 t, num theta_dot, struct compensator_out *out);
-/* (25) over dt (T0), for one axis of the frame: 0 along the path, 1 across. */
+/* Adapt the gain by (25) over dt (T0), for one axis of the frame: 0 is along the path, 1 is along its normal. */
 void compensator_adapt(const struct compensator_cfg *cfg, struct compensator_state *state, int axis, vec2 s, num dt);
-/* (2) over one control period under the force u_bar that acted in it. */
+/* Advance the model (2) by one control period dt (T0), in which the force u_bar acted. */
 void compensator_model(const struct plant_cfg *plant, struct compensator_state *state, vec2 u_bar, num dt);
 #endif

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* feedforward.c: the adaptive feedforward of feedforward.h. Runs in the servo tick. */
 #include "core/feedforward.h"
 
 void feedforward_reset(struct feedforward_state *state)
@@ -17,8 +18,8 @@ vec2 feedforward_force(const struct feedforward_state *state, vec2 direction, ve
               n_mad(n_mul(friction.y, direction.y), mass.y, r_ddot.y));
 }
 
-/* gain: ACC_GAIN rate dt; what a period teaches is far below the resolution of a num. */
-static acc_t learn(acc_t value, num gain, num u_along, num lowest, num highest)
+/* gain is ACC_GAIN rate dt, because the change in one period is far below the resolution of a num. */
+static acc_t adapt(acc_t value, num gain, num u_along, num lowest, num highest)
 {
     return acc_state(acc_clamp(acc_mad(value, gain, u_along), lowest, highest));
 }
@@ -34,9 +35,9 @@ void feedforward_step(const struct feedforward_cfg *cfg, const struct plant_cfg 
     const num force = y ? u.y : u.x;
     const num gain_l = n_mul(n_mul(NUM(ACC_GAIN), cfg->friction_rate), dt);
     const num gain_m = n_mul(n_mul(NUM(ACC_GAIN), cfg->mass_rate), dt);
-    const num size = n_hypot(a, cfg->acceleration); /* a / size^2 in two steps: a^2 may leave the range */
+    const num size = n_hypot(a, cfg->acceleration); /* a^2 may leave the range: a / size^2 takes two divisions */
     const num along = n_div(n_mul(force, n_div(a, size)), size);
     state->friction[axis] =
-        learn(state->friction[axis], gain_l, n_mul(force, d), n_neg(coulomb), n_mul(NUM(3), coulomb));
-    state->mass[axis] = learn(state->mass[axis], gain_m, along, n_mul(NUM(-0.5), mass), mass);
+        adapt(state->friction[axis], gain_l, n_mul(force, d), n_neg(coulomb), n_mul(NUM(3), coulomb));
+    state->mass[axis] = adapt(state->mass[axis], gain_m, along, n_mul(NUM(-0.5), mass), mass);
 }

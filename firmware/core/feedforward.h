@@ -1,24 +1,28 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* core/feedforward.h: friction and mass feedforward that learns from the compensator. Not in the paper; off with both rates 0.
+/* feedforward.h: adaptive feedforward of friction and mass. Not in the paper; it is off while both rates are 0.
  *
- * Whatever the compensator (24) has to add in the long run along the sign of the reference velocity is Coulomb friction that
- * the plant parameters do not know, and what it adds along the reference acceleration is mass. Both are learned by the
- * gradient rule
+ * The force that the compensator (24) adds in the long run along the sign of the reference velocity is Coulomb
+ * friction beyond the plant parameters; the force that it adds along the reference acceleration is mass beyond them.
+ * Both are estimated for each axis by the gradient rule
  *   l' = rate_l d u,             d = sat(r' / friction_speed)
  *   m' = rate_m u a / (a^2 + a_0^2),   a = r''
- * for each axis with the compensator's force u, and l d + m a is fed forward. At a reversal the friction learned turns with
- * the reference at once, where the compensator alone would have to build it up anew.
+ * where u is the compensator's force on the axis, and the force l d + m a is fed forward. At a reversal the estimated
+ * friction changes its sign with the reference at once, whereas the compensator alone would have to build it up
+ * again.
  *
- * Both rates are far below the compensator's mu/phi, so that it has settled to what is learned.
+ * Both rates are far below the compensator's mu/phi, so that the compensator has settled to the force that they adapt
+ * to.
+ *
+ * Context: servo_step() (servo.c) calls it in the servo tick under the controller `ccu`.
  */
-#ifndef KONTUR_LEARNING_H
-#define KONTUR_LEARNING_H
+#ifndef KONTUR_FEEDFORWARD_H
+#define KONTUR_FEEDFORWARD_H
 #include "core/smc.h"
 
 struct feedforward_cfg {
     num friction_rate; /* 1/T0 */
     num mass_rate;     /* 1/T0 */
-    num acceleration;  /* a_0, um/T0^2, > 0: below it little is learned of the mass */
+    num acceleration;  /* a_0, um/T0^2, > 0: below it the mass adapts little */
 };
 
 struct feedforward_state {
@@ -26,10 +30,11 @@ struct feedforward_state {
     acc_t mass[2];     /* N T0^2/um, within -M/2 .. M */
 };
 
+/* Set both estimates to 0. */
 void feedforward_reset(struct feedforward_state *state);
-/* The force learned so far for a reference that moves in `direction` (smc_direction) with r_ddot. */
+/* The force to feed forward for a reference that moves in `direction` (smc_direction()) with r_ddot. */
 vec2 feedforward_force(const struct feedforward_state *state, vec2 direction, vec2 r_ddot);
-/* dt (T0) in which the compensator added `u` (N), for one axis: 0 x, 1 y. */
+/* Adapt the estimates of one axis (0 is x, 1 is y) over dt (T0), in which the compensator added the force u (N). */
 void feedforward_step(const struct feedforward_cfg *cfg, const struct plant_cfg *plant, struct feedforward_state *state,
                       int axis, vec2 direction, vec2 r_ddot, vec2 u, num dt);
 #endif

@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* fix.h: fixed-point arithmetic, Q12.19 in int32, products and quotients in int64.
  *
- * Range +-4096, resolution 1.9e-6 (2 pm, 0.4 nm/s). Every operation rounds to nearest (halves up) and saturates. Needs
- * arithmetic right shift of negative numbers, which every compiler this builds with has. num_fix.h makes it the `num` of
- * the control core; num_chk.h checks it against double at every step.
+ * The range is +-4096 and the resolution 1.9e-6 (2 pm, 0.4 nm/s). Every operation rounds to nearest (halves up) and
+ * saturates. The code needs an arithmetic right shift of negative numbers, which the supported compilers have.
+ * num_fix.h makes it the `num` of the control core; num_chk.h checks it against double at every step.
+ *
+ * Context: pure functions, called wherever a num is computed.
  */
 #ifndef KONTUR_FIX_H
 #define KONTUR_FIX_H
@@ -23,7 +25,7 @@ static inline int64_t fix_quotient(int64_t n, int64_t d)
     return (n < 0 ? n - half : n + half) / d;
 }
 
-/* floor(sqrt(x)), bit by bit: the same on every machine */
+/* floor(sqrt(x)), bit by bit, so that it is the same on every machine */
 static inline uint32_t fix_isqrt(uint64_t x)
 {
     uint64_t root = 0;
@@ -92,7 +94,7 @@ static inline int64_t fix_to_q32(int32_t x)
     return (int64_t)x * ((int64_t)1 << (32 - FIX_BITS));
 }
 
-/* 2^-16 nm to 2^-19 um: 65536000 / 524288 = 125 */
+/* A step of num, 2^-19 um, is 65536000 / 524288 = 125 steps of a position, 2^-16 nm. */
 static inline int32_t fix_pos_sub(pos_t a, pos_t b)
 {
     return fix_sat(fix_quotient(a - b, 125));
@@ -109,7 +111,7 @@ static inline int32_t fix_to_scaled(int32_t x, int32_t k)
     return y > INT32_MAX ? INT32_MAX : y < INT32_MIN ? INT32_MIN : (int32_t)y;
 }
 
-/* Accumulators: int64 in 2^-48, +-32768 */
+/* An accumulator is an int64 in units of 2^-48; its range is +-32768. */
 static inline int64_t fix_acc_from(int32_t x)
 {
     return (int64_t)x * ((int64_t)1 << 29);
@@ -120,7 +122,7 @@ static inline int32_t fix_acc_to(int64_t a)
     return fix_sat((a + ((int64_t)1 << 28)) >> 29);
 }
 
-/* a + x y / ACC_GAIN: 2^-19 2^-19 / 2^10 */
+/* a + x y / ACC_GAIN: the unit of x y / ACC_GAIN is 2^-19 2^-19 2^-10 = 2^-48. */
 static inline int64_t fix_acc_mad(int64_t a, int32_t x, int32_t y)
 {
     return a + (int64_t)x * y;

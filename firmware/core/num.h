@@ -1,33 +1,41 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* num.h: the numeric contract of the control core.
  *
- * Every signal of the control law is a `num`; every absolute position is a `pos_t`. The control files use
- * these functions only, never an operator on a `num`, so that the back end can be float32 (num_f32.h), fixed point
- * (num_fix.h, -DKONTUR_NUM_FIX) or fixed point checked against double (num_chk.h, -DKONTUR_NUM_CHK).
+ * Every signal of the control law is a `num`; every absolute position is a `pos_t`. The control files use only these
+ * functions and never an operator on a `num`. So the back end can be float32 (num_f32.h), fixed point (num_fix.h,
+ * -DKONTUR_NUM_FIX), or fixed point checked against double (num_chk.h, -DKONTUR_NUM_CHK).
+ *
+ * Context: pure functions for the servo tick; the background loop uses them, too, when it computes the configuration.
  *
  * Units of the core
  *   length   1 um
  *   time     T0 = 5 ms
  *   force    1 N
- * so that with e, e' T0, e'' T0^2 every kinematic signal lies within +-4096 and one fixed-point format
- * (Q12.19, 2 pm) can carry them all. What leaves +-4096 saturates there in a fixed-point back end.
+ * With e, e' T0 and e'' T0^2, every kinematic signal lies within +-4096, so that one fixed-point format (Q12.19, 2
+ * pm) can carry them all. A fixed-point back end saturates at +-4096.
  *
- * pos_t: int64, unit 2^-16 nm. Positions are subtracted first; only the difference becomes a `num`:
- * float32 has steps of 7.6 nm at 100 mm.
+ * pos_t is an int64 in units of 2^-16 nm. Positions are subtracted first, and only the difference becomes a `num`,
+ * because float32 has steps of 7.6 nm at 100 mm.
  *
- * A back end defines: num, NUM(c) for a literal constant c, and
+ * A back end defines the type num, NUM(c) for a literal constant c, and
  *   n_add n_sub n_mul n_div (divisor not 0) n_neg n_lt n_sqrt (of >= 0) n_hypot
  *   n_ratio(n, d)      n/d from integers, d > 0
  *   n_to_q32(x)        x * 2^32 as int64, to one step, for |x| < 4096
- *   pos_sub(a, b)      (a - b) in um;   pos_add(p, x)   p + x um, to one step
- *   n_to_scaled(x, k)  round(x * k) as int32, saturated: for telemetry
- *   n_word(x)          the value as 32 bits, for the scope; n_of_word(w) back
- *   n_state(x)         x, kept to the next period: the checking back end starts a new shadow, so that what it checks is a period
- *   n_mad(a, b, c)     a + b c, and n_msub(a, b, c) a - b c, where that rounds once; then NUM_MAD is defined
- *   n_abs(x)           where that is not n_neg() or x; then NUM_ABS is defined
- *   acc_t              an accumulator for slow integrals, to 2^-48: what a step adds to it may be far below the resolution
- *                      of a num. acc_from(num), acc_to(acc), acc_mad(acc, a, b): acc + a b / ACC_GAIN, so that
- *                      rates below the resolution of a num can be given ACC_GAIN times larger. acc_state(acc) is n_state()
+ *   pos_sub(a, b)      (a - b) in um
+ *   pos_add(p, x)      p + x um, to one step
+ *   n_to_scaled(x, k)  round(x * k) as int32, saturated, for telemetry
+ *   n_word(x)          the value as 32 bits, for the scope
+ *   n_of_word(w)       the value of these 32 bits
+ *   n_state(x)         x as the state of the next period; the checking back end starts a new shadow, so that it checks
+ *                      one period
+ *   acc_t              an accumulator for slow integrals with a resolution of 2^-48, since the increment of one step may
+ *                      be far below the resolution of a num
+ *   acc_from(x), acc_to(a)  conversions from and to num
+ *   acc_mad(a, x, y)   a + x y / ACC_GAIN: rates below the resolution of a num are given ACC_GAIN times as large
+ *   acc_state(a)       a as the state of the next period, like n_state()
+ * A back end may also define
+ *   NUM_MAD with n_mad(a, b, c), a + b c, and n_msub(a, b, c), a - b c, where they round once
+ *   NUM_ABS with n_abs(x), where there is something better than a comparison with 0
  */
 #ifndef KONTUR_NUM_H
 #define KONTUR_NUM_H
@@ -37,7 +45,7 @@
 #define ACC_GAIN 1024
 #define POS_PER_NM 65536
 
-#ifdef KONTUR_NUM_HEADER /* a back end from elsewhere, which has a pos_t of its own */
+#ifdef KONTUR_NUM_HEADER /* a back end of a test, which has its own pos_t */
 #include KONTUR_NUM_HEADER
 #else
 typedef int64_t pos_t;
@@ -47,7 +55,7 @@ static inline pos_t pos_from_nm(int64_t nm)
     return nm * POS_PER_NM;
 }
 
-/* Nearest nm, saturated to int32 (+-2.147 m). */
+/* The nearest nm, saturated to int32 (+-2.147 m). */
 static inline int32_t pos_to_nm(pos_t p)
 {
     const int64_t nm = (p + (p < 0 ? -POS_PER_NM / 2 : POS_PER_NM / 2)) / POS_PER_NM;
@@ -80,26 +88,26 @@ static inline num n_max(num a, num b)
     return n_lt(a, b) ? b : a;
 }
 
-/* a within lo..hi, lo <= hi */
+/* a limited to lo..hi, lo <= hi */
 static inline num n_clamp(num a, num lo, num hi)
 {
     return n_max(lo, n_min(a, hi));
 }
 
-/* a within -max..max, max >= 0 */
+/* a limited to -max..max, max >= 0 */
 static inline num n_within(num a, num max)
 {
     return n_lt(max, n_abs(a)) ? (n_lt(a, NUM(0)) ? n_neg(max) : max) : a;
 }
 
-/* a within lo..hi */
+/* a limited to lo..hi, lo <= hi */
 static inline acc_t acc_clamp(acc_t a, num lo, num hi)
 {
     const num x = acc_to(a);
     return n_lt(x, lo) ? acc_from(lo) : n_lt(hi, x) ? acc_from(hi) : a;
 }
 
-/* sat(x / width): the sign function with a boundary layer, width > 0 */
+/* sat(x / width), the sign function with a boundary layer; width > 0 */
 static inline num n_sat(num x, num width)
 {
     if (!n_lt(n_abs(x), width)) {
@@ -108,10 +116,10 @@ static inline num n_sat(num x, num width)
     return n_div(x, width);
 }
 
-/* Neither NaN nor infinite, which fixed point never is */
+/* Whether a is neither NaN nor infinite. In fixed point it always is. */
 static inline bool n_finite(num a)
 {
-    return n_lt(n_sub(a, a), NUM(1)); /* what is left of a NaN or of an infinite is a NaN */
+    return n_lt(n_sub(a, a), NUM(1)); /* a - a of NaN or infinity is NaN, which is not less than 1 */
 }
 
 #ifndef NUM_MAD

@@ -1,14 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* num_chk.h: the checking back end of num.h: fixed point with a shadow in double beside each value.
+/* num_chk.h: the checking back end of num.h, fixed point with a shadow in double beside each value.
  *
- * Every operation works on both. It stops the program (chk_fail) with file and line where
+ * Every operation computes both. It ends the program (chk_fail) with file and line where
  * - the result leaves the range of fixed point, which would saturate silently,
- * - value and shadow differ in sign by more than the bound, or
- * - they differ by more than CHK_ABS + CHK_REL of the result, of a sum or difference: of its terms. This is for
- *   what goes wrong; where a path leaves standstill, the rates of its direction (4) have two digits and cancel. How exact
- *   contour error and force are is asserted where they come out (tests/unit/test_closed_loop.c).
- * Comparisons go by the value, so that both take the same branch. Positions (pos_t) carry no shadow: pos_sub() starts a new
- * one. For tests on a host; needs C11 with double.
+ * - value and shadow differ in sign, and by more than CHK_ABS, or
+ * - they differ by more than CHK_ABS + CHK_REL of the result; of a sum or difference, CHK_REL of its terms.
+ * The bounds are wide, since they are to find errors of the program: where a path leaves standstill, the rates of its
+ * direction (4) have two digits only. tests/unit/test_closed_loop.c asserts how precise contour error and force are.
+ *
+ * A comparison compares the values, so that value and shadow take the same branch. Positions (pos_t) have no shadow:
+ * pos_sub() starts a new one.
+ *
+ * Context: tests and the simulator in a host process, never on a chip. It needs C11 with double. Only num.h includes
+ * it.
  */
 #ifndef KONTUR_NUM_CHK_H
 #define KONTUR_NUM_CHK_H
@@ -31,10 +35,10 @@ typedef struct {
 #define CHK_REL 1e-2
 #define CHK_MAX 4096.0
 
-/* Supplied by whoever links this: prints and ends the program. */
+/* The program that links this supplies it (sim/chk_fail.c): it prints a message and ends the program. */
 _Noreturn void chk_fail(const char *what, const char *file, int line, double value, double shadow);
 
-/* scale: what the error is relative to */
+/* v with shadow d, checked. The relative bound is CHK_REL of `scale`. */
 static inline num chk(int32_t v, double d, double scale, const char *file, int line)
 {
     const double value = v / 524288.0;

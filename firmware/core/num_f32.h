@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* num_f32.h: the float32 back end of num.h. Built with -ffp-contract=off: the same bits on every machine. */
+/* num_f32.h: the float32 back end of num.h. Built with -ffp-contract=off, it gives the same bits on every machine.
+ * Only num.h includes it. */
 #ifndef KONTUR_NUM_F32_H
 #define KONTUR_NUM_F32_H
 
 typedef float num;
 typedef struct {
-    num sum, rest; /* rest: what rounding has kept out of the sum so far */
+    num sum, error; /* the exact value is sum + error: error is what rounding has taken off the sum so far */
 } acc_t;
 #define NUM_NAME "f32"
 #define NUM_ABS
@@ -47,14 +48,14 @@ static inline bool n_lt(num a, num b)
     return a < b;
 }
 
-/* VSQRT on the target; no libm with -fno-math-errno */
+/* The instruction VSQRT on the target. With -fno-math-errno it needs no libm. */
 static inline num n_sqrt(num a)
 {
     return __builtin_sqrtf(a);
 }
 
-/* Product and sum rounded once (IEEE 754-2019, 5.4.1 fusedMultiplyAdd): one instruction on the target, and on a host
- * that has one; elsewhere the C library's, with the same bits. */
+/* Product and sum are rounded once (IEEE 754-2019, 5.4.1 fusedMultiplyAdd). It is one instruction on the target
+ * and on a host that has it; on other hosts it is the C library's fmaf(), which gives the same bits. */
 static inline num n_mad(num a, num b, num c)
 {
     return __builtin_fmaf(b, c, a);
@@ -75,8 +76,9 @@ static inline num n_state(num a)
     return a;
 }
 
-/* ---- int64 and float32. A Cortex-M4F converts 32 bits in one instruction; what the compiler's library does for 64 takes a
- * hundred and more. Results are those of C's conversions, so the same bits on every machine. ---- */
+/* ---- Conversions between int64 and float32. A Cortex-M4F converts 32 bits in one instruction; the compiler's
+ * library takes more than a hundred for 64 bits. The results are those of C's conversions, the same bits on every
+ * machine. ---- */
 
 static inline num n_from_bits(uint32_t bits)
 {
@@ -96,7 +98,7 @@ static inline uint32_t n_bits(num x)
     return u.bits;
 }
 
-/* The nearest num, halves to even; n_from_wide() for what 32 bits do not hold. Mostly they do. */
+/* The nearest num; a half is rounded to even. n_from_wide() converts the rare numbers that need more than 32 bits. */
 num n_from_wide(int64_t i);
 static inline num n_from_i64(int64_t i)
 {
@@ -106,7 +108,7 @@ static inline num n_from_i64(int64_t i)
     return i == (uint32_t)i ? (num)(uint32_t)i : n_from_wide(i);
 }
 
-/* The integer next to x towards 0; saturated at 4e18, where an out-of-range conversion would differ between machines. */
+/* x rounded towards 0, saturated at 4e18: conversions of numbers out of range differ between machines. */
 int64_t n_to_wide(num x);
 static inline int64_t n_to_i64(num x)
 {
@@ -114,8 +116,8 @@ static inline int64_t n_to_i64(num x)
     if (__builtin_expect(size < 2147483648.0f, 1)) {
         return (int32_t)x;
     }
-    return size < 274877906944.0f ? (int64_t)(int32_t)(x * (1.0f / 128)) * 128
-                                  : n_to_wide(x); /* 24 bits: nothing is cut */
+    /* Below 2^38 the 24 bits of the mantissa stand for multiples of 2^8 or more, so the division by 128 is exact. */
+    return size < 274877906944.0f ? (int64_t)(int32_t)(x * (1.0f / 128)) * 128 : n_to_wide(x);
 }
 
 static inline num n_ratio(int64_t n, int64_t d)
@@ -148,7 +150,8 @@ static inline int64_t n_to_q32(num x)
 
 static inline num pos_sub(pos_t a, pos_t b)
 {
-    return n_from_i64((int64_t)((uint64_t)a - (uint64_t)b)) * (1.0f / 65536000.0f); /* wraps, whatever is in memory */
+    return n_from_i64((int64_t)((uint64_t)a - (uint64_t)b)) *
+           (1.0f / 65536000.0f); /* wraps: a bit flip must not overflow */
 }
 
 static inline pos_t pos_add(pos_t p, num x)
@@ -156,12 +159,12 @@ static inline pos_t pos_add(pos_t p, num x)
     return (int64_t)((uint64_t)p + (uint64_t)n_to_i64(x * 65536000.0f));
 }
 
-/* Halves to even */
+/* round(x * k), saturated; a half is rounded to even. n_to_wide_scaled() converts a product of 2^22 or more. */
 int32_t n_to_wide_scaled(num y);
 static inline int32_t n_to_scaled(num x, int32_t k)
 {
     const num y = x * (num)k;
-    if (__builtin_expect(__builtin_fabsf(y) < 4194304.0f, 1)) { /* 2^22: the last bit of 1.5 * 2^23 + y stands for 1 */
+    if (__builtin_expect(__builtin_fabsf(y) < 4194304.0f, 1)) { /* the last bit of 1.5 * 2^23 + y has the value 1 */
         return (int32_t)(n_bits(y + 12582912.0f) - 0x4B400000u);
     }
     return n_to_wide_scaled(y);
@@ -183,12 +186,13 @@ static inline acc_t acc_state(acc_t a)
     return a;
 }
 
-/* Compensated: what rounding takes off a sum is exact in float32 where less is added than is there (T. J. Dekker, A floating-point
- * technique for extending the available precision, Numer. Math. 18, 1971) and goes into the next one, so the accumulator
- * resolves 2^-48 of its value; where more is added, 2^-24 of that. */
+/* Compensated summation: where the addend is smaller than the sum, the rounding error of the sum is a float32
+ * itself (T. J. Dekker, A floating-point technique for extending the available precision, Numer. Math. 18, 1971).
+ * It is added in the next call, so the accumulator resolves 2^-48 of its value. Where the addend is larger, it
+ * resolves 2^-24 of the addend. */
 static inline acc_t acc_mad(acc_t a, num x, num y)
 {
-    const num add = n_mad(a.rest, x * (1.0f / ACC_GAIN), y);
+    const num add = n_mad(a.error, x * (1.0f / ACC_GAIN), y);
     const num sum = a.sum + add;
     const acc_t r = {sum, add - (sum - a.sum)};
     return r;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* num_fix.h: the fixed-point back end of num.h. No floating point is left in a build with it. */
+/* num_fix.h: the fixed-point back end of num.h. A build with it has no floating point. Only num.h includes it. */
 #ifndef KONTUR_NUM_FIX_H
 #define KONTUR_NUM_FIX_H
 #include "core/fix.h"

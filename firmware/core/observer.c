@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* observer.c: the extended state observer of observer.h. Runs in the servo tick. */
 #include "core/observer.h"
 
 struct observer_cfg observer_design(num bandwidth, num dt)
 {
-    /* p = (1 - x) / (1 + x), x = bandwidth dt / 2: bilinear image of the pole */
+    /* p = (1 - x) / (1 + x) with x = bandwidth dt / 2, the bilinear image of the pole */
     const num x = n_mul(NUM(0.5), n_mul(bandwidth, dt));
     const num p = n_div(n_sub(NUM(1), x), n_add(NUM(1), x));
     const num q = n_sub(NUM(1), p);
@@ -30,10 +31,10 @@ void observer_step(const struct observer_cfg *cfg, struct observer_state *state,
     const num explained = n_div(n_sub(force, n_mul(viscous, state->vel)), mass);
     state->acc = n_add(explained, state->disturbance);
     const num dv = n_mul(state->acc, cfg->dt);
-    const num way = n_mul(n_mad(state->vel, NUM(0.5), dv), cfg->dt);
-    const num innovation = n_sub(pos_sub(measured, state->pos), way);
+    const num displacement = n_mul(n_mad(state->vel, NUM(0.5), dv), cfg->dt);
+    const num innovation = n_sub(pos_sub(measured, state->pos), displacement);
 
-    state->pos = pos_add(state->pos, n_mad(way, cfg->gain_pos, innovation));
+    state->pos = pos_add(state->pos, n_mad(displacement, cfg->gain_pos, innovation));
     state->vel = n_state(n_mad(n_add(state->vel, dv), cfg->gain_vel, innovation));
     state->disturbance = n_state(n_mad(state->disturbance, cfg->gain_acc, innovation));
 }

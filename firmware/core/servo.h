@@ -1,15 +1,19 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* servo.h: one control period, composed. Pure: servo_step() reads cfg and in, changes state, fills out.
+/* servo.h: one control period of the control law. servo_step() is pure: it reads cfg and in, changes state and fills
+ * out.
  *
- * Order: observer -> spline and contour -> law (-> uncertainty) -> limits. Reading encoders before and writing forces
- * after is servo_loop_tick()'s (drive/servo_loop.h).
+ * Order of a step: observer, spline and contour error, law (under ccu with its compensator), limits.
+ * servo_loop_tick() (drive/servo_loop.h) reads the encoders before it and writes the forces after it.
  *
- * The force returned acts from the next encoder reading to the one after (one control period of delay); observer and
- * reference model are fed accordingly. The observer gets the force less what balances friction: that accelerates
- * nothing, and an observer that thinks it does is wrong by mm/s for some ms at each reversal.
+ * Context: servo_loop_tick() calls it once in a control period, in the servo tick. Tests call it in a host process.
  *
- * Switching the controller at run time: the difference between the last force and the new law's first one is kept as
- * an offset that decays with cfg.blend, so that the force does not jump. The reference model sees the offset too.
+ * The force returned acts from the next encoder reading to the one after it, that is with one control period of
+ * delay. Observer and reference model are fed with this delay. The observer gets the force without the part that
+ * cancels friction: that part accelerates nothing, and an observer that takes it for acceleration is wrong by mm/s
+ * for some ms at each reversal.
+ *
+ * Change of the controller in operation: the difference between the last force and the new law's first force becomes
+ * an offset that decays with cfg.blend, so that the force does not jump. The reference model gets the offset, too.
  */
 #ifndef KONTUR_SERVO_H
 #define KONTUR_SERVO_H
@@ -22,14 +26,17 @@
 enum controller {
     CONTROLLER_TRACK,   /* sliding mode law on each axis */
     CONTROLLER_CC,      /* contouring law */
-    CONTROLLER_CCU,     /* contouring law and uncertainty compensator */
-    CONTROLLER_CASCADE, /* P-PI with feedforward */
-    CONTROLLER_CCC,     /* the same, cross-coupled */
+    CONTROLLER_CCU,     /* contouring law with the uncertainty compensator and the adaptive feedforward */
+    CONTROLLER_CASCADE, /* P position, PI velocity control with feedforward */
+    CONTROLLER_CCC,     /* P position, PI velocity control with feedforward, cross-coupled */
     CONTROLLERS
 };
 
-#define SERVO_TURNS 4u /* periods in which what is slow has had its turn on both axes: energy, adaptation, learning */
-#define SERVO_BLENDED 2.5e-4 /* N: a switching offset below this is none */
+/* Slow computations take turns over this many control periods: slots 0 and 1 compute energy and adaptation of axis
+ * 0 and axis 1, slots 2 and 3 the adaptive feedforward of axis 0 and axis 1. Each uses the time of all slots as
+ * its step. */
+#define SERVO_SLOTS 4u
+#define SERVO_OFFSET_MIN 2.5e-4 /* N: an offset below it is set to 0 */
 
 struct servo_cfg {
     num dt;    /* control period, T0 */
@@ -46,35 +53,34 @@ struct servo_cfg {
 
 struct servo_in {
     pos_t measured[2]; /* encoder positions */
-    bool enabled[2];   /* per axis; false: observed only, force 0 */
+    bool enabled[2];   /* of each axis; false: the axis is observed only, and its force is 0 */
     enum controller controller;
     struct path_state path;
     const struct spline_ring *ring;
 };
 
-/* Parts of the force that a period asked for, N. */
-struct servo_asked {
-    vec2 moving; /* what observer and plant are moved by: without what balances friction, and mass beyond the nominal */
-    vec2 model;  /* what the reference model sees */
+/* Force demand of a control period, N, as the models see it. */
+struct servo_demand {
+    vec2 net;   /* the part that accelerates the nominal plant: without friction and mass beyond the nominal */
+    vec2 model; /* input of the reference model */
 };
 
 struct servo_state {
     struct observer_state observer[2];
     struct smc_state smc;
     struct compensator_state compensator;
-    struct feedforward_state feedforward; /* kept when the controller changes or the power goes */
+    struct feedforward_state feedforward; /* persists when the controller changes or an axis is disabled */
     struct cascade_state cascade;
     struct energy_state energy[2];
     bool enabled[2];
     enum controller controller;
     bool saturated; /* in the last period */
-    bool blending;  /* there is an offset */
+    bool blending;  /* the offset is not 0 */
     vec2 offset;
-    uint32_t
-        turn; /* in this period: energy and adaptation of axis 0, 1, learning of axis 0, 1; each for all turns' time */
-    vec2 force;                  /* of the last period, N */
-    struct servo_asked asked[2]; /* of even and odd periods: that of the one before the last has just acted */
-    struct spline_kept kept;     /* emptied by who gives another sequence of knots (in.ring) */
+    uint32_t slot;                    /* of this period, 0..SERVO_SLOTS - 1 */
+    vec2 force;                       /* of the last period, N */
+    struct servo_demand demand[2];    /* of even and odd periods: the one before the last has just been applied */
+    struct spline_cache spline_cache; /* the caller empties it when in.ring gets another sequence of knots */
 };
 
 struct servo_out {
@@ -86,8 +92,9 @@ struct servo_out {
     struct compensator_out compensator; /* ccu */
 };
 
-/* At rest at the measured positions. */
+/* Start at rest at the measured positions. */
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2]);
+/* One control period. */
 void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_in *in,
                 struct servo_out *out);
 #endif

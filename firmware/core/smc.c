@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* smc.c: the sliding mode law of smc.h. Runs in the servo tick. */
 #include "core/smc.h"
 #include "core/trig.h"
 
@@ -7,7 +8,7 @@ struct surface {
     num b; /* psi' gamma */
 };
 
-/* (11) and its derivative; beyond e_max psi is constant */
+/* (11) and its derivative. Beyond e_max psi is constant. */
 static struct surface surface(const struct smc_cfg *cfg, num e, num e_dot)
 {
     num x = n_mul(cfg->k_bar, e);
@@ -59,7 +60,7 @@ void smc_step(const struct smc_cfg *cfg, const struct plant_cfg *plant, const st
     out->k_hat = v2(acc_to(state->k_hat[0]), acc_to(state->k_hat[1]));
     out->s_bar = v2(n_mad(in->e_dot.x, s1.a, in->e.x), n_mad(in->e_dot.y, s2.a, in->e.y)); /* (10) */
 
-    /* (15): R (a_n - A e' - B e - K s); the terms of r_n'', theta'' and theta' are in a_n */
+    /* (15): R (a_n - A e' - B e - K s). a_n contains the terms of r_n'', theta'' and theta'. */
     const vec2 feedback = v2(n_mad(n_mad(n_mul(s1.a, in->e_dot.x), s1.b, in->e.x), out->k_hat.x, out->s_bar.x),
                              n_mad(n_mad(n_mul(s2.a, in->e_dot.y), s2.b, in->e.y), out->k_hat.y, out->s_bar.y));
     const vec2 a = v2_from_frame(in->t, v2_sub(in->a_n, feedback));

@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* trig.h: the only transcendental functions the law needs, those of the sliding surface (11).
+/* trig.h: cosh and sinh for the sliding surface (11), the only transcendental functions that the law needs.
  *
- * Angles never appear: the frame of (4) is the unit tangent itself, and the rates of its inclination come
- * from cross products, so no sine, cosine or arc tangent is evaluated anywhere.
+ * The law has no angles: the frame of (4) is the unit tangent itself, and the rates of its inclination come from cross
+ * products. So it evaluates no sine, cosine or arc tangent.
+ *
+ * Context: smc.c calls it in the servo tick.
  */
 #ifndef KONTUR_TRIG_H
 #define KONTUR_TRIG_H
@@ -15,6 +17,7 @@ struct trig_cosh {
     num sinh_x;
 };
 
-/* cosh and sinh of x, |x| clamped to TRIG_COSH_MAX; error below 1e-6 of cosh x in float32, 2e-5 in fixed point. */
+/* cosh and sinh of x, with |x| clamped to TRIG_COSH_MAX. The error is below 1e-6 cosh x in float32 and 2e-5 cosh x
+ * in fixed point. */
 struct trig_cosh trig_cosh(num x);
 #endif

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* vec2.h: plane vectors of `num`, and the rotation R = [t n] of eq (4). */
+/* vec2.h: plane vectors of `num`, and the rotation R = [t n] of eq (4). Pure functions; the law calls them in the servo
+ * tick. */
 #ifndef KONTUR_VEC2_H
 #define KONTUR_VEC2_H
 #include "core/num.h"
@@ -35,7 +36,7 @@ static inline vec2 v2_mad(vec2 a, num k, vec2 b)
     return v2(n_mad(a.x, k, b.x), n_mad(a.y, k, b.y));
 }
 
-/* component by component */
+/* The product of each component. */
 static inline vec2 v2_mul(vec2 a, vec2 b)
 {
     return v2(n_mul(a.x, b.x), n_mul(a.y, b.y));
@@ -46,7 +47,7 @@ static inline num v2_dot(vec2 a, vec2 b)
     return n_mad(n_mul(a.x, b.x), a.y, b.y);
 }
 
-/* z component of a x b */
+/* The z component of a x b. */
 static inline num v2_cross(vec2 a, vec2 b)
 {
     return n_msub(n_mul(a.x, b.y), a.y, b.x);
@@ -57,25 +58,25 @@ static inline num v2_norm(vec2 a)
     return n_hypot(a.x, a.y);
 }
 
-/* I_e a of (9), I_e = [[0, 1], [-1, 0]] */
+/* I_e a of (9), where I_e = [[0, 1], [-1, 0]]. */
 static inline vec2 v2_ie(vec2 a)
 {
     return v2(a.y, n_neg(a.x));
 }
 
-/* unit normal of the unit tangent t: a quarter turn to the left */
+/* The unit normal of the unit tangent t, which is t turned to the left by 90 degrees. */
 static inline vec2 v2_normal(vec2 t)
 {
     return v2(n_neg(t.y), t.x);
 }
 
-/* R^T a: the components of a along t and n */
+/* R^T a, the components of a along t and n. */
 static inline vec2 v2_to_frame(vec2 t, vec2 a)
 {
     return v2(v2_dot(t, a), v2_cross(t, a));
 }
 
-/* R a: from components along t and n to the axis frame */
+/* R a, the vector with components a along t and n, in the axis frame. */
 static inline vec2 v2_from_frame(vec2 t, vec2 a)
 {
     return v2_mad(v2_scale(a.x, t), a.y, v2_normal(t));

@@ -58,7 +58,7 @@ static struct energy_cfg energy(const struct od_motor *m, num sign_speed)
         .back_emf = n_ratio(m->back_emf, 5000000),
         .power_factor = milli(m->power_factor),
         .sign_speed = sign_speed,
-        .dt_ms = n_ratio((int64_t)SERVO_TURNS * 1000, CONTROL_HZ),
+        .dt_ms = n_ratio((int64_t)SERVO_SLOTS * 1000, CONTROL_HZ),
     };
     return e;
 }
@@ -115,7 +115,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
                         .phi = nano_mps(u->phi),
                         .dead_zone = nano_mps(u->dead_zone),
                         .law_printed = u->law_printed != 0,
-                        .whole_input = u->whole_input != 0},
+                        .input_printed = u->input_printed != 0},
         .feedforward = {.friction_rate = milli_per_s(od->feedforward.friction_rate),
                         .mass_rate = milli_per_s(od->feedforward.mass_rate),
                         .acceleration = micro_mps2(od->feedforward.acceleration)},

@@ -28,13 +28,13 @@ void drive_fault(struct drive *d, enum fault f)
 
 struct knot drive_position(struct drive *d)
 {
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
+    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
     return queue_user(&d->queue, (struct knot){{s->position_nm[0], s->position_nm[1]}});
 }
 
 struct knot drive_reference(struct drive *d)
 {
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
+    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
     const struct knot at = {{s->reference_nm[0], s->reference_nm[1]}};
     return queue_user(&d->queue, d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at);
 }
@@ -68,7 +68,7 @@ void drive_begin(struct drive *d, struct knot start, uint32_t total)
 
 void drive_shift_origin(struct drive *d, int axis, int32_t origin_nm)
 {
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
+    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
     const struct knot at = {{s->reference_nm[0], s->reference_nm[1]}};
     const struct knot servo = d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at;
     d->queue.origin_nm[axis] = origin_nm;
@@ -191,7 +191,7 @@ static void apply(struct drive *d)
 static bool moving(struct drive *d)
 {
     const int32_t least = (int32_t)(d->od->limits.velocity / 100u);
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
+    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
     for (int i = 0; i < 2; i++) {
         if (!cia402_powered(&d->axis[i]) && (s->velocity_umps[i] > least || s->velocity_umps[i] < -least)) {
             return true;
@@ -329,7 +329,7 @@ static void follow_stream(struct drive *d)
 /* A stream has run into a limit switch; who jogs or homes stops there without a fault. */
 static bool on_switch(struct drive *d)
 {
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
+    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
     return axis_modes_follows_stream(d) && !drive_stands(d) &&
            ((s->inputs[0] | s->inputs[1]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0;
 }

@@ -27,7 +27,7 @@ struct drive {
     uint8_t first;     /* enum fault: the first one of `faults` */
     struct fault_monitor fault_monitor;
     bool refused;    /* an axis is to be enabled while it moves */
-    bool store_lost; /* set by device.c: settings_lost() */
+    bool store_lost; /* set by device.c: settings_invalid() */
     bool node_warns; /* set by device.c: errors of the CANopen node are in effect */
     struct integrity integrity;
     bool powered[2];

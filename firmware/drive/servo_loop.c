@@ -95,8 +95,8 @@ __attribute__((noinline)) static void change_path(struct servo_loop *loop, const
     const uint32_t begin = LOAD(loop->command.begin);
     if (begin != LOAD(loop->begun)) {
         path_clock_reset(&loop->path);
-        loop->servo.kept = (struct spline_kept){0};
-        loop->error = (struct servo_loop_error){0};
+        loop->servo.spline_cache = (struct spline_cache){0};
+        loop->error = (struct contour_statistics){0};
     }
     const struct path_clock_in in = {
         .complete = complete,
@@ -149,7 +149,7 @@ SELDOM static void watch_inputs(struct servo_loop *loop, unsigned inputs)
 /* Whatever in the law is no number, the velocity or what was left of the force is none either. */
 static bool finite(const struct servo_loop *loop, const struct servo_out *out)
 {
-    const vec2 model = loop->servo.asked[loop->servo.turn % 2u].model;
+    const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
     const vec2 nought = v2_add(v2_sub(out->velocity, out->velocity), v2_sub(model, model));
     return n_finite(n_add(nought.x, nought.y));
 }
@@ -208,7 +208,7 @@ static inline void supervise(struct servo_loop *loop, const struct servo_loop_cf
     const unsigned inputs = in->inputs[0] | in->inputs[1];
     const vec2 v = out->velocity;
     const vec2 e_w = out->contour.e_w;
-    const vec2 model = loop->servo.asked[loop->servo.turn % 2u].model;
+    const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
     if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) == 0 && !jumps(loop, cfg, 0) &&
         !jumps(loop, cfg, 1) && n_lt(n_abs(v.x), cfg->speed_max) && n_lt(n_abs(v.y), cfg->speed_max) &&
         !n_lt(cfg->following_max[0], n_abs(e_w.x)) && !n_lt(cfg->following_max[1], n_abs(e_w.y)) &&
@@ -230,7 +230,7 @@ SELDOM static void watch_switches(struct servo_loop *loop, const struct hal_driv
     }
 }
 
-static void add_error(struct servo_loop_error *error, int32_t e_n2_nm)
+static void add_error(struct contour_statistics *error, int32_t e_n2_nm)
 {
     const uint32_t size = e_n2_nm < 0 ? 0u - (uint32_t)e_n2_nm : (uint32_t)e_n2_nm;
     error->sum_nm += size;
@@ -277,27 +277,27 @@ __attribute__((noinline)) static void publish(struct servo_loop *loop, struct se
 
 static void scale(struct servo_loop *loop, const struct servo_loop_record *r)
 {
-    struct servo_loop_snapshot *s = &loop->snapshot;
+    struct servo_snapshot *s = &loop->snapshot;
     const struct servo_out *o = &r->out;
     const num v[2] = {o->velocity.x, o->velocity.y};
     const num e_w[2] = {o->contour.e_w.x, o->contour.e_w.y};
-    const num e_n[2] = {o->contour.e_n.x, o->contour.e_n.y};
     const num force[2] = {o->force.x, o->force.y};
     const num k_hat[2] = {o->smc.k_hat.x, o->smc.k_hat.y};
     const num mu[2] = {o->compensator.mu.x, o->compensator.mu.y};
     s->ms = r->ms;
+    s->tangential_error_nm = n_to_scaled(o->contour.e_n.x, 1000);
+    s->contour_error_nm = n_to_scaled(o->contour.e_n.y, 1000);
     for (int i = 0; i < 2; i++) {
         s->position_nm[i] = pos_to_nm(r->position[i]);
         s->reference_nm[i] = pos_to_nm(pos_add(r->position[i], n_neg(e_w[i])));
         s->velocity_umps[i] = n_to_scaled(v[i], 200);
-        s->following_nm[i] = n_to_scaled(e_w[i], 1000);
-        s->e_n_nm[i] = n_to_scaled(e_n[i], 1000);
+        s->following_error_nm[i] = n_to_scaled(e_w[i], 1000);
         s->force_dN[i] = n_to_scaled(force[i], 10);
-        s->k_hat[i] = n_to_scaled(k_hat[i], 2000);
-        s->mu[i] = n_to_scaled(mu[i], 40);
+        s->adaptive_gain_per_10s[i] = n_to_scaled(k_hat[i], 2000);
+        s->switching_gain_mmps2[i] = n_to_scaled(mu[i], 40);
         s->energy_mJ[i] = r->energy_mJ[i];
-        s->feedforward_mN[i] = n_to_scaled(r->friction[i], 1000);
-        s->feedforward_g[i] = n_to_scaled(r->mass[i], 25000);
+        s->feedforward_friction_mN[i] = n_to_scaled(r->friction[i], 1000);
+        s->feedforward_mass_g[i] = n_to_scaled(r->mass[i], 25000);
         const struct servo_loop_encoder *e = &loop->encoder[i];
         const int64_t since_index = r->since_index[i];
         s->index_nm[i] = pos_to_nm(r->measured[i] - since_index * (int64_t)e->length -
@@ -305,10 +305,10 @@ static void scale(struct servo_loop *loop, const struct servo_loop_record *r)
         s->index_pulses[i] = r->index_pulses[i];
         s->inputs[i] = r->inputs[i];
         s->edge_nm[i] = r->edge_nm[i];
-        s->count[i] = r->count[i];
+        s->encoder_count[i] = r->count[i];
     }
-    s->error = r->error;
-    s->rate = n_to_scaled(r->rate, 1000);
+    s->contour_statistics = r->error;
+    s->path_rate_permille = n_to_scaled(r->rate, 1000);
     s->controller = r->controller;
 }
 
@@ -439,11 +439,11 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     } else if (left == 0) {
         publish(loop, record, servo.controller);
     } else {
-        spline_prepare(&loop->servo.kept, loop->ring, loop->path.at.count, loop->path.at.knot);
+        spline_prefetch(&loop->servo.spline_cache, loop->ring, loop->path.at.count, loop->path.at.knot);
     }
 }
 
-const struct servo_loop_snapshot *servo_loop_snapshot(struct servo_loop *loop)
+const struct servo_snapshot *servo_loop_snapshot(struct servo_loop *loop)
 {
     const uint32_t published = atomic_load(&loop->published);
     if (published != loop->snapshot.ms) {

@@ -19,6 +19,7 @@
 #include "onchip/onchip_plant.h"
 #include "scope/scope.h"
 #include "supervision/fault.h"
+#include "supervision/servo_snapshot.h"
 
 struct servo_loop_cfg {
     struct servo_cfg servo;
@@ -51,36 +52,6 @@ struct servo_loop_command {
     _Atomic int32_t origin_nm[2]; /* user's position less the servo's: for the limits only */
 };
 
-/* |e_n2| of each millisecond in which path time ran, since it last began */
-struct servo_loop_error {
-    uint64_t sum_nm;
-    uint32_t max_nm, samples;
-};
-
-/* What the background and the telemetry see of the servo: consistent, one millisecond old at most. */
-struct servo_loop_snapshot {
-    uint32_t ms;            /* since power-on */
-    int32_t position_nm[2]; /* observed */
-    int32_t reference_nm[2];
-    int32_t velocity_umps[2];
-    int32_t following_nm[2];
-    int32_t e_n_nm[2];
-    int32_t force_dN[2]; /* 0.1 N */
-    int32_t k_hat[2];    /* 0.1 1/s */
-    int32_t mu[2];       /* mm/s^2 */
-    int32_t energy_mJ[2];
-    int32_t feedforward_mN[2]; /* friction beyond the nominal */
-    int32_t feedforward_g[2];  /* mass beyond the nominal */
-    int32_t rate;              /* sigma, 1/1000 */
-    struct servo_loop_error error;
-    uint8_t inputs[2]; /* enum hal_input */
-    uint8_t index_pulses[2];
-    int32_t index_nm[2]; /* encoder at the latest of them */
-    int32_t edge_nm[2];  /* ... when a limit switch opened or closed last */
-    int32_t count[2];    /* of the encoders, as read */
-    uint8_t controller;
-};
-
 /* The same as the tick leaves it, in core units: the newest in `published % SERVO_LOOP_RECORDS`. */
 #define SERVO_LOOP_RECORDS 4u
 struct servo_loop_record {
@@ -93,7 +64,7 @@ struct servo_loop_record {
     int32_t since_index[2]; /* counts */
     int32_t edge_nm[2], count[2];
     uint8_t index_pulses[2], inputs[2];
-    struct servo_loop_error error;
+    struct contour_statistics error;
     num rate;
     uint8_t controller;
 };
@@ -135,12 +106,12 @@ struct servo_loop {
     struct onchip_plant onchip_plant; /* in place of the real one while cfg.machine.simulated */
     pos_t lowest[2], highest[2]; /* user's positions beyond which an axis may trip: the soft limits and following_max */
     int32_t edge_nm[2];
-    struct servo_loop_error error;
+    struct contour_statistics error;
 
     struct servo_loop_cfg cfg[2];
     struct servo_loop_record record[SERVO_LOOP_RECORDS];
-    struct servo_loop_snapshot snapshot; /* the background's own */
-    struct scope scope;                  /* last: the largest */
+    struct servo_snapshot snapshot; /* the background's own */
+    struct scope scope;             /* last: the largest */
 };
 
 /* A configuration must be set up before the first tick. Positions are encoder counts times their length. */
@@ -149,5 +120,5 @@ void servo_loop_tick(struct servo_loop *loop);
 /* A fault has been seen; until loop->faults is cleared. Any context. */
 void servo_loop_raise(struct servo_loop *loop, enum fault f);
 /* The newest snapshot. Background only. */
-const struct servo_loop_snapshot *servo_loop_snapshot(struct servo_loop *loop);
+const struct servo_snapshot *servo_loop_snapshot(struct servo_loop *loop);
 #endif

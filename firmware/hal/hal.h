@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* hal.h: what a machine, real or simulated, offers the firmware.
+/* hal.h: the hardware abstraction layer, which is what the hardware, real or simulated, offers the firmware.
  *
- * A port fills one `const struct hal`; every function gets `ctx` back as first argument. Nothing here
- * blocks. Called from the servo interrupt: drive.read, drive.write. From the background loop: the rest.
+ * A port fills one `const struct hal`. Each function gets `ctx` as its first argument. No function blocks, except for
+ * the flash.
+ *
+ * Context: the servo tick calls drive_read and drive_write; the background loop calls the other functions.
  */
 #ifndef KONTUR_HAL_H
 #define KONTUR_HAL_H
@@ -19,24 +21,25 @@ struct can_frame {
     uint8_t data[8];
 };
 
-/* Inputs of an axis; the first ones are the bits of 60FDh. A level of 1 means active, whatever the wiring. */
+/* Inputs of an axis. The limit switches have the bits that they have in 60FDh. A 1 means active, whatever the
+ * wiring. */
 enum hal_input {
     HAL_LIMIT_MIN = 1, /* limit switch at the lower end */
     HAL_LIMIT_MAX = 2, /* limit switch at the upper end */
     HAL_AMPLIFIER_FAULT = 16,
     HAL_ENCODER_FAULT = 32, /* an illegal transition of A and B since the last read */
-    HAL_STOP = 64,          /* emergency stop; on both axes */
+    HAL_STOP = 64,          /* emergency stop, the same on both axes */
 };
 
 struct hal_drive_in {
     int32_t count[AXES];        /* encoder position in counts since power-on; wraps as int32 does */
     uint8_t inputs[AXES];       /* enum hal_input */
     uint8_t index_pulses[AXES]; /* index pulses since power-on, modulo 256 */
-    int32_t index_count[AXES];  /* `count` at the latest of them */
+    int32_t index_count[AXES];  /* `count` at the last index pulse */
 };
 
 struct hal_drive_out {
-    int32_t force_mN[AXES]; /* to be applied in the next control period; within the axis's force limit */
+    int32_t force_mN[AXES]; /* force for the next control period, within the axis's force limit */
     bool enable[AXES];      /* power stage on */
 };
 
@@ -45,7 +48,7 @@ enum hal_can_state { HAL_CAN_ACTIVE, HAL_CAN_WARNING, HAL_CAN_PASSIVE, HAL_CAN_O
 struct hal_can_status {
     enum hal_can_state state;
     uint8_t tx_errors, rx_errors; /* error counters of the controller */
-    uint32_t rx_lost;             /* frames received for which there was no room, since power-on */
+    uint32_t rx_lost;             /* frames lost because there was no room for them, since power-on */
     uint32_t bus_offs;            /* since power-on */
 };
 
@@ -54,16 +57,16 @@ enum hal_output { HAL_OUTPUT_DAC, HAL_OUTPUT_PWM };
 enum { HAL_FULL_SCALE_MIN = 10000 };
 struct hal_axis_cfg {
     enum hal_output output;
-    uint32_t full_scale_mN; /* force at the end of the output's range, HAL_FULL_SCALE_MIN or more */
+    uint32_t full_scale_mN; /* force at the end of the output's range; at least HAL_FULL_SCALE_MIN */
     bool invert_force, invert_encoder;
     uint32_t index_counts; /* encoder counts between two index pulses; 0: not checked */
-    uint32_t jump_counts;  /* more counts than this in one control period are no movement */
+    uint32_t jump_counts;  /* more counts than this in one control period are an encoder fault */
 };
 
-/* What is wrong with the controller itself: a bit each. */
+/* Faults of the controller itself, one bit each. */
 enum hal_health_bit {
-    HAL_CLOCK = 1, /* runs on its internal oscillator: the crystal has not started, or has stopped */
-    HAL_RESET = 2, /* the last run was ended by the watchdog, a crash or a brown-out: `reset` says which */
+    HAL_CLOCK = 1, /* it runs on its internal oscillator, since the crystal has not started or has stopped */
+    HAL_RESET = 2, /* the watchdog, a crash or a brown-out ended the last run; `reset` says which */
 };
 enum hal_reset {
     HAL_RESET_UNKNOWN,
@@ -75,7 +78,8 @@ enum hal_reset {
     HAL_RESET_BROWN_OUT
 };
 
-/* The last crash since power-on: registers of the processor when it happened (ARMv7-M), and how many there were. */
+/* The last crash since power-on: the registers of the processor (ARMv7-M) when it happened, and the number of
+ * crashes. */
 struct hal_crash {
     uint32_t pc, lr, psr, cfsr, hfsr, bfar, count;
 };
@@ -85,31 +89,32 @@ struct hal_health {
     struct hal_crash crash;
 };
 
-/* The parameter store: sectors that are erased as a whole (to FFh) and written in words, each word once. */
+/* The parameter store. A sector is erased completely (to FFh), and written in words, each of them once. */
 enum { HAL_FLASH_SECTORS = 2, HAL_FLASH_BYTES = 16384 };
 
 struct hal {
     void *ctx;
-    /* Sample both encoders at one instant and the fault inputs. */
+    /* Sample both encoders at one instant, and the inputs. */
     void (*drive_read)(void *ctx, struct hal_drive_in *in);
     /* Put out both forces at one instant. */
     void (*drive_write)(void *ctx, const struct hal_drive_out *out);
-    /* Take over the wiring; no axis has power. May be NULL. */
+    /* Set the wiring; no axis has power. May be NULL. */
     void (*drive_configure)(void *ctx, const struct hal_axis_cfg cfg[AXES]);
-    /* Queue a frame for sending. false: no room; the frame is dropped, the caller may try again. */
+    /* Queue a frame for sending. false: there is no room, the frame is dropped, and the caller may try again. */
     bool (*can_send)(void *ctx, const struct can_frame *frame);
     /* Take the oldest frame received. false: there is none. */
     bool (*can_receive)(void *ctx, struct can_frame *frame);
+    /* The state of the CAN controller. */
     void (*can_status)(void *ctx, struct hal_can_status *status);
-    /* Whether the port can do this bit rate; `change`: do it now, dropping what waits to be sent. */
+    /* Whether the port supports this bit rate. With `change` it sets it, and drops the frames that wait to be sent. */
     bool (*can_bitrate)(void *ctx, uint16_t kbitps, bool change);
-    /* `bytes` at `offset` of a sector. Offsets and lengths are multiples of 4. */
+    /* Read `bytes` at `offset` of a sector. Offsets and lengths are multiples of 4. */
     void (*flash_read)(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes);
-    /* Erasing and writing may stop the processor, servo tick included, for as long as the flash takes: called without
-     * power on an axis only. false: the flash reports an error. */
+    /* Erase a sector, and write to it. Both may stop the processor, servo tick included, for as long as the flash
+     * takes, so they are called only without power on an axis. false: the flash reports an error. */
     bool (*flash_erase)(void *ctx, unsigned sector);
     bool (*flash_write)(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes);
-    /* The controller's own state. May be NULL: always well. */
+    /* The health of the controller itself. May be NULL: it has no faults. */
     void (*health)(void *ctx, struct hal_health *health);
 };
 #endif

@@ -60,7 +60,7 @@ static void take_mode(struct drive *d, int i)
 
 static struct homing_in homing_in(struct drive *d, int i)
 {
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&d->loop);
+    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
     const struct od_axis *od = &d->od->axis[i];
     return (struct homing_in){
         .inputs = s->inputs[i],

@@ -84,7 +84,7 @@ void path_clock_reset(struct path_clock *p)
 
 uint32_t path_clock_executed(const struct path_clock *p)
 {
-    return p->at.knot == 0 && p->at.rest == 0 ? 0 : p->at.knot + 1u;
+    return p->at.knot == 0 && p->at.fraction == 0 ? 0 : p->at.knot + 1u;
 }
 
 /* Of any rate, also of one that memory has made up: it wraps. */

@@ -54,9 +54,9 @@ static inline bool path_clock_run_on(struct path_clock *p, uint32_t count, bool 
         return false;
     }
     p->at.count = count;
-    p->at.rest += (uint32_t)step;
-    if (p->at.rest >= (uint32_t)PATH_ONE) {
-        p->at.rest -= (uint32_t)PATH_ONE;
+    p->at.fraction += (uint32_t)step;
+    if (p->at.fraction >= (uint32_t)PATH_ONE) {
+        p->at.fraction -= (uint32_t)PATH_ONE;
         p->at.knot++;
     }
     return true;

@@ -4,17 +4,17 @@
 #include <stddef.h>
 #include <string.h>
 
-static void *place(struct od_data *od, const struct od_entry *entry)
+static void *field_of(struct od_data *od, const struct od_entry *entry)
 {
     return (unsigned char *)od + entry->offset;
 }
 
-static const void *const_place(const struct od_data *od, const struct od_entry *entry)
+static const void *const_field_of(const struct od_data *od, const struct od_entry *entry)
 {
     return (const unsigned char *)od + entry->offset;
 }
 
-static void restore(struct od_data *od, uint8_t node_id, const struct od_entry *entry)
+static void restore_default(struct od_data *od, uint8_t node_id, const struct od_entry *entry)
 {
     const int64_t value = od_read(&od_defaults, entry);
     od_write(od, entry, (entry->flags & OD_NODE_ID) ? value + node_id : value);
@@ -25,7 +25,7 @@ void od_init(struct od_data *od, uint8_t node_id)
     *od = od_defaults;
     for (uint16_t i = 0; i < od_table_len; i++) {
         if ((od_table[i].flags & OD_NODE_ID) != 0) {
-            restore(od, node_id, &od_table[i]);
+            restore_default(od, node_id, &od_table[i]);
         }
     }
 }
@@ -35,7 +35,7 @@ void od_restore(struct od_data *od, uint8_t node_id, uint16_t first, uint16_t la
     for (uint16_t i = 0; i < od_table_len; i++) {
         const struct od_entry *e = &od_table[i];
         if ((e->flags & (OD_WRITE | OD_NODE_ID)) != 0 && e->index >= first && e->index <= last) {
-            restore(od, node_id, e);
+            restore_default(od, node_id, e);
         }
     }
 }
@@ -76,7 +76,7 @@ int64_t od_read(const struct od_data *od, const struct od_entry *entry)
     if ((entry->flags & OD_CONST) != 0) {
         return entry->min;
     }
-    const void *p = const_place(od, entry);
+    const void *p = const_field_of(od, entry);
     switch (entry->type) {
     case OD_U8: return *(const uint8_t *)p;
     case OD_I8: return *(const int8_t *)p;
@@ -97,7 +97,7 @@ int64_t od_number(const struct od_data *od, unsigned index, unsigned sub)
 const char *od_text(const struct od_data *od, const struct od_entry *entry)
 {
     const char *text;
-    memcpy(&text, const_place(od, entry), sizeof text);
+    memcpy(&text, const_field_of(od, entry), sizeof text);
     return text ? text : "";
 }
 
@@ -111,7 +111,7 @@ uint32_t od_check(const struct od_entry *entry, int64_t value)
 
 void od_write(struct od_data *od, const struct od_entry *entry, int64_t value)
 {
-    void *p = place(od, entry);
+    void *p = field_of(od, entry);
     switch (od_size(entry)) {
     case 1: *(uint8_t *)p = (uint8_t)value; break;
     case 2: *(uint16_t *)p = (uint16_t)value; break;

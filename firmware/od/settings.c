@@ -1,83 +1,99 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "od/settings.h"
 
-#include "drive/configuration.h"
-
 #define SIGNATURE_SAVE 0x65766173u /* "save" */
 #define SIGNATURE_LOAD 0x64616F6Cu /* "load" */
 
 enum { ALL = STORE_COMMUNICATION | STORE_APPLICATION | STORE_NODE };
 
+/* ---- power-on and reset ---- */
+
 static void load(struct settings *s, unsigned area)
 {
-    const bool whole = store_load(&s->store, s->od, area);
-    s->unfit = (s->unfit & ~area) | (whole ? 0u : area);
+    const bool valid = store_load(&s->store, s->od, area);
+    s->invalid = (s->invalid & ~area) | (valid ? 0u : area);
 }
 
-static void reset_application(struct settings *s, uint8_t node_id)
+static void restore_application(struct settings *s)
 {
-    od_restore(s->od, node_id, 0x2000, 0xFFFF);
+    od_restore(s->od, s->node_id, OD_APPLICATION_FIRST, OD_LAST);
+}
+
+static void reset_application(struct settings *s)
+{
+    restore_application(s);
     s->od->node.id = s->node_id;
     load(s, STORE_NODE);
     load(s, STORE_APPLICATION);
-    if (!configuration_fits(s->od)) {
-        s->unfit |= STORE_APPLICATION;
-        const struct od_node kept = s->od->node;
-        od_restore(s->od, node_id, 0x2000, 0xFFFF);
-        s->od->node = kept;
+    if (!s->fits(s->od)) {
+        const struct od_node node = s->od->node;
+        s->invalid |= STORE_APPLICATION;
+        restore_application(s);
+        s->od->node = node;
     }
 }
 
 uint8_t settings_reset(struct settings *s, bool communication_only)
 {
     if (!communication_only) {
-        reset_application(s, s->node_id);
+        reset_application(s);
     }
     const uint8_t node_id = s->od->node.id;
-    od_restore(s->od, node_id, 0x1000, 0x1FFF);
+    od_restore(s->od, node_id, OD_COMMUNICATION_FIRST, OD_COMMUNICATION_LAST);
     load(s, STORE_COMMUNICATION);
     return node_id;
 }
 
-uint8_t settings_init(struct settings *s, struct od_data *od, const struct hal *hal, uint8_t node_id)
+uint8_t settings_init(struct settings *s, struct od_data *od, const struct hal *hal, uint8_t node_id,
+                      bool (*fits)(const struct od_data *od))
 {
-    *s = (struct settings){.od = od, .hal = hal, .node_id = node_id};
+    *s = (struct settings){.od = od, .hal = hal, .fits = fits, .node_id = node_id};
     store_open(&s->store, hal);
     od->store_writes = s->store.sequence;
     return settings_reset(s, false);
 }
 
-bool settings_lost(const struct settings *s)
+bool settings_invalid(const struct settings *s)
 {
-    return s->store.damaged || s->unfit != 0;
+    return s->store.damaged || s->invalid != 0;
 }
 
-static bool write(struct settings *s, uint8_t node_id, unsigned take, unsigned keep)
+/* ---- storing ---- */
+
+/* See store_write(). What has been saved or left out is not invalid any more. */
+static bool write(struct settings *s, uint8_t node_id, unsigned saved, unsigned retained)
 {
-    const bool ok = store_write(&s->store, s->od, node_id, take, keep);
-    s->unfit &= ok ? keep : ALL;
+    const bool ok = store_write(&s->store, s->od, node_id, saved, retained);
+    s->invalid &= ok ? retained : ALL;
     s->od->store_writes = s->store.sequence;
     return ok;
 }
 
-uint32_t settings_command(struct settings *s, const struct od_entry *entry, int64_t value, uint8_t node_id)
+uint32_t settings_check(const struct settings *s, const struct od_entry *entry, int64_t value)
 {
-    /* by sub-index: all, communication, application */
-    static const unsigned saved[] = {0, ALL, STORE_COMMUNICATION, STORE_APPLICATION | STORE_NODE};
-    /* a drive keeps its place on the bus */
-    static const unsigned restored[] = {0, STORE_COMMUNICATION | STORE_APPLICATION, STORE_COMMUNICATION,
-                                        STORE_APPLICATION};
-    if (entry->index == 0x2001) {
-        const bool possible = entry->sub != 2 || s->hal->can_bitrate(s->hal->ctx, (uint16_t)value, false);
+    if (entry->index == OBJ_NODE) {
+        const bool possible =
+            entry->sub != SUB_NODE_BITRATE || s->hal->can_bitrate(s->hal->ctx, (uint16_t)value, false);
         return possible ? SDO_OK : SDO_ABORT_VALUE;
     }
-    const bool save = entry->index == 0x1010;
-    if (value != (save ? SIGNATURE_SAVE : SIGNATURE_LOAD)) {
-        return SDO_ABORT_STORE;
+    return value == (entry->index == OBJ_STORE ? SIGNATURE_SAVE : SIGNATURE_LOAD) ? SDO_OK : SDO_ABORT_STORE;
+}
+
+uint32_t settings_command(struct settings *s, const struct od_entry *entry, uint8_t node_id)
+{
+    /* By sub-index. Restoring leaves 2001h, so that the drive stays where it is on the bus. */
+    static const unsigned saved[] = {[SUB_STORE_ALL] = ALL,
+                                     [SUB_STORE_COMMUNICATION] = STORE_COMMUNICATION,
+                                     [SUB_STORE_APPLICATION] = STORE_APPLICATION | STORE_NODE};
+    static const unsigned restored[] = {[SUB_RESTORE_ALL] = STORE_COMMUNICATION | STORE_APPLICATION,
+                                        [SUB_RESTORE_COMMUNICATION] = STORE_COMMUNICATION,
+                                        [SUB_RESTORE_APPLICATION] = STORE_APPLICATION};
+    if (entry->index == OBJ_NODE) { /* no command */
+        return SDO_OK;
     }
-    const unsigned take = save ? saved[entry->sub] : 0u;
-    const unsigned keep = ALL & ~(save ? take : restored[entry->sub]);
-    return write(s, node_id, take, keep) ? SDO_OK : SDO_ABORT_HARDWARE;
+    const bool save = entry->index == OBJ_STORE;
+    const unsigned replaced = save ? saved[entry->sub] : restored[entry->sub];
+    return write(s, node_id, save ? replaced : 0u, ALL & ~replaced) ? SDO_OK : SDO_ABORT_HARDWARE;
 }
 
 bool settings_store_node(struct settings *s, uint8_t node_id)

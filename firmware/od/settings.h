@@ -1,6 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* od/settings.h: what the dictionary holds at power-on and after a reset (defaults, and over them what is stored), and the
- * objects that store it: 1010h and 1011h (CiA 301, 7.5.2.13 and .14), 2001h. Background only.
+/* od/settings.h: the values of the dictionary at power-on and after a reset, and the objects that store them.
+ *
+ * At power-on every value is its default, or what has been stored over it. Objects 1010h and 1011h (CiA 301, 7.5.2.13 and
+ * 7.5.2.14) store values and restore defaults on command; 2001h holds node id and bit rate. store.h says how values are
+ * stored.
+ *
+ * Background only; called by device.c.
  */
 #ifndef KONTUR_SETTINGS_H
 #define KONTUR_SETTINGS_H
@@ -9,20 +14,27 @@
 struct settings {
     struct store store;
     struct od_data *od;
-    const struct hal *hal;
-    uint8_t node_id; /* where nothing is stored */
-    unsigned unfit; /* STORE_ areas with stored values out of range, and at their defaults; or that do not fit together:
-                      * all are */
+    const struct hal *hal;                  /* flash, can_bitrate */
+    bool (*fits)(const struct od_data *od); /* whether the parameters fit together */
+    uint8_t node_id;                        /* used where none is stored */
+    unsigned
+        invalid; /* STORE_ areas whose stored values are not in use as they are: one is out of range, or they do not
+                       * fit together */
 };
 
-/* od is set to what the drive starts with; returns the node id, 1..31 or OD_UNCONFIGURED. */
-uint8_t settings_init(struct settings *s, struct od_data *od, const struct hal *hal, uint8_t node_id);
-/* The same for a reset, of the communication objects only or of all; 2001h decides on the node id. */
+/* Power-on: od, which holds the defaults, gets the values that are stored. Parameters that do not fit together stay at
+ * their defaults. Returns the node id, 1..31 or OD_UNCONFIGURED. */
+uint8_t settings_init(struct settings *s, struct od_data *od, const struct hal *hal, uint8_t node_id,
+                      bool (*fits)(const struct od_data *od));
+/* The same for a reset, of the communication objects only or of all. 2001h decides on the node id. */
 uint8_t settings_reset(struct settings *s, bool communication_only);
-/* The flash holds what could not be used: it has been neither saved nor restored since. */
-bool settings_lost(const struct settings *s);
-/* An SDO wants to write 1010h, 1011h or 2001h: do it, or tell why not. node_id: the one in use. */
-uint32_t settings_command(struct settings *s, const struct od_entry *entry, int64_t value, uint8_t node_id);
+/* Whether the flash holds values that cannot be used, and have neither been replaced nor restored since. */
+bool settings_invalid(const struct settings *s);
+/* SDO_OK, or why `value` cannot be written to 1010h, 1011h or 2001h. */
+uint32_t settings_check(const struct settings *s, const struct od_entry *entry, int64_t value);
+/* Carry out the command that writing 1010h or 1011h is, after settings_check(). node_id: the one in use. SDO_OK, or the
+ * abort code when the flash fails. */
+uint32_t settings_command(struct settings *s, const struct od_entry *entry, uint8_t node_id);
 /* Store 2001h alone (LSS). false: the flash failed. */
 bool settings_store_node(struct settings *s, uint8_t node_id);
 #endif

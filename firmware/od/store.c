@@ -4,12 +4,12 @@
 #include <stddef.h>
 
 #define ERASED 0xFFFFFFFFu
-#define KIND 0xFF000000u /* of a pair's first word: 0, or STORE_END */
-#define LOST 0u          /* key of a set's first pair, and of no object: parameters were lost before, not replaced */
+#define KIND 0xFF000000u /* bits of a pair's first word that tell a value, 0, from the end, STORE_END */
+#define LOSS_MARK 0u     /* key of the pair that marks lost parameters; no object has it */
 
 enum { WORD = 4, PAIR = 8 };
 
-/* IEEE 802.3, four bits at a time */
+/* CRC-32 of IEEE 802.3, computed four bits at a time. */
 static uint32_t crc32(uint32_t crc, uint32_t word)
 {
     static const uint32_t nibble[16] = {0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u,
@@ -39,14 +39,14 @@ static bool is_erased(const struct hal *hal, unsigned sector, uint32_t begin, ui
     return true;
 }
 
-/* Where the set that begins there ends; 0 when there is none, or none that is whole. */
+/* Where the set at `begin` ends; 0 when there is none, or it is not intact. */
 static uint32_t end_of_set(const struct hal *hal, unsigned sector, uint32_t begin)
 {
     if (begin + 2 * PAIR > HAL_FLASH_BYTES || word_at(hal, sector, begin) != STORE_MAGIC) {
         return 0;
     }
     const uint32_t sequence = word_at(hal, sector, begin + WORD);
-    if (sequence == ERASED) { /* nothing could be newer */
+    if (sequence == ERASED) { /* no later set could have a higher one */
         return 0;
     }
     uint32_t crc = crc32(crc32(ERASED, STORE_MAGIC), sequence);
@@ -82,29 +82,30 @@ void store_open(struct store *s, const struct hal *hal)
             begin = end;
         }
     }
-    s->damaged = s->found && word_at(hal, s->sector, s->begin + PAIR) == LOST;
+    s->damaged = s->found && word_at(hal, s->sector, s->begin + PAIR) == LOSS_MARK;
     for (unsigned sector = 0; sector < HAL_FLASH_SECTORS; sector++) {
         s->damaged = s->damaged || (!s->found && !is_erased(hal, sector, 0, HAL_FLASH_BYTES));
     }
 }
 
-/* 0: not kept */
+/* 0: the object is not stored. */
 static unsigned area_of(const struct od_entry *entry)
 {
     const unsigned both = OD_READ | OD_WRITE;
-    if ((entry->flags & both) != both || entry->index == 0x1003 || entry->index == 0x1010 || entry->index == 0x1011) {
+    if ((entry->flags & both) != both || entry->index == OBJ_ERROR_HISTORY || entry->index == OBJ_STORE ||
+        entry->index == OBJ_RESTORE) {
         return 0;
     }
-    if (entry->index < 0x2000) {
+    if (entry->index <= OD_COMMUNICATION_LAST) {
         return STORE_COMMUNICATION;
     }
-    if (entry->index == 0x2001) {
+    if (entry->index == OBJ_NODE) {
         return STORE_NODE;
     }
     return (entry->flags & OD_CONFIG) != 0 ? STORE_APPLICATION : 0;
 }
 
-/* The entry of a stored pair that is of `areas`, or NULL. */
+/* The entry of a stored pair, or NULL when it is unknown or not of `areas`. */
 static const struct od_entry *entry_of(uint32_t key, unsigned areas)
 {
     uint32_t abort = 0;
@@ -114,7 +115,7 @@ static const struct od_entry *entry_of(uint32_t key, unsigned areas)
 
 bool store_load(const struct store *s, struct od_data *od, unsigned areas)
 {
-    bool whole = true;
+    bool in_range = true;
     for (uint32_t at = s->begin + PAIR; s->found && at < s->end - PAIR; at += PAIR) {
         const struct od_entry *entry = entry_of(word_at(s->hal, s->sector, at), areas);
         const uint32_t raw = word_at(s->hal, s->sector, at + WORD);
@@ -123,14 +124,14 @@ bool store_load(const struct store *s, struct od_data *od, unsigned areas)
         }
         const uint8_t bytes[4] = {(uint8_t)raw, (uint8_t)(raw >> 8), (uint8_t)(raw >> 16), (uint8_t)(raw >> 24)};
         const int64_t value = od_decode(entry, bytes);
-        const bool unconfigured = entry->index == 0x2001 && entry->sub == 1 && value == OD_UNCONFIGURED;
+        const bool unconfigured = entry->index == OBJ_NODE && entry->sub == SUB_NODE_ID && value == OD_UNCONFIGURED;
         if ((uint32_t)value == raw && (unconfigured || od_check(entry, value) == SDO_OK)) {
             od_write(od, entry, value);
         } else {
-            whole = false;
+            in_range = false;
         }
     }
-    return whole;
+    return in_range;
 }
 
 struct writer {
@@ -169,7 +170,7 @@ static void write_dictionary(struct writer *w, const struct od_data *od, uint8_t
     }
 }
 
-static void write_stored(struct writer *w, const struct store *s, unsigned areas)
+static void write_retained(struct writer *w, const struct store *s, unsigned areas)
 {
     for (uint32_t at = s->begin + PAIR; s->found && at < s->end - PAIR; at += PAIR) {
         const struct od_entry *entry = entry_of(word_at(s->hal, s->sector, at), areas);
@@ -179,17 +180,17 @@ static void write_stored(struct writer *w, const struct store *s, unsigned areas
     }
 }
 
-/* Bytes that a set can have. */
+/* Bytes that a set can have at most. */
 static uint32_t largest_set(void)
 {
-    uint32_t bytes = 3 * PAIR; /* its frame, and LOST */
+    uint32_t bytes = 3 * PAIR; /* begin, end, and the mark of lost parameters */
     for (uint16_t i = 0; i < od_table_len; i++) {
         bytes += area_of(&od_table[i]) != 0 ? PAIR : 0;
     }
     return bytes;
 }
 
-bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, unsigned take, unsigned keep)
+bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, unsigned saved, unsigned retained)
 {
     const struct hal *hal = s->hal;
     const uint32_t room = largest_set();
@@ -201,14 +202,14 @@ bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, uns
         w.ok = hal->flash_erase(hal->ctx, w.sector);
     }
     const uint32_t begin = w.at, sequence = s->sequence + 1;
-    const bool damaged = s->damaged && (keep & STORE_APPLICATION) != 0;
+    const bool damaged = s->damaged && (retained & STORE_APPLICATION) != 0;
     write_pair(&w, STORE_MAGIC, sequence);
     if (damaged) {
-        write_pair(&w, LOST, 0);
+        write_pair(&w, LOSS_MARK, 0);
         w.pairs++;
     }
-    write_dictionary(&w, od, node_id, take);
-    write_stored(&w, s, keep);
+    write_dictionary(&w, od, node_id, saved);
+    write_retained(&w, s, retained);
     write_pair(&w, STORE_END | w.pairs, ~crc32(w.crc, STORE_END | w.pairs));
     if (!w.ok || end_of_set(hal, w.sector, begin) != w.at) {
         return false;

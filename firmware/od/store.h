@@ -1,17 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* od/store.h: values of the object dictionary in two flash sectors. Background only, and without power on an axis,
- * since the flash may stop the processor while it writes or erases.
+/* od/store.h: values of the object dictionary in two sectors of flash, from power-off to power-on.
  *
- * A set is written behind the last one; when a sector is full the other one is erased and goes on. Whenever the
- * power fails, the newest set that is whole is the old or the new one. Values are kept by object index and sub-
- * index: of a set written by another firmware, objects unknown here are skipped, and what is missing or out of
- * range stays as it is.
+ * A set holds all values that one call of store_write() stores. It is written behind the last one. When a sector is full,
+ * the other one is erased and used next. Whenever the power fails, the newest intact set is either the old or the new
+ * one. Values are stored by object index and sub-index, so that a set of another firmware can be loaded: objects unknown
+ * to this one are skipped, and an object that is missing or out of range does not change.
  *
- * A set, in words of 32 bits as the processor keeps them (docs/adr/0013):
+ * A set consists of words of 32 bits in the byte order of the processor (docs/adr/0013):
  *   STORE_MAGIC (its low byte is the version of this layout)
  *   sequence number, one more than that of the set before
- *   pairs: index << 8 | sub, value (sign-extended); first 0, 0 where parameters were lost before, and not replaced
+ *   pairs: index << 8 | sub, value (sign-extended). A first pair 0, 0 marks that the parameters of an earlier set were
+ *   lost and have not been replaced since
  *   STORE_END | number of pairs, CRC-32 (IEEE 802.3) of all words before
+ *
+ * Background only, and without power on an axis, since the flash may stop the processor while it writes or erases.
+ * Called by settings.c.
  */
 #ifndef KONTUR_STORE_H
 #define KONTUR_STORE_H
@@ -24,13 +27,14 @@
 #define STORE_MAGIC 0x4B4E5401u
 #define STORE_END 0xED000000u
 
-/* What is kept: all that can be read and written of 1000h..1FFFh but the error history; parameters; 2001h. */
+/* Areas of values, to be combined with |. Of 1000h to 1FFFh all that can be read and written is stored, but for the error
+ * history and the commands 1010h and 1011h. Of the other objects the parameters and 2001h are stored. */
 enum store_area { STORE_COMMUNICATION = 1, STORE_APPLICATION = 2, STORE_NODE = 4 };
 
 struct store {
-    const struct hal *hal;
-    bool found;   /* the newest set is at `begin`..`end` of `sector` */
-    bool damaged; /* the flash is not empty, and no set in it is whole; or parameters are still lost of then */
+    const struct hal *hal; /* flash_read, flash_erase, flash_write */
+    bool found;            /* there is an intact set; the newest one is at begin..end of `sector` */
+    bool damaged;          /* the flash is not empty and has no intact set, or the newest set marks lost parameters */
     uint8_t sector;
     uint32_t begin, end; /* bytes */
     uint32_t sequence;
@@ -38,10 +42,11 @@ struct store {
 
 /* Find the newest set. */
 void store_open(struct store *s, const struct hal *hal);
-/* Put what the newest set has of `areas` into od, within the dictionary's ranges. false: a value is not. */
+/* Load the values of `areas` that the newest set has into od. false: one of them is out of the dictionary's range, and has
+ * not been loaded. */
 bool store_load(const struct store *s, struct od_data *od, unsigned areas);
-/* Write a set: `take` these areas from od, `keep` those as they are stored, and nothing of the others. Of objects that
- * follow the node id, only those with another value than their default at node_id. false: the flash failed, the old set
- * holds. */
-bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, unsigned take, unsigned keep);
+/* Write a set with the values of od for the areas `saved`, those of the newest set for the areas `retained`, and none of
+ * the others. Of the objects that follow the node id, only those are stored whose value is not their default at node_id.
+ * false: the flash failed, and the old set is still the newest one. */
+bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, unsigned saved, unsigned retained);
 #endif

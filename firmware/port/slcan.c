@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* slcan.c: the parser and formatter of slcan.h. */
 #include "port/slcan.h"
 
 enum { CR = '\r', LF = '\n', BEL = '\a', STAMP_MS = 60000, VERSION = 0x1010 };
@@ -16,7 +17,7 @@ static int digit(char c)
     return c >= 'a' && c <= 'f' ? c - 'a' + 10 : -1;
 }
 
-/* `count` hex digits, at most 7; -1: one of them is none. */
+/* The number of `count` hex digits, 7 at most. -1: one of them is not a hex digit. */
 static int32_t number(const char *text, unsigned count)
 {
     int32_t value = 0;
@@ -65,7 +66,7 @@ static bool read_frame(const struct slcan *s, struct can_frame *frame)
     return true;
 }
 
-/* Bytes of a command's line; 0: there is no such command. */
+/* The length of the line of a command. 0: there is no such command. */
 static unsigned length(char letter)
 {
     switch (letter) {
@@ -123,7 +124,7 @@ static bool command(struct slcan *s, enum slcan_event *event, struct slcan_answe
     return true;
 }
 
-enum slcan_event slcan_take(struct slcan *s, char byte, struct can_frame *frame, struct slcan_answer *answer)
+enum slcan_event slcan_parse(struct slcan *s, char byte, struct can_frame *frame, struct slcan_answer *answer)
 {
     enum slcan_event event = SLCAN_NOTHING;
     answer->count = 0;
@@ -162,7 +163,7 @@ enum slcan_event slcan_take(struct slcan *s, char byte, struct can_frame *frame,
     return event;
 }
 
-unsigned slcan_line(const struct slcan *s, const struct can_frame *frame, uint32_t ms, char *out)
+unsigned slcan_format(const struct slcan *s, const struct can_frame *frame, uint32_t ms, char *out)
 {
     if (!s->open) {
         return 0;

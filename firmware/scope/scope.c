@@ -14,7 +14,7 @@
 
 static uint32_t path_hundredths(const struct path_state *p)
 {
-    return p->knot * 100u + (uint32_t)((uint64_t)p->rest * (100u / 5u) >> 29); /* PATH_ONE is 5 2^29 */
+    return p->knot * 100u + (uint32_t)((uint64_t)p->fraction * (100u / 5u) >> 29); /* PATH_ONE is 5 2^29 */
 }
 
 static uint32_t reference_nm(const pos_t *position, unsigned axis, const struct servo_out *out)

@@ -17,7 +17,7 @@ enum fault_reaction {                   /* values of 2120h:3 */
 
 struct fault_row {
     uint16_t emcy;    /* CiA 301/402 error code; also 603Fh */
-    uint8_t reg;      /* error register bits, emcy.h */
+    uint8_t reg;      /* CO_REG_ bits of the error register 1001h */
     uint8_t reaction; /* enum fault_reaction, unless set otherwise: fault_reaction() */
 };
 

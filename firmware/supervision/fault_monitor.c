@@ -26,9 +26,9 @@ static bool frozen(struct fault_monitor *w, const struct fault_monitor_in *in, i
     const struct od_plant *plant = &in->od->axis[i].plant;
     const uint32_t force_mN = size(in->snapshot->force_dN[i]) * 100u;
     const bool pushed = in->powered[i] && force_mN >= plant->force_limit / 2u && force_mN >= 3u * plant->coulomb;
-    const uint32_t moved = size((int32_t)((uint32_t)in->snapshot->count[i] - (uint32_t)w->count[i]));
+    const uint32_t moved = size((int32_t)((uint32_t)in->snapshot->encoder_count[i] - (uint32_t)w->count[i]));
     if (!pushed || moved > 1u) {
-        w->count[i] = in->snapshot->count[i];
+        w->count[i] = in->snapshot->encoder_count[i];
         w->frozen_ms[i] = 0;
     }
     return lasts_if_wanted(w, &w->frozen_ms[i], pushed, in->od->fault_delay.frozen);
@@ -50,8 +50,8 @@ static bool at_limit(const struct fault_monitor_in *in)
     const struct od_compensator *mu = &in->od->compensator;
     bool at = false;
     for (int i = 0; i < 2; i++) {
-        at = at || (k->k_max > k->k_0 && size(in->snapshot->k_hat[i]) >= k->k_max / 100u);
-        at = at || (mu->mu_max > mu->mu_0 && size(in->snapshot->mu[i]) >= mu->mu_max / 1000u);
+        at = at || (k->k_max > k->k_0 && size(in->snapshot->adaptive_gain_per_10s[i]) >= k->k_max / 100u);
+        at = at || (mu->mu_max > mu->mu_0 && size(in->snapshot->switching_gain_mmps2[i]) >= mu->mu_max / 1000u);
     }
     return at && (in->powered[0] || in->powered[1]);
 }
@@ -95,8 +95,8 @@ uint32_t fault_monitor_step(struct fault_monitor *w, const struct fault_monitor_
     w->passed_ms = in->snapshot->ms - w->ms;
     w->ms = in->snapshot->ms;
     w->now = 0;
-    const bool outside =
-        in->powered[0] && in->powered[1] && tunnel->radius != 0 && size(in->snapshot->e_n_nm[1]) > tunnel->radius;
+    const bool outside = in->powered[0] && in->powered[1] && tunnel->radius != 0 &&
+                         size(in->snapshot->contour_error_nm) > tunnel->radius;
     set(w, FAULT_TUNNEL, lasts(w, &w->lasts_ms[FAULT_TUNNEL], outside, tunnel->debounce));
     set(w, FAULT_GAIN, lasts_if_wanted(w, &w->lasts_ms[FAULT_GAIN], at_limit(in), in->od->fault_delay.gain));
     for (int i = 0; i < 2; i++) {

@@ -5,8 +5,8 @@
 #define KONTUR_WATCH_H
 #include <stdbool.h>
 
-#include "drive/servo_loop.h"
 #include "supervision/fault.h"
+#include "supervision/servo_snapshot.h"
 
 enum { FAULT_MONITOR_EVENT_MS = 1000 }; /* how long what happens in a moment is warned of */
 
@@ -22,7 +22,7 @@ struct fault_monitor {
 
 struct fault_monitor_in {
     const struct od_data *od;
-    const struct servo_loop_snapshot *snapshot;
+    const struct servo_snapshot *snapshot;
     const bool *powered; /* [2] */
     bool refused;        /* an axis that moves is to be enabled */
     bool store_lost;

@@ -1,5 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kontur: host tools of a contouring drive. The map of these modules is in docs/architecture.md."""
+"""Kontur: host tools of a contouring drive.
+
+Rooms, and what each may import; `errors`, `files` and `machine` are for all of them.
+
+    path          -
+    can           -
+    planning      path, can
+    sim           can
+    drive         can, planning
+    runs          path, can, planning, drive
+    report        can, drive, runs
+    experiments   path, can, planning, sim, drive, runs, report
+    cli           path, can, planning, sim, drive, runs, report, experiments
+"""
 
 from importlib.metadata import version
 

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* core_api.c: the control core for Python, core_api.h. */
 #include "core_api.h"
 
 #include <stdlib.h>
@@ -7,7 +8,7 @@
 #include "core/trig.h"
 #include "num_test.h"
 
-/* Units of the core in SI: 1 um, 5 ms. */
+/* The units of the core, 1 um and 5 ms, in SI. */
 #define UM 1e-6
 #define T0 5e-3
 #define MPS (UM / T0)
@@ -24,21 +25,21 @@ static vec2 in2(const double x[2], double unit)
     return mk2(x[0] / unit, x[1] / unit);
 }
 
-/* What is told of a number, and of a position in 2^-16 nm: its value, or in the back end of num_bound.h its error. */
+/* Results are values; in the back end of num_bound.h they are the bounds of their errors. Positions are in 2^-16 nm. */
 #ifdef KONTUR_NUM_BOUND_H
 double bound_path_time;
 
-static double told(num x)
+static double result(num x)
 {
-    return x.e + 0x1p-33; /* told() of the others has 2^-32 */
+    return x.e + 0x1p-33; /* result() of the other back ends has a resolution of 2^-32 */
 }
 
-static int64_t told_pos(pos_t p)
+static int64_t result_pos(pos_t p)
 {
     return (int64_t)ceil(p.e / UM_PER_POS);
 }
 
-static double told_path_time(path_time_t s)
+static double result_path_time(path_time_t s)
 {
     (void)s;
     return bound_path_time * T0;
@@ -51,17 +52,17 @@ static pos_t pos_of(int64_t x)
 #else
 static double bound_path_time;
 
-static double told(num x)
+static double result(num x)
 {
     return val(x);
 }
 
-static int64_t told_pos(pos_t p)
+static int64_t result_pos(pos_t p)
 {
     return p;
 }
 
-static double told_path_time(path_time_t s)
+static double result_path_time(path_time_t s)
 {
     return (double)s / (double)PATH_ONE * 1e-3;
 }
@@ -74,8 +75,8 @@ static pos_t pos_of(int64_t x)
 
 static void out2(vec2 v, double unit, double x[2])
 {
-    x[0] = told(v.x) * unit;
-    x[1] = told(v.y) * unit;
+    x[0] = result(v.x) * unit;
+    x[1] = result(v.y) * unit;
 }
 
 int64_t api_path_one(void)
@@ -113,7 +114,7 @@ static struct servo_cfg config(const struct api_params *p)
                         .phi = mk(p->phi / MPS),
                         .dead_zone = mk(p->dead_zone / MPS),
                         .law_printed = p->mu_printed != 0,
-                        .whole_input = p->whole_input != 0},
+                        .input_printed = p->input_printed != 0},
         .feedforward = {.friction_rate = mk(p->friction_rate * T0),
                         .mass_rate = mk(p->mass_rate * T0),
                         .acceleration = mk(p->feedforward_acceleration / MPS2)},
@@ -130,7 +131,7 @@ static struct servo_cfg config(const struct api_params *p)
                                           .back_emf = mk(p->back_emf[i] * MPS),
                                           .power_factor = mk(p->power_factor),
                                           .sign_speed = mk(p->friction_speed / MPS),
-                                          .dt_ms = mk(SERVO_TURNS * p->dt * 1e3)};
+                                          .dt_ms = mk(SERVO_SLOTS * p->dt * 1e3)};
     }
     return c;
 }
@@ -157,8 +158,8 @@ void api_free(api_drive *d)
 void api_trig_cosh(double x, double out[2])
 {
     const struct trig_cosh r = trig_cosh(mk(x));
-    out[0] = told(r.cosh_x);
-    out[1] = told(r.sinh_x);
+    out[0] = result(r.cosh_x);
+    out[1] = result(r.sinh_x);
 }
 
 void api_spline(const api_drive *d, int64_t s, struct api_point *out)
@@ -167,7 +168,7 @@ void api_spline(const api_drive *d, int64_t s, struct api_point *out)
     bound_path_time = 0;
     spline_at(&d->ring, d->ring.count, s, &p);
     for (int i = 0; i < 2; i++) {
-        out->r[i] = (double)told_pos(p.pos[i]) / (POS_PER_NM * 1e9);
+        out->r[i] = (double)result_pos(p.pos[i]) / (POS_PER_NM * 1e9);
     }
     out2(p.d1, MPS, out->d1);
     out2(p.d2, MPS2, out->d2);
@@ -188,18 +189,18 @@ void api_contour(const api_drive *d, const struct api_path *path, const int64_t 
     const pos_t at[2] = {pos_of(q[0]), pos_of(q[1])};
     struct contour_out c;
     bound_path_time = 0;
-    contour_step(&d->cfg.contour, &(struct spline_kept){0}, &d->ring, &ps, at, in2(q_dot, MPS), &c);
+    contour_step(&d->cfg.contour, &(struct spline_cache){0}, &d->ring, &ps, at, in2(q_dot, MPS), &c);
     out2(c.r_dot, MPS, out->r_dot);
     out2(c.r_ddot, MPS2, out->r_ddot);
     out2(c.e_w, UM, out->e_w);
     out2(c.e_w_dot, MPS, out->e_w_dot);
     out2(c.e_l, UM, out->e_l);
-    out->t_d = told(c.t_d) * T0;
-    out->tau = told_path_time(contour_tau(&c));
-    out->nu = told(c.nu);
+    out->t_d = result(c.t_d) * T0;
+    out->tau = result_path_time(contour_tau(&c));
+    out->nu = result(c.nu);
     out2(c.t, 1, out->t);
-    out->theta_dot = told(c.theta_dot) / T0;
-    out->theta_ddot = told(c.theta_ddot) / T0 / T0;
+    out->theta_dot = result(c.theta_dot) / T0;
+    out->theta_ddot = result(c.theta_ddot) / T0 / T0;
     out2(c.e_wn, UM, out->e_wn);
     out2(c.e_n, UM, out->e_n);
     out2(c.e_n_dot, MPS, out->e_n_dot);
@@ -238,8 +239,8 @@ void api_compensation(const api_drive *d, const struct api_frame *frame, const i
                      mk(frame->theta_dot * T0), &o);
     compensator_adapt(&d->cfg.compensator, &state, 0, o.s, d->cfg.dt);
     compensator_adapt(&d->cfg.compensator, &state, 1, o.s, d->cfg.dt);
-    q_bar[0] = told_pos(state.q_bar[0]);
-    q_bar[1] = told_pos(state.q_bar[1]);
+    q_bar[0] = result_pos(state.q_bar[0]);
+    q_bar[1] = result_pos(state.q_bar[1]);
     out2(v2(acc_to(state.mu[0]), acc_to(state.mu[1])), MPS2, mu);
     out2(o.z_n, UM, out->z_n);
     out2(o.s, MPS, out->s);
@@ -251,8 +252,8 @@ void api_model(const api_drive *d, const double *u_bar, int64_t *q_bar, double *
 {
     struct compensator_state state = {.q_bar = {pos_of(q_bar[0]), pos_of(q_bar[1])}, .q_bar_dot = in2(q_bar_dot, MPS)};
     compensator_model(&d->cfg.plant, &state, in2(u_bar, 1), d->cfg.dt);
-    q_bar[0] = told_pos(state.q_bar[0]);
-    q_bar[1] = told_pos(state.q_bar[1]);
+    q_bar[0] = result_pos(state.q_bar[0]);
+    q_bar[1] = result_pos(state.q_bar[1]);
     out2(state.q_bar_dot, MPS, q_bar_dot);
 }
 
@@ -262,10 +263,10 @@ void api_observe(const api_drive *d, int i, int64_t measured, double force, int6
     struct observer_state s = {.pos = pos_of(*pos), .vel = mk(state[0] / MPS), .disturbance = mk(state[1] / MPS2)};
     observer_step(&d->cfg.observer, &s, pos_of(measured), mk(force), i == 0 ? p->mass.x : p->mass.y,
                   i == 0 ? p->viscous.x : p->viscous.y);
-    *pos = told_pos(s.pos);
-    state[0] = told(s.vel) * MPS;
-    state[1] = told(s.disturbance) * MPS2;
-    state[2] = told(s.acc) * MPS2;
+    *pos = result_pos(s.pos);
+    state[0] = result(s.vel) * MPS;
+    state[1] = result(s.disturbance) * MPS2;
+    state[2] = result(s.acc) * MPS2;
 }
 
 void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force)
@@ -280,7 +281,7 @@ void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, d
     struct cascade_state state = {.integral = in2(integral, UM), .coupled = mk(integral[2] / UM)};
     out2(cascade_step(&d->cfg.cascade, &d->cfg.plant, &state, &x, coupled != 0, d->cfg.dt), 1, force);
     out2(state.integral, UM, integral);
-    integral[2] = told(state.coupled) * UM;
+    integral[2] = result(state.coupled) * UM;
 }
 
 double api_power(const api_drive *d, int i, double velocity, double acceleration)
@@ -288,9 +289,9 @@ double api_power(const api_drive *d, int i, double velocity, double acceleration
     const struct plant_cfg *p = &d->cfg.plant;
     struct energy_state state;
     energy_reset(&state);
-    return told(energy_step(&d->cfg.energy[i], &state, i == 0 ? p->mass.x : p->mass.y,
-                            i == 0 ? p->viscous.x : p->viscous.y, i == 0 ? p->coulomb.x : p->coulomb.y,
-                            mk(velocity / MPS), mk(acceleration / MPS2)));
+    return result(energy_step(&d->cfg.energy[i], &state, i == 0 ? p->mass.x : p->mass.y,
+                              i == 0 ? p->viscous.x : p->viscous.y, i == 0 ? p->coulomb.x : p->coulomb.y,
+                              mk(velocity / MPS), mk(acceleration / MPS2)));
 }
 
 void api_servo_reset(api_drive *d, const int64_t *measured)
@@ -314,6 +315,6 @@ void api_servo_step(api_drive *d, const struct api_path *path, const int64_t *me
     out2(out.contour.e_n, UM, e_n);
     *energy_J = 0;
     for (int i = 0; i < 2; i++) {
-        *energy_J += (d->state.energy[i].mJ + told(d->state.energy[i].part_mJ)) * 1e-3;
+        *energy_J += (d->state.energy[i].mJ + result(d->state.energy[i].fraction_mJ)) * 1e-3;
     }
 }

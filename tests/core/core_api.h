@@ -1,12 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* core_api.h: the control core for Python: SI doubles in and out, one call a module. For the tests only.
+/* core_api.h: the control core for Python, with SI doubles in and out and one call for each module. The tests call
+ * it through cffi (binding.py) to compare the core with the NumPy model, in a host process.
+ *
  * The lines between CDEF-BEGIN and CDEF-END are plain C declarations that cffi reads as they are. */
 #ifndef KONTUR_CORE_API_H
 #define KONTUR_CORE_API_H
 #include <stdint.h>
 
 /* CDEF-BEGIN */
-/* tests/oracle.py, class Params: the same names, without units */
+/* The parameters of the NumPy model (class Params), with the same names without units. */
 struct api_params {
     double dt, mass[2], viscous[2], coulomb[2], force_max[2], observer;
     double v_min, lag_max;
@@ -15,7 +17,7 @@ struct api_params {
     double friction_rate, mass_rate, feedforward_acceleration;
     double k_p, k_v, k_i, coupling, integral_max;
     double force_constant[2], impedance[2], back_emf[2], power_factor, blend;
-    int newton, psi_printed, mu_printed, whole_input;
+    int newton, psi_printed, mu_printed, input_printed;
 };
 
 struct api_point {
@@ -23,7 +25,7 @@ struct api_point {
 };
 
 struct api_path {
-    int64_t s; /* path time, knots times path_one */
+    int64_t s; /* path time, knots times api_path_one() */
     double rate, rate_dot;
 };
 
@@ -48,7 +50,7 @@ struct api_compensation {
     double z_n[2], s[2], v[2], u[2];
 };
 
-/* One drive: knots, parameters, states. Positions of 2^-16 nm are int64, as in the core. */
+/* One drive: knots, parameters and states. Positions are int64 in 2^-16 nm, as in the core. */
 typedef struct api_drive api_drive;
 
 int64_t api_path_one(void);
@@ -60,18 +62,18 @@ void api_spline(const api_drive *d, int64_t s, struct api_point *out);
 void api_contour(const api_drive *d, const struct api_path *path, const int64_t *q, const double *q_dot,
                  struct api_contour *out);
 void api_law(const api_drive *d, const struct api_law_in *in, double *k_hat, struct api_law_out *out);
-/* q_bar, q_bar_dot, mu: state, changed */
+/* q_bar, q_bar_dot and mu are the state; q_bar and mu are changed. */
 void api_compensation(const api_drive *d, const struct api_frame *frame, const int64_t *q, const double *q_dot,
                       int64_t *q_bar, const double *q_bar_dot, double *mu, struct api_compensation *out);
 void api_model(const api_drive *d, const double *u_bar, int64_t *q_bar, double *q_bar_dot);
-/* state: velocity, unexplained acceleration, acceleration of the prediction; of axis i */
+/* state is velocity, unexplained acceleration and predicted acceleration of axis i; it and pos are changed. */
 void api_observe(const api_drive *d, int i, int64_t measured, double force, int64_t *pos, double *state);
-/* errors as in api_contour; integral: x, y, coupled */
+/* The errors are those of api_contour(). integral is x, y and coupled; it is changed. */
 void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force);
 double api_power(const api_drive *d, int i, double velocity, double acceleration);
 
 void api_servo_reset(api_drive *d, const int64_t *measured);
-/* velocity: of the observer; energy_J: x + y so far */
+/* velocity is that of the observer; energy_J is the energy of both axes so far. */
 void api_servo_step(api_drive *d, const struct api_path *path, const int64_t *measured, int controller, int enabled,
                     double *force, double *velocity, double *e_n, double *energy_J);
 /* CDEF-END */

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* num_bound.h: a back end of num.h that carries, beside each value, how far the rounding of another back end may have
- * moved it: running error analysis. The control files themselves, compiled with this, say how exact they are.
+/* num_bound.h: a back end of num.h that computes, beside each value, how far the rounding of another back end may
+ * have moved it (running error analysis). Compiled with it, the control files themselves compute their precision. The
+ * tests call it through core_api.h, in a host process.
  *
- * Built with BOUND_FIXED it bounds fixed point, where a product, a quotient and an input err by half a step, 2^-20, and a
- * sum by nothing; without it float32, where everything errs by 2^-24 of itself. Values are double and not rounded, so that
- * they are those of exact arithmetic on the inputs as given; the error of an input is that of its rounding.
- * Errors travel through positions and through path time, too. Comparisons go by the value: what lies within its error of
- * a limit may be bounded by the other side's error.
+ * With BOUND_FIXED it bounds fixed point, where a product, a quotient and an input err by half a step, 2^-20, and a
+ * sum is exact; without it float32, where every operation errs by 2^-24 of its result. Values are doubles and not
+ * rounded, so that they are the results of exact arithmetic on the inputs as given; the error of an input is that of
+ * its rounding. Errors propagate through positions and path time, too. Comparisons go by the value: close to a limit,
+ * the other back end may take the other branch, whose error is not computed here.
  */
 #ifndef KONTUR_NUM_BOUND_H
 #define KONTUR_NUM_BOUND_H
@@ -23,7 +24,7 @@ typedef struct {
     double e;  /* um */
 } pos_t;
 
-/* Error of path time since api_*() was called, T0: n_to_q32() adds to it, n_ratio() of path time has it. */
+/* The error of path time since api_*() was called, T0. n_to_q32() adds to it, and n_ratio() of a path time adds it. */
 extern double bound_path_time;
 
 #define NUM_NAME "bound"
@@ -61,7 +62,7 @@ static inline num n_neg(num a)
     return (num){-a.d, a.e};
 }
 
-/* Nothing of an unbounded error is no error. */
+/* |x| e. It is 0 for x = 0, even where e is infinite. */
 static inline double bound_share(double x, double e)
 {
     return x == 0.0 || e == 0.0 ? 0.0 : fabs(x) * e;
@@ -73,7 +74,7 @@ static inline num n_mul(num a, num b)
                  bound_share(a.d, b.e) + bound_share(b.d, a.e) + bound_share(a.e, b.e) + BOUND(a.d * b.d, 1)};
 }
 
-#ifndef BOUND_FIXED /* float32 rounds a product and the sum of it with another at once */
+#ifndef BOUND_FIXED /* float32 rounds a product and its sum once */
 #define NUM_MAD
 static inline num n_mad(num a, num b, num c)
 {
@@ -99,7 +100,7 @@ static inline bool n_lt(num a, num b)
     return a.d < b.d;
 }
 
-/* The root of fixed point is rounded down: twice half a step. */
+/* Fixed point rounds a root down, which errs by up to two half steps. */
 static inline num n_sqrt(num a)
 {
     const double r = sqrt(fmax(a.d, 0.0));

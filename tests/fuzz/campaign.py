@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fuzz until so many executions have been made, one fuzzer after the other, and say what was done.
+"""Fuzz until RUNS executions have been made, one fuzzer after the other, and log what was done.
 
-Rounds of a fiftieth of RUNS each: every fuzzer gets its share with UndefinedBehaviorSanitizer, and again with
-AddressSanitizer as well. A round has one seed, SEED plus its number. Each run is a line of build/fuzz/campaign.jsonl;
-started again, it goes on after the last one, with the programs as they are built then. A finding ends it.
+The campaign has rounds of a fiftieth of RUNS each. In a round every fuzzer gets its share twice: with
+UndefinedBehaviorSanitizer alone, and with AddressSanitizer as well. A round has one seed, SEED plus its number. Each
+run of a fuzzer is a line of build/fuzz/campaign.jsonl. When the campaign is started again, it continues after the last
+line, with the programs as they are built then. A finding ends it.
 
-Usage: campaign.py RUNS SEED [SECONDS]   fuzz, no longer than about SECONDS
-       campaign.py --write FILE          put the table of the log into a Markdown file, between its two marks
+Usage: campaign.py RUNS SEED [SECONDS]   fuzz, for about SECONDS at most
+       campaign.py --write FILE          write the table of the log between the two marks of a Markdown file
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+import corpus
+
 BUILD = Path("build/fuzz")
 LOG = BUILD / "campaign.jsonl"
 MARKS = ("<!-- fuzz campaign: begin -->", "<!-- fuzz campaign: end -->")
@@ -30,12 +33,12 @@ GCODE_SECONDS = 4.0  # a round
 
 
 def lines() -> list[dict[str, Any]]:
-    """What has been run so far."""
+    """Lines of the log."""
     return [json.loads(line) for line in LOG.read_text().splitlines()] if LOG.exists() else []
 
 
 def note(**line: Any) -> None:
-    """One run, with when it ended and of which commit it is."""
+    """Add a line to the log, with the time and the commit."""
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=True)
     head = {"date": datetime.now(timezone.utc).isoformat(timespec="seconds"), "commit": commit.stdout.strip()}
     with LOG.open("a") as log:
@@ -43,12 +46,13 @@ def note(**line: Any) -> None:
 
 
 def fuzz(name: str, sanitizers: str, runs: int, seed: int) -> None:
-    """One run of a C fuzzer; SystemExit on a finding."""
-    corpus = BUILD / "corpus" / name
-    corpus.mkdir(parents=True, exist_ok=True)
+    """Run a C fuzzer once; SystemExit on a finding."""
+    found, seeds = BUILD / "corpus" / name, BUILD / "seeds" / name
+    found.mkdir(parents=True, exist_ok=True)
+    corpus.unpack(name, seeds)
     command = [str(BUILD / sanitizers / name), f"-runs={runs}", f"-seed={seed}", "-max_len=160", "-len_control=0"]
     command += ["-entropic=0", "-detect_leaks=0", "-print_final_stats=1", f"-artifact_prefix={BUILD}/{name}-"]
-    command += [str(corpus), f"tests/fuzz/corpus/{name}"]
+    command += [str(found), str(seeds)]
     begin = time.monotonic()
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     seconds = time.monotonic() - begin
@@ -61,7 +65,7 @@ def fuzz(name: str, sanitizers: str, runs: int, seed: int) -> None:
 
 
 def fuzz_gcode(seed: int) -> None:
-    """One run of the fuzzer in Python; SystemExit on a finding."""
+    """Run the fuzzer in Python once; SystemExit on a finding."""
     command = [sys.executable, "tests/fuzz/gcode.py", str(GCODE_SECONDS), str(1000 * seed)]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     if run.returncode != 0:
@@ -71,7 +75,7 @@ def fuzz_gcode(seed: int) -> None:
 
 
 def campaign(runs: int, seed: int, seconds: float) -> None:
-    """Rounds until `runs` are reached or the time is over."""
+    """Run rounds until `runs` executions are reached or the time is over."""
     end = time.monotonic() + seconds
     number = 1 + max((line["round"] for line in lines() if "round" in line), default=-1)
     while (total := sum(line["executions"] for line in lines() if "executions" in line)) < runs:
@@ -87,7 +91,7 @@ def campaign(runs: int, seed: int, seconds: float) -> None:
 
 
 def table() -> str:
-    """The log as a Markdown table, and a line of what it stands for."""
+    """The log as a Markdown table, after a line that says which runs it sums up."""
     done = [line for line in lines() if "executions" in line]
     rows = ["| Fuzzer | Executions | of these with ASan | a second | Edges reached |", "|---|---|---|---|---|"]
     for name in [*FUZZERS, "gcode"]:
@@ -100,15 +104,15 @@ def table() -> str:
     seeds = sorted({line["seed"] for line in done if line["fuzzer"] != "gcode"})
     commits = list(dict.fromkeys(line["commit"] for line in done))
     total = sum(line["executions"] for line in done)
-    told = (
+    summary = (
         f"{total:,} executions from {done[0]['date'][:16]} to {done[-1]['date'][:16]} UTC, seeds {seeds[0]} to"
         f" {seeds[-1]}, commits {', '.join(commits)}:"
     )
-    return "\n".join([told, "", *rows])
+    return "\n".join([summary, "", *rows])
 
 
 def write(path: Path) -> None:
-    """Put the table into a file."""
+    """Replace the table in a Markdown file."""
     before, rest = path.read_text().split(MARKS[0])
     path.write_text(f"{before}{MARKS[0]}\n{table()}\n{MARKS[1]}{rest.split(MARKS[1])[1]}")
 

@@ -281,10 +281,10 @@ static void go_on(enum start to)
 {
     if (to == SILENT_HOST) {
         rig.heartbeat_every_ms = 0;
-        for (unsigned ms = 0; ms < 1000 && rig.device.node.consumer_left_ms > 2; ms++) {
+        for (unsigned ms = 0; ms < 1000 && rig.device.node.nmt.consumer_left_ms > 2; ms++) {
             rig_ms(&rig, 1);
         }
-        TEST_ASSERT_EQUAL(2, rig.device.node.consumer_left_ms);
+        TEST_ASSERT_EQUAL(2, rig.device.node.nmt.consumer_left_ms);
         expect_state(CIA402_OPERATION_ENABLED);
     } else if (to == STOPPING || to == STOPPED) {
         rig_controlwords(&rig, 0x0B, 0x0B);

@@ -15,9 +15,9 @@ import numpy as np
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
 
-from kontur import gcode
 from kontur.errors import FileError
-from kontur.path import Dwell, Program
+from kontur.path import gcode
+from kontur.path.geometry import Dwell, Program
 
 CORPUS = Path(__file__).parent / "corpus" / "gcode"
 BATCH = 200

@@ -123,7 +123,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     bus.room = SENT_MAX;
     for (unsigned i = 0; i < STEPS_MAX && in.left > 0; i++) {
         take(&in);
-        TEST_ASSERT_TRUE(bus.node.sdo.transfer <= CO_SDO_BLOCK_UPLOAD_END && bus.node.tx_count <= CO_TX_FRAMES);
+        TEST_ASSERT_TRUE(bus.node.sdo.transfer.phase <= CO_SDO_BLOCK_UPLOAD_END && bus.node.tx.count <= CO_TX_FRAMES);
     }
     for (uint16_t i = 0; i < od_table_len; i++) {
         const struct od_entry *e = &od_table[i];

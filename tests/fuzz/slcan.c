@@ -12,7 +12,7 @@ static void expect_round_trip(const struct slcan *sender, const struct can_frame
     char line[SLCAN_FRAME];
     struct slcan open = *sender, receiver;
     open.open = true;
-    const unsigned count = slcan_line(&open, frame, ms, line);
+    const unsigned count = slcan_format(&open, frame, ms, line);
     TEST_ASSERT_TRUE(count > 0 && count <= SLCAN_FRAME && line[count - 1] == '\r');
     slcan_init(&receiver, 0);
     receiver.open = true;
@@ -20,9 +20,9 @@ static void expect_round_trip(const struct slcan *sender, const struct can_frame
     struct can_frame back = {0};
     struct slcan_answer answer;
     for (unsigned i = 0; i < without_stamp; i++) {
-        TEST_ASSERT_EQUAL(SLCAN_NOTHING, slcan_take(&receiver, line[i], &back, &answer));
+        TEST_ASSERT_EQUAL(SLCAN_NOTHING, slcan_parse(&receiver, line[i], &back, &answer));
     }
-    TEST_ASSERT_EQUAL(SLCAN_HAS_FRAME, slcan_take(&receiver, '\r', &back, &answer));
+    TEST_ASSERT_EQUAL(SLCAN_HAS_FRAME, slcan_parse(&receiver, '\r', &back, &answer));
     TEST_ASSERT_TRUE(back.id == frame->id && back.len == frame->len && back.rtr == frame->rtr);
     TEST_ASSERT_TRUE(frame->rtr || memcmp(back.data, frame->data, frame->len) == 0);
 }
@@ -39,7 +39,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         struct slcan_answer answer;
         const bool could_hear = s.open && !s.listen_only;
         const uint32_t refused = s.refused;
-        const enum slcan_event event = slcan_take(&s, (char)data[i], &frame, &answer);
+        const enum slcan_event event = slcan_parse(&s, (char)data[i], &frame, &answer);
         TEST_ASSERT_TRUE(answer.count <= SLCAN_ANSWER && s.count <= SLCAN_LINE + 1 && event <= SLCAN_CLOSED);
         const bool bell = answer.count > 0 && answer.text[answer.count - 1] == '\a';
         TEST_ASSERT_EQUAL(refused + (bell ? 1u : 0u), s.refused);
@@ -53,7 +53,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct can_frame frame;
     struct slcan_answer answer;
     for (const char *c = "\rO\rt1230\r"; *c != '\0'; c++) {
-        if (slcan_take(&s, *c, &frame, &answer) == SLCAN_HAS_FRAME && c[1] == '\0') {
+        if (slcan_parse(&s, *c, &frame, &answer) == SLCAN_HAS_FRAME && c[1] == '\0') {
             TEST_ASSERT_EQUAL_HEX16(0x123, frame.id);
             return 0;
         }

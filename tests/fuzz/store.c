@@ -147,8 +147,7 @@ static uint32_t save(struct settings *s, unsigned which, uint8_t node_id)
     if (which == SAVE_NODE) {
         return settings_store_node(s, node_id) ? SDO_OK : SDO_ABORT_HARDWARE;
     }
-    const bool whole = saves[which].index == 0x1010;
-    return settings_command(s, entry(saves[which].index, saves[which].sub), whole ? 0x65766173 : 0x64616F6C, node_id);
+    return settings_command(s, entry(saves[which].index, saves[which].sub), node_id);
 }
 
 /* The first byte of the input says what is saved: often nothing, since that takes longest. */
@@ -159,7 +158,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     const unsigned which = bytes_u8(&in) % NO_SAVE;
     sim_flash_init(&flash, 1);
     fill(&in);
-    const uint8_t node_id = settings_init(&s, &od, &hal, NODE);
+    const uint8_t node_id = settings_init(&s, &od, &hal, NODE, configuration_fits);
     expect_sound(&od, node_id);
     if (which >= SAVES) {
         return 0;
@@ -171,11 +170,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         return 0;
     }
     struct settings t;
-    const uint8_t node_after = settings_init(&t, &again, &hal, NODE);
+    const uint8_t node_after = settings_init(&t, &again, &hal, NODE, configuration_fits);
     TEST_ASSERT_TRUE(t.store.found && t.store.damaged == s.store.damaged);
     expect_sound(&again, node_after);
-    TEST_ASSERT_EQUAL_HEX32(s.unfit, t.unfit);
-    TEST_ASSERT_EQUAL_HEX32(0, t.unfit & saves[which].replaced);
+    TEST_ASSERT_EQUAL_HEX32(s.invalid, t.invalid);
+    TEST_ASSERT_EQUAL_HEX32(0, t.invalid & saves[which].replaced);
     TEST_ASSERT_TRUE(!t.store.damaged || (saves[which].replaced & STORE_APPLICATION) == 0);
     if (saves[which].same && node_id != OD_UNCONFIGURED) {
         TEST_ASSERT_EQUAL(node_id, node_after);

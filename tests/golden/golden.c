@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* golden.c: the inputs of the golden vectors, golden.h. */
 #include "golden.h"
 
 #include <string.h>
@@ -49,7 +50,8 @@ static void put2(vec2 v)
 
 /* ---- inputs ---- */
 
-static int32_t any(int32_t limit) /* -limit .. limit - 1 */
+/* A random integer in -limit..limit - 1. */
+static int32_t any(int32_t limit)
 {
     random_state ^= random_state << 13;
     random_state ^= random_state >> 17;
@@ -57,7 +59,7 @@ static int32_t any(int32_t limit) /* -limit .. limit - 1 */
     return (int32_t)(random_state % (2u * (uint32_t)limit)) - limit;
 }
 
-/* within +-limit / 1000, written down */
+/* A random input within +-limit / 1000, which is a word of the vector, too. */
 static num in(int32_t limit)
 {
     const num x = n_ratio(any(limit), 1000);
@@ -91,7 +93,7 @@ static void in_pos2(int32_t limit_nm, pos_t q[2])
     q[1] = in_pos(limit_nm);
 }
 
-/* A circle of 4 mm at 3.9 mm/s in integers: each step turns by 1/1024 rad. */
+/* A circle of 4 mm at 3.9 mm/s in integers. Each step turns by 1/1024 rad. */
 static void circle(struct spline_ring *ring, uint32_t count)
 {
     int32_t x = 4000000, y = 0;
@@ -142,7 +144,7 @@ static void modules(const struct servo_cfg *c)
         q[0] += p.pos[0];
         q[1] += p.pos[1];
         struct contour_out o;
-        contour_step(&c->contour, &(struct spline_kept){0}, &ring, &path, q, v2_add(p.d1, in2(5000)), &o);
+        contour_step(&c->contour, &(struct spline_cache){0}, &ring, &path, q, v2_add(p.d1, in2(5000)), &o);
         put2(o.e_w);
         put2(o.e_w_dot);
         put2(o.e_l);
@@ -157,7 +159,7 @@ static void modules(const struct servo_cfg *c)
         put2(o.e_n_dot);
         put2(o.a_n);
     }
-    vector = "asmc";
+    vector = "smc";
     struct smc_state law;
     smc_reset(&c->smc, &law);
     for (int i = 0; i < 16; i++) {
@@ -178,7 +180,7 @@ static void modules(const struct servo_cfg *c)
         put_acc(law.k_hat[0]);
         put_acc(law.k_hat[1]);
     }
-    vector = "uncertainty";
+    vector = "compensator";
     struct compensator_state u;
     const pos_t origin[2] = {0, 0};
     compensator_reset(&c->compensator, &u, origin, v2(NUM(0), NUM(0)));
@@ -202,7 +204,7 @@ static void modules(const struct servo_cfg *c)
             put_acc(u.mu[k]);
         }
     }
-    vector = "learning";
+    vector = "feedforward";
     struct feedforward_state l;
     feedforward_reset(&l);
     for (int i = 0; i < 8; i++) {
@@ -245,7 +247,7 @@ static void modules(const struct servo_cfg *c)
         const num v = in(400000);
         put(energy_step(&c->energy[1], &e, c->plant.mass.y, c->plant.viscous.y, c->plant.coulomb.y, v, in(50000)));
         word((uint32_t)e.mJ);
-        put(e.part_mJ);
+        put(e.fraction_mJ);
     }
     vector = "path";
     struct path_clock path;
@@ -265,10 +267,11 @@ static void modules(const struct servo_cfg *c)
 /* ---- the servo in closed loop, with a plant in integers ---- */
 
 struct axis {
-    int64_t pos, vel; /* 2^-16 nm, and that a period */
+    int64_t pos, vel; /* 2^-16 nm, 2^-16 nm in a period */
 };
 
-/* About Table 1: 1 mN for one period is 7.4 units of speed; viscous friction takes 53e-5 of it, Coulomb friction 45.5 N. */
+/* About the machine of Table 1. A force of 1 mN for one period gives a speed of 7.4 units. Viscous friction takes
+ * 53e-5 of the speed in a period, and Coulomb friction is 45.5 N. */
 static void move(struct axis *a, int32_t force_mN)
 {
     const int64_t friction = 45500 * 74 / 10;
@@ -277,7 +280,7 @@ static void move(struct axis *a, int32_t force_mN)
     a->pos += a->vel;
 }
 
-/* FNV-1a, of things without padding, least significant byte first */
+/* The hash FNV-1a of data without padding, least significant byte first. */
 static void mix(uint32_t *hash, const void *data, uint32_t size)
 {
     const uint8_t *bytes = data;
@@ -334,9 +337,9 @@ static void closed_loop(const struct servo_cfg *c)
     }
 }
 
-void golden_run(golden_put put_it, void *ctx)
+void golden_run(golden_put put_words, void *ctx)
 {
-    put_word = put_it;
+    put_word = put_words;
     put_ctx = ctx;
     random_state = 2463534242u;
     struct servo_cfg c = nominal();

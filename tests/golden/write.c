@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes the header with the words of the back end that this is built for. */
+/* write.c: a program that writes the golden vectors of its back end as a C header. `make golden` runs it. */
 #include <stdio.h>
 #include <string.h>
 

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from targets import MACHINE, Drive
 
-from kontur import planner, shapes
-from kontur.device import Device
-from kontur.link import Link
-from kontur.run import limits
+from kontur.can.link import Link
+from kontur.drive.device import Device
+from kontur.path import shapes
+from kontur.planning import planner
+from kontur.planning.bounds import limits
 
 Knots = NDArray[np.int32]
 Metres = NDArray[np.float64]

@@ -10,9 +10,10 @@ import sys
 
 import numpy as np
 
-from kontur.device import Device, open_bus
-from kontur.link import Link
-from kontur.stream import stream
+from kontur.can.bus import open_bus
+from kontur.can.link import Link
+from kontur.drive.device import Device
+from kontur.drive.stream import stream
 
 options, node_id, knots, room = sys.argv[1:]
 with open_bus(json.loads(options)) as bus:

@@ -20,9 +20,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from kontur import emulator, machine, simprocess
-from kontur.device import connected, open_bus
+from kontur import machine
+from kontur.can.bus import open_bus
+from kontur.drive.device import connected
 from kontur.machine import Machine
+from kontur.sim import emulator
+from kontur.sim import process as sim_process
 
 # Without the friction that vanishes at times, in which an axis without power would float away.
 MACHINE = dataclasses.replace(machine.load(), friction_schedule=(), friction_repeat_s=0.0)
@@ -113,11 +116,11 @@ class Process(Target):
     def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> Iterator[Drive]:
         with tempfile.TemporaryDirectory() as folder, ExitStack() as running:
             record = Path(folder) / "truth"
-            sim = running.enter_context(simprocess.start(**self.bus, pace=pace, machine=plant, record=record))
+            sim = running.enter_context(sim_process.start(**self.bus, pace=pace, machine=plant, record=record))
 
             def truth_m() -> Metres:
                 running.close()
-                return simprocess.read_record(record).pos_m
+                return sim_process.read_record(record).pos_m
 
             yield Drive(
                 sim.options(),

@@ -7,10 +7,10 @@ import pytest
 from rig import Rig
 from targets import Target, needs_clock
 
-from kontur import wire
-from kontur.device import DISABLE_VOLTAGE, ENABLE, FAULT_RESET, RUN_PATH, SHUTDOWN, SWITCH_ON
+from kontur.can import wire
+from kontur.drive.device import DISABLE_VOLTAGE, ENABLE, FAULT_RESET, RUN_PATH, SHUTDOWN, SWITCH_ON
+from kontur.drive.stream import stream
 from kontur.errors import EmcyError
-from kontur.stream import stream
 
 pytestmark = pytest.mark.motion
 

@@ -7,12 +7,12 @@ import pytest
 from rig import Rig, checksum, moving
 from targets import MACHINE, Target
 
-from kontur.faults import Faults, FaultyBus
-from kontur.stream import stream
+from kontur.can.bad_bus import BadBus, BusFaults
+from kontur.drive.stream import stream
 
 pytestmark = pytest.mark.motion
 
-MIX = Faults(drop=0.02, duplicate=0.01, reorder=0.01, flip=0.005, seed=1)
+MIX = BusFaults(drop=0.02, duplicate=0.01, reorder=0.01, flip=0.005, seed=1)
 WORSE = dataclasses.replace(MIX, delay=0.01, burst=0.0005, burst_frames=3, seed=2)
 LAPS = 6.0
 START_S = 3.0
@@ -22,12 +22,12 @@ QUIET = dataclasses.replace(
 )
 
 
-def errors_of_circle(target: Target, faults: Faults) -> tuple[float, float] | None:
+def errors_of_circle(target: Target, faults: BusFaults) -> tuple[float, float] | None:
     """Run it; greatest and mean distance in m from the circle, where the drive's time is the host's: the true one, or
     where nobody knows that, the drive's own estimate."""
     with target.power_on(plant=QUIET if target.simulated else MACHINE) as drive, Rig(drive) as rig:
         knots_nm = rig.circle(LAPS)
-        bus = FaultyBus(inner=rig.bus, faults=faults)
+        bus = BadBus(inner=rig.bus, faults=faults)
         rig.connect(bus)
 
         def wait() -> None:
@@ -40,7 +40,7 @@ def errors_of_circle(target: Target, faults: Faults) -> tuple[float, float] | No
             assert result.completed
             assert result.executed == len(knots_nm)
             assert rig.device.confirmed("stream.checksum") == checksum(knots_nm)
-        if faults != Faults():
+        if faults != BusFaults():
             assert sum(result.rejected.values()) > 0
             assert result.retransmitted > 0
             assert min(bus.to_drive.lost, bus.to_host.lost, bus.to_drive.flipped, bus.to_host.flipped) > 0
@@ -57,12 +57,12 @@ def errors_of_circle(target: Target, faults: Faults) -> tuple[float, float] | No
 
 @pytest.fixture(scope="module")
 def clean(target: Target) -> tuple[float, float] | None:
-    return errors_of_circle(target, Faults())
+    return errors_of_circle(target, BusFaults())
 
 
 @pytest.mark.parametrize("faults", [MIX, WORSE], ids=["mix", "worse"])
 def test_circle_on_a_bad_bus_is_that_on_a_clean_one(
-    target: Target, clean: tuple[float, float] | None, faults: Faults
+    target: Target, clean: tuple[float, float] | None, faults: BusFaults
 ) -> None:
     bad = errors_of_circle(target, faults)
     if clean is not None and bad is not None:

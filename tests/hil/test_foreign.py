@@ -11,7 +11,7 @@ import pytest
 from rig import Rig
 from targets import Target, needs_clock
 
-from kontur import wire
+from kontur.can import wire
 
 ROOT = Path(__file__).resolve().parents[2]
 DBC = ROOT / "host" / "kontur" / "kontur.dbc"

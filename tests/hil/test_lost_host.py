@@ -17,10 +17,10 @@ import pytest
 from rig import Knots, Rig
 from targets import Drive, Target, needs_clock
 
-from kontur import wire
+from kontur.can import wire
+from kontur.can.bad_bus import BadBus
+from kontur.drive.stream import _Sender
 from kontur.errors import KonturError
-from kontur.faults import FaultyBus
-from kontur.stream import _Sender
 
 pytestmark = pytest.mark.motion
 
@@ -128,7 +128,7 @@ def test_bus_off_stops_the_drive_on_the_path(target: Target) -> None:
     # A drive whose time passes with SYNC would wait for the host for ever.
     with (
         target.power_on("clock" if target.outlives_host else "sync") as drive,
-        Rig(drive, bus := FaultyBus(inner=drive.open())) as rig,
+        Rig(drive, bus := BadBus(inner=drive.open())) as rig,
     ):
         stream_until(rig, rig.circle(LAPS), 0.5)
         bus.go_bus_off(60.0)

@@ -8,10 +8,10 @@ import pytest
 from rig import Rig, checksum
 from targets import Target
 
-from kontur.device import Device
+from kontur.can.link import Link
+from kontur.drive.device import Device
+from kontur.drive.stream import stream
 from kontur.errors import HeldError
-from kontur.link import Link
-from kontur.stream import stream
 
 pytestmark = pytest.mark.motion
 

@@ -16,9 +16,9 @@ import pytest
 from rig import Rig, checksum
 from targets import Target, needs_clock
 
-from kontur.device import BIT_PATH_RUNS, ENABLE, RUN_PATH
+from kontur.drive.device import BIT_PATH_RUNS, ENABLE, RUN_PATH
+from kontur.drive.stream import _Sender, stream
 from kontur.errors import KonturError
-from kontur.stream import _Sender, stream
 
 pytestmark = pytest.mark.motion
 

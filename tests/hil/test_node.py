@@ -9,7 +9,7 @@ from canopen.objectdictionary.datatypes import DOMAIN
 from canopen.sdo import SdoAbortedError
 from rig import PRE_OPERATIONAL, RESET_COMMUNICATION, RESET_NODE, START, STATE_OF, STOP, Rig
 
-from kontur import wire
+from kontur.can import wire
 from kontur.errors import DeviceError, ParameterError
 
 

@@ -11,12 +11,17 @@ import numpy as np
 import pytest
 from targets import Target
 
-from kontur import machine, run, shapes
-from kontur.device import connected, open_bus
-from kontur.experiment import CASES, Case
-from kontur.log import RunLog
+from kontur import machine
+from kontur.can.bus import open_bus
+from kontur.drive.device import connected
+from kontur.drive.target import Target as RunTarget
+from kontur.experiments.circles import CASES, Case
 from kontur.machine import Machine
-from kontur.planner import Trajectory, plan
+from kontur.path import shapes
+from kontur.planning.bounds import limits
+from kontur.planning.planner import Trajectory, plan
+from kontur.runs.log import RunLog
+from kontur.runs.runner import run
 
 pytestmark = pytest.mark.motion
 
@@ -32,7 +37,7 @@ def path(case: Case, seconds: float | None = None) -> tuple[Trajectory, Machine]
     program = case.program()
     if seconds is not None:
         program = shapes.circle(case.radius_m, case.feed_mps, duration_s=seconds)
-    return plan(program, run.limits(PLANT)), PLANT.starting_at(program.start_m)
+    return plan(program, limits(PLANT)), PLANT.starting_at(program.start_m)
 
 
 def log_of(target: Target, trajectory: Trajectory, plant: Machine) -> tuple[RunLog, int]:
@@ -43,8 +48,8 @@ def log_of(target: Target, trajectory: Trajectory, plant: Machine) -> tuple[RunL
             device.link.wait(lambda: False, 0.01)  # so that it starts anew, where it is told to
             device.set_parameters(plant.parameters(SEED))
             on_for_ms = device.read("clock.tick")
-        over_bus = run.Target(plant, bus=drive.bus_options, node_id=drive.node_id, place_at_start=False)
-        return run.run(trajectory, "ccu", over_bus).log, on_for_ms
+        over_bus = RunTarget(plant, bus=drive.bus_options, node_id=drive.node_id, place_at_start=False)
+        return run(trajectory, "ccu", over_bus).log, on_for_ms
 
 
 def log_in_process(
@@ -52,8 +57,8 @@ def log_in_process(
 ) -> RunLog:
     """The same in this process, on a drive that has been on for as long."""
     options = {"interface": "kontur", "channel": "sim", "pace": "sync", "on_for_ms": on_for_ms}
-    in_process = run.Target(plant, bus=options, seed=SEED)
-    return run.run(trajectory, "ccu", in_process, parameters=parameters).log
+    in_process = RunTarget(plant, bus=options, seed=SEED)
+    return run(trajectory, "ccu", in_process, parameters=parameters).log
 
 
 def differing(log: RunLog, other: RunLog) -> list[str]:
@@ -94,5 +99,5 @@ def test_another_gain_by_its_smallest_step_gives_another_log(target: Target) -> 
     assert {"force_x_N", "x_mm"} <= set(differing(log, log_in_process(trajectory, plant, on_for_ms, ONE_STEP)))
     other_seed = dataclasses.replace(plant, name="noise of another seed")
     options = {"interface": "kontur", "channel": "sim", "pace": "sync", "on_for_ms": on_for_ms}
-    other = run.run(trajectory, "ccu", run.Target(other_seed, bus=options, seed=SEED + 1)).log
+    other = run(trajectory, "ccu", RunTarget(other_seed, bus=options, seed=SEED + 1)).log
     assert "x_mm" in differing(log, other)

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from rig import Rig
 
-from kontur import scope
-from kontur.device import Device
+from kontur.can.link import Link
+from kontur.drive import scope
+from kontur.drive.device import Device
+from kontur.drive.scope import Setup, Trigger
+from kontur.drive.stream import stream
 from kontur.errors import EmcyError
-from kontur.link import Link
-from kontur.scope import Setup, Trigger
-from kontur.stream import stream
 
 
 def test_capture_at_once_is_read_whole(rig: Rig) -> None:

@@ -6,10 +6,11 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from kontur import machine, wire
-from kontur.device import ENABLE, RUN_PATH, SHUTDOWN, SWITCH_ON
-from kontur.planner import Trajectory
-from kontur.simlib import Sim
+from kontur import machine
+from kontur.can import wire
+from kontur.drive.device import ENABLE, RUN_PATH, SHUTDOWN, SWITCH_ON
+from kontur.planning.planner import Trajectory
+from kontur.sim.library import Sim
 
 MACHINE = machine.load()
 HALT = RUN_PATH | 0x100

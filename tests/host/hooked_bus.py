@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import can
 
-from kontur.simbus import KonturBus
+from kontur.sim.bus import KonturBus
 
 Fault = Callable[[can.Message], can.Message | None]
 

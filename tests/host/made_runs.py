@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from kontur.log import RunLog
+from kontur.runs.log import RunLog
 
 ROWS = 3000
 

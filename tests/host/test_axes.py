@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from kontur import axes, machine
+from kontur import machine
+from kontur.can.link import Link
 from kontur.cli import main
-from kontur.device import Device
+from kontur.drive import axes
+from kontur.drive.device import Device
 from kontur.errors import DeviceError, EmcyError, ParameterError
-from kontur.link import Link
-from kontur.simlib import Sim
+from kontur.sim.library import Sim
 
 MACHINE = machine.load()
 SWITCH_M = 0.148

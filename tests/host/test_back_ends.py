@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kontur import machine, programs
-from kontur.device import CONTROLLERS
-from kontur.experiment import CASES, paper
-from kontur.planner import plan
-from kontur.run import Target, limits, run
+from kontur import machine
+from kontur.drive.device import CONTROLLERS
+from kontur.drive.target import Target
+from kontur.experiments.circles import CASES, paper
+from kontur.path import programs
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs.runner import run
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINE = machine.load()
@@ -66,7 +69,7 @@ def floats_in(objects: list[Path]) -> list[str]:
 
 @pytest.mark.skipif(shutil.which("objdump") is None, reason="needs objdump: apt-get install binutils")
 def test_fixed_point_firmware_has_no_float_in_it(tmp_path: Path) -> None:
-    objects = sorted((ROOT / "build/lib/fix/firmware").rglob("*.o"))
+    objects = sorted((ROOT / "build/host-fix/firmware").rglob("*.o"))
     assert len(objects) > 20
     assert floats_in(objects) == []
     planted = tmp_path / "planted.c"

@@ -11,14 +11,19 @@ import pytest
 from hooked_bus import Fault, HookedBus
 from numpy.typing import NDArray
 
-from kontur import machine, planner, shapes, simprocess, wire
-from kontur.device import ENABLE, Device, open_bus
+from kontur import machine
+from kontur.can import wire
+from kontur.can.bad_bus import BadBus, BusFaults
+from kontur.can.bus import open_bus
+from kontur.can.link import Link
+from kontur.drive.device import ENABLE, Device
+from kontur.drive.stream import StreamResult, stream
 from kontur.errors import EmcyError
-from kontur.faults import Faults, FaultyBus
-from kontur.link import Link
-from kontur.run import limits
-from kontur.simbus import KonturBus
-from kontur.stream import StreamResult, stream
+from kontur.path import shapes
+from kontur.planning import planner
+from kontur.planning.bounds import limits
+from kontur.sim import process as sim_process
+from kontur.sim.bus import KonturBus
 
 RADIUS_M = 0.02
 MACHINE = machine.load().starting_at((RADIUS_M, 0.0))
@@ -27,7 +32,7 @@ QUIET = dataclasses.replace(  # its axes do not creep while a bad bus keeps them
     x=dataclasses.replace(MACHINE.x, force_noise_N=0.0),
     y=dataclasses.replace(MACHINE.y, force_noise_N=0.0),
 )
-BAD = Faults(drop=0.02, duplicate=0.01, reorder=0.01, flip=0.005, seed=1)
+BAD = BusFaults(drop=0.02, duplicate=0.01, reorder=0.01, flip=0.005, seed=1)
 START_S = 4.0
 KNOT, CONTROL, STATUS = wire.RPDO2 + 1, wire.RPDO1 + 1, wire.TPDO1 + 1
 SDO_REQUEST, SDO_RESPONSE, EMCY = 0x601, 0x581, 0x081
@@ -100,12 +105,12 @@ def lost(_message: can.Message) -> None:
 class Job:
     result: StreamResult
     contour_um: NDArray[np.float64]
-    bus: FaultyBus
+    bus: BadBus
 
 
-def job(knots_nm: NDArray[np.int32], faults: Faults, plant: machine.Machine = MACHINE) -> Job:
+def job(knots_nm: NDArray[np.int32], faults: BusFaults, plant: machine.Machine = MACHINE) -> Job:
     """Motion starts at the same time on every bus, because the gains adapt from power-on."""
-    bus = FaultyBus(machine=plant, faults=faults)
+    bus = BadBus(machine=plant, faults=faults)
     inner = bus.inner
     assert isinstance(inner, KonturBus)
     with drive_on(bus) as device, device.enabled():
@@ -123,7 +128,7 @@ def job(knots_nm: NDArray[np.int32], faults: Faults, plant: machine.Machine = MA
 def test_every_one_of_100000_knots_arrives_once_in_order_and_the_contour_error_is_that_of_a_clean_bus() -> None:
     knots_nm = circle(100.0)
     assert len(knots_nm) >= 100_000
-    clean, bad = job(knots_nm, Faults()), job(knots_nm, BAD)
+    clean, bad = job(knots_nm, BusFaults()), job(knots_nm, BAD)
     assert clean.result.retransmitted == 0
     assert bad.result.completed  # which stream() says only if the drive's checksum is that of these knots
     assert bad.result.executed == len(knots_nm)
@@ -145,7 +150,7 @@ def test_short_jobs_end_well_whatever_is_hit(seed: int) -> None:
 
 def test_bus_that_goes_off_stops_the_drive_on_the_path_and_the_fault_is_told_though_its_emcy_is_lost() -> None:
     knots_nm = circle(10.0)
-    bus = FaultyBus(machine=MACHINE, faults=Faults(bus_off_s=1.0))
+    bus = BadBus(machine=MACHINE, faults=BusFaults(bus_off_s=1.0))
     inner = bus.inner
     assert isinstance(inner, KonturBus)
     with drive_on(bus) as device:
@@ -316,13 +321,13 @@ def test_stream_description_corrupted_in_the_drive_is_noticed_before_any_motion(
         assert stream(device, knots_nm).executed == len(knots_nm)
 
 
-@pytest.mark.skipif(not simprocess.PROGRAM.exists(), reason="kontur-sim is not built; run `make lib`")
+@pytest.mark.skipif(not sim_process.PROGRAM.exists(), reason="kontur-sim is not built; run `make lib`")
 def test_corrupted_tick_does_not_part_the_clocks_of_host_and_drive_where_time_passes_with_sync() -> None:
     def is_tick(message: can.Message) -> bool:
         return message.arbitration_id == SDO_RESPONSE and bytes(message.data[:4]) == b"\x43\x20\x20\x03"
 
     with (
-        simprocess.start(slcan_tcp="0", pace="sync", machine=MACHINE) as process,
+        sim_process.start(slcan_tcp="0", pace="sync", machine=MACHINE) as process,
         drive_on(bus := open_bus(process.options())) as device,
     ):
         receive, fault = bus.recv, first(1, is_tick, lambda m: flipped(m, 5, 0))

@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from kontur import busload, simprocess
+from kontur.can import bus_load
+from kontur.can.link import EDS
 from kontur.cli import main
-from kontur.link import EDS
+from kontur.sim import process as sim_process
 
 IN_PROCESS = ("-i", "kontur", "-c", "sim")
 
@@ -27,7 +28,7 @@ def bench(*arguments: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize(("data_bytes", "bits"), [(8, 135), (0, 55), (1, 65), (4, 95)])
 def test_frame_is_as_long_as_the_literature_has_it(data_bytes: int, bits: int) -> None:
-    assert busload.worst_case_bits(data_bytes) == bits
+    assert bus_load.worst_case_bits(data_bytes) == bits
 
 
 def test_default_stream_with_telemetry_takes_no_more_than_45_percent_of_the_bus() -> None:
@@ -44,7 +45,7 @@ def test_share_follows_the_event_timers_and_mappings_of_the_eds(tmp_path: Path) 
     section = text.index("[1803sub5]")
     changed = tmp_path / "changed.eds"
     changed.write_text(text[:section] + text[section:].replace("DefaultValue=0xA", "DefaultValue=0x1", 1))
-    more = sum(load.share for load in busload.loads(eds=changed)) - sum(load.share for load in busload.loads())
+    more = sum(load.share for load in bus_load.loads(eds=changed)) - sum(load.share for load in bus_load.loads())
     assert more == pytest.approx(900 * 135 / 1e6)
 
 
@@ -71,7 +72,7 @@ def test_bad_bus_loses_no_knot_and_its_faults_are_told() -> None:
     assert result["faults"]["to_drive"]["lost"] > 0
 
 
-@pytest.mark.skipif(not simprocess.PROGRAM.exists(), reason="kontur-sim is not built; run `make lib`")
+@pytest.mark.skipif(not sim_process.PROGRAM.exists(), reason="kontur-sim is not built; run `make lib`")
 def test_without_bus_options_the_drive_is_a_process_paced_by_sync() -> None:
     result = bench("stream", "--knots", "1000")
     assert result["bus"].startswith("slcan:socket://")

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from kontur import log
 from kontur.cli import main
-from kontur.device import CONTROLLERS
+from kontur.drive.device import CONTROLLERS
+from kontur.runs import log
 
 CIRCLE = ("run", "circle", "--radius", "5", "--feed", "50")
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from kontur import simprocess
 from kontur.cli import main
+from kontur.sim import process as sim_process
 
 TIMEOUT_S = 60.0
 
@@ -73,7 +73,7 @@ def test_truth_is_written_when_it_ends(tmp_path: Path) -> None:
     with kontur_sim("--slcan-pty", "--record", str(tmp_path / "truth")) as (process, _):
         process.send_signal(signal.SIGTERM)
         assert process.wait(TIMEOUT_S) == 0
-    simprocess.read_record(tmp_path / "truth")
+    sim_process.read_record(tmp_path / "truth")
 
 
 def test_what_the_process_has_to_say_is_passed_on() -> None:

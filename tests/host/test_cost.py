@@ -7,58 +7,59 @@ import json
 import re
 from pathlib import Path
 
+import cost
 import pytest
+import stack
 
-from kontur import bench_step, stack
-from kontur.device import CONTROLLERS
+from kontur.drive.device import CONTROLLERS
 from kontur.errors import InputError
 
 BEFORE = {"m4-f32": {"ccu": {"mean": 1000, "worst": 2000}}, "image": {"stack": {"all": 1000}}}
 LOG = "# Changelog\n\n## 2 (unreleased)\n\n- News.{}\n\n## 1\n\n- m4-f32 ccu mean 9000 worst 9000\n"
 
 
-def cost(mean: int, worst: int = 2000, depth: int = 1000) -> bench_step.Cost:
+def one_cost(mean: int, worst: int = 2000, depth: int = 1000) -> cost.Cost:
     return {"m4-f32": {"ccu": {"mean": mean, "worst": worst}}, "image": {"stack": {"all": depth}}}
 
 
-@pytest.mark.parametrize("now", [cost(1000), cost(1030, 2060, 1030), cost(1, 1, 1)])
-def test_up_to_3_percent_more_is_no_finding(now: bench_step.Cost) -> None:
-    assert bench_step.findings(now, BEFORE, LOG.format("")) == []
+@pytest.mark.parametrize("now", [one_cost(1000), one_cost(1030, 2060, 1030), one_cost(1, 1, 1)])
+def test_up_to_3_percent_more_is_no_finding(now: cost.Cost) -> None:
+    assert cost.findings(now, BEFORE, LOG.format("")) == []
 
 
 def test_more_than_3_percent_is_a_finding_that_says_what_to_write() -> None:
-    (finding,) = bench_step.findings(cost(1031, 2061), BEFORE, LOG.format(""))
+    (finding,) = cost.findings(one_cost(1031, 2061), BEFORE, LOG.format(""))
     assert "m4-f32 ccu: mean 1031 worst 2061; was mean 1000 worst 2000" in finding
     (words,) = re.findall(r'with the words "(.*)"', finding)
-    assert bench_step.findings(cost(1031, 2061), BEFORE, LOG.format(f" The tick does more: {words}.")) == []
-    (finding,) = bench_step.findings(cost(1000, depth=1031), BEFORE, LOG.format(""))
+    assert cost.findings(one_cost(1031, 2061), BEFORE, LOG.format(f" The tick does more: {words}.")) == []
+    (finding,) = cost.findings(one_cost(1000, depth=1031), BEFORE, LOG.format(""))
     assert finding.startswith("image stack: all 1031")
 
 
 def test_changelog_allows_what_it_names_and_no_more() -> None:
     named = LOG.format(" More: m4-f32 ccu mean 1100,\n  image stack all 1200.")
-    assert bench_step.findings(cost(1133, depth=1236), BEFORE, named) == []
-    assert len(bench_step.findings(cost(1134, depth=1236), BEFORE, named)) == 1
-    assert len(bench_step.findings(cost(1133, depth=1237), BEFORE, named)) == 1
-    assert len(bench_step.findings(cost(1133, worst=2061), BEFORE, named)) == 1
+    assert cost.findings(one_cost(1133, depth=1236), BEFORE, named) == []
+    assert len(cost.findings(one_cost(1134, depth=1236), BEFORE, named)) == 1
+    assert len(cost.findings(one_cost(1133, depth=1237), BEFORE, named)) == 1
+    assert len(cost.findings(one_cost(1133, worst=2061), BEFORE, named)) == 1
 
 
 def test_figure_without_a_baseline_is_a_finding() -> None:
-    now = {**cost(1000), "m9-f32": {"ccu": {"mean": 1}}}
-    assert bench_step.findings(now, BEFORE, LOG.format("")) == ["m9-f32 ccu mean: not in the baseline: run `make cost`"]
+    now = {**one_cost(1000), "m9-f32": {"ccu": {"mean": 1}}}
+    assert cost.findings(now, BEFORE, LOG.format("")) == ["m9-f32 ccu mean: not in the baseline: run `make cost`"]
 
 
 def test_baseline_is_only_ever_lowered() -> None:
-    assert bench_step.lower(cost(900, 2500), BEFORE) == cost(900, 2000)
-    assert bench_step.lower(cost(900), {}) == cost(900)
+    assert cost.lower(one_cost(900, 2500), BEFORE) == one_cost(900, 2000)
+    assert cost.lower(one_cost(900), {}) == one_cost(900)
 
 
 def test_page_has_every_table_and_the_baseline_every_figure() -> None:
-    page = bench_step.PAGE.read_text()
+    page = cost.PAGE.read_text()
     for name in ("cost", "stages", "stack", "sections"):
         assert re.search(rf"<!-- {name}: made by `make cost` -->\n\|(.|\n)*\|\n<!-- {name}: end -->\n", page), name
-    baseline = json.loads(bench_step.BASELINE.read_text())
-    for target in bench_step.MACHINES:
+    baseline = json.loads(cost.BASELINE.read_text())
+    for target in cost.MACHINES:
         assert set(baseline[target]) == set(CONTROLLERS)
     assert set(baseline["image"]) == {"size", "stack", "drivers"}
 
@@ -118,9 +119,9 @@ def test_stack_that_is_more_than_its_reserve_is_a_finding(
 ) -> None:
     baseline = tmp_path / "cost.json"
     baseline.write_text(json.dumps(BEFORE))
-    monkeypatch.setattr(bench_step, "BASELINE", baseline)
-    result = {"cost": cost(1), "stack": {"all": 1000, "crash": 50}, "reserve": {"all": 1000, "crash": 50}}
-    assert bench_step.check(result) == []
+    monkeypatch.setattr(cost, "BASELINE", baseline)
+    result = {"cost": one_cost(1), "stack": {"all": 1000, "crash": 50}, "reserve": {"all": 1000, "crash": 50}}
+    assert cost.check(result) == []
     result["reserve"][name] -= 1
-    (finding,) = bench_step.check(result)
+    (finding,) = cost.check(result)
     assert finding.startswith(f"stack, {name}: ")

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kontur import csvpath
 from kontur.errors import FileError, KonturError
+from kontur.path import csv
 
 
 def table(header, rows):
@@ -16,7 +16,7 @@ def table(header, rows):
 
 def test_points_of_a_circle_give_a_curve_that_is_the_circle_between_them_too():
     u = np.linspace(0.0, np.pi, 41)
-    program = csvpath.parse(table("x,y", zip(20 * np.cos(u), 20 * np.sin(u), strict=True)), "p.csv", 0.05)
+    program = csv.parse(table("x,y", zip(20 * np.cos(u), 20 * np.sin(u), strict=True)), "p.csv", 0.05)
     (move,) = program.moves
     assert (move.feed_mps, move.schedule, program.start_m) == (0.05, None, (0.020, 0.0))
     radius = np.hypot(*move.segment.point(np.linspace(0.0, move.segment.length_m, 1000)).T)
@@ -26,7 +26,7 @@ def test_points_of_a_circle_give_a_curve_that_is_the_circle_between_them_too():
 
 def test_the_curve_passes_through_every_point():
     points = np.array([[0, 0], [10, 3], [12, 9], [7, 15], [-4, 11]])
-    (move,) = csvpath.parse(table("x,y", points), "p.csv", 0.05).moves
+    (move,) = csv.parse(table("x,y", points), "p.csv", 0.05).moves
     s = np.linspace(0.0, move.segment.length_m, 200_001)
     path = move.segment.point(s)
     for point in points * 1e-3:
@@ -35,7 +35,7 @@ def test_the_curve_passes_through_every_point():
 
 def test_a_timed_table_is_sampled_each_millisecond_with_the_line_that_rules():
     rows = [(t, 5 * (1 - math.cos(math.pi * t / 0.4)), 0.0) for t in np.arange(0, 0.401, 0.05)]
-    (move,) = csvpath.parse("# a comment\n" + table("t,x,y", rows), "t.csv").moves
+    (move,) = csv.parse("# a comment\n" + table("t,x,y", rows), "t.csv").moves
     schedule = move.schedule
     assert len(schedule.distance_m) == 401
     expected = 0.005 * (1 - np.cos(np.pi * np.arange(401) / 400))
@@ -46,7 +46,7 @@ def test_a_timed_table_is_sampled_each_millisecond_with_the_line_that_rules():
 
 def test_a_timed_table_rests_at_its_ends_and_may_pause_within():
     rows = [(0, 0, 0), (0.1, 1, 0), (0.2, 4, 0), (0.3, 5, 0), (0.4, 5, 0), (0.5, 5, 0), (0.6, 9, 2)]
-    (move,) = csvpath.parse(table("t,x,y", rows), "t.csv").moves
+    (move,) = csv.parse(table("t,x,y", rows), "t.csv").moves
     step = np.diff(move.schedule.distance_m)
     assert np.all(step >= 0.0)
     assert step[0] < step[10] / 5
@@ -80,7 +80,7 @@ def test_a_timed_table_rests_at_its_ends_and_may_pause_within():
 )
 def test_a_table_that_makes_no_path_is_refused_with_its_line(text, feed, message):
     with pytest.raises(FileError) as caught:
-        csvpath.parse(text, "e.csv", feed)
+        csv.parse(text, "e.csv", feed)
     assert message in str(caught.value)
 
 
@@ -88,7 +88,7 @@ def test_a_table_that_makes_no_path_is_refused_with_its_line(text, feed, message
 def test_garbage_raises_nothing_but_errors_that_a_user_can_read(text, header):
     message = "g.csv:"
     try:
-        csvpath.parse(header + text, "g.csv", 0.1 if header == "x,y\n" else None)
+        csv.parse(header + text, "g.csv", 0.1 if header == "x,y\n" else None)
     except KonturError as error:
         message = str(error)
     assert message.startswith("g.csv:")

@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 from cantools.database.can import Database
 
-from kontur import machine, planner, run, shapes, wire
-from kontur.device import Device
-from kontur.link import Link
-from kontur.simbus import KonturBus
-from kontur.stream import stream
-from kontur.wire import Telemetry
+from kontur import machine
+from kontur.can import wire
+from kontur.can.link import Link
+from kontur.can.wire import Telemetry
+from kontur.drive.device import Device
+from kontur.drive.stream import stream
+from kontur.path import shapes
+from kontur.planning import planner
+from kontur.planning.bounds import limits
+from kontur.sim.bus import KonturBus
 
 DBC = Path(__file__).resolve().parents[2] / "host" / "kontur" / "kontur.dbc"
 
@@ -50,7 +54,7 @@ def database() -> Database:
 
 @pytest.fixture(scope="module")
 def knots_nm() -> "np.ndarray[tuple[int, int], np.dtype[np.int32]]":
-    return planner.plan(shapes.circle(0.005, 0.1), run.limits(machine.load())).knots_nm
+    return planner.plan(shapes.circle(0.005, 0.1), limits(machine.load())).knots_nm
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,10 @@ import can
 import pytest
 
 from kontur import machine
-from kontur.device import Device, open_bus
+from kontur.can.bus import open_bus
+from kontur.can.link import Link
+from kontur.drive.device import Device
 from kontur.errors import BusError, DeviceError, EmcyError, NoAnswerError, ParameterError
-from kontur.link import Link
 
 
 @pytest.fixture

@@ -11,13 +11,15 @@ import can
 import numpy as np
 import pytest
 
-from kontur import machine, planner, shapes
-from kontur.device import BIT_PATH_RUNS, ENABLE, RUN_PATH, Device
+from kontur import machine
+from kontur.can.link import Link
+from kontur.drive.device import BIT_PATH_RUNS, ENABLE, RUN_PATH, Device
+from kontur.drive.stream import _Sender, stream
 from kontur.errors import EmcyError, ParameterError
-from kontur.link import Link
-from kontur.run import limits
-from kontur.simbus import KonturBus
-from kontur.stream import _Sender, stream
+from kontur.path import shapes
+from kontur.planning import planner
+from kontur.planning.bounds import limits
+from kontur.sim.bus import KonturBus
 
 RADIUS_M = 0.004
 FEED_MPS = 0.1

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from kontur import estimator, machine
+from kontur import machine
 from kontur.cli import main
-from kontur.estimator import Cell
-from kontur.simlib import estimate
+from kontur.experiments import estimator
+from kontur.experiments.estimator import Cell
+from kontur.sim.library import estimate
 
 MACHINE = machine.load()
 

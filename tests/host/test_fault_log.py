@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from kontur import log, machine, shapes
+from kontur import machine
 from kontur.cli import main
+from kontur.drive.target import Target
 from kontur.errors import EmcyError
-from kontur.planner import plan
-from kontur.run import Target, limits, run
+from kontur.path import shapes
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs import log
+from kontur.runs.runner import run
 
 TARGET = Target(machine=machine.load())
 TOO_FAST = {"limits.velocity": 0.05}

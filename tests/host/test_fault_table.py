@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from kontur.emcy import describe_emcy, faults
+from kontur.can.emcy import describe_emcy, faults
 
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "firmware" / "drive"

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from kontur.faults import Faults, FaultyBus
+from kontur.can.bad_bus import BadBus, BusFaults
 
 
 class Wire(can.BusABC):
@@ -33,8 +33,8 @@ class Wire(can.BusABC):
 
 
 @contextlib.contextmanager
-def around(wire: Wire, **faults: float) -> Iterator[FaultyBus]:
-    with FaultyBus(inner=wire, faults=Faults(**faults)) as bus:  # type: ignore[arg-type]
+def around(wire: Wire, **faults: float) -> Iterator[BadBus]:
+    with BadBus(inner=wire, faults=BusFaults(**faults)) as bus:  # type: ignore[arg-type]
         yield bus
 
 
@@ -46,7 +46,7 @@ def number(message: can.Message) -> int:
     return int.from_bytes(message.data, "little")
 
 
-def sent_through(count: int, **faults: float) -> tuple[list[can.Message], FaultyBus]:
+def sent_through(count: int, **faults: float) -> tuple[list[can.Message], BadBus]:
     wire = Wire()
     with around(wire, **faults) as bus:
         for i in range(count):
@@ -201,7 +201,7 @@ def test_recv_lasts_its_timeout_and_no_longer() -> None:
 def test_python_can_opens_it_by_name_around_any_bus() -> None:
     with (
         can.Bus(interface="virtual", channel="faults") as other,
-        can.Bus(interface="kontur-faults", inner="virtual", channel="faults", duplicate=1.0, seed=3) as bus,
+        can.Bus(interface="kontur-bad-bus", inner="virtual", channel="faults", duplicate=1.0, seed=3) as bus,
     ):
         bus.send(frame(1))
         assert [number(m) for m in (other.recv(1.0), other.recv(1.0)) if m] == [1, 1]
@@ -213,7 +213,7 @@ def test_filters_are_for_what_arrives_in_the_end() -> None:
     wire = Wire()
     wire.incoming = [frame(1), can.Message(arbitration_id=0x80, is_extended_id=False)]
     filters = [{"can_id": 0x80, "can_mask": 0x7FF, "extended": False}]
-    with FaultyBus(inner=wire, can_filters=filters, faults=Faults()) as bus:
+    with BadBus(inner=wire, can_filters=filters, faults=BusFaults()) as bus:
         got = bus.recv(0.1)
         assert got is not None
         assert got.arbitration_id == 0x80
@@ -224,9 +224,9 @@ def test_filters_are_for_what_arrives_in_the_end() -> None:
     [
         ({"drop": 1.5}, r"drop=1\.5 is no probability"),
         ({"bus_off_s": -1.0}, r"bus_off_s=-1 is out of range"),
-        ({"drop": "often"}, "kontur-faults: "),
+        ({"drop": "often"}, "kontur-bad-bus: "),
     ],
 )
 def test_fault_that_cannot_be_is_refused(options: dict[str, object], message: str) -> None:
     with pytest.raises(can.CanInitializationError, match=message):
-        can.Bus(interface="kontur-faults", inner="virtual", channel="faults", **options)
+        can.Bus(interface="kontur-bad-bus", inner="virtual", channel="faults", **options)

@@ -9,13 +9,17 @@ import can
 import numpy as np
 import pytest
 
-from kontur import machine, planner, shapes
+from kontur import machine
+from kontur.can.link import Link
 from kontur.cli.options import held_by_signals
-from kontur.device import Device
+from kontur.drive.device import Device
+from kontur.drive.stream import stream
+from kontur.drive.target import Target
 from kontur.errors import EmcyError, ParameterError, StreamError
-from kontur.link import Link
-from kontur.run import Target, limits, run
-from kontur.stream import stream
+from kontur.path import shapes
+from kontur.planning import planner
+from kontur.planning.bounds import limits
+from kontur.runs.runner import run
 
 MACHINE = machine.load().starting_at((0.02, 0.0))
 CIRCLE = planner.plan(shapes.circle(0.02, 0.1, duration_s=2.0), limits(MACHINE))

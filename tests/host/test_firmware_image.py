@@ -15,11 +15,14 @@ import pytest
 from gdb import PC, SP, set_registers
 
 from kontur import machine as machines
-from kontur import shapes
-from kontur.device import Device, connected, open_bus
-from kontur.emulator import PROGRAM, Emulator, start
-from kontur.planner import plan
-from kontur.run import Target, limits, run
+from kontur.can.bus import open_bus
+from kontur.drive.device import Device, connected
+from kontur.drive.target import Target
+from kontur.path import shapes
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs.runner import run
+from kontur.sim.emulator import PROGRAM, Emulator, start
 
 ROOT = Path(__file__).parents[2]
 IMAGE = ROOT / "build/firmware/kontur.elf"
@@ -142,7 +145,7 @@ def test_time_passes_with_sync_alone_when_told_to(emulator: Emulator) -> None:
 def test_circle_runs_on_the_simulated_machine_of_the_image(name: str, usart: int, control_hz: int) -> None:
     image = IMAGE.with_name(f"{name}.elf")
     if not image.is_file():
-        pytest.skip(f"{image} is not there: make firmware-all")
+        pytest.skip(f"{image} is not there: make firmware")
     with start(image, usart) as emulator:
         assert talk(emulator, lambda device: device.info().control_hz) == control_hz
         assert_circle_runs(emulator, control_hz)

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kontur import gcode
 from kontur.errors import FileError, KonturError
-from kontur.path import Arc, Dwell, Line, Move
+from kontur.path import gcode
+from kontur.path.geometry import Arc, Dwell, Line, Move
 
 PART = Path(__file__).parents[2] / "examples" / "part.ngc"
 

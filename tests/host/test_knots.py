@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from knot_spline import spline
 
-from kontur import knots
 from kontur.errors import PathError
+from kontur.planning import knots
 
 
 def motion():

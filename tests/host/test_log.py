@@ -13,9 +13,9 @@ from asammdf import MDF
 from click.testing import CliRunner
 from made_runs import made_run
 
-from kontur import log
 from kontur.cli import main
 from kontur.errors import FileError, LogError
+from kontur.runs import log
 
 SUFFIXES = (".csv", ".mf4")
 

@@ -9,12 +9,13 @@ import can
 import pytest
 from click.testing import CliRunner
 
-from kontur import wire
+from kontur.can import wire
+from kontur.can.bus import open_bus
+from kontur.can.link import Link
 from kontur.cli import main
-from kontur.device import ENABLE, SHUTDOWN, Device, connected, open_bus
+from kontur.drive.device import ENABLE, SHUTDOWN, Device, connected
 from kontur.errors import DeviceError, EmcyError, HeldError
-from kontur.link import Link
-from kontur.simprocess import start
+from kontur.sim.process import start
 
 GUARD_S = 0.5
 

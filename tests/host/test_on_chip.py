@@ -8,11 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kontur import machine, on_chip, shapes
+from kontur import machine
+from kontur.drive.target import Target
 from kontur.errors import MachineError
+from kontur.experiments import on_chip
 from kontur.machine import MACHINES, Machine
-from kontur.planner import plan
-from kontur.run import Target, limits, run
+from kontur.path import shapes
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs.runner import run
 
 FILE = MACHINES / "table1_on_chip.toml"
 

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from paper import page as paper_page
+from paper_page import main
 
-from kontur import machine, paper, paper_page
-from kontur.cli import main
-from kontur.device import CONTROLLERS
+from kontur import machine
+from kontur.drive.device import CONTROLLERS
+from kontur.drive.target import Target
 from kontur.errors import FileError
-from kontur.paper import NOISE, Job, Outcome, Results, Variant
-from kontur.run import Target
+from kontur.experiments import paper
+from kontur.experiments.paper import NOISE, Job, Outcome, Results, Variant
 
 TRIPS = Variant("a window that no axis keeps", "it is 1 µm", (("following_window_x", 1000.0),), "cc")
 WHOLE = next(v for v in paper.VARIANTS if "whole" in v.name)
@@ -121,7 +123,7 @@ def test_page_that_cannot_be_written_is_one_message(results: Results, tmp_path: 
 
 def test_the_command_names_page_and_build(results: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper, "measure", lambda target, progress: results)
-    answer = CliRunner().invoke(main, ["experiment", "paper-page", str(tmp_path / "page.md")])
+    answer = CliRunner().invoke(main, [str(tmp_path / "page.md")])
     assert answer.exit_code == 0, answer.output
     assert results.build in answer.output
     assert (tmp_path / "page.md").exists()

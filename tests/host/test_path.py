@@ -7,7 +7,7 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.special import ellipe
 
-from kontur.path import Arc, Curve, Line
+from kontur.path.geometry import Arc, Curve, Line
 
 A, B = 0.030, 0.010
 

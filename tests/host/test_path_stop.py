@@ -12,10 +12,12 @@ import numpy as np
 from direct_drive import HALT, KNOT, MACHINE, Drive
 from numpy.typing import NDArray
 
-from kontur import pathtime, planner, programs, scoring, shapes
-from kontur.device import RUN_PATH
-from kontur.path import Program
-from kontur.run import limits
+from kontur.drive.device import RUN_PATH
+from kontur.path import programs, shapes
+from kontur.path.geometry import Program
+from kontur.planning import path_time, planner
+from kontur.planning.bounds import limits
+from kontur.runs import scoring
 
 PART = Path(__file__).resolve().parents[2] / "examples/part.ngc"
 COUNT_UM = MACHINE.x.encoder_m * 1e6
@@ -68,7 +70,7 @@ class Case:
             drive.command(RUN_PATH if rate else HALT)
             done = period
         drive.run(periods + 2 * STOP - done)
-        path_s = np.interp(np.arange(periods + STOP + 1), *pathtime.curve(wanted, periods + STOP, STOP)) * 1e-4
+        path_s = np.interp(np.arange(periods + STOP + 1), *path_time.curve(wanted, periods + STOP, STOP)) * 1e-4
         rows = np.union1d(np.arange(0, periods + STOP, KNOT), np.arange(*closely))
         knot_s = np.arange(len(self.trajectory.path_s_m)) * 1e-3
         expected_m = np.interp(path_s[rows], knot_s, self.trajectory.path_s_m)

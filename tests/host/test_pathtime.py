@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from direct_drive import FEED_OVERRIDE, HALT, KNOT, MACHINE, Drive
 
-from kontur import pathtime, planner, shapes
-from kontur.device import RUN_PATH
-from kontur.run import limits
+from kontur.drive.device import RUN_PATH
+from kontur.path import shapes
+from kontur.planning import path_time, planner
+from kontur.planning.bounds import limits
 
 CIRCLE = planner.plan(shapes.circle(0.02, 0.05, duration_s=4.0), limits(MACHINE))
 
@@ -29,5 +30,5 @@ def test_path_time_is_that_of_the_drive_wherever_it_is_slowed_held_and_sped_up()
         wanted.append((now, 0.0 if held else override))
         drive.run(KNOT)
         now += KNOT
-        knots = pathtime.curve(wanted, now, 100 * KNOT)[1][-1] / KNOT
+        knots = path_time.curve(wanted, now, 100 * KNOT)[1][-1] / KNOT
         assert drive.stream(8) == pytest.approx(knots, abs=1.0)  # as many have been passed a millisecond ago at most

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from knot_spline import spline
 
-from kontur import csvpath, gcode, planner, shapes
 from kontur.errors import PathError
-from kontur.path import Arc, Dwell, Line, Move, Program
-from kontur.planner import Limits, PlannerError, plan
+from kontur.path import csv, gcode, shapes
+from kontur.path.geometry import Arc, Dwell, Line, Move, Program
+from kontur.planning import planner
+from kontur.planning.planner import Limits, PlannerError, plan
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LIMITS = Limits()
@@ -191,7 +192,7 @@ def test_curves_keep_all_limits(shape, feed):
         "flat ellipse": lambda: shapes.ellipse(0.050, 0.001, feed),
         "eight": lambda: shapes.eight(0.040, feed, laps=2),
         "spiral": lambda: shapes.spiral(0.0, 0.020, 0.005, feed),
-        "points": lambda: csvpath.parse((EXAMPLES / "points.csv").read_text(), "points.csv", feed),
+        "points": lambda: csv.parse((EXAMPLES / "points.csv").read_text(), "points.csv", feed),
     }[shape]()
     trajectory = plan(program, LIMITS)
     assert_within(trajectory, LIMITS)
@@ -204,7 +205,7 @@ def test_points_with_the_noise_of_measured_ones_keep_all_limits():
     u = np.linspace(0.0, 6.0, 343)
     points = 2.7 * np.stack([np.cos(u), np.sin(u)], axis=1) + np.random.default_rng(3).normal(0.0, 1e-4, (343, 2))  # mm
     text = "x,y\n" + "\n".join(f"{x:.6f},{y:.6f}" for x, y in points)
-    trajectory = plan(csvpath.parse(text, "p.csv", 0.3), LIMITS)
+    trajectory = plan(csv.parse(text, "p.csv", 0.3), LIMITS)
     assert_within(trajectory, LIMITS)
     assert np.max(np.diff(trajectory.path_s_m)) > 0.01e-3
 
@@ -265,7 +266,7 @@ def test_a_dwell_stands_still_for_its_time_wherever_it_is():
 
 
 def test_a_timed_table_is_followed_at_its_times():
-    trajectory = plan(csvpath.parse((EXAMPLES / "timed.csv").read_text(), "timed.csv"), LIMITS)
+    trajectory = plan(csv.parse((EXAMPLES / "timed.csv").read_text(), "timed.csv"), LIMITS)
     tau = np.linspace(0.0, 1.0, 2001)
     angle = 2 * np.pi * (10 * tau**3 - 15 * tau**4 + 6 * tau**5)
     expected = 1e-3 * np.stack([20 * np.cos(angle), 12 * np.sin(angle)], axis=1)
@@ -285,7 +286,7 @@ def test_a_timed_table_is_followed_at_its_times():
 )
 def test_a_timed_table_beyond_the_limits_is_refused_by_its_line(rows, message):
     with pytest.raises(PathError) as caught:
-        plan(csvpath.parse("t,x,y\n" + rows, "t.csv"), LIMITS)
+        plan(csv.parse("t,x,y\n" + rows, "t.csv"), LIMITS)
     assert message in str(caught.value)
 
 
@@ -315,7 +316,7 @@ def test_a_path_outside_the_travel_is_refused_with_line_and_coordinate(text, mes
 def test_a_timed_table_outside_the_travel_is_refused_with_its_line():
     rows = "t,x,y\n0,0,0\n1,20,0\n2,40,0\n3,0,0"
     with pytest.raises(PathError, match=r"t\.csv:[34]: the path reaches x = 4\d\."):
-        plan(csvpath.parse(rows, "t.csv"), LIMITS, travel_m=((-0.03, 0.03), (-0.03, 0.03)))
+        plan(csv.parse(rows, "t.csv"), LIMITS, travel_m=((-0.03, 0.03), (-0.03, 0.03)))
 
 
 def test_a_curve_outside_the_travel_is_refused():
@@ -334,7 +335,7 @@ def test_a_curve_outside_the_travel_is_refused():
         (lambda: line(2.5), "line: the path reaches x = 2500.000 mm"),
         (lambda: Program("p", line(0.01).items, (0.001, 0.0)), "p: the move starts 1.000000 mm from where"),
         (
-            lambda: csvpath.parse("x,y\n0,0\n10,0\n0,0", "c.csv", 0.05),
+            lambda: csv.parse("x,y\n0,0\n10,0\n0,0", "c.csv", 0.05),
             "c.csv: the curve bends with less than",
         ),
     ],

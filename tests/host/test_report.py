@@ -17,10 +17,13 @@ from click.testing import CliRunner
 from made_runs import ROWS, made_run
 from PIL import Image
 
-from kontur import figures, log, report
 from kontur.cli import main
 from kontur.errors import FileError, LogError
-from kontur.log import RunLog
+from kontur.report import figures
+from kontur.report.page import write_report
+from kontur.runs import log
+from kontur.runs.log import RunLog
+from kontur.runs.summary import summarise
 
 
 def five_runs() -> list[RunLog]:
@@ -38,7 +41,7 @@ def text_of(page: str) -> str:
 
 
 def report_of(tmp_path: Path, runs: list[RunLog], command: str | None = None) -> str:
-    report.write_report(tmp_path / "report.html", runs, command=command)
+    write_report(tmp_path / "report.html", runs, command=command)
     return (tmp_path / "report.html").read_text()
 
 
@@ -48,7 +51,7 @@ def page_of_five(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def test_summary_without_a_score_comes_from_the_rows() -> None:
-    summary = report.summarise(made_run("ccu", mean_um=0.1, peak_um=-2.0, peak_row=1200))
+    summary = summarise(made_run("ccu", mean_um=0.1, peak_um=-2.0, peak_row=1200))
     assert summary.mean_um == pytest.approx((0.1 * (ROWS - 1) + 2.0) / ROWS)
     assert summary.rms_um == pytest.approx(((0.01 * (ROWS - 1) + 4.0) / ROWS) ** 0.5)
     assert summary.max_um == pytest.approx(2.0)
@@ -64,7 +67,7 @@ def test_summary_without_a_score_comes_from_the_rows() -> None:
 def test_summary_takes_what_was_scored_at_the_control_rate() -> None:
     score = {"mean_um": 0.2, "rms_um": 0.3, "max_um": 4.0, "tangential_mean_um": 5.0}
     score |= {"max_time_s": 0.6, "max_x_mm": 7.0, "max_y_mm": 8.0, "from_s": 0.3}
-    summary = report.summarise(made_run(score=score, force_max_N=99.0, force_step_N=1.5))
+    summary = summarise(made_run(score=score, force_max_N=99.0, force_step_N=1.5))
     assert (summary.mean_um, summary.rms_um, summary.max_um, summary.tangential_mean_um) == (0.2, 0.3, 4.0, 5.0)
     assert (summary.worst_time_s, summary.worst_x_mm, summary.worst_y_mm, summary.from_s) == (0.6, 7.0, 8.0, 0.3)
     assert (summary.force_max_N, summary.force_step_N) == (99.0, 1.5)
@@ -136,9 +139,9 @@ def test_a_run_at_rest_with_no_error_at_all_still_makes_a_report(tmp_path: Path)
 
 def test_runs_of_different_paths_are_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="only runs of the same path"):
-        report.write_report(tmp_path / "a.html", [made_run("ccu"), made_run("cascade", trajectory="cd" * 32)])
+        write_report(tmp_path / "a.html", [made_run("ccu"), made_run("cascade", trajectory="cd" * 32)])
     with pytest.raises(LogError, match="at least one log"):
-        report.write_report(tmp_path / "a.html", [])
+        write_report(tmp_path / "a.html", [])
 
 
 def test_what_a_log_says_cannot_break_the_page(tmp_path: Path) -> None:
@@ -213,7 +216,7 @@ def test_file_that_cannot_be_put_in_its_place_leaves_nothing_behind(
     (tmp_path / "r.html").mkdir()
     for place in (".", "r.html", "no/r.html"):
         with pytest.raises(FileError, match="cannot be written"):
-            report.write_report(place, [made_run("ccu")])
+            write_report(place, [made_run("ccu")])
     assert [file.name for file in tmp_path.iterdir()] == ["r.html"]
 
 

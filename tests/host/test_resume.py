@@ -9,13 +9,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from kontur import log, machine, shapes, simprocess
+from kontur import machine
 from kontur.cli import main
+from kontur.drive.stream import stream
+from kontur.drive.target import Target, connect
 from kontur.errors import EmcyError, StreamError
-from kontur.log import RunLog
-from kontur.planner import plan
-from kontur.run import Target, connect, limits, run
-from kontur.stream import stream
+from kontur.path import shapes
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs import log
+from kontur.runs.log import RunLog
+from kontur.runs.runner import run
+from kontur.sim import process as sim_process
 
 MACHINE = machine.load()
 CIRCLE = plan(shapes.circle(0.02, 0.1), limits(MACHINE))
@@ -26,7 +31,7 @@ COMMAND = ("run", "circle", "--radius", "20", "--feed", "100", "--resume")
 def target() -> Iterator[Target]:
     """A drive that stays when a run has ended, and stands at the start of the circle."""
     at_start = MACHINE.starting_at(CIRCLE.program.start_m)
-    with simprocess.start(slcan_tcp="0", pace="sync", machine=at_start) as sim:
+    with sim_process.start(slcan_tcp="0", pace="sync", machine=at_start) as sim:
         target = Target(machine=MACHINE, bus={"interface": sim.interface, "channel": sim.channel})
         with connect(target) as device, device.held():
             device.set_parameters(MACHINE.parameters(1))

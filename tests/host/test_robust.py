@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from kontur import machine as machines
-from kontur.robust import CONTROLLERS, draw, robust, summarise
+from kontur.experiments.robust import CONTROLLERS, draw, robust, summarise
 
 NOMINAL = machines.load(machines.DEFAULT)
 

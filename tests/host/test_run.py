@@ -10,11 +10,16 @@ import can
 import numpy as np
 import pytest
 
-from kontur import log, machine, shapes
+from kontur import machine
+from kontur.drive.target import Target
 from kontur.errors import DeviceError, NoAnswerError, ParameterError
-from kontur.planner import Trajectory, plan
-from kontur.run import RunResult, Target, limits, run, summary
-from kontur.simbus import KonturBus
+from kontur.path import shapes
+from kontur.planning.bounds import limits
+from kontur.planning.planner import Trajectory, plan
+from kontur.runs import log
+from kontur.runs.runner import RunResult, run
+from kontur.runs.summary import summary
+from kontur.sim.bus import KonturBus
 
 TARGET = Target(machine=machine.load())
 

@@ -16,17 +16,24 @@ import pytest
 from asammdf import MDF
 from click.testing import CliRunner
 
-from kontur import machine, planner, scope, shapes
+from kontur import machine
+from kontur.can.bad_bus import BusFaults
+from kontur.can.bus import open_bus
+from kontur.can.link import Link
 from kontur.cli import main
-from kontur.device import RUN_PATH, Device, connected, open_bus
+from kontur.drive import scope
+from kontur.drive.device import RUN_PATH, Device, connected
+from kontur.drive.scope import Capture, Setup, Trigger
+from kontur.drive.stream import _Sender
+from kontur.drive.target import Target
 from kontur.errors import DeviceError, EmcyError, ParameterError
-from kontur.faults import Faults
-from kontur.link import Link
-from kontur.run import Target, limits, run
-from kontur.scope import Capture, Setup, Trigger
-from kontur.simbus import KonturBus
-from kontur.simprocess import start as start_process
-from kontur.stream import _Sender
+from kontur.path import shapes
+from kontur.planning import planner
+from kontur.planning.bounds import limits
+from kontur.report import capture_file
+from kontur.runs.runner import run
+from kontur.sim.bus import KonturBus
+from kontur.sim.process import start as start_process
 
 ROOT = Path(__file__).resolve().parents[2]
 RADIUS_M, FEED_MPS = 0.02, 0.1
@@ -229,8 +236,8 @@ def test_release_arms_for_faults_as_at_power_on(device: Device) -> None:
 
 def test_capture_comes_whole_over_a_bad_bus() -> None:
     options = {"interface": "kontur", "channel": "sim", "machine": MACHINE, "seed": 1}
-    faults = Faults(drop=0.002, flip=0.001, seed=3)
-    bad = {**options, "interface": "kontur-faults", "inner": "kontur", "faults": faults}
+    faults = BusFaults(drop=0.002, flip=0.001, seed=3)
+    bad = {**options, "interface": "kontur-bad-bus", "inner": "kontur", "faults": faults}
     captures = []
     for one in (options, bad):
         with connected(open_bus(one), 1) as device:
@@ -278,8 +285,8 @@ def made() -> Capture:
 
 
 def test_files_hold_time_from_the_trigger_values_and_units(tmp_path: Path) -> None:
-    for suffix in scope.SUFFIXES:
-        scope.save(made(), tmp_path / f"c{suffix}")
+    for suffix in capture_file.SUFFIXES:
+        capture_file.save(made(), tmp_path / f"c{suffix}")
     lines = (tmp_path / "c.csv").read_text().splitlines()
     assert lines[0] == "# kontur scope 1"
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))

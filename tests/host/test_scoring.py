@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from kontur.errors import PathError
-from kontur.path import Arc, Curve, Dwell, Line, Move, Program
-from kontur.scoring import ContourError, contour_error, force_effort, on_rapid, score
+from kontur.path.geometry import Arc, Curve, Dwell, Line, Move, Program
+from kontur.runs.scoring import ContourError, contour_error, force_effort, on_rapid, score
 
 Array = NDArray[np.float64]
 UM = 1e-6

@@ -11,9 +11,10 @@ import can
 import pytest
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
-from kontur.device import Device, connected, open_bus
-from kontur.link import Link
-from kontur.simprocess import start
+from kontur.can.bus import open_bus
+from kontur.can.link import Link
+from kontur.drive.device import Device, connected
+from kontur.sim.process import start
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "firmware" / "canopen"))
 import objects

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.special import ellipe
 
-from kontur import shapes
 from kontur.errors import PathError
-from kontur.path import Arc, Line
+from kontur.path import shapes
+from kontur.path.geometry import Arc, Line
 
 ALL = {
     "circle": shapes.circle(0.020, 0.05),

@@ -8,8 +8,9 @@ from pathlib import Path
 import can
 import pytest
 
-from kontur import machine, simlib
+from kontur import machine
 from kontur.errors import LibraryError
+from kontur.sim import library
 
 HEARTBEAT = 0x701
 READ_DEVICE_TYPE = can.Message(arbitration_id=0x601, data=[0x40, 0, 0x10, 0, 0, 0, 0, 0], is_extended_id=False)
@@ -147,13 +148,13 @@ def test_extended_identifier_is_refused() -> None:
 
 
 def test_library_that_is_not_built_is_named_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simlib, "LIBRARIES", tmp_path)
+    monkeypatch.setattr(library, "LIBRARIES", tmp_path)
     with pytest.raises(LibraryError, match="the simulator is not built; run `make lib`"):
-        simlib.Sim(machine.load(), seed=1, num="not loaded before")
+        library.Sim(machine.load(), seed=1, num="not loaded before")
 
 
 def test_truth_has_a_row_each_control_period_since_it_was_asked_for() -> None:
-    sim = simlib.Sim(machine.load().starting_at((0.01, -0.02)), seed=1)
+    sim = library.Sim(machine.load().starting_at((0.01, -0.02)), seed=1)
     sim.run(100)
     assert len(sim.truth().pos_m) == 0
     sim.record(True)

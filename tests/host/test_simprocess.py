@@ -14,17 +14,23 @@ import can
 import numpy as np
 import pytest
 
-from kontur import link, log, shapes, simprocess, wire
 from kontur import machine as machines
-from kontur.device import Device, connected, open_bus
+from kontur.can import link, wire
+from kontur.can.bus import open_bus
+from kontur.drive.device import Device, connected
+from kontur.drive.stream import stream
+from kontur.drive.target import Target
 from kontur.errors import DeviceError, LibraryError, NoAnswerError, SimulatorError
 from kontur.machine import Machine
-from kontur.path import Line, Move, Program
-from kontur.planner import plan
-from kontur.run import Target, limits, run
-from kontur.simlib import Sim
-from kontur.simprocess import PROGRAM, SimProcess, plain_machine, start
-from kontur.stream import stream
+from kontur.path import shapes
+from kontur.path.geometry import Line, Move, Program
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs import log
+from kontur.runs.runner import run
+from kontur.sim import process as sim_process
+from kontur.sim.library import Sim
+from kontur.sim.process import PROGRAM, SimProcess, plain_machine, start
 
 TIMEOUT_S = 30.0
 FAULT = 1 << 3
@@ -91,7 +97,7 @@ def test_plain_machine_is_read_back_to_the_last_bit(machine: Machine, tmp_path: 
     """Process and library, given the same machine and seed, do the same thing."""
     with start(slcan_tcp="0", machine=machine, seed=5, record=tmp_path / "truth") as process:
         talk(process)
-    truth = simprocess.read_record(tmp_path / "truth")
+    truth = sim_process.read_record(tmp_path / "truth")
     in_process = Sim(machine, 5)
     in_process.record(True)
     in_process.run(len(truth.pos_m))
@@ -299,7 +305,7 @@ def test_host_killed_on_the_way_stops_the_drive_on_the_path(machine: Machine, tm
             assert device.read("error_code_x") == device.read("error_code_y") == 0x8130
             assert device.read("stream.executed") > 1000
             assert 490 <= device.read("clock.tick") - killed <= 700  # 500 from the last heartbeat on, and the stop
-    truth = simprocess.read_record(record)
+    truth = sim_process.read_record(record)
     error_m = np.abs(np.hypot(*truth.pos_m.T) - 0.005)
     assert error_m[10 * killed :].max() <= error_m[: 10 * killed].max() + machine.x.encoder_m
     assert np.abs(truth.vel_mps[10 * killed]).max() > 0.005
@@ -424,7 +430,7 @@ def test_usage_without_a_bus() -> None:
 
 
 def test_program_that_is_not_built_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(simprocess, "PROGRAM", tmp_path / "kontur-sim")
+    monkeypatch.setattr(sim_process, "PROGRAM", tmp_path / "kontur-sim")
     with pytest.raises(LibraryError, match="make lib"), start(slcan_tcp="0"):
         pass
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from kontur.device import open_bus
+from kontur.can.bus import open_bus
 
 
 @pytest.fixture

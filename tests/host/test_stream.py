@@ -12,11 +12,15 @@ import pytest
 from hooked_bus import HookedBus
 from numpy.typing import NDArray
 
-from kontur import machine, planner, run, shapes, wire
-from kontur.device import Device
+from kontur import machine
+from kontur.can import wire
+from kontur.can.link import Link
+from kontur.drive.device import Device
+from kontur.drive.stream import WINDOW, stream
 from kontur.errors import DeviceError, EmcyError, StreamError
-from kontur.link import Link
-from kontur.stream import WINDOW, stream
+from kontur.path import shapes
+from kontur.planning import planner
+from kontur.planning.bounds import limits
 
 KNOT = wire.RPDO2 + 1
 TELEMETRY = {cob + 1 for cob in wire.TELEMETRY}
@@ -65,7 +69,7 @@ def enabled(knots_nm: NDArray[np.int32], kind: type[HookedBus] = HookedBus) -> I
 def knots_nm() -> NDArray[np.int32]:
     """About 1.3 s of motion, more than four times what the queue holds."""
     program = shapes.circle(0.02, 0.1)
-    knots: NDArray[np.int32] = planner.plan(program, run.limits(machine.load())).knots_nm
+    knots: NDArray[np.int32] = planner.plan(program, limits(machine.load())).knots_nm
     return knots
 
 

@@ -7,13 +7,15 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from kontur import log, machine, scope
+from kontur import machine
+from kontur.can.emcy import describe_emcy
 from kontur.cli import main
 from kontur.cli.options import drive_of
-from kontur.device import Device
-from kontur.emcy import describe_emcy
+from kontur.drive import scope
+from kontur.drive.device import Device
+from kontur.drive.target import Target, connect
 from kontur.errors import DeviceError, NoAnswerError
-from kontur.run import Target, connect
+from kontur.runs import log
 
 CIRCLE = ("run", "circle", "--radius", "4", "--feed", "50")
 NARROW = ("--set", "tunnel.radius=200", "--set", "tunnel.debounce=0", "--set", "tunnel.reaction=0")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kontur import wire
+from kontur.can import wire
 from kontur.errors import PathError
 
 

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Instructions of the board's drivers in a servo tick, both axes with power and a force at the analog output: JSON. QEMU's
- * registers are no encoder's and no DAC's, but the way through the drivers is the ordinary one. */
+/* bench_port.c: a program for QEMU that prints, as JSON, the instructions of the board's drivers in a servo tick,
+ * with both axes enabled and a force at the analog output. QEMU's registers are not those of an encoder or a DAC, but
+ * the drivers execute what they execute on a chip.
+ */
 #include <stdio.h>
 
 #include "port/stm32f405/encoder.h"
@@ -16,14 +18,14 @@ int main(void)
                                            {.full_scale_mN = 600000, .jump_counts = UINT32_MAX}};
     uint32_t worst = 0;
     uint64_t sum = 0;
-    output_init(); /* without cpu_look(): to them this is a chip */
+    output_init(); /* without cpu_detect_emulator(), so that the drivers take this for a chip */
     inputs_init();
     encoder_init();
     encoder_configure(cfg);
     output_configure(cfg);
     count_start();
-    const uint32_t begin = count_now();
-    const uint32_t reading = count_now() - begin; /* of the counter itself */
+    const uint32_t start = count_now();
+    const uint32_t overhead = count_now() - start; /* of reading the counter */
     for (int32_t i = 0; i < STEPS; i++) {
         const struct hal_drive_out out = {.force_mN = {i, -i}, .enable = {true, true}};
         const uint32_t from = count_now();
@@ -31,7 +33,7 @@ int main(void)
         encoder_read(&in);
         inputs_read(&in);
         output_write(&out);
-        const uint32_t n = count_now() - from - reading;
+        const uint32_t n = count_now() - from - overhead;
         sum += n;
         worst = n > worst ? n : worst;
     }

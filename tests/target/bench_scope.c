@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Instructions of a servo tick under ccu with the scope in different states: JSON. */
+/* bench_scope.c: a program for QEMU that prints, as JSON, the instructions of a servo tick under ccu with the scope in
+ * different states. */
 #include <stdio.h>
 
 #include "rig.h"
@@ -26,13 +27,13 @@ static void tick(const char *name, uint8_t channels, uint32_t interval_us, enum 
         od.scope.level = INT32_MAX;
         (void)scope_arm(&r.loop.scope, &od, no_origin);
     }
-    const uint32_t begin = count_now();
-    const uint32_t reading = count_now() - begin; /* of the counter itself */
+    const uint32_t start = count_now();
+    const uint32_t overhead = count_now() - start; /* of reading the counter */
     for (uint32_t i = 0; i < STEPS; i++) {
         rig_feed(&r);
         const uint32_t from = count_now();
         servo_loop_tick(&r.loop);
-        const uint32_t n = count_now() - from - reading;
+        const uint32_t n = count_now() - from - overhead;
         rig_move(&r);
         sum += n;
         worst = n > worst ? n : worst;

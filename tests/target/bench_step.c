@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Instructions of a complete servo tick, encoder counts to force words, under each controller: JSON. */
+/* bench_step.c: a program for QEMU that prints, as JSON, the instructions of a complete servo tick under each
+ * controller, from encoder counts to force words. */
 #include <stdio.h>
 
 #include "rig.h"
@@ -13,16 +14,16 @@ static bool step(enum controller controller, const char *name, const char *separ
     uint32_t worst = 0;
     uint64_t sum = 0;
     rig_init(&r, controller);
-    const uint32_t begin = count_now();
-    const uint32_t reading = count_now() - begin; /* of the counter itself */
-    rig_feed(&r); /* the first tick takes the configuration over, which happens without power only */
+    const uint32_t start = count_now();
+    const uint32_t overhead = count_now() - start; /* of reading the counter */
+    rig_feed(&r); /* the first tick takes over the configuration, which it does only without power */
     servo_loop_tick(&r.loop);
     rig_move(&r);
     for (uint32_t i = 0; i < STEPS; i++) {
         rig_feed(&r);
         const uint32_t from = count_now();
         servo_loop_tick(&r.loop);
-        const uint32_t n = count_now() - from - reading;
+        const uint32_t n = count_now() - from - overhead;
         rig_move(&r);
         sum += n;
         worst = n > worst ? n : worst;

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* 100,000 periods of a part in closed loop under ccu, and a hash of all that the servo keeps and puts out: the same words
- * on the host and on every target. */
+/* hash.c: a program that prints a hash over the state and the outputs of the servo in 100,000 control periods of a
+ * part in closed loop under ccu. It must print the same on the host and on every target.
+ */
 #include <stdio.h>
 
 #include "rig.h"
 
 enum { STEPS = 100000 };
 
-/* FNV-1a, of things without padding, least significant byte first */
+/* The hash FNV-1a of data without padding, least significant byte first. */
 static void mix(uint32_t *hash, const void *data, uint32_t size)
 {
     const uint8_t *bytes = data;
@@ -31,7 +32,7 @@ static void mix_servo(uint32_t *hash, const struct servo_state *s)
     mix(hash, &s->feedforward, sizeof s->feedforward);
     mix(hash, &s->offset, sizeof s->offset);
     mix(hash, &s->force, sizeof s->force);
-    mix(hash, s->asked, sizeof s->asked);
+    mix(hash, s->demand, sizeof s->demand);
 }
 
 int main(void)
@@ -50,7 +51,7 @@ int main(void)
             mix(&hash, &r.onchip_plant.axis[k].vel, sizeof r.onchip_plant.axis[k].vel);
         }
     }
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&r.loop);
+    const struct servo_snapshot *s = servo_loop_snapshot(&r.loop);
     printf("%08lX at (%ld, %ld) nm, faults %lX\n", (unsigned long)hash, (long)s->position_nm[0],
            (long)s->position_nm[1], (unsigned long)r.loop.faults);
     return r.loop.faults == 0 ? 0 : 1;

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import sys
 
-from kontur import machine, programs
-from kontur.planner import plan
-from kontur.run import limits
+from kontur import machine
+from kontur.path import programs
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
 
 KNOTS = 10_000
 

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* rig.c: the closed loop of rig.h. */
 #include "rig.h"
 
 #include "part_knots.h"
 
-enum { AHEAD = 200 }; /* knots kept in the ring */
+enum { AHEAD = 200 }; /* knots in the ring ahead of path time */
 
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
@@ -29,7 +30,7 @@ void rig_feed(struct rig *r)
 
 void rig_move(struct rig *r)
 {
-    onchip_plant_step(&r->machine_cfg, &r->onchip_plant, &r->out);
+    onchip_plant_step(&r->onchip_plant_cfg, &r->onchip_plant, &r->out);
 }
 
 void rig_init(struct rig *r, enum controller controller)
@@ -39,9 +40,9 @@ void rig_init(struct rig *r, enum controller controller)
     od.onchip_plant.start_x = part_knots[0][0];
     od.onchip_plant.start_y = part_knots[0][1];
     *r = (struct rig){.hal = {.ctx = r, .drive_read = drive_read, .drive_write = drive_write},
-                      .machine_cfg = configuration_onchip_plant(&od),
+                      .onchip_plant_cfg = configuration_onchip_plant(&od),
                       .ring = {.start = {{part_knots[0][0], part_knots[0][1]}}}};
-    onchip_plant_reset(&r->machine_cfg, &r->onchip_plant);
+    onchip_plant_reset(&r->onchip_plant_cfg, &r->onchip_plant);
     servo_loop_init(&r->loop, &r->hal, &r->ring);
     r->loop.cfg[0] = drive_loop_cfg(&od);
     for (int i = 0; i < 2; i++) {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Start-up of a test program in QEMU, with standard output and exit code by semihosting (Arm, "Semihosting for AArch32 and
- * AArch64", sections 6.5, 6.9, 6.18). */
+/* semihost.c: start-up of a test program in QEMU, with standard output and exit code by semihosting (Arm,
+ * "Semihosting for AArch32 and AArch64", sections 6.5, 6.9, 6.18), and its instruction counter.
+ */
 #include <stdint.h>
 #include <stdlib.h>
 #include <sys/stat.h>
@@ -42,7 +43,7 @@ __attribute__((section(".vectors"), used)) static const void *const vectors[] = 
 
 void reset(void)
 {
-    *(volatile uint32_t *)0xE000ED88u |= 0xFu << 20; /* CPACR: the FPU, where there is one */
+    *(volatile uint32_t *)0xE000ED88u |= 0xFu << 20; /* CPACR: enable the FPU, if there is one */
     __asm__ volatile("dsb\n isb");
     const uint32_t *from = &data_load;
     for (uint32_t *to = &data_begin; to < &data_end;) {
@@ -71,15 +72,15 @@ int _write(int file, const char *data, int bytes)
     return bytes;
 }
 
-/* ---- the instruction counter: TIM2 (RM0090, section 18.4), which QEMU runs at 1 GHz, one count an instruction at
- * -icount shift=0 ---- */
+/* ---- the instruction counter, which is TIM2 (RM0090, section 18.4). QEMU runs it at 1 GHz, which with -icount
+ * shift=0 is one count for each instruction. ---- */
 
 #define TIM2(offset) (*(volatile uint32_t *)(0x40000000u + (offset)))
 
 void count_start(void)
 {
     TIM2(0x2C) = 0xFFFFFFFFu; /* ARR */
-    TIM2(0x14) = 1;           /* EGR: take it over */
+    TIM2(0x14) = 1;           /* EGR: load ARR */
     TIM2(0x00) = 1;           /* CR1: run */
 }
 
@@ -88,7 +89,7 @@ uint32_t count_now(void)
     return TIM2(0x24);
 }
 
-/* ---- what newlib asks for ---- */
+/* ---- the system calls of newlib ---- */
 
 void *_sbrk(int bytes)
 {

@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* stages.c: a plugin of QEMU (qemu-plugin.h of its manual, "TCG plugins") that counts the instructions between one call
- * of count_now() and the next by stage of the servo tick.
+/* stages.c: a plugin of QEMU (qemu-plugin.h of its manual, "TCG plugins") that counts, by stage of the servo tick,
+ * the instructions between one call of count_now() and the next. `kontur bench step` runs it.
  *
- * -plugin libstages.so,table=FILE: lines "ADDRESS STAGE" in hex and decimal for each address of the program that
- * belongs to a stage, ascending, and first a line "ADDRESS STAGES" of count_now() and the number of stages. An address that is not
- * in the table, a helper of the compiler's library, belongs to the stage that called it.
+ * Its argument is table=FILE. The first line of the table is "ADDRESS STAGES", the address of count_now() in hex and
+ * the number of stages. Each further line is "ADDRESS STAGE" for an address of the program that belongs to a stage,
+ * ascending. An address that is not in the table, a function of the compiler's library, belongs to the stage that
+ * called it.
  *
- * The program reads the counter in pairs; a pair that has nothing between it, the first, begins a series, and each
- * further pair is a tick. Written to standard error at the end: for each series a line of the ticks' number, and the
- * sum and the worst of each stage. The first pair's instructions come off the last stage.
+ * The program reads the counter in pairs. A pair without anything between its calls begins a series; each further
+ * pair is a servo tick. At the end the plugin prints a line for each series: the number of ticks, and for each stage
+ * the sum and the maximum of its instructions. The instructions of the empty pair are subtracted from the last stage.
  */
 #include <stdbool.h>
 #include <stdint.h>
@@ -16,7 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* of qemu-plugin.h */
+/* Declarations of qemu-plugin.h. */
 typedef uint64_t qemu_plugin_id_t;
 struct qemu_info;
 struct qemu_plugin_tb;
@@ -37,7 +38,8 @@ __attribute__((visibility("default"))) int qemu_plugin_version = QEMU_PLUGIN_VER
 
 enum { STAGES = 16, ADDRESSES = 1 << 19, SERIES = 32, INHERITED = 255 };
 
-struct block { /* that QEMU has translated: how many instructions of which stage */
+/* A block that QEMU has translated: the number of its instructions in each stage. */
+struct block {
     uint32_t count[STAGES], inherited;
     uint8_t last;
     bool marks;
@@ -45,8 +47,8 @@ struct block { /* that QEMU has translated: how many instructions of which stage
 
 static uint8_t stage_at[ADDRESSES]; /* by (address - flash) / 2 */
 static uint32_t mark, stages;
-static uint64_t now[STAGES], reading;
-static unsigned current, calls; /* where execution is; calls of count_now() so far */
+static uint64_t now[STAGES], overhead; /* instructions of this pair; instructions of an empty pair */
+static unsigned current, calls;        /* stage that executes; calls of count_now() so far */
 static struct series {
     uint64_t ticks, sum[STAGES], worst[STAGES];
 } series[SERIES], *at = series;
@@ -57,19 +59,19 @@ static unsigned stage_of(uint64_t address)
     return i < ADDRESSES ? stage_at[i] : INHERITED;
 }
 
-/* count_now() is called: a pair begins or ends. A series has 1 + ticks pairs; the program's gap makes the first. */
-static void marked(void)
+/* count_now() is called: a pair starts or ends. */
+static void pair_boundary(void)
 {
     if (calls++ % 2 == 1) {
         uint64_t all = 0;
         for (unsigned s = 0; s < stages; s++) {
             all += now[s];
         }
-        if (all < 12) { /* nothing in it */
+        if (all < 12) { /* the pair is empty */
             at = at->ticks > 0 && at < &series[SERIES - 1] ? at + 1 : at;
-            reading = all;
+            overhead = all;
         } else {
-            now[stages - 1] -= reading;
+            now[stages - 1] -= overhead;
             at->ticks++;
             for (unsigned s = 0; s < stages; s++) {
                 at->sum[s] += now[s];
@@ -85,7 +87,7 @@ static void execute(unsigned vcpu, void *data)
     const struct block *b = data;
     (void)vcpu;
     if (b->marks) {
-        marked();
+        pair_boundary();
     }
     now[current] += b->inherited;
     for (unsigned s = 0; s < stages; s++) {
@@ -96,7 +98,7 @@ static void execute(unsigned vcpu, void *data)
 
 static void translate(qemu_plugin_id_t id, struct qemu_plugin_tb *tb)
 {
-    struct block *b = calloc(1, sizeof *b); /* for as long as QEMU runs */
+    struct block *b = calloc(1, sizeof *b); /* never freed: QEMU needs it as long as it runs */
     (void)id;
     b->last = INHERITED;
     for (size_t i = 0; i < qemu_plugin_tb_n_insns(tb); i++) {

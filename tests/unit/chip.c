@@ -33,7 +33,7 @@ void chip_reset(void)
 {
     memset((void *)&chip, 0, sizeof chip);
     chip.rcc.CR = RCC_CR_HSION | RCC_CR_HSIRDY;
-    cpu_look();
+    cpu_detect_emulator();
     memset(chip_store, 0xFF, sizeof chip_store);
     memset(chip_emulated_store, 0, sizeof chip_emulated_store);
     chip_waits = all_well;
@@ -43,7 +43,7 @@ void chip_reset(void)
 void chip_emulate(void)
 {
     chip.rcc.CR = 0;
-    cpu_look();
+    cpu_detect_emulator();
 }
 
 bool chip_pin(char port, unsigned number)

@@ -124,8 +124,8 @@ static const struct variable variables[] = {
     LOOP(servo.observer[0].acc),
     LOOP(servo.controller),
     LOOP(servo.offset),
-    LOOP(servo.turn),
-    LOOP(servo.asked),
+    LOOP(servo.slot),
+    LOOP(servo.demand),
     LOOP(servo.smc),
     LOOP(servo.compensator),
     LOOP(servo.feedforward),
@@ -313,8 +313,9 @@ static bool of_no_meaning(const struct variable *v, size_t bit)
 #define IN_BOTH(member)                                                                                                \
     offsetof(struct rig, device.drive.loop.cfg[0].member), offsetof(struct rig, device.drive.loop.cfg[1].member)
     static const size_t bools[] = {
-        IN_BOTH(servo.contour.newton),          IN_BOTH(servo.smc.psi_printed),  IN_BOTH(servo.compensator.law_printed),
-        IN_BOTH(servo.compensator.whole_input), IN_BOTH(onchip_plant.simulated),
+        IN_BOTH(servo.contour.newton),          IN_BOTH(servo.smc.psi_printed),
+        IN_BOTH(servo.compensator.law_printed), IN_BOTH(servo.compensator.input_printed),
+        IN_BOTH(onchip_plant.simulated),
     };
     for (unsigned i = 0; i < sizeof bools / sizeof bools[0]; i++) {
         if (v->offset + bit / 8 == bools[i] && bit % 8 != 0) {

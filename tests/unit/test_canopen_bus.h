@@ -26,7 +26,7 @@ struct bus {
     } checked, written;
     bool reset_communication_only;
     enum co_state state;
-    uint32_t refuse;         /* what check_write answers */
+    uint32_t refuse;         /* what before_write answers */
     struct od_knot knots[8]; /* as stored at each RPDO2 */
     const char *domain;      /* contents of 2302h; NULL: none */
 };
@@ -49,7 +49,7 @@ static inline bool bus_can_bitrate(void *ctx, uint16_t kbitps, bool change)
     return kbitps == 1000;
 }
 
-static inline uint32_t bus_check_write(void *ctx, const struct od_entry *entry, int64_t value)
+static inline uint32_t bus_before_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
     struct bus *bus = ctx;
     bus->checked.index = entry->index;
@@ -138,7 +138,7 @@ static inline void bus_start(struct bus *bus)
                                      .hal = &bus->hal,
                                      .node_id = NODE,
                                      .hooks = {.ctx = bus,
-                                               .check_write = bus_check_write,
+                                               .before_write = bus_before_write,
                                                .on_write = bus_on_write,
                                                .before_read = bus_before_read,
                                                .domain_size = bus_domain_size,

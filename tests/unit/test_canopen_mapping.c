@@ -252,14 +252,14 @@ static void test_mapping_that_makes_no_sense_is_not_in_use(void)
     bus.od.tpdo4_map.map_2 = 0x22106308;
     bus.od.tpdo5_map.map_4 = 0x22100C20;
     bus.od.tpdo5_map.highest_sub = 4; /* 12 bytes */
-    co_pdo_refresh(&bus.node);
+    co_pdo_refresh(&bus.node.pdo);
     bus_give(&bus, 0, "01 05");
     TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 4));
     TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 5));
     TEST_ASSERT_TRUE(co_tpdo_send(&bus.node, 3));
     bus.od.tpdo5_map.map_1 = 0x10010008; /* 1 + 2 + 4 + 2: a byte too many */
     bus.od.tpdo5_map.map_4 = 0x60410010;
-    co_pdo_refresh(&bus.node);
+    co_pdo_refresh(&bus.node.pdo);
     TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 5));
 }
 

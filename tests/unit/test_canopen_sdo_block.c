@@ -2,6 +2,7 @@
 /* SDO block upload, byte by byte as in CiA 301, 7.2.4.3.12 to .16, and with a client that loses segments. */
 #include <stdio.h>
 
+#include "canopen/sdo_block.h"
 #include "test_canopen_block.h"
 
 static char text[2001]; /* 285 segments and 5 bytes: more than two blocks of 127 */
@@ -31,7 +32,7 @@ static void test_upload_of_a_short_text_in_one_block(void)
     bus_expect(&bus, 1, 0x585, "82 38 39 00 00 00 00 00");
     bus_sdo(&bus, "A2 02 7F 00 00 00 00 00", "D5 C3 31 00 00 00 00 00"); /* 5 unused; 31C3h: the CRC's check value */
     give("A1 00 00 00 00 00 00 00");
-    TEST_ASSERT_EQUAL(CO_SDO_IDLE, bus.node.sdo.transfer);
+    TEST_ASSERT_EQUAL(CO_SDO_IDLE, bus.node.sdo.transfer.phase);
 }
 
 static void test_domain_comes_by_block_until_it_is_gone(void)
@@ -51,7 +52,7 @@ static void test_domain_comes_by_block_until_it_is_gone(void)
     bus_run_ms(&bus, 5);
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
     bus_expect(&bus, 0, 0x585, "80 02 23 00 22 00 00 08");
-    TEST_ASSERT_EQUAL(CO_SDO_IDLE, bus.node.sdo.transfer);
+    TEST_ASSERT_EQUAL(CO_SDO_IDLE, bus.node.sdo.transfer.phase);
 }
 
 static void test_upload_without_crc_has_none(void)

@@ -104,7 +104,7 @@ static void test_uncertainty_compensator(void)
                                              .phi = 1111111,
                                              .dead_zone = 2222222,
                                              .law_printed = 1,
-                                             .whole_input = 0};
+                                             .input_printed = 0};
     const struct compensator_cfg u = configuration_servo(&od).compensator;
     near(61.234 * T0, u.alpha);
     near(1.234567 / UM * T0 * T0, u.mu_0); /* m/s2 */
@@ -113,11 +113,11 @@ static void test_uncertainty_compensator(void)
     near(1.111111e-3 / UM * T0, u.phi);
     near(2.222222e-3 / UM * T0, u.dead_zone);
     TEST_ASSERT_TRUE(u.law_printed);
-    TEST_ASSERT_FALSE(u.whole_input);
+    TEST_ASSERT_FALSE(u.input_printed);
     od.compensator.law_printed = 0;
-    od.compensator.whole_input = 1;
+    od.compensator.input_printed = 1;
     TEST_ASSERT_FALSE(configuration_servo(&od).compensator.law_printed);
-    TEST_ASSERT_TRUE(configuration_servo(&od).compensator.whole_input);
+    TEST_ASSERT_TRUE(configuration_servo(&od).compensator.input_printed);
 }
 
 static void test_cascade(void)

@@ -37,7 +37,7 @@ static struct contour_out axes_at(struct polar p, double knots)
     const struct path_state path = path_at(&ring, knots);
     const double c = cos(p.phi), s = sin(p.phi);
     at_um(p.rho * c, p.rho * s, q);
-    contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q,
+    contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q,
                  mk2(p.rho_dot * c - p.rho * p.phi_dot * s, p.rho_dot * s + p.rho * p.phi_dot * c), &o);
     return o;
 }
@@ -203,7 +203,7 @@ static void test_rates_on_a_path_of_changing_speed_and_curvature(void)
     parabola_ring();
     const struct path_state path = path_at(&ring, 5 * (tau + lag));
     at_um(V * tau, 0.5 * K * tau * tau, q);
-    contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q, mk2(nu * V, nu * K * tau), &o);
+    contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(nu * V, nu * K * tau), &o);
 
     /* one Newton step leaves 1e-4 T0 at such a lag; knots of 1 nm move r'' by 0.05, r''' by 0.5, of 540 um/T0 */
     const double speed2 = V * V + K * K * tau * tau;
@@ -255,7 +255,7 @@ static void test_a_slower_path_time_scales_the_reference_by_the_chain_rule(void)
     path.rate = mk(0.5);
     path.rate_dot = mk(-0.25);
     at_um(0, R, q);
-    contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q, mk2(-250, 0), &o);
+    contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(-250, 0), &o);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.5 * -R * W * sin(1), val(o.r_dot.x));
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.5 * R * W * cos(1), val(o.r_dot.y));
     TEST_ASSERT_DOUBLE_WITHIN(0.1, 0.25 * -R * W * W * cos(1) - 0.25 * -R * W * sin(1), val(o.r_ddot.x));
@@ -270,7 +270,7 @@ static void test_on_a_line_the_contour_error_is_the_distance_to_it_whatever_the_
         pos_t q[2];
         const struct path_state path = path_at(&ring, 50);
         at_um(1500 - 0.6 * lag - 0.8 * 12, 2000 - 0.8 * lag + 0.6 * 12, q); /* 12 um to the left */
-        contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q, mk2(0.6 * 200 - 0.8 * 7, 0.8 * 200 + 0.6 * 7),
+        contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(0.6 * 200 - 0.8 * 7, 0.8 * 200 + 0.6 * 7),
                      &o);
         TEST_ASSERT_DOUBLE_WITHIN(1e-4, 12, val(o.e_n.y));
         TEST_ASSERT_DOUBLE_WITHIN(1e-4, -lag, val(o.e_n.x));
@@ -289,7 +289,7 @@ static void test_tracking_error_rate_is_actual_less_programmed_velocity(void)
     pos_t q[2];
     const struct path_state path = path_at(&ring, 50);
     at_um(1500, 2000, q);
-    contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q, mk2(160, 190), &o);
+    contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(160, 190), &o);
     ASSERT_NEAR(10, val(o.e_w_dot.x), 160.0);
     ASSERT_NEAR(-10, val(o.e_w_dot.y), 190.0);
 }
@@ -303,7 +303,7 @@ static void test_the_delay_is_regularised_at_low_speed(void)
     pos_t q[2];
     const struct path_state path = path_at(&ring, 50);
     at_um(5 - 0.25, 0, q);
-    contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q, mk2(0.25, 0), &o);
+    contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(0.25, 0), &o);
     TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(6), 0.25 / 0.5 / 2, val(o.t_d)); /* v^2/(v^2 + v_min^2) = 1/2 of (5) */
     TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(6), 0.5 * (0.25 / 0.5) + 0.5,
                               val(o.nu)); /* half the actual rate, half the path's */
@@ -316,7 +316,7 @@ static void test_at_standstill_the_law_is_given_plain_tracking(void)
     pos_t q[2];
     const struct path_state path = path_at(&ring, 30);
     at_um(103, 196, q);
-    contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q, mk2(5, -6), &o);
+    contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(5, -6), &o);
     ASSERT_NEAR(3, val(o.e_n.x), 3.0);
     ASSERT_NEAR(-4, val(o.e_n.y), 4.0);
     ASSERT_NEAR(3, val(o.e_wn.x), 3.0);
@@ -339,7 +339,7 @@ static void test_leaving_standstill_the_law_is_given_the_acceleration_of_both_ax
     pos_t q[2];
     const struct path_state path = path_at(&ring, 18.03);
     at_um(0, 0, q);
-    contour_step(&cfg, &(struct spline_kept){0}, &ring, &path, q, mk2(0, 0), &o);
+    contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(0, 0), &o);
     TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(10), 0.03 * 0.03 * 0.3, val(o.r_dot.x));
     ASSERT_NEAR(0.03 * 3, val(o.a_n.x), 3.0);
     ASSERT_NEAR(0.03 * 6, val(o.a_n.y), 6.0);

@@ -828,11 +828,11 @@ static void test_telemetry_carries_forces_gains_and_energy_in_their_units(void)
     TEST_ASSERT_TRUE(rig.out.force_mN[0] != rig.out.force_mN[1]);
     TEST_ASSERT_INT16_WITHIN(1, rig.out.force_mN[0] / 100, i16(&force[0]));
     TEST_ASSERT_INT16_WITHIN(1, rig.out.force_mN[1] / 100, i16(&force[2]));
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&rig.device.drive.loop);
-    TEST_ASSERT_EQUAL_UINT16(s->k_hat[0], co_get(&force[4], 2));
-    TEST_ASSERT_EQUAL_UINT16(s->k_hat[1], co_get(&force[6], 2));
-    TEST_ASSERT_EQUAL_UINT16(s->mu[0], co_get(&energy[0], 2));
-    TEST_ASSERT_EQUAL_UINT16(s->mu[1], co_get(&energy[2], 2));
+    const struct servo_snapshot *s = servo_loop_snapshot(&rig.device.drive.loop);
+    TEST_ASSERT_EQUAL_UINT16(s->adaptive_gain_per_10s[0], co_get(&force[4], 2));
+    TEST_ASSERT_EQUAL_UINT16(s->adaptive_gain_per_10s[1], co_get(&force[6], 2));
+    TEST_ASSERT_EQUAL_UINT16(s->switching_gain_mmps2[0], co_get(&energy[0], 2));
+    TEST_ASSERT_EQUAL_UINT16(s->switching_gain_mmps2[1], co_get(&energy[2], 2));
     TEST_ASSERT_UINT32_WITHIN(200, rig_read(&rig, 0x2220, 2) + rig_read(&rig, 0x2220, 3), co_get(&energy[4], 4));
     TEST_ASSERT_TRUE(co_get(&energy[4], 4) > 1000);
     TEST_ASSERT_INT32_WITHIN(3000, (int32_t)lround(rig.plant.vel_mps[0] * 1e6), (int32_t)rig_read(&rig, 0x606C, 0));

@@ -44,7 +44,7 @@ static void expect_legal(void)
     }
     TEST_ASSERT_TRUE(rig.device.od.stream.state <= STREAM_STOPPED);
     TEST_ASSERT_TRUE(configuration_fits(&rig.device.od));
-    TEST_ASSERT_TRUE(rig.device.node.tx_count <= CO_TX_FRAMES);
+    TEST_ASSERT_TRUE(rig.device.node.tx.count <= CO_TX_FRAMES);
 }
 
 /* One control period: force needs an enabled power stage, and that an axis that is on. */
@@ -101,7 +101,7 @@ static void expect_an_answer(void)
     struct can_frame f = {.id = (uint16_t)(0x600u + node_id()), .len = 8, .data = {0x40, 0x00, 0x10}};
     answers = 0;
     give(&f);
-    for (int i = 0; i < 10 && (answers == 0 || rig.device.node.tx_count != 0); i++) { /* the bus may be full */
+    for (int i = 0; i < 10 && (answers == 0 || rig.device.node.tx.count != 0); i++) { /* the bus may be full */
         rig_ms(&rig, 5);
         give(&f);
     }

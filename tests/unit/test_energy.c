@@ -53,7 +53,7 @@ static void test_braking_gives_energy_back(void)
 {
     ASSERT_NEAR(by_30(0.3, -4), step(0.3, -4), 500.0);
     TEST_ASSERT_TRUE(step(0.3, -4) < 0);
-    TEST_ASSERT_TRUE(state.mJ < 0 || val(state.part_mJ) < 0);
+    TEST_ASSERT_TRUE(state.mJ < 0 || val(state.fraction_mJ) < 0);
 }
 
 static void test_at_rest_no_power_flows(void)
@@ -63,7 +63,7 @@ static void test_at_rest_no_power_flows(void)
 
 static double energy_mJ(void)
 {
-    return state.mJ + val(state.part_mJ);
+    return state.mJ + val(state.fraction_mJ);
 }
 
 static void test_energy_is_power_times_time(void)

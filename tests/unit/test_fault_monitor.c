@@ -6,14 +6,14 @@
 
 static struct fault_monitor watch;
 static struct od_data od;
-static struct servo_loop_snapshot snapshot;
+static struct servo_snapshot snapshot;
 static bool powered[2];
 
 void setUp(void)
 {
     od_init(&od, 1);
     watch = (struct fault_monitor){0};
-    snapshot = (struct servo_loop_snapshot){0};
+    snapshot = (struct servo_snapshot){0};
     powered[0] = powered[1] = true;
 }
 
@@ -36,12 +36,12 @@ static void test_what_lasts_for_more_than_a_minute_is_still_there(void)
 {
     od.tunnel.radius = 1000;
     od.tunnel.debounce = 10000;
-    snapshot.e_n_nm[1] = 1001;
+    snapshot.contour_error_nm = 1001;
     TEST_ASSERT_FALSE(holds_after(FAULT_TUNNEL, 10000));
     for (unsigned i = 0; i < 70000; i++) {
         TEST_ASSERT_TRUE(holds_after(FAULT_TUNNEL, 1));
     }
-    snapshot.e_n_nm[1] = -1000;
+    snapshot.contour_error_nm = -1000;
     TEST_ASSERT_FALSE(holds_after(FAULT_TUNNEL, 1));
 }
 
@@ -68,11 +68,11 @@ static void test_gain_at_its_limit_is_told_of_each_gain_of_each_axis(void)
     for (int i = 0; i < 4; i++) {
         setUp();
         od.fault_delay.gain = 50;
-        (i < 2 ? snapshot.k_hat : snapshot.mu)[i % 2] =
+        (i < 2 ? snapshot.adaptive_gain_per_10s : snapshot.switching_gain_mmps2)[i % 2] =
             (int32_t)(i < 2 ? od.smc.k_max / 100u : od.compensator.mu_max / 1000u);
         TEST_ASSERT_FALSE(holds_after(FAULT_GAIN, 50));
         TEST_ASSERT_TRUE(holds_after(FAULT_GAIN, 1));
-        (i < 2 ? snapshot.k_hat : snapshot.mu)[i % 2]--;
+        (i < 2 ? snapshot.adaptive_gain_per_10s : snapshot.switching_gain_mmps2)[i % 2]--;
         TEST_ASSERT_FALSE(holds_after(FAULT_GAIN, 100));
     }
 }
@@ -80,7 +80,7 @@ static void test_gain_at_its_limit_is_told_of_each_gain_of_each_axis(void)
 static void test_gain_at_its_limit_is_told_while_an_axis_has_power(void)
 {
     od.fault_delay.gain = 50;
-    snapshot.mu[0] = (int32_t)(od.compensator.mu_max / 1000u);
+    snapshot.switching_gain_mmps2[0] = (int32_t)(od.compensator.mu_max / 1000u);
     powered[0] = false;
     TEST_ASSERT_TRUE(holds_after(FAULT_GAIN, 51));
     powered[1] = false;
@@ -99,7 +99,7 @@ static void test_time_counts_however_seldom_the_background_looks(void)
     od.tunnel.radius = 1000;
     od.tunnel.debounce = 50;
     od.fault_delay.frozen = 50;
-    snapshot.e_n_nm[1] = 1001;
+    snapshot.contour_error_nm = 1001;
     snapshot.force_dN[0] = 6000;
     TEST_ASSERT_FALSE(holds_late(FAULT_TUNNEL, 500)); /* since when is not known */
     for (unsigned i = 0; i < 7; i++) {
@@ -108,7 +108,7 @@ static void test_time_counts_however_seldom_the_background_looks(void)
     }
     TEST_ASSERT_TRUE(holds_late(FAULT_TUNNEL, 7));
     TEST_ASSERT_TRUE((watch.now & FAULT_BIT(FAULT_ENCODER_FROZEN)) != 0);
-    snapshot.count[0] += 2;
+    snapshot.encoder_count[0] += 2;
     TEST_ASSERT_FALSE(holds_late(FAULT_ENCODER_FROZEN, 500));
     TEST_ASSERT_TRUE(holds_late(FAULT_TUNNEL, 70000));
 }

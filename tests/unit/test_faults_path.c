@@ -133,7 +133,7 @@ static void test_tunnel_may_be_left_as_long_as_its_debounce_says(void)
     unsigned outside = 0;
     for (unsigned i = 0; i < 100 && !detected(ROW_TUNNEL); i++) {
         rig_ms(&rig, 1);
-        outside = labs((long)servo_loop_snapshot(&rig.device.drive.loop)->e_n_nm[1]) > 10000 ? outside + 1 : 0;
+        outside = labs((long)servo_loop_snapshot(&rig.device.drive.loop)->contour_error_nm) > 10000 ? outside + 1 : 0;
         TEST_ASSERT_EQUAL(outside > 5, detected(ROW_TUNNEL));
     }
     TEST_ASSERT_TRUE(detected(ROW_TUNNEL));

@@ -60,7 +60,7 @@ static uint8_t next_step(void)
         [CO_SDO_BLOCK_UPLOAD_START] = {0xA3, 0xA3, 0xA3, 0xA2}, [CO_SDO_BLOCK_UPLOAD] = {0xA2, 0xA2, 0xA2, 0xA3},
         [CO_SDO_BLOCK_UPLOAD_END] = {0xA1, 0xA1, 0xA2, 0xA1},
     };
-    return steps[rig.device.node.sdo.transfer][draw(4)];
+    return steps[rig.device.node.sdo.transfer.phase][draw(4)];
 }
 
 /* Any step of any transfer, of an object that there is. */
@@ -73,7 +73,7 @@ static struct can_frame sdo(void)
     struct can_frame f = frame_of(0x600u + node_id(), 8, commands[draw(sizeof commands)]);
     co_put(&f.data[1], e->index, 2);
     f.data[3] = e->sub;
-    if (rig.device.node.sdo.transfer != CO_SDO_IDLE && draw(2) != 0) {
+    if (rig.device.node.sdo.transfer.phase != CO_SDO_IDLE && draw(2) != 0) {
         f.data[0] = next_step();
     }
     if (f.data[0] == 0xA2) {

@@ -415,9 +415,9 @@ static void test_path_error_is_kept_over_the_path_time_that_ran(void)
         if (i % 100 == 0) {
             rig_feed(&rig, &s, s.count);
         }
-        const struct servo_loop_snapshot *now = servo_loop_snapshot(&rig.device.drive.loop);
-        if (now->rate > 0) {
-            const double e = fabs((double)now->e_n_nm[1]);
+        const struct servo_snapshot *now = servo_loop_snapshot(&rig.device.drive.loop);
+        if (now->path_rate_permille > 0) {
+            const double e = fabs((double)now->contour_error_nm);
             sum += e;
             max = fmax(max, e);
             samples++;

@@ -21,7 +21,7 @@ void tearDown(void)
 {
 }
 
-void die(const char *format, ...)
+void fatal(const char *format, ...)
 {
     va_list arguments;
     va_start(arguments, format);

@@ -72,24 +72,24 @@ static void test_sync_periods_add_up_exactly(void)
 
 static void test_an_answer_cannot_come_sooner_than_a_wire_carries_it(void)
 {
-    TEST_ASSERT_TRUE(pace_wire_free(&pace, 0)); /* nothing has come yet */
+    TEST_ASSERT_TRUE(pace_bus_free(&pace, 0)); /* nothing has come yet */
     pace_frame(&pace, 100);
-    TEST_ASSERT_FALSE(pace_wire_free(&pace, 100));
-    TEST_ASSERT_FALSE(pace_wire_free(&pace, 101));
-    TEST_ASSERT_TRUE(pace_wire_free(&pace, 102)); /* 0.2 ms */
+    TEST_ASSERT_FALSE(pace_bus_free(&pace, 100));
+    TEST_ASSERT_FALSE(pace_bus_free(&pace, 101));
+    TEST_ASSERT_TRUE(pace_bus_free(&pace, 102)); /* 0.2 ms */
     pace_frame(&pace, 102);
-    TEST_ASSERT_FALSE(pace_wire_free(&pace, 103));
+    TEST_ASSERT_FALSE(pace_bus_free(&pace, 103));
 }
 
 static void test_the_wait_for_the_wire_ends_with_the_tick_from_which_it_is_free(void)
 {
-    TEST_ASSERT_EQUAL_UINT64(0, pace_wire_ns(&pace, start_ns));
+    TEST_ASSERT_EQUAL_UINT64(0, pace_bus_wait_ns(&pace, start_ns));
     pace_frame(&pace, 36000ull * HZ + 7); /* ten hours */
-    const uint64_t wait_ns = pace_wire_ns(&pace, start_ns + 10 * HOUR_NS);
+    const uint64_t wait_ns = pace_bus_wait_ns(&pace, start_ns + 10 * HOUR_NS);
     TEST_ASSERT_EQUAL_UINT64(900000, wait_ns);
-    TEST_ASSERT_EQUAL_UINT64(0, pace_wire_ns(&pace, start_ns + 10 * HOUR_NS + MS));
+    TEST_ASSERT_EQUAL_UINT64(0, pace_bus_wait_ns(&pace, start_ns + 10 * HOUR_NS + MS));
     TEST_ASSERT_TRUE(
-        pace_wire_free(&pace, pace_due(&pace, start_ns + 10 * HOUR_NS + wait_ns, 36000ull * HZ) + 36000ull * HZ));
+        pace_bus_free(&pace, pace_due(&pace, start_ns + 10 * HOUR_NS + wait_ns, 36000ull * HZ) + 36000ull * HZ));
 }
 
 int main(void)

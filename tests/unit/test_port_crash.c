@@ -177,12 +177,12 @@ static void test_a_supply_that_fails_makes_outputs_safe_and_is_a_brown_out_of_th
 
 static void test_a_record_with_any_bit_flipped_is_none(void)
 {
-    for (size_t bit = 0; bit < 8 * sizeof record; bit++) {
+    for (size_t bit = 0; bit < 8 * sizeof saved; bit++) {
         enum hal_reset reset;
         struct hal_crash crash;
         power_on();
         crash_at(0x0800BEEE);
-        ((uint8_t *)&record)[bit / 8] ^= (uint8_t)(1u << bit % 8);
+        ((uint8_t *)&saved)[bit / 8] ^= (uint8_t)(1u << bit % 8);
         chip.rcc.CSR = RCC_CSR_SFTRSTF;
         crash_read(&reset, &crash);
         TEST_ASSERT_EQUAL(HAL_RESET_SOFTWARE, reset);

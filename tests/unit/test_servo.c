@@ -46,9 +46,9 @@ static void step(double behind_um, double out_um)
 }
 
 /* What the last period asked for */
-static const struct servo_asked *asked(void)
+static const struct servo_demand *demand(void)
 {
-    return &state.asked[state.turn % 2];
+    return &state.demand[state.slot % 2];
 }
 
 static void test_reset_is_at_rest_where_the_encoders_are(void)
@@ -164,7 +164,7 @@ static void test_an_axis_that_is_disabled_and_rests_is_seen_at_rest(void)
         in.measured[0] = x;
         servo_step(&cfg, &state, &in, &out);
         TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
-        TEST_ASSERT_EQUAL_DOUBLE(0, val(asked()->model.x)); /* nor its reference model */
+        TEST_ASSERT_EQUAL_DOUBLE(0, val(demand()->model.x)); /* nor its reference model */
     }
 }
 
@@ -236,14 +236,14 @@ static void test_reference_model_is_driven_by_the_linear_part_of_the_delayed_for
 
 static void test_reference_model_as_printed_sees_the_friction_term(void)
 {
-    cfg.compensator.whole_input = true;
+    cfg.compensator.input_printed = true;
     step(20, 4);
     step(20, 4);
     const double whole = val(out.smc.u_linear.x) + val(out.smc.u_friction.x);
-    ASSERT_NEAR(whole, val(asked()->model.x), 700.0);
-    cfg.compensator.whole_input = false;
+    ASSERT_NEAR(whole, val(demand()->model.x), 700.0);
+    cfg.compensator.input_printed = false;
     step(20, 4);
-    ASSERT_NEAR(val(out.smc.u_linear.x), val(asked()->model.x), 700.0);
+    ASSERT_NEAR(val(out.smc.u_linear.x), val(demand()->model.x), 700.0);
 }
 
 static void test_reference_model_sees_the_switching_offset(void)
@@ -251,7 +251,7 @@ static void test_reference_model_sees_the_switching_offset(void)
     run(CONTROLLER_TRACK, 100);
     run(CONTROLLER_CCU, 3);
     TEST_ASSERT_TRUE(fabs(val(state.offset.x)) > 0.1);
-    ASSERT_NEAR(val(out.smc.u_linear.x) + val(state.offset.x), val(asked()->model.x), 600.0);
+    ASSERT_NEAR(val(out.smc.u_linear.x) + val(state.offset.x), val(demand()->model.x), 600.0);
 }
 
 static void test_reference_model_sees_that_the_force_is_limited(void)
@@ -262,7 +262,7 @@ static void test_reference_model_sees_that_the_force_is_limited(void)
     }
     TEST_ASSERT_TRUE(out.saturated);
     const double kept = val(out.force.x) - val(out.smc.u_friction.x) - val(out.compensator.u.x);
-    ASSERT_NEAR(kept, val(asked()->model.x), 600.0);
+    ASSERT_NEAR(kept, val(demand()->model.x), 600.0);
 }
 
 static void test_cc_has_no_compensation_and_ccu_has(void)
@@ -317,13 +317,13 @@ static void test_what_is_learned_is_added_to_the_force_and_is_no_part_of_the_mod
     step(20, 4);
     const vec2 feedforward_state = feedforward_force(
         &state.feedforward, smc_direction(cfg.smc.friction_speed, out.contour.r_dot), out.contour.r_ddot);
-    ASSERT_NEAR(val(out.smc.u_linear.x) + val(out.compensator.u.x), val(asked()->moving.x), 1000);
-    ASSERT_NEAR(val(out.smc.u_linear.y) + val(out.compensator.u.y), val(asked()->moving.y), 1000);
+    ASSERT_NEAR(val(out.smc.u_linear.x) + val(out.compensator.u.x), val(demand()->net.x), 1000);
+    ASSERT_NEAR(val(out.smc.u_linear.y) + val(out.compensator.u.y), val(demand()->net.y), 1000);
     ASSERT_NEAR(val(out.smc.u_linear.x) + val(out.smc.u_friction.x) + val(out.compensator.u.x) +
                     val(feedforward_state.x),
                 val(out.force.x), 1000);
-    ASSERT_NEAR(val(out.smc.u_linear.x), val(asked()->model.x), 1000);
-    ASSERT_NEAR(val(out.smc.u_linear.y), val(asked()->model.y), 1000);
+    ASSERT_NEAR(val(out.smc.u_linear.x), val(demand()->model.x), 1000);
+    ASSERT_NEAR(val(out.smc.u_linear.y), val(demand()->model.y), 1000);
 }
 
 static void test_a_limited_force_teaches_nothing(void)
@@ -419,14 +419,14 @@ static void test_energy_is_counted_for_both_axes(void)
     state.observer[1].vel = state.observer[1].disturbance = mk(0);
     for (int i = 0; i < 50; i++) { /* y rests from now on, and nothing acts on it */
         const pos_t y = in.measured[1];
-        state.asked[0].moving.y = state.asked[1].moving.y = mk(0);
+        state.demand[0].net.y = state.demand[1].net.y = mk(0);
         place(20, 4);
         in.measured[1] = y;
         state.observer[1].pos = y;
         servo_step(&cfg, &state, &in, &out);
         periods++;
     }
-    TEST_ASSERT_EQUAL_DOUBLE(0, state.energy[1].mJ + val(state.energy[1].part_mJ));
+    TEST_ASSERT_EQUAL_DOUBLE(0, state.energy[1].mJ + val(state.energy[1].fraction_mJ));
 }
 
 int main(void)

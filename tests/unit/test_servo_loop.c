@@ -387,7 +387,7 @@ static void test_snapshot_is_published_once_a_millisecond(void)
 
 static void test_snapshot_that_is_read_is_not_written_for_a_millisecond(void)
 {
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&loop);
+    const struct servo_snapshot *s = servo_loop_snapshot(&loop);
     const uint32_t ms = s->ms;
     tick(19);
     TEST_ASSERT_EQUAL_UINT32(ms, s->ms);
@@ -400,17 +400,18 @@ static void test_snapshot_is_in_units_of_the_wire(void)
     tick(9);
     ring.start.nm[0] = 3000; /* reference 3 um ahead */
     tick(10 - loop.ticks % 10);
-    const struct servo_loop_snapshot *s = servo_loop_snapshot(&loop);
+    const struct servo_snapshot *s = servo_loop_snapshot(&loop);
     TEST_ASSERT_EQUAL_INT32(3000, s->reference_nm[0]);
-    TEST_ASSERT_INT32_WITHIN(1, s->position_nm[0] - 3000, s->following_nm[0]);
-    TEST_ASSERT_INT32_WITHIN(1, s->position_nm[1], s->following_nm[1]);
-    TEST_ASSERT_INT32_WITHIN(1, s->following_nm[0], s->e_n_nm[0]); /* at rest the path's direction is x */
-    TEST_ASSERT_INT32_WITHIN(1, s->following_nm[1], s->e_n_nm[1]);
+    TEST_ASSERT_INT32_WITHIN(1, s->position_nm[0] - 3000, s->following_error_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, s->position_nm[1], s->following_error_nm[1]);
+    TEST_ASSERT_INT32_WITHIN(1, s->following_error_nm[0],
+                             s->tangential_error_nm); /* at rest the path's direction is x */
+    TEST_ASSERT_INT32_WITHIN(1, s->following_error_nm[1], s->contour_error_nm);
     TEST_ASSERT_INT32_WITHIN(1, out.force_mN[0] / 100, s->force_dN[0]);
-    TEST_ASSERT_INT32_WITHIN(5, 1000, s->k_hat[0]); /* k_0 = 100 1/s */
-    TEST_ASSERT_INT32_WITHIN(5, 1000, s->k_hat[1]);
-    TEST_ASSERT_INT32_WITHIN(5, 6000, s->mu[0]); /* mu_0 = 6 m/s2 */
-    TEST_ASSERT_EQUAL_INT32(0, s->rate);
+    TEST_ASSERT_INT32_WITHIN(5, 1000, s->adaptive_gain_per_10s[0]); /* k_0 = 100 1/s */
+    TEST_ASSERT_INT32_WITHIN(5, 1000, s->adaptive_gain_per_10s[1]);
+    TEST_ASSERT_INT32_WITHIN(5, 6000, s->switching_gain_mmps2[0]); /* mu_0 = 6 m/s2 */
+    TEST_ASSERT_EQUAL_INT32(0, s->path_rate_permille);
 }
 
 static void test_velocity_of_the_snapshot_is_in_um_per_s(void)
@@ -454,7 +455,7 @@ static void test_begin_starts_path_time_anew(void)
     tick(1001);
     TEST_ASSERT_EQUAL_UINT32(101, atomic_load(&loop.executed));
     TEST_ASSERT_FALSE(atomic_load(&loop.standing));
-    TEST_ASSERT_EQUAL_INT32(1000, servo_loop_snapshot(&loop)->rate);
+    TEST_ASSERT_EQUAL_INT32(1000, servo_loop_snapshot(&loop)->path_rate_permille);
     TEST_ASSERT_EQUAL_UINT32(1, atomic_load(&loop.begun));
     atomic_store(&loop.command.run, false);
     atomic_fetch_add(&loop.command.begin, 1u);

@@ -19,7 +19,7 @@ static void type(const char *text)
     frame_count = answer_count = 0;
     for (const char *c = text; *c != '\0'; c++) {
         struct slcan_answer answer;
-        if (slcan_take(&s, *c, &frames[frame_count], &answer) == SLCAN_HAS_FRAME) {
+        if (slcan_parse(&s, *c, &frames[frame_count], &answer) == SLCAN_HAS_FRAME) {
             frame_count++;
         }
         TEST_ASSERT_LESS_OR_EQUAL(SLCAN_ANSWER, answer.count);
@@ -106,7 +106,7 @@ static void test_closed_channel_takes_no_frames_and_sends_none(void)
     answered("C\r", "\r");
     answered("t0010\r", "\a");
     TEST_ASSERT_EQUAL_UINT(0, frame_count);
-    TEST_ASSERT_EQUAL_UINT(0, slcan_line(&s, &frame, 0, out));
+    TEST_ASSERT_EQUAL_UINT(0, slcan_format(&s, &frame, 0, out));
 }
 
 static void test_listen_only_sends_frames_and_takes_none(void)
@@ -115,7 +115,7 @@ static void test_listen_only_sends_frames_and_takes_none(void)
     const struct can_frame frame = {.id = 1};
     answered("L\r", "\r");
     answered("t0010\r", "\a");
-    TEST_ASSERT_EQUAL_UINT(6, slcan_line(&s, &frame, 0, out));
+    TEST_ASSERT_EQUAL_UINT(6, slcan_format(&s, &frame, 0, out));
     answered("O\rt0010\r", "\r");
     TEST_ASSERT_EQUAL_UINT(1, frame_count);
 }
@@ -155,14 +155,14 @@ static void test_frame_out_is_the_line_that_is_taken_back(void)
 {
     const struct can_frame frame = {.id = 0x5A1, .len = 8, .data = {0, 1, 0x7F, 0x80, 0xFF, 0xA5, 0x5A, 0x10}};
     char out[SLCAN_FRAME + 1];
-    const unsigned count = slcan_line(&s, &frame, 59999, out);
+    const unsigned count = slcan_format(&s, &frame, 59999, out);
     out[count] = '\0';
     TEST_ASSERT_EQUAL_STRING("t5A1800017F80FFA55A10\r", out);
     type(out);
     TEST_ASSERT_EQUAL_UINT(1, frame_count);
     TEST_ASSERT_EQUAL_MEMORY(frame.data, frames[0].data, 8);
     const struct can_frame remote = {.id = 0x701, .len = 1, .rtr = true};
-    out[slcan_line(&s, &remote, 0, out)] = '\0';
+    out[slcan_format(&s, &remote, 0, out)] = '\0';
     TEST_ASSERT_EQUAL_STRING("r7011\r", out);
 }
 
@@ -171,13 +171,13 @@ static void test_stamps_are_milliseconds_of_a_minute(void)
     const struct can_frame frame = {.id = 0x181, .len = 8, .data = {1, 2, 3, 4, 5, 6, 7, 8}};
     char out[SLCAN_FRAME + 1];
     answered("Z2\rZ\rZ1\r", "\a\a\r");
-    TEST_ASSERT_EQUAL_UINT(SLCAN_FRAME, slcan_line(&s, &frame, 59999, out));
+    TEST_ASSERT_EQUAL_UINT(SLCAN_FRAME, slcan_format(&s, &frame, 59999, out));
     out[SLCAN_FRAME] = '\0';
     TEST_ASSERT_EQUAL_STRING("t18180102030405060708EA5F\r", out);
-    TEST_ASSERT_EQUAL_UINT(SLCAN_FRAME, slcan_line(&s, &frame, 60001, out));
+    TEST_ASSERT_EQUAL_UINT(SLCAN_FRAME, slcan_format(&s, &frame, 60001, out));
     TEST_ASSERT_EQUAL_STRING("t181801020304050607080001\r", out);
     answered("Z0\r", "\r");
-    TEST_ASSERT_EQUAL_UINT(SLCAN_FRAME - 4, slcan_line(&s, &frame, 0, out));
+    TEST_ASSERT_EQUAL_UINT(SLCAN_FRAME - 4, slcan_format(&s, &frame, 0, out));
 }
 
 static void test_overlong_line_is_refused_as_a_whole(void)
@@ -210,7 +210,7 @@ static void test_random_bytes_are_survived(void)
         at++;
         struct can_frame frame;
         struct slcan_answer answer;
-        const enum slcan_event event = slcan_take(&s, byte, &frame, &answer);
+        const enum slcan_event event = slcan_parse(&s, byte, &frame, &answer);
         TEST_ASSERT_LESS_OR_EQUAL(SLCAN_ANSWER, answer.count);
         TEST_ASSERT_LESS_OR_EQUAL(SLCAN_LINE + 1, s.count);
         TEST_ASSERT_TRUE(byte == '\r' ? (answer.count > 0) != (event == SLCAN_HAS_FRAME) : answer.count == 0);

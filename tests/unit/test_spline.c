@@ -186,15 +186,15 @@ static void test_knots_passed_are_those_of_a_division_however_long_the_path(void
 
 static void test_piece_of_a_ring_that_was_emptied_is_made_anew(void)
 {
-    struct spline_kept kept = {0};
+    struct spline_cache cache = {0};
     struct spline_piece rest;
     four_knots();
-    const num before = spline_keep(&kept, &ring, ring.count, 3)->c1.x;
+    const num before = spline_cached_piece(&cache, &ring, ring.count, 3)->c1.x;
     TEST_ASSERT_TRUE(val(before) != 0);
-    TEST_ASSERT_TRUE(spline_keep(&kept, &ring, ring.count, 3)->whole);
+    TEST_ASSERT_TRUE(spline_cached_piece(&cache, &ring, ring.count, 3)->final);
     spline_piece(&ring, 0, 3, &rest); /* the background has emptied it, and has not begun the next path yet */
     TEST_ASSERT_EQUAL_DOUBLE(0, val(rest.c1.x));
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(spline_keep(&kept, &ring, 0, 3)->c1.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(spline_cached_piece(&cache, &ring, 0, 3)->c1.x));
 }
 
 int main(void)

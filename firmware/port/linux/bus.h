@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* bus.h: what the process's main loop asks of a bus. Nothing here blocks. */
+/* bus.h: what the loop of the process kontur-sim (main.c) needs of a CAN bus. socketcan_bus.c and slcan_bus.c
+ * implement it. None of these functions blocks. */
 #ifndef KONTUR_BUS_H
 #define KONTUR_BUS_H
 #include <poll.h>
@@ -12,23 +13,24 @@ enum { BUS_FDS = 2 };
 
 struct bus {
     void *ctx;
-    char name[160]; /* python-can's interface and channel, with a space between */
-    /* Write what waits and fill `fds` with what to wait for; returns how many of BUS_FDS. Called before each poll(). */
-    unsigned (*watch)(void *ctx, struct pollfd *fds);
-    /* After poll(): fds as it left them. */
-    void (*ready)(void *ctx, const struct pollfd *fds, unsigned count);
-    /* Take the oldest frame received. false: there is none now. */
+    char name[160]; /* python-can's interface and channel, separated by a space */
+    /* Called before each poll(): write pending output, and fill `fds`. Returns how many of BUS_FDS are filled. */
+    unsigned (*before_poll)(void *ctx, struct pollfd *fds);
+    /* Called after each poll() with its results in `fds`. */
+    void (*after_poll)(void *ctx, const struct pollfd *fds, unsigned count);
+    /* Take the oldest frame received. false: there is none. */
     bool (*receive)(void *ctx, struct ks_frame *frame);
-    /* Send a frame, or drop and count it: a bus that nobody reads does not stop the drive. ms: device time. */
+    /* Send a frame at device time `ms`, or drop and count it: a bus that nobody reads does not stop the drive. */
     void (*send)(void *ctx, const struct ks_frame *frame, uint32_t ms);
-    /* State of the CAN controller; false: as at the last call. NULL: there is no controller. */
+    /* The state of the CAN controller. false: it has not changed since the last call. NULL: there is no controller. */
     bool (*status)(void *ctx, struct ks_can_status *status);
     void (*close)(void *ctx);
 };
 
-/* Each ends the program with a message that tells how to mend it when it cannot be opened. */
+/* Open a bus. A bus that cannot be opened ends the process with a message that says what to do. */
 void bus_open_socketcan(struct bus *bus, const char *interface);
-/* [HOST:]PORT; without a host 127.0.0.1, port 0: any that is free. One client at a time. */
+/* `address` is [HOST:]PORT. The default host is 127.0.0.1; port 0 is any free port. One client can connect at a
+ * time. */
 void bus_open_slcan_tcp(struct bus *bus, const char *address);
 void bus_open_slcan_pty(struct bus *bus);
 #endif

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* can_errors.c: SocketCAN's error frames, can_errors.h. */
 #include "port/linux/can_errors.h"
 
 #include <linux/can/error.h>
@@ -8,7 +9,7 @@
 #define CAN_ERR_CNT 0x00000200U
 #endif
 
-/* The flags of CAN_ERR_CRTL in byte 1; the worst one counts. */
+/* The state from the flags of CAN_ERR_CRTL in byte 1, of which the worst counts. No flag leaves the state `now`. */
 static uint32_t state_of(uint8_t control, uint32_t now)
 {
     if (control & (CAN_ERR_CRTL_RX_PASSIVE | CAN_ERR_CRTL_TX_PASSIVE)) {

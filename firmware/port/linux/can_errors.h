@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* can_errors.h: SocketCAN's error message frames (Linux: include/uapi/linux/can/error.h) as the state of a CAN
- * controller. */
+/* can_errors.h: the state of a CAN controller from SocketCAN's error message frames (Linux:
+ * include/uapi/linux/can/error.h). socketcan_bus.c calls it in the process kontur-sim. */
 #ifndef KONTUR_CAN_ERRORS_H
 #define KONTUR_CAN_ERRORS_H
 #include <linux/can.h>
@@ -8,6 +8,6 @@
 
 #include "sim/kontur_sim.h"
 
-/* Bring *status up to date by an error frame (its id has CAN_ERR_FLAG). false: nothing changed. */
+/* Update *status from an error frame, whose id has CAN_ERR_FLAG. false: nothing has changed. */
 bool can_errors_apply(const struct can_frame *frame, struct ks_can_status *status);
 #endif

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* machine_file.c: the parser of machine_file.h. */
 #include "port/linux/machine_file.h"
 
 #include <errno.h>
@@ -10,18 +11,18 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "port/linux/say.h"
+#include "port/linux/message.h"
 
 enum { SCHEDULE_ROWS = 16, LINE_BYTES = 1024 };
 
 struct field {
     const char *name;
     size_t offset;
-    unsigned least, greatest; /* values of it */
-    bool whole;               /* int32_t, else double */
+    unsigned least, greatest; /* number of its values */
+    bool integer;             /* its values are int32_t; otherwise double */
 };
 
-#define FIELD(name, least, greatest, whole) {#name, offsetof(struct ks_machine, name), least, greatest, whole}
+#define FIELD(name, least, greatest, integer) {#name, offsetof(struct ks_machine, name), least, greatest, integer}
 static const struct field fields[] = {
     FIELD(mass_kg, 2, 2, false),
     FIELD(viscous_Nspm, 2, 2, false),
@@ -56,13 +57,13 @@ static const struct field *find(const char *name)
     return NULL;
 }
 
-/* One value from `text` into `machine`; false: it is no number of that kind. */
+/* Set value `index` of the field from `text`. false: it is not a number of that kind. */
 static bool set(struct ks_machine *machine, const struct field *field, unsigned index, const char *text)
 {
     char *end = NULL;
     char *at = (char *)machine + field->offset;
     errno = 0;
-    if (field->whole) {
+    if (field->integer) {
         const long value = strtol(text, &end, 10);
         if (*end != '\0' || errno != 0 || value < INT32_MIN || value > INT32_MAX) {
             return false;
@@ -86,34 +87,35 @@ void machine_file_read(const char *path, struct ks_machine *machine)
     bool seen[FIELDS] = {false};
     FILE *file = strcmp(path, "-") == 0 ? stdin : fopen(path, "r");
     if (file == NULL) {
-        die("machine %s cannot be read: %s", path, strerror(errno));
+        fatal("machine %s cannot be read: %s", path, strerror(errno));
     }
     *machine = (struct ks_machine){0};
     for (unsigned number = 1; fgets(line, sizeof line, file) != NULL; number++) {
-        char *rest = NULL;
-        const char *name = strtok_r(line, gaps, &rest);
+        char *position = NULL;
+        const char *name = strtok_r(line, gaps, &position);
         if (name == NULL || name[0] == '#') {
             continue;
         }
         const struct field *field = find(name);
         if (field == NULL) {
-            die("machine %s:%u: %s: no such field; `kontur sim` writes this file from a TOML file", path, number, name);
+            fatal("machine %s:%u: %s: no such field; `kontur sim` writes this file from a TOML file", path, number,
+                  name);
         }
         unsigned count = 0;
-        for (const char *value; (value = strtok_r(NULL, gaps, &rest)) != NULL; count++) {
+        for (const char *value; (value = strtok_r(NULL, gaps, &position)) != NULL; count++) {
             if (count == field->greatest || !set(machine, field, count, value)) {
-                die("machine %s:%u: %s: %s: not a number that belongs here", path, number, name, value);
+                fatal("machine %s:%u: %s: %s: not a number that belongs here", path, number, name, value);
             }
         }
         if (count < field->least) {
-            die("machine %s:%u: %s: has %u of %u values", path, number, name, count, field->least);
+            fatal("machine %s:%u: %s: has %u of %u values", path, number, name, count, field->least);
         }
         seen[field - fields] = true;
     }
     fclose(file);
     for (unsigned i = 0; i < FIELDS; i++) {
         if (!seen[i] && fields[i].least > 0) {
-            die("machine %s: %s is missing", path, fields[i].name);
+            fatal("machine %s: %s is missing", path, fields[i].name);
         }
     }
 }

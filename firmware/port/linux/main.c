@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* kontur-sim: the firmware and a simulated machine as a process on a CAN bus. One loop, no threads: whatever waits
- * does so in poll(). Paced by the wall clock, the bus comes first, then the time that has become due, in slices, so
- * that frames meet the device near their time. Paced by SYNC, frames are handled as they come and no time passes but
- * 1006h after each SYNC.
+/* main.c: kontur-sim, the firmware and a simulated machine as a process on a CAN bus. It is one loop without threads.
+ * It waits in poll(), or for less than a millisecond until the bus is free.
+ *
+ * Paced by the wall clock, the loop lets the device time that is due advance in slices, and handles frames between
+ * them, so that frames reach the device close to their time. Paced by SYNC, it handles frames as they come, and no
+ * time passes but 1006h after each SYNC.
  */
 #include <errno.h>
 #include <getopt.h>
@@ -19,10 +21,10 @@
 #include "port/linux/bus.h"
 #include "port/linux/library.h"
 #include "port/linux/machine_file.h"
+#include "port/linux/message.h"
 #include "port/linux/pace.h"
-#include "port/linux/say.h"
 
-enum { SLICE_HZ = 1000, FRAMES_A_TURN = 256, NS_PER_MS = 1000000 };
+enum { SLICE_HZ = 1000, FRAMES_PER_PASS = 256, NS_PER_MS = 1000000 };
 
 static const char usage[] =
     "usage: kontur-sim --machine FILE (--can INTERFACE | --slcan-tcp [HOST:]PORT | --slcan-pty)\n"
@@ -30,19 +32,19 @@ static const char usage[] =
     "                  [--record FILE] [--with-parent]\n"
     "The Kontur firmware and a simulated machine on a CAN bus. `kontur sim` starts it with a machine from a TOML\n"
     "file.\n"
-    "  --machine FILE    plain machine file (firmware/port/linux/machine_file.h); -: from standard input\n"
-    "  --can INTERFACE   SocketCAN, classic frames: vcan0, can0 ...\n"
-    "  --slcan-tcp PORT  slcan over TCP, one client at a time; on 127.0.0.1 unless a HOST is given; 0: any free port\n"
+    "  --machine FILE    machine file as plain text (firmware/port/linux/machine_file.h); -: standard input\n"
+    "  --can INTERFACE   SocketCAN interface with classic frames, such as vcan0 or can0\n"
+    "  --slcan-tcp PORT  slcan over TCP for one client at a time, on 127.0.0.1 unless HOST is given; 0: any free port\n"
     "  --slcan-pty       slcan over a pseudo-terminal\n"
     "  --pace clock      device time follows the wall clock (default)\n"
-    "  --pace sync       device time passes with SYNC alone, by 1006h at each: the same in every run\n"
+    "  --pace sync       device time passes with SYNC only, by 1006h at each: every run is the same\n"
     "  --seed N          seed of the simulated noise (default 1)\n"
     "  --node ID         CANopen node id, 1..31 (default 1)\n"
     "  --num NUM         numeric back end of the firmware (default f32)\n"
-    "  --store FILE      keep what the drive stores (1010h) in this file from run to run; it is written at the end\n"
-    "  --record FILE     write the truth, a struct ks_truth a control period since power-on, when it ends\n"
-    "  --with-parent     end when the process that started it ends\n"
-    "SIGINT and SIGTERM end it.\n";
+    "  --store FILE      file of the parameters that the drive stores (1010h): read at the start, written at the end\n"
+    "  --record FILE     write the true motion at the end, a struct ks_truth for each control period since power-on\n"
+    "  --with-parent     end when the process that started this one ends\n"
+    "SIGINT and SIGTERM end the process.\n";
 
 struct options {
     const char *machine, *can, *slcan_tcp, *num, *store, *record;
@@ -57,7 +59,7 @@ struct sim {
     struct pace pace;
     ks *ks;
     bool sync;
-    bool told_slow;
+    bool loss_reported;
 };
 
 static uint64_t now_ns(void)
@@ -67,14 +69,14 @@ static uint64_t now_ns(void)
     return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
 }
 
-static uint64_t whole_number(const char *name, const char *text, uint64_t least, uint64_t greatest)
+static uint64_t integer_option(const char *name, const char *text, uint64_t least, uint64_t greatest)
 {
     char *end = NULL;
     errno = 0;
     const unsigned long long value = strtoull(text, &end, 10);
     if (*text < '0' || *text > '9' || *end != '\0' || errno != 0 || value < least || value > greatest) {
-        die("--%s %s: must be a whole number %llu..%llu", name, text, (unsigned long long)least,
-            (unsigned long long)greatest);
+        fatal("--%s %s: must be a whole number %llu..%llu", name, text, (unsigned long long)least,
+              (unsigned long long)greatest);
     }
     return value;
 }
@@ -108,11 +110,11 @@ static struct options parse(int argc, char **argv)
         case PACE:
             o.sync = strcmp(optarg, "sync") == 0;
             if (!o.sync && strcmp(optarg, "clock") != 0) {
-                die("--pace %s: must be clock or sync", optarg);
+                fatal("--pace %s: must be clock or sync", optarg);
             }
             break;
-        case SEED: o.seed = whole_number("seed", optarg, 0, UINT64_MAX); break;
-        case NODE: o.node = (uint8_t)whole_number("node", optarg, 1, 31); break;
+        case SEED: o.seed = integer_option("seed", optarg, 0, UINT64_MAX); break;
+        case NODE: o.node = (uint8_t)integer_option("node", optarg, 1, 31); break;
         case NUM: o.num = optarg; break;
         case STORE: o.store = optarg; break;
         case RECORD: o.record = optarg; break;
@@ -128,8 +130,8 @@ static struct options parse(int argc, char **argv)
     return o;
 }
 
-/* true: there was something to send. */
-static bool send_what_waits(struct sim *s)
+/* Send the frames that the device has put out. true: there was at least one. */
+static bool send_pending(struct sim *s)
 {
     struct ks_frame frame;
     bool sent = false;
@@ -141,52 +143,55 @@ static bool send_what_waits(struct sim *s)
     return sent;
 }
 
-static void pass(struct sim *s, uint32_t periods)
+/* Let control periods pass, and send the frames that the device puts out in them. */
+static void advance(struct sim *s, uint32_t periods)
 {
     while (periods > 0) {
         periods -= s->lib.ks_step(s->ks, periods);
-        (void)send_what_waits(s);
+        (void)send_pending(s);
     }
 }
 
-/* Frames at most for one turn, so that a flood does not stop time; true: there may be more. By the wall clock, what comes
- * after a frame that the device answered may be an answer to that: it comes later than that, too. */
-static bool take_frames(struct sim *s)
+/* Give received frames to the device, at most FRAMES_PER_PASS so that a flood of frames does not stop time. true:
+ * there may be more. By the wall clock it returns after a frame that the device has answered, since the next frame
+ * may be the host's reply to that answer and must not reach the device at the same time. */
+static bool receive_frames(struct sim *s)
 {
     struct ks_frame frame;
     struct ks_can_status status;
     if (s->bus.status != NULL && s->bus.status(s->bus.ctx, &status)) {
         s->lib.ks_set_can_status(s->ks, &status);
     }
-    for (unsigned i = 0; i < FRAMES_A_TURN; i++) {
+    for (unsigned i = 0; i < FRAMES_PER_PASS; i++) {
         if (!s->bus.receive(s->bus.ctx, &frame)) {
             return false;
         }
         pace_frame(&s->pace, s->lib.ks_tick(s->ks));
         (void)s->lib.ks_send(s->ks, frame.id, frame.rtr, frame.len, frame.data);
-        if (send_what_waits(s) && !s->sync) {
+        if (send_pending(s) && !s->sync) {
             return true;
         }
         if (s->sync && !frame.rtr && frame.id == s->lib.ks_sync_id(s->ks)) {
-            pass(s, pace_sync(&s->pace, s->lib.ks_sync_us(s->ks)));
+            advance(s, pace_sync(&s->pace, s->lib.ks_sync_us(s->ks)));
         }
     }
     return true;
 }
 
-/* A slice of the device time that is due; true: there is more. */
-static bool keep_pace(struct sim *s)
+/* Let a slice of the device time that is due pass. true: more is due. */
+static bool follow_clock(struct sim *s)
 {
     const uint64_t tick = s->lib.ks_tick(s->ks);
     const uint32_t due = pace_due(&s->pace, now_ns(), tick);
-    const uint32_t slice = s->pace.hz / (pace_wire_free(&s->pace, tick) ? SLICE_HZ : PACE_WIRE_HZ);
-    if (s->pace.lost_ms > 0 && !s->told_slow) {
-        say("this machine does not keep up with the wall clock: %llu ms of device time are lost (told once); close "
-            "other programs, or use --pace sync, where it does not matter",
+    const uint32_t slice = s->pace.hz / (pace_bus_free(&s->pace, tick) ? SLICE_HZ : PACE_FRAME_HZ);
+    if (s->pace.lost_ms > 0 && !s->loss_reported) {
+        print_message(
+            "this machine does not keep up with the wall clock: %llu ms of device time are lost (reported once); close "
+            "other programs, or use --pace sync, which does not need the clock",
             (unsigned long long)s->pace.lost_ms);
-        s->told_slow = true;
+        s->loss_reported = true;
     }
-    pass(s, due < slice ? due : slice);
+    advance(s, due < slice ? due : slice);
     return due > slice;
 }
 
@@ -195,12 +200,13 @@ static int timer_each_ms(void)
     const int fd = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
     const struct itimerspec each = {.it_interval = {.tv_nsec = 1000000}, .it_value = {.tv_nsec = 1000000}};
     if (fd < 0 || timerfd_settime(fd, 0, &each, NULL) != 0) {
-        die("no timer can be had: %s", strerror(errno));
+        fatal("no timer is available: %s", strerror(errno));
     }
     return fd;
 }
 
-/* Signals that end the program become readable instead; a client that has gone is no signal. */
+/* A descriptor that becomes readable when a signal asks the process to end. SIGPIPE of a client that has gone is
+ * ignored. */
 static int end_signals(void)
 {
     sigset_t set;
@@ -212,7 +218,7 @@ static int end_signals(void)
     signal(SIGPIPE, SIG_IGN);
     const int fd = signalfd(-1, &set, SFD_NONBLOCK | SFD_CLOEXEC);
     if (fd < 0) {
-        die("signals cannot be received: %s", strerror(errno));
+        fatal("signals cannot be received: %s", strerror(errno));
     }
     return fd;
 }
@@ -220,12 +226,12 @@ static int end_signals(void)
 static void run(struct sim *s, int signals)
 {
     const int timer = timer_each_ms();
-    bool more = false, frames = false; /* there may be: of the time that is due; that have come */
+    bool more = false, frames = false; /* more time is due; there may be frames to receive */
     for (;;) {
         struct pollfd fds[2 + BUS_FDS] = {{.fd = signals, .events = POLLIN}, {.fd = timer, .events = POLLIN}};
-        const unsigned count = s->bus.watch(s->bus.ctx, &fds[2]);
+        const unsigned count = s->bus.before_poll(s->bus.ctx, &fds[2]);
         if (poll(fds, 2 + count, more || frames ? 0 : -1) < 0 && errno != EINTR) {
-            die("poll: %s", strerror(errno));
+            fatal("poll: %s", strerror(errno));
         }
         if (fds[0].revents != 0) {
             break;
@@ -234,34 +240,34 @@ static void run(struct sim *s, int signals)
             uint64_t expirations;
             (void)!read(timer, &expirations, sizeof expirations);
         }
-        s->bus.ready(s->bus.ctx, &fds[2], count);
-        more = !s->sync && keep_pace(s); /* first: a frame that comes now is handled now */
+        s->bus.after_poll(s->bus.ctx, &fds[2], count);
+        more = !s->sync && follow_clock(s); /* before the frames, so that they are handled at the present time */
         for (unsigned i = 0; i < count; i++) {
             frames = frames || fds[2 + i].revents != 0;
         }
-        if (s->sync || pace_wire_free(&s->pace, s->lib.ks_tick(s->ks))) {
-            frames = take_frames(s);
+        if (s->sync || pace_bus_free(&s->pace, s->lib.ks_tick(s->ks))) {
+            frames = receive_frames(s);
         } else if (frames && !more) {
-            const uint64_t ns = pace_wire_ns(&s->pace, now_ns());
-            const struct timespec until_free = {.tv_nsec = ns < NS_PER_MS ? (long)ns : NS_PER_MS};
-            (void)nanosleep(&until_free, NULL);
+            const uint64_t ns = pace_bus_wait_ns(&s->pace, now_ns());
+            const struct timespec wait = {.tv_nsec = ns < NS_PER_MS ? (long)ns : NS_PER_MS};
+            (void)nanosleep(&wait, NULL);
         }
     }
     close(timer);
 }
 
-/* Whole or not at all */
+/* Write a file completely or not at all. */
 static void write_file(const char *option, const char *path, const void *data, size_t bytes)
 {
     char part[4096];
     snprintf(part, sizeof part, "%s.part", path);
     FILE *file = fopen(part, "wb");
     if (file == NULL || fwrite(data, 1, bytes, file) != bytes || fclose(file) != 0 || rename(part, path) != 0) {
-        die("--%s %s cannot be written: %s", option, path, strerror(errno));
+        fatal("--%s %s cannot be written: %s", option, path, strerror(errno));
     }
 }
 
-/* Power on with the flash of the last run, if there was one. */
+/* Power on with the flash of the last run, if its file exists. */
 static void load_store(const struct sim *s, const char *path)
 {
     static char flash[1 << 20];
@@ -273,8 +279,8 @@ static void load_store(const struct sim *s, const char *path)
     }
     const size_t got = file == NULL ? 0 : fread(flash, 1, sizeof flash, file);
     if (file == NULL || got != bytes) {
-        die("--store %s: %s; name another file, or remove this one to start with an empty store", path,
-            file == NULL ? strerror(errno) : "holds no store of this program");
+        fatal("--store %s: %s; name another file, or remove this one to start with an empty store", path,
+              file == NULL ? strerror(errno) : "holds no store of this program");
     }
     fclose(file);
     s->lib.ks_power_on_with(s->ks, flash);
@@ -306,11 +312,11 @@ int main(int argc, char **argv)
     machine_file_read(options.machine, &machine);
     const char *field = s.lib.ks_check(&machine);
     if (field != NULL) {
-        die("machine %s: %s is out of range (sim/kontur_sim.h)", options.machine, field);
+        fatal("machine %s: %s is out of range (sim/kontur_sim.h)", options.machine, field);
     }
     s.ks = s.lib.ks_new(&machine, options.seed, options.node);
     if (s.ks == NULL) {
-        die("not enough memory");
+        fatal("not enough memory");
     }
     if (options.store != NULL) {
         load_store(&s, options.store);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* slcan over a TCP socket, which one client at a time may use, or over a pseudo-terminal. */
+/* slcan_bus.c: a bus (bus.h) of slcan lines (slcan.h) over a TCP socket, which one client at a time may use, or over a
+ * pseudo-terminal. The loop of the process kontur-sim calls it. */
 #include <arpa/inet.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -14,26 +15,27 @@
 #include <unistd.h>
 
 #include "port/linux/bus.h"
-#include "port/linux/say.h"
+#include "port/linux/message.h"
 #include "port/slcan.h"
 
-/* A second of telemetry. What a client leaves unread beyond that, and beyond the kernel's buffer, is lost to it. */
+/* OUT_BYTES is one second of telemetry. A client that leaves more unread than this and the kernel's buffer loses
+ * frames. */
 enum { IN_BYTES = 4096, OUT_BYTES = 131072, SOCKET_BYTES = 131072 };
 
 struct slcan_bus {
     struct slcan codec;
-    int listener; /* -1: a pseudo-terminal */
+    int listener; /* -1: the bus is a pseudo-terminal */
     int client;   /* -1: none */
-    int slave;    /* kept open, so that the terminal survives its users */
+    int slave;    /* open as long as the process runs, so that the terminal outlives its users */
     uint32_t dropped;
     unsigned in_at, in_count, out_count;
     char in[IN_BYTES], out[OUT_BYTES];
 };
 
-static void forget_client(struct slcan_bus *s)
+static void reset_session(struct slcan_bus *s)
 {
     if (s->dropped > 0) {
-        say("%u frames were dropped, since the client did not read them", s->dropped);
+        print_message("%u frames were dropped, since the client did not read them", s->dropped);
     }
     slcan_init(&s->codec, 0);
     s->dropped = 0;
@@ -44,10 +46,10 @@ static void hang_up(struct slcan_bus *s)
 {
     close(s->client);
     s->client = -1;
-    forget_client(s);
+    reset_session(s);
 }
 
-static void write_out(struct slcan_bus *s)
+static void flush_output(struct slcan_bus *s)
 {
     while (s->client >= 0 && s->out_count > 0) {
         const ssize_t done = write(s->client, s->out, s->out_count);
@@ -65,11 +67,11 @@ static void write_out(struct slcan_bus *s)
     }
 }
 
-/* Whole or not at all */
-static bool put_out(struct slcan_bus *s, const char *text, unsigned count)
+/* Append a line to the output completely, or not at all: false. */
+static bool append_output(struct slcan_bus *s, const char *text, unsigned count)
 {
     if (s->out_count + count > OUT_BYTES) {
-        write_out(s);
+        flush_output(s);
     }
     if (s->client < 0 || s->out_count + count > OUT_BYTES) {
         return false;
@@ -79,11 +81,11 @@ static bool put_out(struct slcan_bus *s, const char *text, unsigned count)
     return true;
 }
 
-static unsigned watch(void *ctx, struct pollfd *fds)
+static unsigned before_poll(void *ctx, struct pollfd *fds)
 {
     struct slcan_bus *s = ctx;
     unsigned count = 0;
-    write_out(s);
+    flush_output(s);
     if (s->listener >= 0) {
         fds[count++] = (struct pollfd){.fd = s->listener, .events = POLLIN};
     }
@@ -94,14 +96,14 @@ static unsigned watch(void *ctx, struct pollfd *fds)
     return count;
 }
 
-static void ready(void *ctx, const struct pollfd *fds, unsigned count)
+static void after_poll(void *ctx, const struct pollfd *fds, unsigned count)
 {
     struct slcan_bus *s = ctx;
     if (s->listener < 0 || count == 0 || fds[0].revents == 0) {
         return;
     }
     if (count > 1 && (fds[1].revents & (POLLRDHUP | POLLHUP | POLLERR)) != 0) {
-        return; /* the one before has gone, but what it sent is not read to its end yet: the next one waits */
+        return; /* the client before has gone, but its last frames are not read yet: the next client waits */
     }
     const int client = accept4(s->listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (client < 0) {
@@ -119,8 +121,8 @@ static void ready(void *ctx, const struct pollfd *fds, unsigned count)
     s->client = client;
 }
 
-/* false: nothing more to read now */
-static bool read_in(struct slcan_bus *s)
+/* Read what the client has sent. false: there is nothing to read. */
+static bool read_input(struct slcan_bus *s)
 {
     if (s->client < 0) {
         return false;
@@ -133,7 +135,8 @@ static bool read_in(struct slcan_bus *s)
         return false;
     }
     if (s->listener >= 0) {
-        /* Nagle's algorithm keeps a client that writes frame by frame (pyserial) waiting for what TCP would delay. */
+        /* A client that writes frame by frame (pyserial) waits for each acknowledgement (Nagle's algorithm), which must
+         * therefore not be delayed. */
         const int on = 1;
         setsockopt(s->client, IPPROTO_TCP, TCP_QUICKACK, &on, sizeof on);
     }
@@ -149,21 +152,21 @@ static bool receive(void *ctx, struct ks_frame *frame)
         while (s->in_at < s->in_count) {
             struct can_frame got;
             struct slcan_answer answer;
-            const enum slcan_event event = slcan_take(&s->codec, s->in[s->in_at++], &got, &answer);
+            const enum slcan_event event = slcan_parse(&s->codec, s->in[s->in_at++], &got, &answer);
             if (event == SLCAN_OPENED || event == SLCAN_CLOSED) {
-                s->out_count = 0; /* frames for who was there before */
+                s->out_count = 0; /* frames that were meant for the user before */
                 if (s->listener < 0) {
                     tcflush(s->slave, TCIFLUSH);
                 }
             }
-            (void)put_out(s, answer.text, answer.count);
+            (void)append_output(s, answer.text, answer.count);
             if (event == SLCAN_HAS_FRAME) {
                 *frame = (struct ks_frame){.id = got.id, .len = got.len, .rtr = got.rtr};
                 memcpy(frame->data, got.data, sizeof frame->data);
                 return true;
             }
         }
-        if (!read_in(s)) {
+        if (!read_input(s)) {
             return false;
         }
     }
@@ -175,8 +178,8 @@ static void send_frame(void *ctx, const struct ks_frame *frame, uint32_t ms)
     struct can_frame out = {.id = (uint16_t)frame->id, .len = frame->len, .rtr = frame->rtr != 0};
     char line[SLCAN_FRAME];
     memcpy(out.data, frame->data, sizeof out.data);
-    const unsigned count = slcan_line(&s->codec, &out, ms, line);
-    if (count > 0 && !put_out(s, line, count)) {
+    const unsigned count = slcan_format(&s->codec, &out, ms, line);
+    if (count > 0 && !append_output(s, line, count)) {
         s->codec.flags |= SLCAN_TX_FULL;
         s->dropped++;
     }
@@ -185,8 +188,8 @@ static void send_frame(void *ctx, const struct ks_frame *frame, uint32_t ms)
 static void close_bus(void *ctx)
 {
     struct slcan_bus *s = ctx;
-    write_out(s);
-    forget_client(s);
+    flush_output(s);
+    reset_session(s);
     if (s->listener >= 0) {
         close(s->listener);
     } else {
@@ -203,10 +206,10 @@ static struct slcan_bus *start(struct bus *bus, int listener, int client, int sl
     s.listener = listener;
     s.client = client;
     s.slave = slave;
-    forget_client(&s);
+    reset_session(&s);
     bus->ctx = &s;
-    bus->watch = watch;
-    bus->ready = ready;
+    bus->before_poll = before_poll;
+    bus->after_poll = after_poll;
     bus->receive = receive;
     bus->send = send_frame;
     bus->close = close_bus;
@@ -222,7 +225,7 @@ void bus_open_slcan_tcp(struct bus *bus, const char *address)
     const unsigned long number = strtoul(port, &end, 10);
     if (*port < '0' || *port > '9' || *end != '\0' || number > 65535 ||
         (colon != NULL && colon - address >= (int)sizeof host)) {
-        die("--slcan-tcp %s: must be [HOST:]PORT with a port of 0..65535", address);
+        fatal("--slcan-tcp %s: must be [HOST:]PORT with a port of 0..65535", address);
     }
     if (colon != NULL) {
         snprintf(host, sizeof host, "%.*s", (int)(colon - address), address);
@@ -231,17 +234,18 @@ void bus_open_slcan_tcp(struct bus *bus, const char *address)
     struct addrinfo *found = NULL;
     const int unknown = getaddrinfo(host, port, &hints, &found);
     if (unknown != 0) {
-        die("--slcan-tcp %s: %s: %s", address, host, gai_strerror(unknown));
+        fatal("--slcan-tcp %s: %s: %s", address, host, gai_strerror(unknown));
     }
     const int on = 1;
     const int listener = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
     if (listener < 0 || setsockopt(listener, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) != 0 ||
         bind(listener, found->ai_addr, found->ai_addrlen) != 0 || listen(listener, 4) != 0) {
         switch (errno) {
-        case EADDRINUSE: die("port %s is in use: end what uses it, take another one, or 0 for any that is free", port);
-        case EACCES: die("port %s: no permission; take one above 1023, or 0 for any that is free", port);
-        case EADDRNOTAVAIL: die("%s is no address of this machine; leave it out to listen on 127.0.0.1", host);
-        default: die("--slcan-tcp %s: %s", address, strerror(errno));
+        case EADDRINUSE:
+            fatal("port %s is in use: end what uses it, take another one, or 0 for any that is free", port);
+        case EACCES: fatal("port %s: no permission; take one above 1023, or 0 for any that is free", port);
+        case EADDRNOTAVAIL: fatal("%s is no address of this machine; leave it out to listen on 127.0.0.1", host);
+        default: fatal("--slcan-tcp %s: %s", address, strerror(errno));
         }
     }
     freeaddrinfo(found);
@@ -258,13 +262,13 @@ void bus_open_slcan_pty(struct bus *bus)
 {
     const int master = posix_openpt(O_RDWR | O_NOCTTY | O_CLOEXEC);
     if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0) {
-        die("no pseudo-terminal can be had: %s; use --slcan-tcp instead", strerror(errno));
+        fatal("no pseudo-terminal can be had: %s; use --slcan-tcp instead", strerror(errno));
     }
     const char *name = ptsname(master);
     const int slave = open(name, O_RDWR | O_NOCTTY | O_CLOEXEC);
     struct termios raw;
     if (slave < 0 || tcgetattr(slave, &raw) != 0) {
-        die("%s cannot be opened: %s; use --slcan-tcp instead", name, strerror(errno));
+        fatal("%s cannot be opened: %s; use --slcan-tcp instead", name, strerror(errno));
     }
     cfmakeraw(&raw);
     tcsetattr(slave, TCSANOW, &raw);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Classic CAN on a SocketCAN interface (Linux: Documentation/networking/can.rst). An interface that goes down or away
- * while the drive runs is waited for: the drive goes on, and sees that the host has fallen silent.
+/* socketcan_bus.c: a bus (bus.h) of classic CAN frames on a SocketCAN interface (Linux:
+ * Documentation/networking/can.rst). The loop of the process kontur-sim calls it. When the interface goes down or
+ * away, the drive goes on without a bus, loses the host's heartbeat, and uses the interface again when it is back.
  */
 #include <errno.h>
 #include <linux/can/error.h>
@@ -16,9 +17,9 @@
 
 #include "port/linux/bus.h"
 #include "port/linux/can_errors.h"
-#include "port/linux/say.h"
+#include "port/linux/message.h"
 
-enum { WAITING = 256, RECEIVE_BYTES = 1 << 20, RETRY_MS = 100 };
+enum { OUT_FRAMES = 256, RECEIVE_BYTES = 1 << 20, RETRY_MS = 100 };
 
 struct socketcan_bus {
     char interface[IFNAMSIZ];
@@ -27,7 +28,7 @@ struct socketcan_bus {
     uint32_t dropped, kernel_dropped;
     struct ks_can_status status;
     bool changed;
-    struct can_frame out[WAITING]; /* that the kernel had no room for, oldest first */
+    struct can_frame out[OUT_FRAMES]; /* frames for which the kernel had no room, oldest first */
     unsigned out_count;
 };
 
@@ -38,7 +39,7 @@ static int64_t now_ms(void)
     return (int64_t)t.tv_sec * 1000 + t.tv_nsec / 1000000;
 }
 
-/* A bound socket, or -1 and what is wrong, with the remedy, in `problem`. */
+/* Returns a bound socket, or -1 with a message in `problem` that says what is wrong and what to do. */
 static int open_socket(const char *interface, char *problem, size_t bytes)
 {
     struct ifreq request = {0};
@@ -52,7 +53,7 @@ static int open_socket(const char *interface, char *problem, size_t bytes)
             snprintf(problem, bytes,
                      "this kernel has no CAN: `modprobe can-raw` as root, or use --slcan-tcp 0 instead");
         } else {
-            snprintf(problem, bytes, "no CAN socket can be had: %s; use --slcan-tcp 0 instead", strerror(errno));
+            snprintf(problem, bytes, "no CAN socket is available: %s; use --slcan-tcp 0 instead", strerror(errno));
         }
         return -1;
     }
@@ -88,20 +89,20 @@ failed:
     return -1;
 }
 
-static void lose(struct socketcan_bus *s)
+static void interface_lost(struct socketcan_bus *s)
 {
     if (s->socket < 0) {
         return;
     }
-    say("%s is down or gone; the drive goes on without a bus and waits for it: `ip link set up %s` as root",
-        s->interface, s->interface);
+    print_message("%s is down or gone; the drive goes on without a bus and waits for it: `ip link set up %s` as root",
+                  s->interface, s->interface);
     close(s->socket);
     s->socket = -1;
     s->out_count = 0;
     s->retry_ms = now_ms() + RETRY_MS;
 }
 
-static void look_for_it(struct socketcan_bus *s)
+static void try_to_reopen(struct socketcan_bus *s)
 {
     char problem[256];
     if (now_ms() < s->retry_ms) {
@@ -110,14 +111,14 @@ static void look_for_it(struct socketcan_bus *s)
     s->retry_ms = now_ms() + RETRY_MS;
     s->socket = open_socket(s->interface, problem, sizeof problem);
     if (s->socket >= 0) {
-        say("%s is back", s->interface);
+        print_message("%s is back", s->interface);
         s->kernel_dropped = 0;
         s->status.state = KS_CAN_ACTIVE;
         s->changed = true;
     }
 }
 
-/* false: the kernel has no room now, or there is no bus */
+/* false: the kernel has no room, or there is no bus. */
 static bool write_frame(struct socketcan_bus *s, const struct can_frame *frame)
 {
     if (s->socket < 0) {
@@ -127,17 +128,17 @@ static bool write_frame(struct socketcan_bus *s, const struct can_frame *frame)
         return true;
     }
     if (errno != EAGAIN && errno != ENOBUFS && errno != EINTR) {
-        lose(s);
+        interface_lost(s);
     }
     return false;
 }
 
-static unsigned watch(void *ctx, struct pollfd *fds)
+static unsigned before_poll(void *ctx, struct pollfd *fds)
 {
     struct socketcan_bus *s = ctx;
     unsigned written = 0;
     if (s->socket < 0) {
-        look_for_it(s);
+        try_to_reopen(s);
     }
     while (written < s->out_count && write_frame(s, &s->out[written])) {
         written++;
@@ -149,19 +150,19 @@ static unsigned watch(void *ctx, struct pollfd *fds)
     if (s->socket < 0) {
         return 0;
     }
-    /* What waits to be sent is tried again each turn, which the timer of the loop brings about. */
+    /* Pending frames are tried again before each poll(). The loop's timer ends each poll() after 1 ms. */
     fds[0] = (struct pollfd){.fd = s->socket, .events = POLLIN};
     return 1;
 }
 
-static void ready(void *ctx, const struct pollfd *fds, unsigned count)
+static void after_poll(void *ctx, const struct pollfd *fds, unsigned count)
 {
     (void)ctx;
     (void)fds;
     (void)count;
 }
 
-/* The kernel's count of frames dropped on this socket comes along with frames. */
+/* The kernel reports its count of frames dropped on this socket together with the frames. */
 static void count_lost(struct socketcan_bus *s, struct msghdr *message)
 {
     for (struct cmsghdr *c = CMSG_FIRSTHDR(message); c != NULL; c = CMSG_NXTHDR(message, c)) {
@@ -177,13 +178,14 @@ static void count_lost(struct socketcan_bus *s, struct msghdr *message)
     }
 }
 
-static void take_error(struct socketcan_bus *s, const struct can_frame *frame)
+static void handle_error_frame(struct socketcan_bus *s, const struct can_frame *frame)
 {
     const uint32_t bus_offs = s->status.bus_offs;
     s->changed = can_errors_apply(frame, &s->status) || s->changed;
     if (s->status.bus_offs != bus_offs) {
-        say("%s is bus-off: check cable, termination and bit rate; `ip link set %s type can restart` as root "
-            "brings it back, `restart-ms 100` from now on by itself",
+        print_message(
+            "%s is bus-off: check cable, termination and bit rate; as root, `ip link set %s type can restart` "
+            "restarts it once, and `restart-ms 100` in place of `restart` after every bus-off",
             s->interface, s->interface);
     }
 }
@@ -203,7 +205,7 @@ static bool receive(void *ctx, struct ks_frame *out)
         const ssize_t got = recvmsg(s->socket, &message, 0);
         if (got < 0) {
             if (errno != EAGAIN && errno != EINTR) {
-                lose(s);
+                interface_lost(s);
             }
             return false;
         }
@@ -212,7 +214,7 @@ static bool receive(void *ctx, struct ks_frame *out)
             continue;
         }
         if (frame.can_id & CAN_ERR_FLAG) {
-            take_error(s, &frame);
+            handle_error_frame(s, &frame);
             continue;
         }
         *out = (struct ks_frame){
@@ -232,7 +234,7 @@ static void send_frame(void *ctx, const struct ks_frame *frame, uint32_t ms)
     if (s->out_count == 0 && write_frame(s, &out)) {
         return;
     }
-    if (s->socket >= 0 && s->out_count < WAITING) {
+    if (s->socket >= 0 && s->out_count < OUT_FRAMES) {
         s->out[s->out_count++] = out;
     } else if (s->socket >= 0) {
         s->dropped++;
@@ -252,7 +254,7 @@ static void close_bus(void *ctx)
 {
     struct socketcan_bus *s = ctx;
     if (s->dropped > 0) {
-        say("%u frames were dropped, since %s had no room for them", s->dropped, s->interface);
+        print_message("%u frames were dropped, since %s had no room for them", s->dropped, s->interface);
     }
     if (s->socket >= 0) {
         close(s->socket);
@@ -265,13 +267,13 @@ void bus_open_socketcan(struct bus *bus, const char *interface)
     char problem[256];
     s.socket = open_socket(interface, problem, sizeof problem);
     if (s.socket < 0) {
-        die("--can %s: %s", interface, problem);
+        fatal("--can %s: %s", interface, problem);
     }
     memcpy(s.interface, interface, strlen(interface) + 1);
     snprintf(bus->name, sizeof bus->name, "socketcan %s", interface);
     bus->ctx = &s;
-    bus->watch = watch;
-    bus->ready = ready;
+    bus->before_poll = before_poll;
+    bus->after_poll = after_poll;
     bus->receive = receive;
     bus->send = send_frame;
     bus->status = status;

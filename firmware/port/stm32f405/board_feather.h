@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* board_feather.h: Adafruit's Feather STM32F405 Express on a base board with the levels and drivers that board_kontur.h
- * has: another crystal, another serial port, encoder timers of 16 bits, no index pulse, PWM out of reach (so .pwm is
- * PIN_NONE: use the DAC). Meaning of the names: board_kontur.h. Silkscreen names behind the pins.
+/* board_feather.h: Adafruit's Feather STM32F405 Express on a base board with the levels and drivers of
+ * board_kontur.h, which explains the names. It has another crystal, another serial port, 16-bit encoder timers and no
+ * index pulse. No PWM pin is accessible (.pwm is PIN_NONE), so axes use the DAC. The comments behind the pins are the
+ * names on the board.
  */
 #ifndef KONTUR_BOARD_FEATHER_H
 #define KONTUR_BOARD_FEATHER_H
@@ -27,7 +28,7 @@
 
 #define BOARD_STOP {PIN('A', 6), true, PIN_PULL_UP} /* A2 */
 
-/* DAC: A0 (x), A1 (y) */
+/* The DAC channels are the pins A0 (x) and A1 (y). */
 #define BOARD_X                                                                                                        \
     {.encoder = {TIM3, RCC_APB1ENR_TIM3, 0xFFFFu, PIN('C', 6), PIN('C', 7), PIN_NONE, 2, 3}, /* D6, D5 */              \
      .limit_min = {PIN_NONE, true, PIN_PULL_UP},                                                                       \

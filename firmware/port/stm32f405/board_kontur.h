@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* board_kontur.h: a controller board with an STM32F405RG (LQFP64); docs/hardware.md has the same as a table.
+/* board_kontur.h: a controller board with an STM32F405RG (LQFP64). docs/hardware.md has the pins as a table.
  *
- * Alternate functions: ST, DS8626 "STM32F405xx STM32F407xx datasheet". Inputs are wired so that
- * a broken wire is active: a contact to ground that opens, against the chip's pull-up. Free: PA3, PA6 to PA8, PB0,
- * PB2, PB4 to PB7, PB11, PB13, PC9 to PC12, PC14, PC15, PD2; PA11, PA12 are left to USB (flashing), PA13, PA14 to SWD.
+ * Alternate functions are those of ST, DS8626 "STM32F405xx STM32F407xx datasheet". Each input is a contact to ground
+ * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA3, PA6
+ * to PA8, PB0, PB2, PB4 to PB7, PB11, PB13, PC9 to PC12, PC14, PC15 and PD2. PA11 and PA12 are reserved for USB
+ * (flashing), PA13 and PA14 for SWD.
  */
 #ifndef KONTUR_BOARD_KONTUR_H
 #define KONTUR_BOARD_KONTUR_H
@@ -11,11 +12,12 @@
 #define BOARD_NAME "STM32F405, general"
 #define BOARD_HSE_MHZ 8 /* crystal; 4..26, even */
 
-/* slcan. ST's boot loader listens there, too (AN2606): nothing may be sent to it while the chip is to be flashed by USB. */
+/* The serial port with slcan. ST's boot loader listens on it, too (AN2606): send nothing to it while flashing by
+ * USB. */
 #define BOARD_UART USART1
 #define BOARD_UART_IRQ IRQ_USART1
 #define BOARD_UART_CLOCK() (RCC->APB2ENR |= RCC_APB2ENR_USART1)
-#define BOARD_UART_HZ 84000000u /* of its bus: APB2 */
+#define BOARD_UART_HZ 84000000u /* clock of its bus, APB2 */
 #define BOARD_UART_BAUD 1000000u
 #define BOARD_UART_TX PIN('A', 9)
 #define BOARD_UART_RX PIN('A', 10)
@@ -25,7 +27,7 @@
 #define BOARD_CAN_TX PIN('B', 9)
 #define BOARD_CAN_AF 9
 
-/* DAC channels are PA4 (x) and PA5 (y) on every STM32F405. Both PWM outputs are channels 1 and 2 of TIM8. */
+/* The DAC channels are PA4 (x) and PA5 (y) on every STM32F405. The PWM outputs are channels 1 and 2 of TIM8. */
 #define BOARD_PWM_AF 3
 #define BOARD_LED PIN('C', 13)
 

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* can.c: the driver of bxCAN 1, can.h. */
 #include "port/stm32f405/can.h"
 
 #include <stdatomic.h>
@@ -9,7 +10,7 @@
 
 enum { RX_ROOM = 64, TX_ROOM = 32, MAILBOXES = 3, POLLS = 100000 };
 
-/* One writer, one reader; positions count frames. */
+/* A ring with one writer and one reader. Its positions count frames since power-on. */
 struct ring {
     struct can_frame *frame;
     uint32_t room; /* a power of two */
@@ -18,7 +19,7 @@ struct ring {
 
 struct timing {
     uint16_t kbitps;
-    uint8_t prescaler, before, after; /* time quanta: 1 + before | sample | after */
+    uint8_t prescaler, segment1, segment2; /* time quanta: 1 + segment1, sample point, segment2 */
 };
 static const struct timing timings[] = {{1000, 3, 11, 2}, {500, 6, 11, 2}, {250, 21, 6, 1}, {125, 21, 13, 2}};
 
@@ -26,9 +27,9 @@ static struct can_frame rx_frames[RX_ROOM], tx_frames[TX_ROOM];
 static struct ring rx = {.frame = rx_frames, .room = RX_ROOM};
 static struct ring tx = {.frame = tx_frames, .room = TX_ROOM};
 static _Atomic uint32_t rx_lost, bus_offs;
-static bool works;
+static bool running;
 
-static bool put(struct ring *r, const struct can_frame *frame)
+static bool push(struct ring *r, const struct can_frame *frame)
 {
     const uint32_t in = atomic_load(&r->in);
     if (in - atomic_load(&r->out) == r->room) {
@@ -39,7 +40,7 @@ static bool put(struct ring *r, const struct can_frame *frame)
     return true;
 }
 
-static bool take(struct ring *r, struct can_frame *frame)
+static bool pop(struct ring *r, struct can_frame *frame)
 {
     const uint32_t out = atomic_load(&r->out);
     if (out == atomic_load(&r->in)) {
@@ -60,21 +61,22 @@ static const struct timing *timing_of(uint16_t kbitps)
     return NULL;
 }
 
-/* RM0090 32.4.1: settings may be written in initialisation mode only, which lets a frame that is being received end. */
-static bool enter(const struct timing *t)
+/* RM0090 32.4.1: the bit timing can be written in initialisation mode only. The controller enters that mode after
+ * a frame that is being received has ended. */
+static bool set_timing(const struct timing *t)
 {
-    CAN1->MCR = CAN_MCR_INRQ | CAN_MCR_TXFP | CAN_MCR_ABOM; /* wakes it as well; sends in the order of requests */
+    CAN1->MCR = CAN_MCR_INRQ | CAN_MCR_TXFP | CAN_MCR_ABOM; /* also wakes it up; TXFP: send in the order of requests */
     if (!wait_until(&CAN1->MSR, CAN_MSR_INAK, CAN_MSR_INAK, POLLS)) {
         return false;
     }
-    const uint32_t jump = t->after; /* as far as the part behind the sample point */
-    CAN1->BTR = (t->prescaler - 1u) | (t->before - 1u) << CAN_BTR_TS1 | (t->after - 1u) << CAN_BTR_TS2 |
+    const uint32_t jump = t->segment2; /* the longest that segment 2 allows */
+    CAN1->BTR = (t->prescaler - 1u) | (t->segment1 - 1u) << CAN_BTR_TS1 | (t->segment2 - 1u) << CAN_BTR_TS2 |
                 (jump - 1u) << CAN_BTR_SJW;
-    CAN1->MCR &= ~(uint32_t)CAN_MCR_INRQ; /* takes part after 11 recessive bits, for which nobody waits here */
+    CAN1->MCR &= ~(uint32_t)CAN_MCR_INRQ; /* it joins the bus after 11 recessive bits, without a wait here */
     return true;
 }
 
-/* One bank lets data frames with 11-bit identifiers pass: IDE and RTR must be 0. */
+/* One filter bank passes data frames with 11-bit identifiers: IDE and RTR must be 0. */
 static void set_filter(void)
 {
     CAN1->FMR |= CAN_FMR_FINIT;
@@ -89,18 +91,18 @@ static void set_filter(void)
 
 static bool configure(const struct timing *t)
 {
-    works = t != NULL && enter(t);
-    if (works) {
+    running = t != NULL && set_timing(t);
+    if (running) {
         set_filter();
         CAN1->IER = CAN_IER_TMEIE | CAN_IER_FMPIE0 | CAN_IER_FOVIE0 | CAN_IER_BOFIE | CAN_IER_ERRIE;
         cpu_irq_enable(IRQ_CAN1_TX, PRIORITY_CAN);
         cpu_irq_enable(IRQ_CAN1_RX0, PRIORITY_CAN);
         cpu_irq_enable(IRQ_CAN1_SCE, PRIORITY_CAN);
     }
-    return works;
+    return running;
 }
 
-static void drop_what_waits(void)
+static void discard_pending(void)
 {
     atomic_store(&tx.out, atomic_load(&tx.in));
 }
@@ -113,7 +115,7 @@ bool can_init(uint16_t kbitps)
     pin_setup(BOARD_CAN_RX, PIN_ALTERNATE, PIN_PULL_UP, BOARD_CAN_AF);
     pin_setup(BOARD_CAN_TX, PIN_ALTERNATE, PIN_PULL_UP, BOARD_CAN_AF);
     atomic_store(&rx.out, atomic_load(&rx.in));
-    drop_what_waits();
+    discard_pending();
     return configure(t);
 }
 
@@ -124,7 +126,7 @@ bool can_bitrate(uint16_t kbitps, bool change)
         return t != NULL;
     }
     const uint32_t lock = cpu_lock();
-    drop_what_waits();
+    discard_pending();
     CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2;
     cpu_unlock(lock);
     return configure(t);
@@ -132,10 +134,10 @@ bool can_bitrate(uint16_t kbitps, bool change)
 
 bool can_send(const struct can_frame *frame)
 {
-    if (!works) {
-        return true; /* there is no wire that could carry it, ever */
+    if (!running) {
+        return true; /* dropped: it could never be sent, and the caller would try again */
     }
-    if (!put(&tx, frame)) {
+    if (!push(&tx, frame)) {
         return false;
     }
     NVIC->ISPR[IRQ_CAN1_TX / 32] = 1u << IRQ_CAN1_TX % 32;
@@ -144,7 +146,7 @@ bool can_send(const struct can_frame *frame)
 
 bool can_receive(struct can_frame *frame)
 {
-    return take(&rx, frame);
+    return pop(&rx, frame);
 }
 
 static void write_mailbox(struct can_mailbox *box, const struct can_frame *f)
@@ -159,15 +161,15 @@ static void write_mailbox(struct can_mailbox *box, const struct can_frame *f)
 void can_tx_irq(void)
 {
     const uint32_t tsr = CAN1->TSR;
-    /* one that is set after it was read stays, and calls again */
+    /* A flag that is set after tsr was read stays set and calls the interrupt again. */
     clear_flags(&CAN1->TSR, tsr & (CAN_TSR_RQCP0 | CAN_TSR_RQCP1 | CAN_TSR_RQCP2));
     if ((CAN1->ESR & CAN_ESR_BOFF) != 0) {
-        drop_what_waits(); /* it would be stale when the bus is back */
+        discard_pending(); /* the frames would be out of date when the bus is back */
         return;
     }
     for (unsigned i = 0; i < MAILBOXES; i++) {
         struct can_frame frame;
-        if ((tsr & (uint32_t)CAN_TSR_TME0 << i) != 0 && take(&tx, &frame)) {
+        if ((tsr & (uint32_t)CAN_TSR_TME0 << i) != 0 && pop(&tx, &frame)) {
             write_mailbox(&CAN1->TX[i], &frame);
         }
     }
@@ -189,7 +191,7 @@ void can_rx_irq(void)
             frame.data[i] = (uint8_t)(low >> 8 * i);
             frame.data[4 + i] = (uint8_t)(high >> 8 * i);
         }
-        if (!put(&rx, &frame)) {
+        if (!push(&rx, &frame)) {
             atomic_fetch_add(&rx_lost, 1u);
         }
         CAN1->RF0R = CAN_RF0R_RFOM;
@@ -198,10 +200,11 @@ void can_rx_irq(void)
 
 void can_error_irq(void)
 {
-    clear_flags(&CAN1->MSR, CAN_MSR_ERRI); /* set when BOFF is, once; nothing tells its end (RM0090 32.9.2, IER) */
+    clear_flags(&CAN1->MSR,
+                CAN_MSR_ERRI); /* set once when BOFF is set; no interrupt says that it ends (RM0090 32.9.2, IER) */
     if ((CAN1->ESR & CAN_ESR_BOFF) != 0) {
         atomic_fetch_add(&bus_offs, 1u);
-        drop_what_waits(); /* same priority as the other reader */
+        discard_pending(); /* can_tx_irq(), the other reader, has the same priority */
         CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2;
     }
 }
@@ -209,7 +212,7 @@ void can_error_irq(void)
 void can_status(struct hal_can_status *status)
 {
     const uint32_t esr = CAN1->ESR;
-    const bool out = (!works && !cpu_emulated()) || (esr & CAN_ESR_BOFF) != 0 || (CAN1->MSR & CAN_MSR_INAK) != 0;
+    const bool out = (!running && !cpu_emulated()) || (esr & CAN_ESR_BOFF) != 0 || (CAN1->MSR & CAN_MSR_INAK) != 0;
     *status = (struct hal_can_status){
         .state = out                         ? HAL_CAN_OFF
                  : (esr & CAN_ESR_EPVF) != 0 ? HAL_CAN_PASSIVE

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* clock.c: the clock tree, clock.h. */
 #include "port/stm32f405/clock.h"
 
 #include "port/stm32f405/board.h"
@@ -7,7 +8,7 @@
 #include "port/stm32f405/output.h"
 
 _Static_assert(BOARD_HSE_MHZ >= 4 && BOARD_HSE_MHZ <= 26 && BOARD_HSE_MHZ % 2 == 0,
-               "the PLL wants 2 MHz (RM0090 7.3.2)");
+               "the PLL needs 2 MHz (RM0090 7.3.2)");
 
 /* Polls at 16 MHz take some 10 cycles each: HSE start-up is 2 ms typically, the PLL locks within 300 us (DS8626,
  * oscillator and PLL characteristics). 150,000 polls are about 100 ms, 10,000 about 6 ms. */
@@ -21,11 +22,11 @@ static void use_hsi(void)
     (void)wait_until(&RCC->CR, RCC_CR_HSIRDY, RCC_CR_HSIRDY, POLLS);
     RCC->CFGR = (RCC->CFGR & ~(uint32_t)RCC_CFGR_SW) | RCC_CFGR_SW_HSI;
     (void)wait_until(&RCC->CFGR, RCC_CFGR_SWS, RCC_CFGR_SWS_HSI, POLLS);
-    RCC->CR &= ~(uint32_t)RCC_CR_PLLON; /* the PLL is set up while it is off */
+    RCC->CR &= ~(uint32_t)RCC_CR_PLLON; /* the PLL can be configured only while it is off */
     (void)wait_until(&RCC->CR, RCC_CR_PLLRDY, 0, POLLS);
 }
 
-/* 168 MHz from a source of `mhz`. false: no lock; the chip stays on the HSI, at 16 MHz. */
+/* 168 MHz from a source of `mhz`. false: the PLL does not lock, and the chip stays on the HSI, at 16 MHz. */
 static bool use_pll(uint32_t mhz, uint32_t source)
 {
     RCC->PLLCFGR = mhz / 2u | 168u << RCC_PLLCFGR_N | 0u << RCC_PLLCFGR_P | source | 7u << RCC_PLLCFGR_Q;
@@ -33,7 +34,7 @@ static bool use_pll(uint32_t mhz, uint32_t source)
     if (!wait_until(&RCC->CR, RCC_CR_PLLRDY, RCC_CR_PLLRDY, POLLS)) {
         return false;
     }
-    /* five wait states at 2.7 to 3.6 V, before the clock is fast (RM0090 3.5.1) */
+    /* Five wait states at 2.7 to 3.6 V must be set before the clock becomes fast (RM0090 3.5.1). */
     FLASH->ACR = 5u | FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN;
     if (!wait_until(&FLASH->ACR, FLASH_ACR_LATENCY, 5u, POLLS)) {
         return false;
@@ -42,8 +43,8 @@ static bool use_pll(uint32_t mhz, uint32_t source)
     return wait_until(&RCC->CFGR, RCC_CFGR_SWS, RCC_CFGR_SWS_PLL, POLLS);
 }
 
-/* Without the crystal */
-static void do_without(void)
+/* 168 MHz from the HSI, or a reset. */
+static void use_hsi_pll(void)
 {
     use_hsi();
     if (!use_pll(HSI_MHZ, 0) && !cpu_emulated()) {
@@ -64,7 +65,7 @@ bool clock_start(void)
         RCC->CR |= RCC_CR_CSSON;
     } else {
         RCC->CR &= ~(uint32_t)RCC_CR_HSEON;
-        do_without();
+        use_hsi_pll();
     }
     degraded = !crystal && !cpu_emulated();
     return crystal;
@@ -77,7 +78,7 @@ void clock_failed_irq(void)
         RCC->CIR |= RCC_CIR_CSSC;
         degraded = true;
         RCC->CR &= ~(uint32_t)(RCC_CR_CSSON | RCC_CR_HSEON);
-        do_without();
+        use_hsi_pll();
     }
 }
 

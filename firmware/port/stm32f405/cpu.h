@@ -1,14 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* cpu.h: what the core itself does: interrupts off and on, sleep, priorities. On a host, where tests run in one thread,
- * nothing. */
+/* cpu.h: interrupt lock, sleep, barrier and interrupt priorities of the core, and the detection of an emulator. On a
+ * host, where tests run in one thread, the functions of the core do nothing. The background loop and interrupts call
+ * it.
+ */
 #ifndef KONTUR_CPU_H
 #define KONTUR_CPU_H
 #include <stdbool.h>
 
 #include "port/stm32f405/regs.h"
 
-/* Priorities, 0 first; the chip has the upper four bits (RM0090 12.1.1). The serial line has one byte of room and so
- * goes before the servo, for some 40 instructions a byte; bxCAN has room for three frames, 140 us, and waits. */
+/* Interrupt priorities; 0 is the highest. The chip implements the upper four bits (RM0090 12.1.1). The serial port
+ * buffers one byte, so it is above the servo tick, for some 40 instructions a byte. bxCAN buffers three frames,
+ * 140 us, so it is below the servo tick. */
 enum { PRIORITY_SUPPLY = 0, PRIORITY_SERIAL = 0, PRIORITY_SERVO = 1, PRIORITY_CAN = 2 };
 
 static inline void cpu_irq_enable(unsigned irq, unsigned priority)
@@ -18,7 +21,7 @@ static inline void cpu_irq_enable(unsigned irq, unsigned priority)
     NVIC->ISER[irq / 32u] = 1u << irq % 32u;
 }
 
-/* Interrupts off; returns what cpu_unlock() takes. For a few instructions only. */
+/* Disable interrupts, for a few instructions only. Returns the argument of cpu_unlock(). */
 static inline uint32_t cpu_lock(void)
 {
 #ifdef __arm__
@@ -39,7 +42,7 @@ static inline void cpu_unlock(uint32_t primask)
 #endif
 }
 
-/* Until the next interrupt */
+/* Sleep until the next interrupt. */
 static inline void cpu_sleep(void)
 {
 #ifdef __arm__
@@ -54,12 +57,14 @@ static inline void cpu_barrier(void)
 #endif
 }
 
-/* Whether this is an emulator (QEMU). Looked at once, before anything is written: RCC_CR is 0 there, and on a chip 83h and
- * what calibration has set (RM0090 7.3.1). QEMU up to 9.1 reads it as 0 ever after, later ones as what was written. */
-void cpu_look(void);
+/* Find out whether this is an emulator (QEMU), at start-up before anything is written to RCC_CR. There it is 0; on
+ * a chip it is 83h and the calibration (RM0090 7.3.1). QEMU up to 9.1 always reads it as 0, later versions as
+ * written. */
+void cpu_detect_emulator(void);
+/* Whether this is an emulator. */
 bool cpu_emulated(void);
 
-/* Clear flags of a register in which writing ones clears. */
+/* Clear flags of a register in which writing a one clears a bit. */
 static inline void clear_flags(reg *r, uint32_t flags)
 {
 #ifdef __arm__
@@ -69,7 +74,8 @@ static inline void clear_flags(reg *r, uint32_t flags)
 #endif
 }
 
-/* Poll until (*r & mask) == value, `polls` times at most, and not at all in an emulator that does not know the
- * register. false: it has not come. A test's own version of it (tests/unit/chip.c) plays the hardware. */
+/* Poll until (*r & mask) == value, `polls` times at most, and once in an emulator, which may lack the register.
+ * false: it has not become that value. Tests have their own version (tests/unit/chip.c), which acts as the
+ * hardware. */
 bool wait_until(const reg *r, uint32_t mask, uint32_t value, uint32_t polls);
 #endif

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* crash.c: saves a crash over a reset, crash.h. */
 #include "port/stm32f405/crash.h"
 
 #include <string.h>
@@ -7,10 +8,11 @@
 #include "port/stm32f405/output.h"
 
 enum { MAGIC = 0x4B43524D };
-enum { OLD, CRASHED, SUPPLY_FAILED }; /* how the run before this one has ended */
+/* How the last run has ended; REPORTED: crash_read() has reported its end. */
+enum { REPORTED, CRASHED, SUPPLY_FAILED };
 
-/* Neither cleared nor loaded at start-up (kontur.ld). */
-struct ip_record {
+/* It lies in RAM that is neither cleared nor loaded at start-up (kontur.ld). */
+struct saved_crash {
     uint32_t magic;
     uint32_t end;
     struct hal_crash crash;
@@ -19,7 +21,7 @@ struct ip_record {
 #ifdef __arm__
 __attribute__((section(".noinit")))
 #endif
-static struct ip_record record;
+static struct saved_crash saved;
 
 #ifdef __arm__
 extern uint32_t kontur_stack_bottom[], kontur_stack_top[];
@@ -28,12 +30,12 @@ extern uint32_t kontur_stack_bottom[16];
 #define kontur_stack_top (kontur_stack_bottom + 16)
 #endif
 
-/* Adler's sum: RAM without power comes up with anything, but not with this. */
-static uint32_t check(const struct ip_record *r)
+/* Adler's checksum. RAM has random contents after power-on, and almost never a valid checksum. */
+static uint32_t check(const struct saved_crash *r)
 {
     const uint8_t *byte = (const uint8_t *)r;
     uint32_t a = 1, b = 0;
-    for (size_t i = 0; i < offsetof(struct ip_record, check); i++) {
+    for (size_t i = 0; i < offsetof(struct saved_crash, check); i++) {
         a = (a + byte[i]) % 65521u;
         b = (b + a) % 65521u;
     }
@@ -42,23 +44,23 @@ static uint32_t check(const struct ip_record *r)
 
 static bool valid(void)
 {
-    return record.magic == MAGIC && record.check == check(&record);
+    return saved.magic == MAGIC && saved.check == check(&saved);
 }
 
 static void seal(void)
 {
-    record.magic = MAGIC;
-    record.check = check(&record);
+    saved.magic = MAGIC;
+    saved.check = check(&saved);
 }
 
 static void reset(uint32_t end)
 {
-    record.end = end;
+    saved.end = end;
     seal();
     cpu_barrier();
     SCB->AIRCR = SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ;
 #ifdef __arm__
-    for (;;) { /* until it has come, or the watchdog */
+    for (;;) { /* until the reset comes, or the watchdog resets */
     }
 #endif
 }
@@ -66,17 +68,17 @@ static void reset(uint32_t end)
 void crash_record(const uint32_t *frame)
 {
     output_safe();
-    const uint32_t count = valid() ? record.crash.count : 0u;
-    memset(&record, 0, sizeof record);
+    const uint32_t count = valid() ? saved.crash.count : 0u;
+    memset(&saved, 0, sizeof saved);
     if (frame >= kontur_stack_bottom && frame + 8 <= kontur_stack_top) { /* not after a stack overflow */
-        record.crash.lr = frame[5];
-        record.crash.pc = frame[6];
-        record.crash.psr = frame[7];
+        saved.crash.lr = frame[5];
+        saved.crash.pc = frame[6];
+        saved.crash.psr = frame[7];
     }
-    record.crash.cfsr = SCB->CFSR;
-    record.crash.hfsr = SCB->HFSR;
-    record.crash.bfar = SCB->BFAR;
-    record.crash.count = count + 1u;
+    saved.crash.cfsr = SCB->CFSR;
+    saved.crash.hfsr = SCB->HFSR;
+    saved.crash.bfar = SCB->BFAR;
+    saved.crash.count = count + 1u;
     reset(CRASHED);
 }
 
@@ -84,7 +86,7 @@ void crash_supply(void)
 {
     output_safe();
     if (!valid()) {
-        memset(&record, 0, sizeof record);
+        memset(&saved, 0, sizeof saved);
     }
     reset(SUPPLY_FAILED);
 }
@@ -93,7 +95,7 @@ void crash_supply(void)
 extern uint32_t kontur_crash_stack[];
 __attribute__((naked)) void crash_irq(void)
 {
-    /* the stack may be what has gone wrong */
+    /* The stack may be the cause, so this uses another one. */
     __asm volatile("cpsid i\n\t"
                    "mrs r0, msp\n\t"
                    "ldr r1, =kontur_crash_stack\n\t"
@@ -102,13 +104,13 @@ __attribute__((naked)) void crash_irq(void)
 }
 #endif
 
-/* RM0090 7.3.21; the pin is low in every reset, so its flag says least. */
+/* RM0090 7.3.21. Every reset pulls the pin low, so its flag is looked at last. */
 static enum hal_reset cause(uint32_t csr)
 {
     if ((csr & RCC_CSR_PORRSTF) != 0) {
         return HAL_RESET_POWER;
     }
-    if ((csr & RCC_CSR_BORRSTF) != 0) { /* without power-on: the supply was down for a moment */
+    if ((csr & RCC_CSR_BORRSTF) != 0) { /* without the power-on flag: the supply was low for a moment */
         return HAL_RESET_BROWN_OUT;
     }
     if ((csr & (RCC_CSR_IWDGRSTF | RCC_CSR_WWDGRSTF)) != 0) {
@@ -125,11 +127,11 @@ void crash_read(enum hal_reset *reset_cause, struct hal_crash *crash)
     *reset_cause = cause(RCC->CSR);
     RCC->CSR |= RCC_CSR_RMVF;
     if (*reset_cause == HAL_RESET_POWER || *reset_cause == HAL_RESET_BROWN_OUT || !valid()) {
-        memset(&record, 0, sizeof record);
-    } else if (record.end != OLD) {
-        *reset_cause = record.end == CRASHED ? HAL_RESET_CRASH : HAL_RESET_BROWN_OUT;
+        memset(&saved, 0, sizeof saved);
+    } else if (saved.end != REPORTED) {
+        *reset_cause = saved.end == CRASHED ? HAL_RESET_CRASH : HAL_RESET_BROWN_OUT;
     }
-    record.end = OLD;
+    saved.end = REPORTED;
     seal();
-    *crash = record.crash;
+    *crash = saved.crash;
 }

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* encoder.c: the encoder timers, encoder.h. */
 #include "port/stm32f405/encoder.h"
 
 #include "port/stm32f405/board.h"
@@ -7,10 +8,10 @@
 enum { LINE = 4 };
 
 struct encoder {
-    bool running; /* not in an emulator: QEMU's timers know no encoder mode and count time */
+    bool running; /* false in an emulator, because QEMU's timers lack the encoder mode and count time */
     bool invert;
     bool paused;     /* since the last read */
-    bool index_seen; /* index_count is that of a pulse under this configuration */
+    bool index_seen; /* index_count belongs to a pulse since the last encoder_configure() */
     uint32_t index_counts, jump_counts;
     uint32_t last; /* the timer's counter at the last read */
     uint32_t count;
@@ -21,7 +22,7 @@ struct encoder {
 static const struct board_axis axes[AXES] = {BOARD_X, BOARD_Y};
 static struct encoder encoders[AXES];
 
-/* The way from counter value `from` to `to`, the short way round. */
+/* to - from, modulo the range of the timer: the shorter of the two ways. */
 static int32_t difference(const struct board_encoder *board, uint32_t to, uint32_t from)
 {
     const uint32_t d = to - from;
@@ -38,7 +39,7 @@ void encoder_init(void)
         pin_setup(b->a, PIN_ALTERNATE, PIN_PULL_UP, b->alternate);
         pin_setup(b->b, PIN_ALTERNATE, PIN_PULL_UP, b->alternate);
         pin_setup(b->index, PIN_ALTERNATE, PIN_PULL_DOWN, b->alternate);
-        /* inputs filtered over 4 clocks of 84 MHz (ICxF = 0010): 48 ns, edges of up to 10 MHz */
+        /* ICxF = 0010 filters the inputs over 4 clocks of 84 MHz, 48 ns: edges of up to 10 MHz pass. */
         const uint32_t input = TIM_CCMR_INPUT | 2u << TIM_CCMR_IC_FILTER;
         tim->ARR = b->top;
         tim->CCMR1 = input | input << 8;
@@ -69,22 +70,22 @@ static uint32_t magnitude(int32_t x)
     return x < 0 ? 0u - (uint32_t)x : (uint32_t)x;
 }
 
-/* An index pulse has been met at `count`. Whether it lies where the pulses before say. */
-static bool index_fits(struct encoder *e, uint32_t count)
+/* Take over an index pulse at `count`. Returns whether it is a multiple of index_counts from the last one. */
+static bool index_plausible(struct encoder *e, uint32_t count)
 {
-    bool fits = true;
+    bool plausible = true;
     if (e->index_seen && e->index_counts != 0) {
         const uint32_t off = magnitude((int32_t)(count - e->index_count)) % e->index_counts;
-        fits = off <= LINE || e->index_counts - off <= LINE;
+        plausible = off <= LINE || e->index_counts - off <= LINE;
     }
     e->index_seen = true;
     e->index_count = count;
     e->index_pulses++;
-    return fits;
+    return plausible;
 }
 
-/* Returns whether it can be believed. `now`: the timer's counter. */
-static bool follow(struct encoder *e, const struct board_encoder *board, uint32_t now)
+/* Take over the timer's counter, `now`. Returns whether the count is plausible. */
+static bool update(struct encoder *e, const struct board_encoder *board, uint32_t now)
 {
     const struct tim *tim = board->tim;
     const int32_t moved = difference(board, now, e->last);
@@ -93,9 +94,9 @@ static bool follow(struct encoder *e, const struct board_encoder *board, uint32_
     e->last = now;
     e->count += (uint32_t)(e->invert ? -moved : moved);
     if (board->index != PIN_NONE && (tim->SR & (uint32_t)TIM_SR_CC1IF << (board->index_channel - 1u)) != 0) {
-        const int32_t since =
-            difference(board, now, tim->CCR[board->index_channel - 1u]); /* reading it clears the flag */
-        good = index_fits(e, e->count - (uint32_t)(e->invert ? -since : since)) && good;
+        /* Reading CCR clears the flag. */
+        const int32_t since = difference(board, now, tim->CCR[board->index_channel - 1u]);
+        good = index_plausible(e, e->count - (uint32_t)(e->invert ? -since : since)) && good;
     }
     return good;
 }
@@ -112,7 +113,7 @@ void encoder_read(struct hal_drive_in *in)
     const uint32_t now[AXES] = {axes[AXIS_X].encoder.tim->CNT, axes[AXIS_Y].encoder.tim->CNT};
     for (int i = 0; i < AXES; i++) {
         struct encoder *e = &encoders[i];
-        if (e->running && !follow(e, &axes[i].encoder, now[i])) {
+        if (e->running && !update(e, &axes[i].encoder, now[i])) {
             in->inputs[i] |= HAL_ENCODER_FAULT;
         }
         in->count[i] = (int32_t)e->count;

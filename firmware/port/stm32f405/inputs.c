@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* inputs.c: the digital inputs, inputs.h. */
 #include "port/stm32f405/inputs.h"
 
 #include "port/stm32f405/board.h"
 
 static const struct board_axis axes[AXES] = {BOARD_X, BOARD_Y};
 static const struct board_input stop = BOARD_STOP;
-static uint8_t seen[AXES][2]; /* by the two reads before */
+static uint8_t previous[AXES][2]; /* inputs of the last read and of the one before */
 
 static void setup(const struct board_input *input)
 {
@@ -24,7 +25,7 @@ void inputs_init(void)
         setup(&axes[i].limit_min);
         setup(&axes[i].limit_max);
         setup(&axes[i].amplifier_fault);
-        seen[i][0] = seen[i][1] = 0;
+        previous[i][0] = previous[i][1] = 0;
     }
 }
 
@@ -34,8 +35,8 @@ void inputs_read(struct hal_drive_in *in)
         const uint8_t now = (uint8_t)(active(&stop, HAL_STOP) | active(&axes[i].limit_min, HAL_LIMIT_MIN) |
                                       active(&axes[i].limit_max, HAL_LIMIT_MAX) |
                                       active(&axes[i].amplifier_fault, HAL_AMPLIFIER_FAULT));
-        in->inputs[i] = (uint8_t)(in->inputs[i] | (now & seen[i][0] & seen[i][1]));
-        seen[i][1] = seen[i][0];
-        seen[i][0] = now;
+        in->inputs[i] = (uint8_t)(in->inputs[i] | (now & previous[i][0] & previous[i][1]));
+        previous[i][1] = previous[i][0];
+        previous[i][0] = now;
     }
 }

@@ -1,22 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* output.c: the force outputs, output.h. */
 #include "port/stm32f405/output.h"
 
 #include "port/stm32f405/board.h"
 #include "port/stm32f405/cpu.h"
 
 enum { DAC_ZERO = 2048, PWM_STEPS = 4200 };
-enum { PWM_OFF = TIM_BDTR_OSSI | TIM_BDTR_OSSR, PWM_ON = PWM_OFF | TIM_BDTR_MOE }; /* off: driven low */
+enum { PWM_OFF = TIM_BDTR_OSSI | TIM_BDTR_OSSR, PWM_ON = PWM_OFF | TIM_BDTR_MOE }; /* off: the pins are driven low */
 
 struct channel {
     bool pwm, invert;
     int32_t gain; /* 2^32 steps of the output per mN */
     int32_t low, high;
-    int32_t error; /* what the last step left over, 2^-16 steps */
+    int32_t error; /* rounding error of the last step, 2^-16 steps */
 };
 
 static const struct board_axis axes[AXES] = {BOARD_X, BOARD_Y};
 static struct channel channels[AXES];
-static volatile bool held; /* made safe, until neither axis is to be enabled any more */
+static volatile bool safe_state; /* from output_safe() until neither axis is commanded to be enabled */
 
 static void set_channel(struct channel *c, const struct hal_axis_cfg *cfg)
 {
@@ -45,7 +46,7 @@ void output_init(void)
     RCC->APB2ENR |= RCC_APB2ENR_TIM8;
     (void)RCC->APB2ENR;
     DAC->DHR12RD = DAC_ZERO << 16 | DAC_ZERO;
-    DAC->CR = DAC_CR_EN1 | DAC_CR_BOFF1 | DAC_CR_EN2 | DAC_CR_BOFF2; /* its buffers do not reach the rails by 0.2 V */
+    DAC->CR = DAC_CR_EN1 | DAC_CR_BOFF1 | DAC_CR_EN2 | DAC_CR_BOFF2; /* BOFF: its buffers end 0.2 V before the rails */
     pin_setup(PIN('A', 4), PIN_ANALOG, PIN_FLOATING, 0);
     pin_setup(PIN('A', 5), PIN_ANALOG, PIN_FLOATING, 0);
 
@@ -54,7 +55,7 @@ void output_init(void)
     TIM8->CCR[0] = TIM8->CCR[1] = 0;
     TIM8->CCER = TIM_CCER_E | TIM_CCER_E << 4;
     TIM8->BDTR = PWM_ON;
-    held = false;
+    safe_state = false;
     TIM8->EGR = TIM_EGR_UG;
     TIM8->CR1 = TIM_CR1_ARPE | TIM_CR1_CEN;
     output_configure(cfg);
@@ -73,33 +74,33 @@ void output_configure(const struct hal_axis_cfg cfg[AXES])
     cpu_unlock(lock);
 }
 
-/* The step to put out for a force, with what the last one left over. */
+/* The step to put out for a force, with the rounding error of the last step added. */
 static int32_t quantise(struct channel *c, int32_t force_mN)
 {
-    const int64_t want = (((int64_t)force_mN * c->gain) >> 16) + c->error;
-    const int64_t step = (want + 0x8000) >> 16;
+    const int64_t exact = (((int64_t)force_mN * c->gain) >> 16) + c->error;
+    const int64_t step = (exact + 0x8000) >> 16;
     if (step < c->low || step > c->high) {
         c->error = 0;
         return step < 0 ? c->low : c->high;
     }
-    c->error = (int32_t)(want - step * 0x10000);
+    c->error = (int32_t)(exact - step * 0x10000);
     return (int32_t)step;
 }
 
-/* Who made the outputs safe is above the servo tick, which does not know of it yet. */
-static bool let_go(const struct hal_drive_out *out)
+/* End the safe state when neither axis is commanded to be enabled. Returns whether the outputs may be written. */
+static bool leave_safe_state(const struct hal_drive_out *out)
 {
-    if (held && !out->enable[AXIS_X] && !out->enable[AXIS_Y]) {
+    if (safe_state && !out->enable[AXIS_X] && !out->enable[AXIS_Y]) {
         TIM8->BDTR = PWM_ON;
-        held = false;
+        safe_state = false;
     }
-    return !held;
+    return !safe_state;
 }
 
 void output_write(const struct hal_drive_out *out)
 {
     uint32_t dac[AXES], pwm[AXES];
-    if (!let_go(out)) {
+    if (!leave_safe_state(out)) {
         return;
     }
     for (int i = 0; i < AXES; i++) {
@@ -118,7 +119,7 @@ void output_write(const struct hal_drive_out *out)
         }
     }
     DAC->DHR12RD = dac[AXIS_Y] << 16 | dac[AXIS_X];
-    TIM8->CR1 |= TIM_CR1_UDIS; /* both at one update */
+    TIM8->CR1 |= TIM_CR1_UDIS; /* both channels change at one update */
     TIM8->CCR[0] = pwm[AXIS_X];
     TIM8->CCR[1] = pwm[AXIS_Y];
     TIM8->CR1 &= ~(uint32_t)TIM_CR1_UDIS;
@@ -127,14 +128,14 @@ void output_write(const struct hal_drive_out *out)
             pin_write(axes[i].enable, true);
         }
     }
-    if (held) { /* since this began */
+    if (safe_state) { /* an interrupt has called output_safe() meanwhile */
         output_safe();
     }
 }
 
 void output_safe(void)
 {
-    held = true;
+    safe_state = true;
     for (int i = 0; i < AXES; i++) {
         pin_write(axes[i].enable, false);
     }

@@ -1,21 +1,26 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* output.h: two force commands and two enable signals. Servo interrupt: output_write(); background: the rest.
+/* output.h: two force commands and two enable signals.
  *
- * DAC: 12 bits, code 2048 + n for n/2048 of full scale; the board makes -10..10 V of 0..3.3 V. PWM: 40 kHz in 4200
- * steps, with a direction pin, so that a dead line asks for no force. What a command loses in rounding is added to the
- * next one (first-order error feedback): its mean is exact, and the steps of the output appear as noise near the
- * control rate, where the mass of an axis is deaf. RM0090 14 (DAC), 17 (PWM mode).
+ * DAC: 12 bits; code 2048 + n is n/2048 of full scale, and the board makes -10..10 V of 0..3.3 V. PWM: 40 kHz in 4200
+ * steps, with a direction pin, so that a dead line commands no force. The rounding error of a command is added to the
+ * next one (first-order error feedback): the mean of the output is exact, and its steps are noise near the control
+ * rate, where the mass of an axis does not respond. RM0090 14 (DAC), 17 (PWM mode).
+ *
+ * Context: output_write() in the servo tick; output_safe() in any context; the other functions in the background
+ * loop.
  */
 #ifndef KONTUR_OUTPUT_H
 #define KONTUR_OUTPUT_H
 #include "hal/hal.h"
 
-/* Zero force, not enabled; DAC until told otherwise. */
+/* At start-up: zero force, not enabled, and the DAC as the output of both axes. */
 void output_init(void);
-/* Without power on an axis. */
+/* Set the wiring; no axis has power. */
 void output_configure(const struct hal_axis_cfg cfg[AXES]);
+/* Put out both forces and both enable signals. */
 void output_write(const struct hal_drive_out *out);
-/* From anywhere, whatever has happened: enable off, DAC to zero volts, PWM off; direct register writes. What the servo
- * writes after it changes nothing until it wants neither axis enabled any more: it knows of the reason. */
+/* Enable off, DAC to zero volts, PWM off, by direct writes to registers. It works in any state of the firmware.
+ * After it output_write() does nothing until the servo tick commands neither axis to be enabled, which shows that
+ * the drive has noticed. */
 void output_safe(void);
 #endif

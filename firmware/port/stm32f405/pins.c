@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* pins.c: sets up a pin, pins.h. */
 #include "port/stm32f405/pins.h"
 
 static void set_field(reg *r, unsigned position, unsigned width, uint32_t value)
@@ -15,8 +16,8 @@ void pin_setup(uint8_t pin, enum pin_mode mode, enum pin_pull pull, unsigned alt
     }
     struct gpio *gpio = GPIO(pin >> 4);
     RCC->AHB1ENR |= 1u << (pin >> 4);
-    (void)RCC
-        ->AHB1ENR; /* the clock is on two cycles later (ST, ES0182, "Delay after an RCC peripheral clock enabling") */
+    /* The clock is on two cycles later (ST, ES0182, "Delay after an RCC peripheral clock enabling"). */
+    (void)RCC->AHB1ENR;
     if (mode == PIN_ALTERNATE) {
         set_field(&gpio->AFR[n / 8u], n % 8u * 4u, 4, alternate);
         set_field(&gpio->OSPEEDR, 2u * n, 2, 2);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* pins.h: port pins (RM0090 8.3). A pin is one byte, PIN('B', 8) for PB8. Set up in the background, read and written
- * anywhere. */
+/* pins.h: the pins of the chip (RM0090 8.3). A pin is one byte: PIN('B', 8) is PB8. pin_setup() is for power-on; every
+ * context reads and writes pins. */
 #ifndef KONTUR_PINS_H
 #define KONTUR_PINS_H
 #include <stdbool.h>
@@ -13,7 +13,7 @@
 enum pin_mode { PIN_INPUT, PIN_OUTPUT, PIN_ALTERNATE, PIN_ANALOG };
 enum pin_pull { PIN_FLOATING, PIN_PULL_UP, PIN_PULL_DOWN };
 
-/* alternate: AF number, DS8626; for PIN_ALTERNATE only. Nothing happens to PIN_NONE. */
+/* `alternate` is the AF number (DS8626) of a pin with PIN_ALTERNATE. PIN_NONE is ignored, here and below. */
 void pin_setup(uint8_t pin, enum pin_mode mode, enum pin_pull pull, unsigned alternate);
 
 static inline void pin_write(uint8_t pin, bool high)
@@ -21,7 +21,7 @@ static inline void pin_write(uint8_t pin, bool high)
     if (pin != PIN_NONE) {
         const uint32_t bit = 1u << (pin & 15u);
         GPIO(pin >> 4)->BSRR = high ? bit : bit << 16;
-#ifndef __arm__ /* what the chip does with it */
+#ifndef __arm__ /* on the chip the hardware does this */
         GPIO(pin >> 4)->ODR = high ? GPIO(pin >> 4)->ODR | bit : GPIO(pin >> 4)->ODR & ~bit;
 #endif
     }

@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* regs.h: the registers of the STM32F405 that this port uses, and no others. Background and interrupts.
+/* regs.h: the registers of the STM32F405 that this port uses, and no others. The drivers of this folder use them in
+ * every context.
  *
- * Sources: ST, RM0090 "STM32F405/415, STM32F407/417, ... reference manual" (section of each block beside it; numbers of
- * its tables differ from revision to revision) and ARM, "ARMv7-M Architecture Reference Manual" (DDI 0403E) for the
- * core's own. Names are theirs, so that they can be looked up. Addresses, offsets and bits were compared with ST's
- * register description (STM32F40x.svd); what that lacks (PWR_CR VOS) with ST's CMSIS header.
+ * Sources: ST, RM0090 "STM32F405/415, STM32F407/417, ... reference manual" (section of each block beside it; numbers
+ * of its tables differ from revision to revision) and ARM, "ARMv7-M Architecture Reference Manual" (DDI 0403E) for
+ * the core's own. Names are theirs, so that they can be looked up. Addresses, offsets and bits were compared with
+ * ST's register description (STM32F40x.svd), and PWR_CR VOS, which it lacks, with ST's CMSIS header.
  *
- * On the chip a block lies at its address. Compiled for a host it is a field of `struct chip chip`, which a test reads
- * and writes (tests/unit/chip.h).
+ * On the chip a block lies at its address. Compiled for a host it is a field of `struct chip chip`, which a test
+ * reads and writes (tests/unit/chip.h).
  */
 #ifndef KONTUR_REGS_H
 #define KONTUR_REGS_H
@@ -107,7 +108,7 @@ struct gpio {
     reg MODER, OTYPER, OSPEEDR, PUPDR, IDR, ODR, BSRR, LCKR, AFR[2];
 };
 
-/* RM0090 17.4 (TIM1 and TIM8), 18.4 (TIM2 to TIM5): the same layout */
+/* RM0090 17.4 (TIM1 and TIM8) and 18.4 (TIM2 to TIM5), which have the same layout */
 struct tim {
     reg CR1, CR2, SMCR, DIER, SR, EGR, CCMR1, CCMR2, CCER, CNT, PSC, ARR, RCR, CCR[4], BDTR, DCR, DMAR, OR;
 };

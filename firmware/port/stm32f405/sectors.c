@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* sectors.c: the flash of the parameter store, sectors.h. */
 #include "port/stm32f405/sectors.h"
 
 #include <string.h>
@@ -11,13 +12,13 @@
 
 enum { FIRST_SECTOR = 1 };
 #define ERRORS (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR)
-/* A turn of the loop takes 10 cycles or more: 168e6 turns are 10 s, ten times the longest erasure and more. */
+/* A poll takes 10 cycles or more, so 168e6 polls are 10 s or more, ten times the longest erasure. */
 #define POLLS 168000000u
 
 #ifdef __arm__
 #define STORE ((volatile uint32_t *)0x08004000u)
-/* QEMU's flash is read only: there the sectors lie in RAM that the image does not use, inverted, so that RAM at
- * power-on reads as erased. They last as long as QEMU runs, over resets of the processor. */
+/* QEMU's flash is read only, so in QEMU the store lies in RAM that the image does not use. It is inverted, so that
+ * RAM at power-on reads as erased. It survives resets of the processor as long as QEMU runs. */
 #define EMULATED_STORE ((volatile uint32_t *)0x20018000u)
 #else
 extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4],
@@ -43,9 +44,9 @@ static uint32_t read_word(unsigned sector, uint32_t offset)
     return cpu_emulated() ? ~word : word;
 }
 
-/* Start what CR says (with a word to write, by writing it) and wait for its end. Interrupts are off: their vectors lie
- * in flash. */
-RAM_FUNCTION static bool run(uint32_t command, volatile uint32_t *to, uint32_t word)
+/* Start the operation of CR, where there is a word to write by writing it, and wait for its end. Interrupts are
+ * disabled, because their vectors lie in the flash. */
+RAM_FUNCTION static bool flash_operation(uint32_t command, volatile uint32_t *to, uint32_t word)
 {
     uint32_t polls = POLLS;
     clear_flags(&FLASH->SR, FLASH_SR_EOP | ERRORS);
@@ -63,7 +64,7 @@ RAM_FUNCTION static bool run(uint32_t command, volatile uint32_t *to, uint32_t w
     return polls != 0 && (FLASH->SR & ERRORS) == 0;
 }
 
-static bool locked_run(uint32_t command, volatile uint32_t *to, uint32_t word)
+static bool flash_command(uint32_t command, volatile uint32_t *to, uint32_t word)
 {
     if (supply_low()) {
         return false;
@@ -71,7 +72,7 @@ static bool locked_run(uint32_t command, volatile uint32_t *to, uint32_t word)
     const uint32_t lock = cpu_lock();
     FLASH->KEYR = FLASH_KEY1; /* RM0090 3.6.1 */
     FLASH->KEYR = FLASH_KEY2;
-    const bool good = run(command, to, word);
+    const bool good = flash_operation(command, to, word);
     FLASH->CR = FLASH_CR_LOCK;
     cpu_unlock(lock);
     return good;
@@ -87,7 +88,7 @@ void sectors_read(unsigned sector, uint32_t offset, void *data, uint32_t bytes)
     }
 }
 
-static bool reads(unsigned sector, uint32_t word, uint32_t offset, uint32_t bytes)
+static bool reads_as(unsigned sector, uint32_t word, uint32_t offset, uint32_t bytes)
 {
     for (uint32_t i = 0; i < bytes; i += 4) {
         if (read_word(sector, offset + i) != word) {
@@ -110,13 +111,14 @@ bool sectors_erase(unsigned sector)
         return false;
     }
     emulate_erase(sector);
-    const bool good = locked_run(FLASH_CR_PSIZE_32 | FLASH_CR_SER | (FIRST_SECTOR + sector) << FLASH_CR_SNB, NULL, 0);
-    /* the data cache may still hold what was there (RM0090 3.5.2: reset it while it is off) */
+    const bool good =
+        flash_command(FLASH_CR_PSIZE_32 | FLASH_CR_SER | (FIRST_SECTOR + sector) << FLASH_CR_SNB, NULL, 0);
+    /* The data cache may hold the old contents. It is reset while it is off (RM0090 3.5.2). */
     FLASH->ACR &= ~(uint32_t)FLASH_ACR_DCEN;
     FLASH->ACR |= FLASH_ACR_DCRST;
     FLASH->ACR &= ~(uint32_t)FLASH_ACR_DCRST;
     FLASH->ACR |= FLASH_ACR_DCEN;
-    return good && reads(sector, 0xFFFFFFFFu, 0, HAL_FLASH_BYTES);
+    return good && reads_as(sector, 0xFFFFFFFFu, 0, HAL_FLASH_BYTES);
 }
 
 bool sectors_write(unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
@@ -131,9 +133,9 @@ bool sectors_write(unsigned sector, uint32_t offset, const void *data, uint32_t 
         if (cpu_emulated()) {
             *at(sector, offset + i) |= ~word;
         } else {
-            good = locked_run(FLASH_CR_PSIZE_32 | FLASH_CR_PG, at(sector, offset + i), word);
+            good = flash_command(FLASH_CR_PSIZE_32 | FLASH_CR_PG, at(sector, offset + i), word);
         }
-        if (!good || !reads(sector, word, offset + i, 4)) {
+        if (!good || !reads_as(sector, word, offset + i, 4)) {
             return false;
         }
     }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* start.c: vector table and the way from reset to run_start() (DDI 0403E B1.5; RM0090 12, vector table). */
+/* start.c: the vector table, and the start-up code from reset to main_loop_start() (DDI 0403E B1.5; RM0090 12,
+ * vector table). The hardware calls it at reset. */
 #include <stdint.h>
 
 #include "port/stm32f405/board.h"
@@ -7,17 +8,18 @@
 #include "port/stm32f405/clock.h"
 #include "port/stm32f405/cpu.h"
 #include "port/stm32f405/crash.h"
-#include "port/stm32f405/run.h"
+#include "port/stm32f405/main_loop.h"
 #include "port/stm32f405/supply.h"
 #include "port/stm32f405/uart.h"
 
-/* kontur.ld */
+/* Symbols of kontur.ld. */
 extern uint32_t kontur_stack_top[], kontur_data[], kontur_data_end[], kontur_bss[], kontur_bss_end[];
 extern const uint32_t kontur_data_load[];
 
 _Noreturn void reset_irq(void);
 
-/* RAM holds nothing but what this writes, so no function of the library may be called. */
+/* Initialises RAM. Until it has done so, no library function may be called: the compiler must not make one of its
+ * loops. */
 __attribute__((optimize("no-tree-loop-distribute-patterns"))) _Noreturn void reset_irq(void)
 {
     SCB->CPACR |= SCB_CPACR_FPU;
@@ -30,9 +32,9 @@ __attribute__((optimize("no-tree-loop-distribute-patterns"))) _Noreturn void res
     for (uint32_t *to = kontur_bss; to < kontur_bss_end; to++) {
         *to = 0;
     }
-    run_start();
+    main_loop_start();
     for (;;) {
-        run_pass();
+        main_loop_pass();
     }
 }
 

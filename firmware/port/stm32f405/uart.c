@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* uart.c: the serial port, uart.h. */
 #include "port/stm32f405/uart.h"
 
 #include <stdatomic.h>
@@ -6,10 +7,10 @@
 #include "port/stm32f405/board.h"
 #include "port/stm32f405/cpu.h"
 
-enum { ROOM = 1024 }; /* 10 ms of the line at 1 Mbit/s */
-_Static_assert((ROOM & (ROOM - 1)) == 0, "positions count on and wrap");
+enum { ROOM = 1024 }; /* bytes; 10 ms at 1 Mbit/s */
+_Static_assert((ROOM & (ROOM - 1)) == 0, "positions wrap at 2^32");
 
-/* One writer, one reader; positions count bytes. */
+/* A ring with one writer and one reader. Its positions count bytes since power-on. */
 struct ring {
     char byte[ROOM];
     _Atomic uint32_t in, out;
@@ -24,8 +25,8 @@ void uart_init(void)
     BOARD_UART_CLOCK();
     pin_setup(BOARD_UART_TX, PIN_ALTERNATE, PIN_PULL_UP, BOARD_UART_AF);
     pin_setup(BOARD_UART_RX, PIN_ALTERNATE, PIN_PULL_UP, BOARD_UART_AF);
-    BOARD_UART->BRR =
-        (BOARD_UART_HZ + BOARD_UART_BAUD / 2u) / BOARD_UART_BAUD; /* 16 samples a bit: BRR counts sixteenths */
+    /* With 16 samples a bit, BRR is the number of clocks in a bit. */
+    BOARD_UART->BRR = (BOARD_UART_HZ + BOARD_UART_BAUD / 2u) / BOARD_UART_BAUD;
     BOARD_UART->CR1 = USART_CR1_UE | USART_CR1_RE | USART_CR1_TE | USART_CR1_RXNEIE;
     cpu_irq_enable(BOARD_UART_IRQ, PRIORITY_SERIAL);
 }
@@ -34,7 +35,7 @@ void uart_irq(void)
 {
     const uint32_t status = BOARD_UART->SR;
     if ((status & (USART_SR_RXNE | USART_SR_ORE)) != 0) {
-        const char byte = (char)BOARD_UART->DR; /* clears both */
+        const char byte = (char)BOARD_UART->DR; /* clears both flags */
         const uint32_t in = atomic_load(&rx.in);
         if ((status & USART_SR_ORE) != 0 || in - atomic_load(&rx.out) == ROOM) {
             atomic_fetch_add(&lost, 1u);
@@ -44,7 +45,8 @@ void uart_irq(void)
             atomic_store(&rx.in, in + 1u);
         }
     }
-    /* Only where it has asked for it: for a byte received while the background sends (QEMU) both would. */
+    /* Send only while TXEIE is set. In QEMU the background loop sends, and a byte received meanwhile must not
+     * send, too. */
     if ((status & USART_SR_TXE) != 0 && (BOARD_UART->CR1 & USART_CR1_TXEIE) != 0) {
         const uint32_t out = atomic_load(&tx.out);
         if (out == atomic_load(&tx.in)) {
@@ -67,7 +69,7 @@ bool uart_get(char *byte)
     return true;
 }
 
-/* QEMU 7.2 raises no interrupt for TXE (its model of the USART sends at once): the background does it there. */
+/* QEMU 7.2 raises no interrupt for TXE, because its USART sends at once. There the background loop sends. */
 static void send_without_interrupt(void)
 {
     for (int i = 0; i < ROOM && atomic_load(&tx.out) != atomic_load(&tx.in); i++) {
@@ -90,7 +92,7 @@ bool uart_put(const char *bytes, unsigned count)
     if (cpu_emulated()) {
         send_without_interrupt();
     } else {
-        const uint32_t lock = cpu_lock(); /* the interrupt changes this register, too */
+        const uint32_t lock = cpu_lock(); /* the interrupt changes CR1, too */
         BOARD_UART->CR1 |= USART_CR1_TXEIE;
         cpu_unlock(lock);
     }

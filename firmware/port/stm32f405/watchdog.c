@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* watchdog.c: the independent watchdog, watchdog.h. */
 #include "port/stm32f405/watchdog.h"
 
 #include "port/stm32f405/cpu.h"
@@ -15,7 +16,7 @@ void watchdog_start(void)
     IWDG->KR = IWDG_KEY_ACCESS;
     IWDG->PR = DIVIDE_BY_16;
     IWDG->RLR = PERIOD;
-    (void)wait_until(&IWDG->SR, IWDG_SR_PVU | IWDG_SR_RVU, 0, 100000); /* five LSI periods, 300 us */
+    (void)wait_until(&IWDG->SR, IWDG_SR_PVU | IWDG_SR_RVU, 0, 100000); /* it takes five LSI periods, 300 us */
     IWDG->KR = IWDG_KEY_FEED;
 }
 

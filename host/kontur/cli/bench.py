@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import click
 
-from kontur import bench_step, bench_stream, busload
 from kontur import machine as machines
-from kontur.bench import bench
+from kontur.can import bus_load
 from kontur.cli.options import interruptible, progress_bar, simulation_options, target_options
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
-from kontur.errors import KonturError, StreamError
-from kontur.run import Target
+from kontur.drive.target import Target
+from kontur.errors import StreamError
+from kontur.experiments import bench_stream
+from kontur.experiments.bench_sim import bench
 
 
 @click.group(name="bench")
@@ -32,29 +33,6 @@ def sim_command(*, as_json: bool, machine: str, seed: int, num: str) -> None:
     for name, what in (("oracle", "NumPy stepping"), ("direct", "in process, direct"), ("can", "in process, over CAN")):
         rate = result[f"{name}_periods_per_s"]
         click.echo(f"{what:<22}{rate:>12,.0f} control periods/s  {rate / oracle:>8.1f} x")
-
-
-@command.command(name="step")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@click.option("--check", is_flag=True, help="Fail when a figure is over 3 % above what is written down.")
-@click.option("--write", is_flag=True, help="Write the figures down: tests/target/cost.json, docs/performance.md.")
-def step_command(*, as_json: bool, check: bool, write: bool) -> None:
-    """What the firmware costs on the microcontroller: instructions of a servo tick, stack, flash and RAM.
-
-    Counted in QEMU and read from the image; `make bench` builds what that needs.
-    """
-    result = bench_step.measure()
-    if write:
-        bench_step.write(result)
-    if as_json:
-        print_json(result)
-    elif not check:
-        for name, (heading, *rows) in bench_step.tables(result).items():
-            print_table([dict(zip(heading, row, strict=True)) for row in rows], title=name)
-    if check:
-        if found := bench_step.check(result):
-            raise KonturError("\n".join(found))
-        click.echo("cost of the firmware: nothing above what is written down", err=as_json)
 
 
 @command.command(name="stream")
@@ -92,14 +70,14 @@ def stream_command(*, knots: int, as_json: bool, target: Target) -> None:
     "-b",
     "--bitrate",
     type=click.IntRange(min=10_000),
-    default=busload.BITRATE,
+    default=bus_load.BITRATE,
     show_default=True,
     help="Bit rate of the bus, bit/s.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def bus_command(*, bitrate: int, as_json: bool) -> None:
     """Share of the bus that the default PDOs take at worst while knots are streamed; computed from the EDS."""
-    loads = busload.loads(bitrate)
+    loads = bus_load.loads(bitrate)
     total = sum(load.share for load in loads)
     if as_json:
         print_json({"bitrate": bitrate, "frames": [vars(load) for load in loads], "share": total})

@@ -10,8 +10,9 @@ import click
 from kontur import machine as machines
 from kontur.cli.options import progress_bars, simulation_options
 from kontur.cli.output import print_table
-from kontur.demo import demo
-from kontur.run import Target, summary
+from kontur.drive.target import Target
+from kontur.experiments.demo import demo
+from kontur.runs.summary import summary
 
 
 @click.command(name="demo")

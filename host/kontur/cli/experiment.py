@@ -4,20 +4,19 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 
 import click
 
 from kontur import machine as machines
-from kontur import on_chip
 from kontur.cli.options import KEY_VALUE, parameter_values, progress_bar, simulation_options
 from kontur.cli.output import print_json, print_table
-from kontur.device import CONTROLLERS
-from kontur.estimator import experiment, worst
-from kontur.experiment import CASES, paper
+from kontur.drive.device import CONTROLLERS
+from kontur.drive.target import Target
+from kontur.experiments import on_chip
+from kontur.experiments.circles import CASES, paper
+from kontur.experiments.estimator import experiment, worst
+from kontur.experiments.robust import robust, summarise
 from kontur.machine import MACHINES
-from kontur.robust import robust, summarise
-from kontur.run import Target
 
 _ESTIMATOR_HEADINGS = {
     "speed_mps": "mm/s",
@@ -151,17 +150,3 @@ def robust_command(
         f"{seeds} draws from seed {seed} on: mean contour error, draw by draw",
         _ROBUST_HEADINGS,
     )
-
-
-@command.command(name="paper-page")
-@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
-@simulation_options
-def page_command(*, file: Path, machine: str, seed: int, num: str) -> None:
-    """Run all that docs/paper.md shows, some minutes, and write it as FILE, with pictures in img/paper beside it."""
-    from kontur import paper_page
-    from kontur.paper import measure
-
-    with progress_bar("experiment paper-page") as progress:
-        results = measure(Target(machine=machines.load(machine), seed=seed, num=num), progress=progress)
-    paper_page.write(results, file)
-    click.echo(f"{file}: {len(results.outcomes)} runs, firmware {results.build}")

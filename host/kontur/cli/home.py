@@ -7,11 +7,11 @@ import sys
 
 import click
 
-from kontur import axes
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import NumberRange, drive_of, interruptible, target_options
 from kontur.cli.output import print_json
-from kontur.run import Target
+from kontur.drive import axes
+from kontur.drive.target import Target
 
 
 @click.command(name="home")

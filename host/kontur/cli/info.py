@@ -7,10 +7,10 @@ import dataclasses
 
 import click
 
+from kontur.can.emcy import describe_emcy
 from kontur.cli.options import target_options
 from kontur.cli.output import print_json, print_warnings, warnings_json
-from kontur.emcy import describe_emcy
-from kontur.run import Target, connect
+from kontur.drive.target import Target, connect
 
 
 @click.command(name="info")

@@ -7,11 +7,11 @@ import sys
 
 import click
 
-from kontur import axes
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import NumberRange, drive_of, interruptible, target_options
 from kontur.cli.output import print_json
-from kontur.run import Target
+from kontur.drive import axes
+from kontur.drive.target import Target
 
 DURATION_MAX_S = 60.0
 _SPEED = NumberRange(-10_000, 10_000)  # the most that limits.velocity can be

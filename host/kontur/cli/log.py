@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from kontur import log
+from kontur.runs import log
 
 _LONG = ("plant", "parameters")  # shown by --json only
 

@@ -18,13 +18,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from kontur import machine as machines
+from kontur.can.bad_bus import BUS_FAULT_NAMES, BusFaults
 from kontur.cli.output import print_warnings
-from kontur.device import Device
+from kontur.drive.device import Device
+from kontur.drive.target import Target, connect
 from kontur.errors import BusError, FileError, KonturError, NoAnswerError, ParameterError
-from kontur.faults import FAULT_NAMES, Faults
 from kontur.files import check_folder
-from kontur.run import Target, connect
-from kontur.simlib import NUMS
+from kontur.sim.library import NUMS
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -57,23 +57,23 @@ class NumberRange(click.FloatRange):
 POSITIVE = NumberRange(min=0, min_open=True)
 
 
-class _BusFaults(click.ParamType[Faults]):
+class _BusFaults(click.ParamType[BusFaults]):
     name = "faults"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Faults:
-        if isinstance(value, Faults):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> BusFaults:
+        if isinstance(value, BusFaults):
             return value
         given: dict[str, float] = {}
         for part in str(value).split(","):
             name, _, text = part.strip().partition("=")
-            if name not in FAULT_NAMES:
-                self.fail(f"{part.strip()!r} is not NAME=VALUE with one of {', '.join(FAULT_NAMES)}", param, ctx)
+            if name not in BUS_FAULT_NAMES:
+                self.fail(f"{part.strip()!r} is not NAME=VALUE with one of {', '.join(BUS_FAULT_NAMES)}", param, ctx)
             try:
                 given[name] = int(text) if name in ("seed", "flip_bits", "burst_frames") else float(text)
             except ValueError:
                 self.fail(f"{name}: {text!r} is not a number", param, ctx)
         try:
-            return Faults(**given)  # type: ignore[arg-type]
+            return BusFaults(**given)  # type: ignore[arg-type]
         except ValueError as error:
             self.fail(str(error), param, ctx)
 
@@ -119,7 +119,7 @@ def target_options(function: F) -> F:
         channel: str | None,
         bitrate: int | None,
         bus: tuple[tuple[str, str], ...],
-        bus_faults: Faults | None,
+        bus_faults: BusFaults | None,
         node: int,
         machine: str,
         seed: int,

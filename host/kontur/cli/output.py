@@ -12,8 +12,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from kontur.emcy import describe_emcy
-from kontur.run import SUMMARY
+from kontur.can.emcy import describe_emcy
+from kontur.runs.summary import SUMMARY
 
 _PIPED_WIDTH = 200
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import click
 
-from kontur import paramfile
 from kontur.cli.options import KEY_VALUE, drive_of, parameter_values, target_options
 from kontur.cli.output import print_json, print_table
+from kontur.drive import parameter_file
+from kontur.drive.target import Target
 from kontur.files import write_whole
-from kontur.run import Target
 
 
 @click.group(name="param")
@@ -76,7 +76,7 @@ def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
 def dump_command(*, target: Target, file: Path | None) -> None:
     """Write all parameters to FILE (TOML), or to the terminal."""
     with drive_of(target) as device:
-        text = paramfile.text(device.dump(), device.parameters)
+        text = parameter_file.text(device.dump(), device.parameters)
     if file is None:
         click.echo(text, nl=False)
     else:
@@ -88,7 +88,7 @@ def dump_command(*, target: Target, file: Path | None) -> None:
 @target_options
 def load_command(*, target: Target, file: Path) -> None:
     """Set all parameters that are in FILE, as `dump` writes it; none when one of them cannot be set."""
-    values = paramfile.read(file)
+    values = parameter_file.read(file)
     with drive_of(target) as device, device.held():
         device.set_parameters(values)
 

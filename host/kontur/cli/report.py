@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
-from kontur import log
 from kontur.cli.options import check_output
+from kontur.runs import log
 
 
 @click.command()
@@ -23,12 +23,12 @@ def command(logs: tuple[str, ...], output: Path, title: str | None) -> None:
     A report needs no network and no other file. With -o NAME.png a picture of the answer is written instead.
     """
     check_output(output, ".html", ".png")
-    from kontur import report  # takes a second: only who draws pays
+    from kontur.report import page  # takes a second: only who draws pays
 
     runs = [log.read(name) for name in logs]
     if output.suffix.lower() == ".png":
-        report.picture(output, runs)
+        page.picture(output, runs)
     else:
-        again = [*report.commands_of(runs), shlex.join(["kontur", "report", *logs, "-o", str(output)])]
-        report.write_report(output, runs, title, "\n".join(again))
+        again = [*page.commands_of(runs), shlex.join(["kontur", "report", *logs, "-o", str(output)])]
+        page.write_report(output, runs, title, "\n".join(again))
     click.echo(output)

@@ -12,9 +12,6 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
-from kontur import log as logs
-from kontur import programs, shapes
-from kontur import scope as scopes
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import (
     KEY_VALUE,
@@ -28,13 +25,20 @@ from kontur.cli.options import (
     target_options,
 )
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
-from kontur.device import CONTROLLERS
+from kontur.drive import scope as scopes
+from kontur.drive.device import CONTROLLERS
+from kontur.drive.scope import Setup
+from kontur.drive.target import Target
 from kontur.errors import FileError
-from kontur.log import RunLog
-from kontur.path import Program
-from kontur.planner import plan
-from kontur.run import RunResult, Target, limits, run, summary
-from kontur.scope import Setup
+from kontur.path import programs, shapes
+from kontur.path.geometry import Program
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.report import capture_file
+from kontur.runs import log as logs
+from kontur.runs.log import RunLog
+from kontur.runs.runner import RunResult, run
+from kontur.runs.summary import summary
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -121,12 +125,12 @@ def _save_capture(result: RunResult, controller: str, several: bool, log: Path |
             click.echo("The scope has not been triggered in the run.", err=True)
         return
     if out is not None:
-        scopes.save(result.capture, log_path(out, controller, several))
+        capture_file.save(result.capture, log_path(out, controller, several))
     elif log is not None:
         beside = log_path(log, controller, several)
         what = "fault" if result.fault is not None else "warning"
         for suffix in (".csv", ".png"):
-            scopes.save(result.capture, beside.with_name(f"{beside.stem}-{what}{suffix}"))
+            capture_file.save(result.capture, beside.with_name(f"{beside.stem}-{what}{suffix}"))
 
 
 @click.command(name="run")
@@ -223,7 +227,7 @@ def command(
         )
     check_output(log, ".csv", ".mf4")
     check_output(report, ".html")
-    check_output(scope_out, *scopes.SUFFIXES)
+    check_output(scope_out, *capture_file.SUFFIXES)
     setup = _scope_setup(scope_signals, scope_trigger, scope_pre, scope_divider, scope_out)
     values = parameter_values(parameters)
     program = _program(source, feed, sizes)
@@ -260,7 +264,7 @@ def command(
         if not completed:
             break
     if report is not None:
-        from kontur.report import write_report
+        from kontur.report.page import write_report
 
         write_report(report, runs)
 

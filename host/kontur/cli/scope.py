@@ -11,15 +11,16 @@ from typing import Any
 
 import click
 
-from kontur import scope
+from kontur.can.emcy import describe_emcy
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import NumberRange, check_output, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
-from kontur.device import Device
-from kontur.emcy import describe_emcy
+from kontur.drive import scope
+from kontur.drive.device import Device
+from kontur.drive.scope import Capture, Setup
+from kontur.drive.target import Target
 from kontur.errors import DeviceError, KonturError
-from kontur.run import Target
-from kontur.scope import Capture, Setup
+from kontur.report import capture_file
 
 
 @click.command(name="scope")
@@ -61,12 +62,12 @@ def command(
         print_json(rows) if as_json else print_table(rows)
         return
     for path in outputs:
-        check_output(path, *scope.SUFFIXES)
+        check_output(path, *capture_file.SUFFIXES)
     setup = Setup(scope.names(signals), scope.trigger(trigger), pre, divider)
     with drive_of(target) as device, _armed_at_the_end(device):
         capture = _last(device) if last else _record(device, setup, wait_s)
         for path in outputs:
-            scope.save(capture, path)
+            capture_file.save(capture, path)
     show(capture, as_json)
 
 

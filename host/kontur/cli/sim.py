@@ -10,8 +10,8 @@ from types import FrameType
 
 import click
 
-from kontur import simprocess
 from kontur.cli.options import simulation_options
+from kontur.sim import process as sim_process
 
 _LOOK_S = 0.2
 
@@ -67,7 +67,7 @@ def command(
     if can is None and not slcan_pty:
         slcan_tcp = slcan_tcp or "0"
     signal.signal(signal.SIGTERM, _interrupt)
-    with simprocess.start(
+    with sim_process.start(
         can=can,
         slcan_tcp=slcan_tcp,
         slcan_pty=slcan_pty,
@@ -86,7 +86,7 @@ def command(
             pass
 
 
-def _tell(sim: simprocess.SimProcess, node: int) -> None:
+def _tell(sim: sim_process.SimProcess, node: int) -> None:
     bus = f"-i {sim.interface} -c {sim.channel}" + (f" --node {node}" if node != 1 else "")
     click.echo(f"A drive answers on {sim.interface} {sim.channel}, node {node}. In another terminal:")
     click.echo(f"  kontur info {bus}")
@@ -94,7 +94,7 @@ def _tell(sim: simprocess.SimProcess, node: int) -> None:
     click.echo("Ctrl-C ends it.")
 
 
-def _wait(sim: simprocess.SimProcess) -> None:
+def _wait(sim: sim_process.SimProcess) -> None:
     """Until the process ends; pass on what it has to say."""
     told = 0
     ended = False

@@ -1,0 +1,115 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "canopen/nmt.h"
+
+enum { NODE_ID_MASK = 0x07F };
+
+void co_nmt_init(struct co_nmt *nmt, const struct od_data *od, struct co_tx *tx)
+{
+    *nmt = (struct co_nmt){.od = od, .tx = tx, .node_id = OD_UNCONFIGURED, .state = CO_INITIALISING};
+}
+
+void co_nmt_reset(struct co_nmt *nmt, uint8_t node_id)
+{
+    nmt->node_id = node_id;
+    nmt->state = CO_INITIALISING;
+    co_nmt_watch(nmt, 0);
+}
+
+bool co_nmt_enter(struct co_nmt *nmt, enum co_state state)
+{
+    const bool changed = nmt->state != state;
+    nmt->state = state;
+    return changed;
+}
+
+enum co_nmt_command co_nmt_decode(const struct co_nmt *nmt, const struct can_frame *frame)
+{
+    const enum co_nmt_command command = (enum co_nmt_command)frame->data[0];
+    const bool is_reset = command == CO_NMT_RESET_NODE || command == CO_NMT_RESET_COMMUNICATION;
+    if (nmt->state == CO_INITIALISING && !is_reset) {
+        return CO_NMT_NONE;
+    }
+    if (frame->len != 2 || (frame->data[1] != 0 && frame->data[1] != nmt->node_id)) {
+        return CO_NMT_NONE;
+    }
+    return command;
+}
+
+/* ---- heartbeat producer ---- */
+
+static void send_heartbeat(struct co_nmt *nmt, uint8_t state)
+{
+    const struct can_frame frame = {.id = (uint16_t)(CO_HEARTBEAT_ID + nmt->node_id), .len = 1, .data = {state}};
+    nmt->producer_ms = 0;
+    co_tx_send(nmt->tx, &frame);
+}
+
+void co_nmt_send_boot_up(struct co_nmt *nmt)
+{
+    send_heartbeat(nmt, CO_INITIALISING);
+}
+
+/* ---- heartbeat consumer ---- */
+
+/* 1016h:1 holds the node id << 16 | the time in ms. */
+static uint32_t time_of(uint32_t consumer)
+{
+    return consumer & 0xFFFFu;
+}
+
+static uint32_t node_of(uint32_t consumer)
+{
+    return consumer >> 16;
+}
+
+/* The time begins anew. The first tick may follow at once, so one more keeps a loss from being early. */
+static void restart(struct co_nmt *nmt, uint32_t time_ms)
+{
+    nmt->consumer_left_ms = time_ms + 1u;
+}
+
+void co_nmt_watch(struct co_nmt *nmt, uint8_t id)
+{
+    const uint32_t consumer = nmt->od->heartbeat_consumer[0];
+    const bool has_time = node_of(consumer) == id && time_of(consumer) != 0;
+    const uint32_t time_ms = has_time ? time_of(consumer) : CO_HEARTBEAT_WATCH_MS;
+    if (id != 0) {
+        nmt->watched = (uint32_t)id << 16 | time_ms;
+        restart(nmt, time_ms);
+    } else {
+        nmt->watched = 0;
+        nmt->consumer_left_ms = 0;
+    }
+}
+
+void co_nmt_heartbeat(struct co_nmt *nmt, const struct can_frame *frame)
+{
+    const uint32_t consumer = nmt->watched != 0 ? nmt->watched : nmt->od->heartbeat_consumer[0];
+    if (frame->len != 1 || frame->data[0] == CO_INITIALISING) { /* a boot-up message: the node has just been away */
+        return;
+    }
+    if (time_of(consumer) != 0 && node_of(consumer) == (frame->id & NODE_ID_MASK)) {
+        restart(nmt, time_of(consumer));
+    }
+}
+
+/* ---- both ---- */
+
+void co_nmt_written(struct co_nmt *nmt, uint16_t index)
+{
+    if (index == OBJ_HEARTBEAT_CONSUMER && nmt->watched == 0) {
+        nmt->consumer_left_ms = 0;
+    }
+    if (index == OBJ_HEARTBEAT_PRODUCER) {
+        nmt->producer_ms = 0;
+    }
+}
+
+bool co_nmt_tick_ms(struct co_nmt *nmt)
+{
+    const uint16_t period_ms = nmt->od->heartbeat_producer;
+    if (nmt->state != CO_INITIALISING && period_ms != 0 && ++nmt->producer_ms >= period_ms) {
+        send_heartbeat(nmt, (uint8_t)nmt->state);
+    }
+    return nmt->consumer_left_ms != 0 && --nmt->consumer_left_ms == 0;
+}

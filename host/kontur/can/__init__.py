@@ -1,0 +1,5 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What goes over the bus: opening one, the connection to one node, frames and their scaling, EMCY codes, a bad bus.
+
+It imports nothing but the ground floor, so a real drive's bus brings no simulator along.
+"""

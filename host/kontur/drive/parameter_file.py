@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters in a file: TOML, a table a record, values in the unit that the comment says."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from kontur.drive.device import Parameter
+from kontur.errors import FileError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+def text(values: Mapping[str, float], parameters: Mapping[str, Parameter]) -> str:
+    """`values` by name as TOML."""
+    lines: list[str] = ["# Parameters of a Kontur drive: kontur param load FILE"]
+    table = ""
+    for name in sorted(values, key=lambda name: ("." in name, name.partition(".")[0])):
+        record, dot, key = name.rpartition(".")
+        if dot and record != table:
+            table = record
+            lines.append(f"\n[{record}]")
+        unit = parameters[name].unit
+        lines.append(f"{key} = {values[name]!r}" + (f"  # {unit}" if unit else ""))
+    return "\n".join(lines) + "\n"
+
+
+def read(file: Path) -> dict[str, float]:
+    """Values by name. Raises FileError: cannot be read, not TOML, or a value that is no number."""
+    try:
+        table = tomllib.loads(file.read_text("utf-8"))
+    except OSError as error:
+        raise FileError(file, f"cannot be read ({error.strerror}); is the name right?") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise FileError(file, f"is not a file of parameters: {error}") from error
+    values: dict[str, float] = {}
+    for key, value in table.items():
+        entries = {f"{key}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {key: value}
+        for name, number in entries.items():
+            if isinstance(number, bool) or not isinstance(number, (int, float)):
+                raise FileError(file, f"must be a number, is {number!r}", word=name)
+            values[name] = number
+    return values

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's experiment: circles on the drive of its Table 1, under each controller, scored by the true contour error.
+
+The radius of the slow circle and the two fast ones are ours: the paper gives 4.5 mm/s and a friction schedule that
+repeats after 5.6 s, which a lap of r = 4 mm takes at 4.488 mm/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from kontur.drive.target import Target
+from kontur.path import shapes
+from kontur.path.geometry import Program
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs.runner import run
+
+LAP_S = 5.6
+
+
+@dataclass(frozen=True)
+class Case:
+    """A circle; `score_from_s`: the time until then, in which it speeds up, is not scored."""
+
+    radius_m: float
+    feed_mps: float
+    score_from_s: float
+
+    def program(self) -> Program:
+        """As many laps as take 5.6 s at the feed, the period of the friction schedule."""
+        return shapes.circle(self.radius_m, self.feed_mps, duration_s=LAP_S)
+
+
+CASES = {
+    "low": Case(radius_m=0.004, feed_mps=0.004488, score_from_s=0.0),
+    "high": Case(radius_m=0.020, feed_mps=0.100, score_from_s=0.3),
+    "high-tight": Case(radius_m=0.004, feed_mps=0.100, score_from_s=0.3),
+}
+
+
+def paper(
+    target: Target,
+    cases: Iterable[str],
+    controllers: Iterable[str],
+    seeds: Iterable[int],
+    parameters: Mapping[str, float] | None = None,
+    progress: Callable[[], None] = lambda: None,
+) -> Iterator[dict[str, Any]]:
+    """One row a case, seed and controller: what `kontur experiment paper --json` prints.
+
+    `parameters` are set before. `progress` is called after each run. Raises what plan() and run() raise.
+    """
+    seeds, controllers = list(seeds), list(controllers)
+    for name in cases:
+        case = CASES[name]
+        trajectory = plan(case.program(), limits(target.machine))
+        for seed in seeds:
+            for controller in controllers:
+                log = run(
+                    trajectory,
+                    controller,
+                    replace(target, seed=seed),
+                    parameters=parameters,
+                    score_from_s=case.score_from_s,
+                ).log
+                score = log.meta["score"]
+                progress()
+                yield {
+                    "case": name,
+                    "controller": controller,
+                    "seed": seed,
+                    "num": log.meta["num"],
+                    "mean_um": score["mean_um"],
+                    "rms_um": score["rms_um"],
+                    "max_um": score["max_um"],
+                    "energy_J": float(log.columns["energy_J"][-1]),
+                    "force_max_N": log.meta["force_max_N"],
+                    "force_step_N": log.meta["force_step_N"],
+                }

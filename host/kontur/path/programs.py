@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Read a program from a file, by its suffix."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from kontur.errors import FileError
+from kontur.path import csv, gcode
+from kontur.path.geometry import Program
+
+GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".tap")
+
+
+def load(file: str | Path, feed_mps: float | None = None) -> Program:
+    """The program in `file`: G-code, or a table of points (.csv), which may need a feed.
+
+    Raises FileError: cannot be read, another suffix, or a mistake in it.
+    """
+    path = Path(file)
+    suffix = path.suffix.lower()
+    if suffix != ".csv" and suffix not in GCODE_SUFFIXES:
+        raise FileError(path, f"neither G-code ({', '.join(GCODE_SUFFIXES)}) nor a table of points (.csv)")
+    try:
+        text = path.read_text("utf-8")
+    except OSError as error:
+        raise FileError(path, f"cannot be read ({error.strerror}); is the name right?") from error
+    except UnicodeDecodeError as error:
+        raise FileError(path, "is not a text file") from error
+    if suffix == ".csv":
+        return csv.parse(text, str(path), feed_mps)
+    if feed_mps is not None:
+        raise FileError(path, "the feed of G-code stands in the file (F); leave out --feed")
+    return gcode.parse(text, str(path))

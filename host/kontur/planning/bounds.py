@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How fast each piece of a path may be followed so that both axes stay within their limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from kontur.errors import PathError
+from kontur.machine import Machine
+from kontur.path.geometry import KNOT_S, Arc, Curve, Dwell, FloatArray, Line, Move, Program, Segment
+
+CORNER_RAD = 2e-3  # a change of direction beyond this is a corner, where the motion stops
+
+# Shares of the limits that are planned with: room for the spline's answer to jumps, and for rounding.
+_VELOCITY_SHARE = 0.999
+_ACCELERATION_SHARE = 0.98
+_JERK_SHARE = 0.95
+_STEP_SHARE = 0.35  # of the acceleration may come at once, where curvature or direction jumps
+_BUILD_UP_S = 4.0 * KNOT_S  # the acceleration is not built up faster, which knots could not follow
+_CENTRIPETAL_SHARE = 0.8  # of the acceleration may be centripetal; the rest is left for changes of speed
+_BEND_SHARE = 0.7  # of the jerk may come from following the bend at constant speed
+_TANGENTIAL_SHARES = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98)
+_KNOT_RAD = 0.2  # the path turns no more from one knot to the next
+_CELL_M = 2e-4  # samples of a curve are this far apart, or nearer where it turns more than _CELL_RAD between them
+_CELL_RAD = 0.05
+_CELLS_MAX = 1 << 17
+_RADIUS_MIN_M = 2e-6
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the axes may do, (x, y) each, and the step of acceleration allowed where the path's curvature jumps.
+
+    Raises PathError: a limit that is not a positive number.
+    """
+
+    velocity_mps: tuple[float, float] = (0.3, 0.3)
+    acceleration_mps2: tuple[float, float] = (5.0, 5.0)
+    jerk_mps3: tuple[float, float] = (100.0, 100.0)
+    centripetal_step_mps2: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, values in vars(self).items():
+            for value in values if isinstance(values, tuple) else (values,):
+                if not (value > 0.0 and math.isfinite(value)):
+                    raise PathError(f"limit {name} is {value}; it must be a positive number")
+
+
+def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: float | None = None) -> Limits:
+    """The planner's limits for `machine`, with another acceleration or jerk for both axes where given."""
+    x, y = machine.axes
+    return Limits(
+        velocity_mps=(x.velocity_mps, y.velocity_mps),
+        acceleration_mps2=(x.acceleration_mps2, y.acceleration_mps2)
+        if acceleration_mps2 is None
+        else (acceleration_mps2,) * 2,
+        jerk_mps3=(x.jerk_mps3, y.jerk_mps3) if jerk_mps3 is None else (jerk_mps3,) * 2,
+        centripetal_step_mps2=machine.centripetal_step_mps2,
+    )
+
+
+@dataclass
+class Piece:
+    """A length of path with bounds of speed, tangential acceleration and tangential jerk."""
+
+    length: float
+    v: float
+    a: float
+    j: float
+    entry: float = math.inf  # bound of the speed at its start; 0 is a stop
+    rest: float = 0.0  # dwell before it, s
+    jump: bool = False  # curvature or direction jumps at its start
+    fastest: float = 0.0  # duration at the bounds of what was merged into it, s
+
+
+def planned(limits: Limits) -> Limits:
+    """The limits to plan with."""
+    vx, vy = limits.velocity_mps
+    ax, ay = (_ACCELERATION_SHARE * a for a in limits.acceleration_mps2)
+    jx, jy = limits.jerk_mps3
+    return Limits(
+        velocity_mps=(_VELOCITY_SHARE * vx, _VELOCITY_SHARE * vy),
+        acceleration_mps2=(ax, ay),
+        jerk_mps3=(min(_JERK_SHARE * jx, ax / _BUILD_UP_S), min(_JERK_SHARE * jy, ay / _BUILD_UP_S)),
+        centripetal_step_mps2=min(limits.centripetal_step_mps2, _STEP_SHARE * min(ax, ay)),
+    )
+
+
+def pieces_of(program: Program, limits: Limits, report: Callable[[float], None]) -> list[Piece]:
+    """The pieces of the path in order; one that begins with a stop has `entry` 0. The last one is empty: the end."""
+    pieces: list[Piece] = []
+    before: Segment | None = None
+    rest = 0.0
+    for i, item in enumerate(program.items):
+        if isinstance(item, Dwell):
+            rest += item.duration_s
+            before = None
+            continue
+        first, *others = _cut(item, limits, program.where(item.line))
+        first.entry, first.jump = _entry(before, item.segment, limits)
+        first.rest = rest
+        rest, before = 0.0, item.segment
+        for piece in (first, *others):
+            if not (pieces and _merged(pieces[-1], piece)):
+                pieces.append(piece)
+        if i % 256 == 0:
+            report(0.4 * i / len(program.items))
+    return [*pieces, Piece(0.0, 1.0, 1.0, 1.0, entry=0.0, rest=rest)]
+
+
+def _cut(move: Move, limits: Limits, where: str) -> list[Piece]:
+    segment = move.segment
+    if isinstance(segment, Line):
+        along = np.abs(segment.tangent(np.zeros(1))[0])
+        with np.errstate(divide="ignore"):
+            v, a, j = (
+                float(np.min(np.array(limit) / along))
+                for limit in (limits.velocity_mps, limits.acceleration_mps2, limits.jerk_mps3)
+            )
+        return [_piece(segment.length_m, min(v, move.feed_mps), a, j)]
+    v = min(move.feed_mps, *limits.velocity_mps)
+    if isinstance(segment, Arc):
+        return [_bent(segment.length_m, v, 1.0 / segment.radius_m, 0.0, limits)]
+    assert isinstance(segment, Curve)
+    return _cut_curve(segment, v, limits, where)
+
+
+def _cut_curve(segment: Curve, v: float, limits: Limits, where: str) -> list[Piece]:
+    """Pieces as long as it takes to stop: short enough to follow a changing bound, long enough to change speed in.
+
+    Raises PathError: a bend of less than _RADIUS_MIN_M.
+    """
+    s, bend = sampled(segment, where)
+    change = np.abs(np.diff(bend)) / np.diff(s)
+    change = np.maximum(change, np.maximum(np.append(change[1:], 0.0), np.append(0.0, change[:-1])))
+    bend = np.maximum(np.abs(bend[1:]), np.abs(bend[:-1]))
+    bound = np.minimum(v, _bend_speed(bend, change, limits))
+    wanted = np.sqrt(bound**3 / min(limits.jerk_mps3))
+    pieces = []
+    start, cells = 0, len(bend)
+    while start < cells:
+        end = max(start + 1, int(np.searchsorted(s, s[start] + wanted[start], side="right")) - 1)
+        shortest = s[start] + np.min(wanted[start:end])
+        end = min(cells, max(start + 1, int(np.searchsorted(s, shortest, side="right")) - 1))
+        tightest, steepest = float(np.max(bend[start:end])), float(np.max(change[start:end]))
+        pieces.append(_bent(s[end] - s[start], v, tightest, steepest, limits))
+        start = end
+    return pieces
+
+
+def sampled(segment: Curve, where: str) -> tuple[FloatArray, FloatArray]:
+    """Distances (n,) along a curve, close enough that it turns little from one to the next, and its curvature there."""
+
+    def shape(s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        tangent = segment.tangent(s)
+        return segment.curvature(s), np.arctan2(tangent[:, 1], tangent[:, 0])
+
+    s = np.linspace(0.0, segment.length_m, int(np.clip(segment.length_m / _CELL_M, 64, _CELLS_MAX)) + 1)
+    s = np.unique(np.append(s, segment.edges_m))
+    s = s[np.append(True, np.diff(s) > _CELL_RAD * _RADIUS_MIN_M)]
+    s[-1] = segment.length_m
+    bend, angle = shape(s)
+    while True:
+        turn = np.abs((np.diff(angle) + np.pi) % (2.0 * np.pi) - np.pi)
+        size = np.diff(s)
+        coarse = np.flatnonzero(np.maximum(turn, np.maximum(np.abs(bend[1:]), np.abs(bend[:-1])) * size) > _CELL_RAD)
+        if not coarse.size:
+            return s, bend
+        if np.min(size[coarse]) < _CELL_RAD * _RADIUS_MIN_M:
+            x, y = 1e3 * segment.point(s[coarse[:1]])[0]
+            raise PathError(
+                f"{where}: the curve bends with less than {_RADIUS_MIN_M * 1e3:g} mm radius near x = {x:.3f}, "
+                f"y = {y:.3f} mm; its points must lie on a smooth curve"
+            )
+        middle = s[coarse] + 0.5 * size[coarse]
+        more_bend, more_angle = shape(middle)
+        s = np.insert(s, coarse + 1, middle)
+        bend, angle = np.insert(bend, coarse + 1, more_bend), np.insert(angle, coarse + 1, more_angle)
+
+
+def _bent(length: float, v: float, bend: float, change: float, limits: Limits) -> Piece:
+    """Bounds on a piece with curvature up to `bend` (1/m) that changes by up to `change` (1/m2).
+
+    Along a curve p(s(t)) with unit tangent t and normal n, curvature k and k' = dk/ds,
+    acceleration = t s'' + n k s'^2 and jerk = t (s''' - k^2 s'^3) + n (3 k s' s'' + k' s'^3).
+    Either vector may point along either axis, so its length stays within the weaker axis' limit.
+    """
+    a, j = min(limits.acceleration_mps2), min(limits.jerk_mps3)
+    v = min(v, float(_bend_speed(np.array(bend), np.array(change), limits)))
+    along = bend**2 * v**3
+    a_left = math.sqrt(a**2 - (bend * v**2) ** 2)
+    choices = []
+    for share in _TANGENTIAL_SHARES:  # of the jerk that is left along the path; what s'' may be depends on it
+        j_s = share * (j - along)
+        across = math.sqrt(j**2 - (j_s + along) ** 2) - change * v**3
+        a_s = min(a_left, max(across, 0.0) / (3.0 * bend * v)) if bend > 0.0 else a_left
+        if a_s > 0.0:
+            choices.append((v / a_s + a_s / j_s, a_s, j_s))
+    _, a_s, j_s = min(choices)  # the fastest from rest to the greatest speed
+    return _piece(length, v, a_s, j_s)
+
+
+def _bend_speed(bend: FloatArray, change: FloatArray, limits: Limits) -> FloatArray:
+    """Greatest constant speed on such a bend."""
+    a, j = min(limits.acceleration_mps2), min(limits.jerk_mps3)
+    with np.errstate(divide="ignore"):
+        by_acceleration = np.sqrt(_CENTRIPETAL_SHARE * a / bend)
+        by_jerk = np.cbrt(_BEND_SHARE * j / np.hypot(bend**2, change))
+        by_knots = _KNOT_RAD / KNOT_S / bend
+    return np.minimum(np.minimum(by_acceleration, by_jerk), by_knots)
+
+
+def _piece(length: float, v: float, a: float, j: float) -> Piece:
+    return Piece(float(length), v, a, j, fastest=float(length) / v)
+
+
+def _entry(before: Segment | None, after: Segment, limits: Limits) -> tuple[float, bool]:
+    """Bound of the speed where `after` follows `before`, and whether curvature or direction jumps there.
+
+    A change of direction by `turn` is spread over one knot by the spline: an acceleration of speed times turn a knot.
+    """
+    if before is None:
+        return 0.0, False
+    end, start = np.array([before.length_m]), np.zeros(1)
+    (x0, y0), (x1, y1) = before.tangent(end)[0], after.tangent(start)[0]
+    turn = abs(math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1))
+    if turn > CORNER_RAD:
+        return 0.0, False
+    jump = abs(float(after.curvature(start)[0] - before.curvature(end)[0]))
+    kick = turn / KNOT_S
+    step = limits.centripetal_step_mps2
+    root = kick + math.sqrt(kick**2 + 4.0 * jump * step)
+    return (2.0 * step / root if root > 0.0 else math.inf), True
+
+
+def _merged(into: Piece, piece: Piece) -> bool:
+    """Merge `piece` into the one before it if their bounds are much the same: fewer points without acceleration."""
+    v, a, j = min(into.v, piece.v), min(into.a, piece.a), min(into.j, piece.j)
+    length, fastest = into.length + piece.length, into.fastest + piece.fastest
+    alike = length / v <= 1.05 * fastest and a >= 0.5 * max(into.a, piece.a) and j >= 0.5 * max(into.j, piece.j)
+    if not alike or piece.entry < v or piece.jump:
+        return False
+    into.length, into.v, into.a, into.j, into.fastest = length, v, a, j, fastest
+    return True

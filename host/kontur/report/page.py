@@ -1,0 +1,407 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report of one or more runs of the same path: one HTML file that needs nothing else, and a picture for a README.
+
+Everything in it comes from the logs, so a report made right after a run and one made from its files are the same.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from kontur.errors import LogError
+from kontur.files import write_whole
+from kontur.report import figures
+from kontur.report.figures import Entry, number
+from kontur.runs.log import RunLog
+from kontur.runs.summary import Summary, summarise
+
+_COLUMNS = (  # key of Summary, heading, unit
+    ("mean_um", "mean", "µm"),
+    ("rms_um", "rms", "µm"),
+    ("max_um", "max", "µm"),
+    ("tangential_mean_um", "along the path, mean", "µm"),
+    ("energy_J", "energy", "J"),
+    ("force_max_N", "max force", "N"),
+    ("force_step_N", "mean |Δu| a step", "N"),
+    ("frames_lost", "frames lost", ""),
+)
+
+
+def write_report(
+    path: str | Path, runs: Sequence[RunLog], title: str | None = None, command: str | None = None
+) -> None:
+    """Write one self-contained HTML file about `runs` of one path, the best first. `command` makes it again; by
+    default the commands of the runs are given.
+
+    Raises LogError: no run, runs of different trajectories; FileError.
+    """
+    entries = _entries(runs)
+    title = title or f"Contour report: {entries[0].log.meta['program']}"
+    write_whole(Path(path), _page(entries, title, command).encode())
+
+
+def commands_of(runs: Sequence[RunLog]) -> list[str]:
+    """The commands that make `runs` again, as far as their logs know them, each once."""
+    return list(dict.fromkeys(str(run.meta["command"]) for run in runs if run.meta.get("command")))
+
+
+def picture(path: str | Path, runs: Sequence[RunLog]) -> None:
+    """Write one PNG that shows the answer of a report: how large the errors are, and the error drawn on the path.
+
+    Raises LogError: no run, runs of different trajectories; FileError.
+    """
+    entries = _entries(runs)
+    with figures.style():
+        out = io.BytesIO()
+        figures.overview(entries).savefig(out, format="png", dpi=160, metadata={"Software": None})
+    write_whole(Path(path), out.getvalue())
+
+
+def _entries(runs: Sequence[RunLog]) -> list[Entry]:
+    if not runs:
+        raise LogError("a report needs at least one log")
+    first = runs[0]
+    for run in runs[1:]:
+        for key in ("program", "trajectory"):
+            if run.meta.get(key) != first.meta.get(key):
+                raise LogError(
+                    f"{run.meta['controller']} ran another {key} ({run.meta.get(key)}) than {first.meta['controller']} "
+                    f"({first.meta.get(key)}); only runs of the same path can be compared"
+                )
+    controllers = [str(run.meta["controller"]) for run in runs]
+    named = zip(runs, _labels(runs, controllers), figures.looks(controllers), strict=True)
+    return sorted((Entry(run, summarise(run), label, *look) for run, label, look in named), key=_rank)
+
+
+def _rank(entry: Entry) -> tuple[bool, bool, float]:
+    """Smallest mean error first; a complete run and a true error before others."""
+    return not _complete(entry), not entry.summary.truth, entry.summary.mean_um
+
+
+def _labels(runs: Sequence[RunLog], controllers: Sequence[str]) -> list[str]:
+    """The controller; where it ran more than once with its seed, numeric back end, or number."""
+    labels = list(controllers)
+    for key in ("seed", "num"):
+        twice = Counter(labels)
+        values = [run.meta.get(key) for run in runs]
+        if len(set(map(str, values))) > 1:
+            labels = [f"{label}, {key} {value}" if twice[label] > 1 else label
+                      for label, value in zip(labels, values, strict=True)]  # fmt: skip
+    twice = Counter(labels)
+    return [f"{label} #{labels[: i + 1].count(label)}" if twice[label] > 1 else label for i, label in enumerate(labels)]
+
+
+def _page(entries: Sequence[Entry], title: str, command: str | None) -> str:
+    with figures.style():
+        pictures = "\n".join(_pictures(entries))
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(title)}</title>
+<link rel="icon" href="data:,">
+<style>{_CSS}</style>
+</head>
+<body>
+<main>
+<header>
+<p class="kicker">Kontur</p>
+<h1>{escape(title)}</h1>
+<p class="answer">{_answer(entries)}</p>
+</header>
+{_table(entries)}
+{pictures}
+{_measured(entries, command)}
+</main>
+</body>
+</html>
+"""
+
+
+def _comparable(entries: Sequence[Entry]) -> list[Entry]:
+    """The runs that may be compared with the best: as complete, and known as well."""
+    return [entry for entry in entries if _rank(entry)[:2] == _rank(entries[0])[:2]]
+
+
+def _answer(entries: Sequence[Entry]) -> str:
+    best, *others = _comparable(entries)
+    summary = best.summary
+    mean = f"<b>{number(summary.mean_um)} µm</b>"
+    kind = "off the programmed path on average" if summary.truth else "off the path on average by the drive's estimate"
+    if others:
+        other = next((e for e in others if e.log.meta["controller"] == "cascade"), others[0])
+        times = other.summary.mean_um / summary.mean_um if summary.mean_um > 0.0 else float("inf")
+        text = (f"<b>{escape(best.label)}</b> keeps closest to the path: {mean} {kind}, {number(times)} times "
+                f"closer than {escape(other.label)} ({number(other.summary.mean_um)} µm).")  # fmt: skip
+    else:
+        text = f"<b>{escape(best.label)}</b> was {mean} {kind}."
+    text += (f" Its worst point is <b>{number(summary.max_um)} µm</b> off, at t = {summary.worst_time_s:.2f} s"
+             f"{_place(summary)}.")  # fmt: skip
+    left_out = [e for e in entries if e is not best and e not in others]
+    if left_out:
+        text += f" Not compared, for the reason in the table: {escape(', '.join(e.label for e in left_out))}."
+    if not _complete(best):
+        text += " This holds for the part of the path that was run."
+    return text
+
+
+def _place(summary: Summary) -> str:
+    if summary.worst_x_mm is None or summary.worst_y_mm is None:
+        return ""
+    return f", x = {summary.worst_x_mm:.3f} mm, y = {summary.worst_y_mm:.3f} mm"
+
+
+def _short_place(summary: Summary) -> str:
+    if summary.worst_x_mm is None or summary.worst_y_mm is None:
+        return ""
+    return f"<br>({summary.worst_x_mm:.2f}, {summary.worst_y_mm:.2f})"
+
+
+def _table(entries: Sequence[Entry]) -> str:
+    compared = _comparable(entries)
+    least = {}
+    for key, _, _ in _COLUMNS:
+        values = [getattr(entry.summary, key) for entry in compared]
+        least[key] = min((v for v in values if v is not None), default=None) if len(compared) > 1 else None
+    body = []
+    for entry in entries:
+        best = len(compared) > 1 and entry is entries[0]
+        cells = [_name_cell(entry, best)]
+        for key, _, _ in _COLUMNS:
+            value = getattr(entry.summary, key)
+            text = str(value) if isinstance(value, int) else number(value)
+            mark = key != "frames_lost" and value is not None and value == least[key] and entry in compared
+            cells.append(f"<td>{f'<b>{text}</b>' if mark else text}</td>")
+            if key == "max_um":
+                cells.append(f'<td class="place">{entry.summary.worst_time_s:.2f} s{_short_place(entry.summary)}</td>')
+        body.append(f"<tr{' class=best' if best else ''}>{''.join(cells)}</tr>")
+    heads = []
+    for key, text, unit in _COLUMNS:
+        heads.append(f'<th scope="col">{text}{f"<small>{unit}</small>" if unit else ""}</th>')
+        if key == "max_um":
+            heads.append('<th scope="col">where<small>t, (x, y) in mm</small></th>')
+    kind = _kind(entries)
+    group = {"truth": "true contour error", "estimate": "contour error, estimate", "mixed": "contour error"}[kind]
+    bold = " Bold: least of its column." if len(compared) > 1 else ""
+    return f"""<div class="scroll"><table class="scores">
+<thead><tr><th scope="col" rowspan="2">controller</th><th scope="colgroup" colspan="4" class="group">{group}</th>
+<th colspan="5"></th></tr><tr>{"".join(heads)}</tr></thead>
+<tbody>{"".join(body)}</tbody></table></div>
+<p class="note">Means of absolute values.{bold} {_NOTES[kind]}</p>"""
+
+
+def _name_cell(entry: Entry, best: bool) -> str:
+    badges = ['<span class="badge">best</span>'] if best else []
+    if not _complete(entry):
+        badges.append(
+            f'<span class="badge warn">{entry.log.meta["status"]} at {entry.log.columns["time_s"][-1]:.2f} s</span>'
+        )
+    if not entry.summary.truth:
+        badges.append('<span class="badge warn">estimate</span>')
+    return (f'<th scope="row"><svg class="key" viewBox="0 0 10 10" aria-hidden="true"><circle cx="5" cy="5" r="5" '
+            f'fill="{entry.colour}"/></svg>{escape(entry.label)} {"".join(badges)}'
+            f'<small>{escape(entry.long_name)}</small></th>')  # fmt: skip
+
+
+_NOTES = {
+    "truth": "The true error is the distance of the simulated machine's true position to the programmed path, which "
+    "neither the encoder nor the drive sees.",
+    "estimate": "There is no truth on a real drive: the error is the drive's own estimate e_n2 from its encoders, "
+    "which does not see what the encoders do not see.",
+    "mixed": "True errors and the drive's own estimates stand side by side here; the latter are marked and do not "
+    "see what the encoders do not see.",
+}
+
+
+def _kind(entries: Sequence[Entry]) -> str:
+    truths = {entry.summary.truth for entry in entries}
+    return "mixed" if len(truths) > 1 else ("truth" if True in truths else "estimate")
+
+
+def _pictures(entries: Sequence[Entry]) -> list[str]:
+    names = ", ".join(entry.label for entry in entries)
+    worst = "; ".join(f"{e.label} {number(e.summary.max_um)} µm{_place(e.summary)}" for e in entries)
+    means = ", ".join(f"{e.label} {number(e.summary.mean_um)} µm" for e in entries)
+    scales = ("the scale stands over each picture" if len(entries) == 1 else
+              "upper row: one scale for all, to compare; lower row: each at its own scale, to see where")  # fmt: skip
+    has_rapid = any(np.any(e.log.columns.get("rapid", 0.0)) for e in entries)
+    rapid = " Rapid moves are dashed; they are scored like all others." if has_rapid else ""
+    rapid_error = " On rapid moves it is not drawn." if has_rapid else ""
+    has_path = all("reference_x_mm" in e.log.columns and "reference_y_mm" in e.log.columns for e in entries)
+    out = [
+        '<div class="pair">',
+        _figure(
+            figures.sizes(entries),
+            "How good",
+            "Marker: mean, bar: 95 % of the time below, tip: max.",
+            f"Mean contour error: {means}.",
+        ),
+    ]
+    if has_path:
+        out.append(_figure(figures.where(entries), "Where it is worst", "The path, and on it the greatest error of "
+                           "each run." + rapid, f"Path with the worst point of each run: {worst}."))  # fmt: skip
+    out.append("</div>")
+    if has_path:
+        note = (f"The error is drawn from the path (grey) along its normal, magnified; {scales}. The bar shows how "
+                f"long an error of that size is drawn.{rapid_error}")  # fmt: skip
+        out.append(_figure(figures.magnified(entries), "The path with its error magnified", note,
+                           f"Path with magnified contour error for {names}."))  # fmt: skip
+    shaded = " What is shaded is not scored." if any(e.summary.from_s > 0.0 for e in entries) else ""
+    sides = (
+        "" if len(entries) == 1 else "Pictures on the left: one scale for all; on the right: each at its own scale. "
+    )
+    out.append(_figure(figures.over_time(entries), "Error over time", sides + "Left of the path is positive. The line "
+                       "goes through the smallest and the greatest value of every stretch of time; the ring is the max."
+                       + shaded, f"Contour error over time for {names}."))  # fmt: skip
+    for draw, heading, note in (
+        (figures.forces, "Force", "Asked for by the drive."),
+        (figures.gains, "Adaptive gains", "Of the controllers that use them."),
+        (figures.energy, "Energy", "By the drive's energy model, both axes."),
+    ):
+        drawn = draw(entries)
+        if drawn is not None:
+            out.append(_figure(drawn, heading, note, f"{heading} over time for {names}."))
+    return out
+
+
+def _figure(figure: Figure, heading: str, note: str, alt: str) -> str:
+    out = io.BytesIO()
+    figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
+    data = base64.b64encode(out.getvalue()).decode()
+    caption = f"<h2>{escape(heading)}</h2>" + (f'<p class="note">{escape(note)}</p>' if note else "")
+    return (f'<figure><figcaption>{caption}</figcaption>'
+            f'<img alt="{escape(alt)}" src="data:image/svg+xml;base64,{data}"></figure>')  # fmt: skip
+
+
+def _measured(entries: Sequence[Entry], command: str | None) -> str:
+    rows = [
+        ("what", _NOTES[_kind(entries)]),
+        ("program", _meta(entries, "program")),
+        ("trajectory", _meta(entries, "trajectory")),
+        ("machine", _meta(entries, "machine")),
+        ("seed of the noise", _meta(entries, "seed")),
+        ("firmware", _meta(entries, "firmware")),
+        ("numbers", _meta(entries, "num")),
+        ("control rate, Hz", _meta(entries, "control_hz")),
+        ("knots refused", _meta(entries, "rejected")),
+        ("scored from", ", ".join(sorted({f"{e.summary.from_s:g} s" for e in entries}))),
+    ]
+    commands = command or "\n".join(commands_of([entry.log for entry in entries]))
+    if commands:
+        rows.append(("make it again", commands))
+    facts = "".join(
+        f"<dt>{escape(name)}</dt><dd>{f'<pre>{escape(text)}</pre>' if name == 'make it again' else escape(text)}</dd>"
+        for name, text in rows
+        if text
+    )
+    tables = "".join(_differences(entries, key, text) for key, text in
+                     (("plant", "Machine"), ("parameters", "Parameters of the drive")))  # fmt: skip
+    return f'<section><h2>What was measured</h2><dl class="facts">{facts}</dl>{tables}</section>'
+
+
+def _meta(entries: Sequence[Entry], key: str) -> str:
+    """The value all runs share, or each run's own."""
+    texts = [_text(entry.log.meta[key]) if key in entry.log.meta else "" for entry in entries]
+    if len(set(texts)) == 1:
+        return texts[0]
+    return "; ".join(f"{entry.label}: {text or 'not known'}" for entry, text in zip(entries, texts, strict=True))
+
+
+def _differences(entries: Sequence[Entry], key: str, heading: str) -> str:
+    """A table of the values under `key`; one column if all runs share them."""
+    tables = [_flat(entry.log.meta.get(key) or {}) for entry in entries]
+    names = list(dict.fromkeys(name for table in tables for name in table))
+    if not names:
+        return ""
+    same = all(table == tables[0] for table in tables)
+    shown = tables[:1] if same else tables
+    heads = "" if same else "<tr><th></th>" + "".join(f"<th>{escape(e.label)}</th>" for e in entries) + "</tr>"
+    body = "".join(
+        f"<tr><th scope=row>{escape(name)}</th>"
+        + "".join(f"<td>{escape(_text(table[name])) if name in table else number(None)}</td>" for table in shown)
+        + "</tr>"
+        for name in names
+    )
+    return (f'<details><summary>{escape(heading)}</summary><div class="scroll"><table class="values">{heads}{body}'
+            f'</table></div></details>')  # fmt: skip
+
+
+def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables within the table as `outer.inner` names."""
+    flat: dict[str, Any] = {}
+    for name, value in table.items():
+        flat |= {f"{name}.{n}": v for n, v in _flat(value).items()} if isinstance(value, Mapping) else {name: value}
+    return flat
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_text(inner)}" for name, inner in value.items())
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _complete(entry: Entry) -> bool:
+    return bool(entry.log.meta["status"] == "complete")
+
+
+_CSS = """
+:root { --ink: #1b1f24; --soft: #5b636d; --line: #dfe3e8; --tint: #eef5fa; --accent: #0072b2; color-scheme: light; }
+* { box-sizing: border-box; }
+body { margin: 0; background: #fff; color: var(--ink); font: 15px/1.5 "Helvetica Neue", Helvetica, Arial, sans-serif; }
+main { max-width: 1180px; margin: 0 auto; padding: 32px 24px 64px; }
+.kicker { margin: 0; color: var(--accent); font-weight: 700; letter-spacing: .08em; text-transform: uppercase;
+  font-size: 12px; }
+h1 { margin: 2px 0 12px; font-size: 26px; line-height: 1.2; }
+h2 { margin: 0; font-size: 17px; }
+.answer { margin: 0 0 24px; padding: 14px 18px; background: var(--tint); border-left: 4px solid var(--accent);
+  font-size: 18px; line-height: 1.45; }
+.note { margin: 4px 0 0; color: var(--soft); font-size: 13px; max-width: 125ch; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+.scores { width: 100%; }
+.scores th, .scores td { padding: 7px 10px; text-align: right; vertical-align: top;
+  border-bottom: 1px solid var(--line); white-space: nowrap; }
+.scores thead th { color: var(--soft); font-size: 12.5px; font-weight: 600; vertical-align: bottom;
+  white-space: normal; }
+.scores thead .group { text-align: left; border-bottom: 2px solid var(--ink); color: var(--ink); }
+.scores thead tr:last-child th { border-bottom: 1px solid var(--ink); }
+.scores tbody th, .scores thead th[rowspan] { text-align: left; }
+.scores small { display: block; color: var(--soft); font-weight: 400; font-size: 12px; }
+.scores .place { color: var(--soft); font-size: 12.5px; line-height: 1.35; }
+tr.best > * { background: var(--tint); }
+.key { width: 11px; height: 11px; margin-right: 7px; }
+.badge { display: inline-block; padding: 0 7px; margin-left: 3px; border-radius: 9px; background: var(--accent);
+  color: #fff; font-size: 11px; font-weight: 600; line-height: 17px; }
+.badge.warn { background: #fff; color: #8a3b00; border: 1px solid #d55e00; }
+figure { margin: 36px 0 0; break-inside: avoid; }
+figcaption { margin-bottom: 10px; }
+img { display: block; width: 100%; height: auto; }
+.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(440px, 100%), 1fr)); column-gap: 32px; }
+section { margin-top: 44px; padding-top: 20px; border-top: 1px solid var(--line); }
+.facts { display: grid; grid-template-columns: max-content 1fr; gap: 4px 20px; margin: 12px 0 16px; font-size: 14px; }
+.facts dt { color: var(--soft); }
+.facts dd { margin: 0; overflow-wrap: anywhere; min-width: 0; }
+pre { margin: 0; padding: 8px 12px; background: #f4f6f8; font-size: 13px; white-space: pre-wrap; }
+details { margin-top: 8px; font-size: 14px; }
+summary { cursor: pointer; font-weight: 600; }
+.values { margin: 8px 0 0; font-size: 13px; }
+.values th, .values td { padding: 2px 14px 2px 0; text-align: right; border-bottom: 1px solid var(--line); }
+.values th[scope=row] { text-align: left; font-weight: 400; }
+@media (max-width: 640px) { main { padding: 20px 14px 40px; } .answer { font-size: 16px; }
+  .facts { grid-template-columns: 1fr; } .facts dd { margin-bottom: 8px; } }
+@media print { main { max-width: none; padding: 0; } .pair { grid-template-columns: 1fr 1fr; }
+  .answer, tr.best > *, .badge { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
+  details::details-content { content-visibility: visible; }
+  body { font-size: 11px; } .scores th, .scores td { padding: 4px 5px; } }
+"""

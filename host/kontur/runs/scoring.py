@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Truth scoring: how far the machine really was from the programmed path.
+
+Measured against the lines, arcs and ideal shapes of the program itself, in double precision. Nothing here comes from
+the firmware, the planner or its spline: what they get wrong shows up in the score.
+
+The foot point of a true position q is the nearest point of the path *near the expected path position s*, so that the
+other branch of a crossing or the lap before is not taken for the present one. With d = |q - c(s)| the foot is at most
+2 d away from c(s); the search covers 4 d of path on either side, which allows for bends up to an arc of twice its chord
+without a distance to be chosen by anyone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from kontur.errors import PathError
+from kontur.path.geometry import Curve, Program
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_REACH = 4.0  # path searched on either side of the expected position, in distances to it
+_NEWTON_M = 1e-11  # a foot point is found when it moves less; the distance errs by the square of it
+_NEWTON_MAX = 80
+_TABLE_M = 20e-6  # spacing of a curve's table of arc length, at most; interpolated it is right to far below 1 pm
+_TABLE_MIN = 1 << 14
+
+
+@dataclass(frozen=True)
+class ContourError:
+    """True error of n positions, each (n,) in m.
+
+    `normal_m`: distance to the programmed path, positive on its left. `tangential_m`: path position of the foot minus
+    the expected one, negative when the machine lags. `foot_s_m`: path position of the foot from the program's start.
+    """
+
+    normal_m: Array
+    tangential_m: Array
+    foot_s_m: Array
+
+
+@dataclass(frozen=True)
+class Score:
+    """Size of the true contour error over a run: absolute values in um; where the greatest was; scored from when."""
+
+    mean_um: float
+    rms_um: float
+    max_um: float
+    tangential_mean_um: float
+    max_time_s: float
+    max_x_mm: float
+    max_y_mm: float
+    from_s: float
+
+
+def contour_error(program: Program, position_m: Array, path_s_m: Array) -> ContourError:
+    """True contour error of `position_m` (n, 2), expected at path position `path_s_m` (n,): the distance travelled
+    along the program, clipped to its length.
+
+    Corners: beyond the end of a piece the neighbouring piece counts, or the corner point itself if that is nearest.
+
+    Raises PathError: the program has no piece of any length. ValueError: the shapes do not fit.
+    """
+    if position_m.ndim != 2 or position_m.shape != (path_s_m.size, 2):
+        raise ValueError(f"positions {position_m.shape} and path positions {path_s_m.shape} do not fit")
+    pieces = _Pieces(program)
+    expected_s = np.clip(path_s_m, 0.0, pieces.end_s[-1])
+    home = np.clip(np.searchsorted(pieces.end_s, expected_s, side="left"), 0, len(pieces.end_s) - 1)
+    point, _ = pieces.evaluate(home, expected_s - pieces.start_s[home])
+    reach = _REACH * _length(position_m - point)
+    low_s, high_s = expected_s - reach, expected_s + reach
+
+    best = _Best(expected_s.size)
+    everything = np.arange(expected_s.size)
+    for step in (1, -1):
+        rows, piece = everything, home if step == 1 else home - 1
+        while True:
+            inside = (piece >= 0) & (piece < len(pieces.end_s))
+            rows, piece = rows[inside], piece[inside]
+            near = (pieces.start_s[piece] <= high_s[rows]) & (pieces.end_s[piece] >= low_s[rows])
+            near |= piece == home[rows]
+            rows, piece = rows[near], piece[near]
+            if not rows.size:
+                break
+            start_s = pieces.start_s[piece]
+            low = np.clip(low_s[rows] - start_s, 0.0, pieces.length[piece])
+            high = np.clip(high_s[rows] - start_s, 0.0, pieces.length[piece])
+            near_s = np.clip(expected_s[rows] - start_s, low, high)
+            foot = pieces.foot(piece, position_m[rows], low, high, near_s)
+            best.offer(rows, position_m[rows], pieces, piece, foot)
+            piece = piece + step
+    return ContourError(best.normal, best.foot_s - expected_s, best.foot_s)
+
+
+def score(error: ContourError, time_s: Array, position_m: Array, from_s: float = 0.0) -> Score:
+    """Sum up `error` of rows at `time_s` (n,) and true `position_m` (n, 2), leaving out what was before `from_s`.
+
+    Raises ValueError: nothing is left.
+    """
+    rows = np.flatnonzero(time_s >= from_s)
+    if not rows.size:
+        raise ValueError(f"the run ends before {from_s} s, from when it should be scored")
+    normal_um = np.abs(error.normal_m[rows]) * 1e6
+    worst = rows[np.argmax(normal_um)]
+    return Score(
+        mean_um=float(np.mean(normal_um)),
+        rms_um=float(np.sqrt(np.mean(normal_um**2))),
+        max_um=float(np.max(normal_um)),
+        tangential_mean_um=float(np.mean(np.abs(error.tangential_m[rows])) * 1e6),
+        max_time_s=float(time_s[worst]),
+        max_x_mm=float(position_m[worst, 0] * 1e3),
+        max_y_mm=float(position_m[worst, 1] * 1e3),
+        from_s=from_s,
+    )
+
+
+def on_rapid(program: Program, path_s_m: Array) -> NDArray[np.bool_]:
+    """Whether the move at each path position `path_s_m` (n,) of `program` is a rapid one."""
+    ends_m = np.cumsum([move.segment.length_m for move in program.moves])
+    at = np.clip(np.searchsorted(ends_m, path_s_m), 0, len(ends_m) - 1)
+    return np.array([move.rapid for move in program.moves])[at]
+
+
+def force_effort(force_N: Array) -> tuple[float, float]:
+    """Greatest force of an axis, and mean length of the change from one row of `force_N` (n, 2) to the next, in N."""
+    step_N = _length(np.diff(force_N, axis=0))
+    return float(np.max(np.abs(force_N))), float(np.mean(step_N)) if step_N.size else 0.0
+
+
+class _Best:
+    """The nearest foot point found so far, for each row."""
+
+    def __init__(self, rows: int) -> None:
+        self.distance = np.full(rows, np.inf)
+        self.normal = np.zeros(rows)
+        self.foot_s = np.zeros(rows)
+
+    def offer(self, rows: Index, q_m: Array, pieces: _Pieces, piece: Index, foot: Array) -> None:
+        point, tangent = pieces.evaluate(piece, foot)
+        off = q_m - point
+        distance = _length(off)
+        nearer = distance < self.distance[rows]
+        rows, piece, foot, distance = rows[nearer], piece[nearer], foot[nearer], distance[nearer]
+        side = _cross(pieces.side_tangent(piece, foot, tangent[nearer]), off[nearer])
+        self.distance[rows] = distance
+        self.normal[rows] = np.copysign(distance, side)
+        self.foot_s[rows] = pieces.start_s[piece] + foot
+
+
+class _Pieces:
+    """The pieces of a program that have a length, evaluated and searched for many rows at once.
+
+    A line and an arc are the same here: a start, a tangent and a constant curvature.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self.segments = [move.segment for move in program.moves if move.segment.length_m > 0.0]
+        if not self.segments:
+            raise PathError(f"{program.name}: there is no motion in it, so there is nothing to score")
+        start = np.zeros(1)
+        self.length = np.array([segment.length_m for segment in self.segments])
+        self.end_s = np.cumsum(self.length)
+        self.start_s = np.concatenate([start, self.end_s[:-1]])
+        self.point_in = np.concatenate([segment.point(start) for segment in self.segments])
+        self.tangent_in = np.concatenate([segment.tangent(start) for segment in self.segments])
+        self.tangent_out = np.concatenate([segment.tangent(np.array([segment.length_m])) for segment in self.segments])
+        self.bend = np.concatenate([segment.curvature(start) for segment in self.segments])
+        self.curves = {i: _FastCurve(curve) for i, curve in enumerate(self.segments) if isinstance(curve, Curve)}
+        self.bend[list(self.curves)] = 0.0
+
+    def evaluate(self, piece: Index, s: Array) -> tuple[Array, Array]:
+        """Points and unit tangents (n, 2) at `s` (n,) from the start of `piece` (n,)."""
+        half = 0.5 * self.bend[piece] * s
+        along, across = np.sinc(half / np.pi) * np.cos(half), np.sinc(half / np.pi) * np.sin(half)
+        point = self.point_in[piece] + _turned(self.tangent_in[piece], s * along, s * across)
+        tangent = _turned(self.tangent_in[piece], np.cos(2.0 * half), np.sin(2.0 * half))
+        for rows, curve in self._curved(piece):
+            point[rows], tangent[rows], _ = curve.evaluate(s[rows])
+        return point, tangent
+
+    def foot(self, piece: Index, q_m: Array, low: Array, high: Array, near: Array) -> Array:
+        """Foot points of `q_m` (n, 2) on `piece` between `low` and `high`, for an arc within half a lap of `near`."""
+        point, tangent = self.evaluate(piece, near)
+        bend = self.bend[piece]
+        along = np.sum((q_m - point) * tangent, axis=1)
+        angle = np.arctan2(bend * along, 1.0 - bend * _cross(tangent, q_m - point))
+        foot = near + np.divide(angle, bend, out=along, where=bend != 0.0)
+        for rows, curve in self._curved(piece):
+            foot[rows] = curve.foot(q_m[rows], low[rows], high[rows], near[rows])
+        return np.asarray(np.clip(foot, low, high))
+
+    def side_tangent(self, piece: Index, s: Array, tangent: Array) -> Array:
+        """The direction whose left side is positive: the tangent, at a corner the middle of both tangents."""
+        before = self.tangent_out[piece - 1] * ((s <= 0.0) & (piece > 0))[:, None]
+        last = len(self.segments) - 1
+        after = self.tangent_in[np.minimum(piece + 1, last)] * ((s >= self.length[piece]) & (piece < last))[:, None]
+        return np.asarray(tangent + before + after)
+
+    def _curved(self, piece: Index) -> Iterator[tuple[Index, _FastCurve]]:
+        for i, curve in self.curves.items():
+            rows = np.flatnonzero(piece == i)
+            if rows.size:
+                yield rows, curve
+
+
+class _FastCurve:
+    """A curve by its formula, with a table from arc length to the formula's parameter: points are exact, arc lengths
+    right to far below 1 pm."""
+
+    def __init__(self, curve: Curve) -> None:
+        self.formula = curve.formula
+        ends = curve.parameter(np.array([0.0, curve.length_m]))
+        u = np.linspace(ends[0], ends[1], max(_TABLE_MIN, int(curve.length_m / _TABLE_M)))
+        s, first = np.unique(curve.arc_length(u), return_index=True)
+        self.parameter = PchipInterpolator(s, u[first])
+
+    def evaluate(self, s: Array) -> tuple[Array, Array, Array]:
+        """Points and unit tangents (n, 2) and curvatures (n,) at `s` (n,)."""
+        u = self.parameter(s)
+        point, first, second = (self.formula(u, order) for order in (0, 1, 2))
+        speed = np.maximum(_length(first), np.finfo(float).tiny)
+        return point, first / speed[:, None], _cross(first, second) / speed**3
+
+    def foot(self, q_m: Array, low: Array, high: Array, near: Array) -> Array:
+        """Root of (q - c(s)) . c'(s) by Newton from `near`, kept between `low` and `high` by bisection."""
+        s, low, high = near.copy(), low.copy(), high.copy()
+        active = np.arange(s.size)
+        for turn in range(_NEWTON_MAX):
+            now = s[active]
+            point, tangent, bend = self.evaluate(now)
+            off = q_m[active] - point
+            gap = np.sum(off * tangent, axis=1)
+            low[active] = np.where(gap > 0.0, now, low[active])
+            high[active] = np.where(gap > 0.0, high[active], now)
+            fall = 1.0 - bend * _cross(tangent, off)  # -d gap / ds
+            new = now + gap / np.where(fall > 0.0, fall, 1.0)
+            if turn == 0:  # the foot may be an end itself
+                new = np.clip(new, low[active], high[active])
+            wild = (fall <= 0.0) | (new < low[active]) | (new > high[active])
+            new = np.where(wild, 0.5 * (low[active] + high[active]), new)
+            s[active] = new
+            active = active[np.abs(new - now) > _NEWTON_M]
+            if not active.size:
+                break
+        return s
+
+
+def _length(vector: Array) -> Array:
+    return np.hypot(vector[:, 0], vector[:, 1])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _turned(tangent: Array, along: Array, across: Array) -> Array:
+    """Vectors (n, 2) that go `along` the tangent and `across` to its left."""
+    x, y = tangent[:, 0], tangent[:, 1]
+    return np.stack([along * x - across * y, along * y + across * x], axis=1)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run comes to, computed from its log: the figures that are printed, kept and compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kontur.errors import LogError
+from kontur.runs.log import RunLog
+
+SUMMARY = {
+    "mean_um": "mean µm",
+    "rms_um": "rms µm",
+    "max_um": "max µm",
+    "tangential_mean_um": "along µm",
+    "energy_J": "energy J",
+    "force_max_N": "max N",
+    "force_step_N": "step N",
+    "frames_lost": "lost",
+}
+"""The figures of a run that are printed and kept, with the headings of their columns."""
+
+_SCORES = ("mean_um", "rms_um", "max_um", "tangential_mean_um")  # as in the `score` of a log
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a run comes to. `truth`: errors are distances of the true position to the programmed path; otherwise the
+    drive's own estimates. None: not known. `worst_*` is where the greatest error was; scored from `from_s`."""
+
+    mean_um: float
+    rms_um: float
+    max_um: float
+    tangential_mean_um: float
+    energy_J: float | None
+    force_max_N: float | None
+    force_step_N: float | None
+    frames_lost: int | None
+    worst_time_s: float
+    worst_x_mm: float | None
+    worst_y_mm: float | None
+    from_s: float
+    truth: bool
+
+
+def summarise(run: RunLog) -> Summary:
+    """What a run comes to: its `score` at the control rate if the log carries one, else from the rows of the log; the
+    drive's own estimate if there is no truth. Raises LogError: no row with a known error."""
+    columns, meta = run.columns, run.meta
+    error = columns["contour_um" if run.has_truth else "e_n2_um"]
+    along = columns.get("tangential_um", columns["e_n1_um"]) if run.has_truth else columns["e_n1_um"]
+    known = np.flatnonzero(np.isfinite(error))
+    if not known.size:
+        raise LogError(f"{meta['program']}, {meta['controller']}: no row of the log has a contour error")
+    worst = known[np.argmax(np.abs(error[known]))]
+    x, y = (_at(columns.get(f"reference_{axis}_mm", columns.get(f"{axis}_mm")), worst) for axis in "xy")
+    score: dict[str, Any] = {
+        "mean_um": float(np.mean(np.abs(error[known]))),
+        "rms_um": float(np.sqrt(np.mean(error[known] ** 2))),
+        "max_um": float(np.abs(error[worst])),
+        "tangential_mean_um": float(np.nanmean(np.abs(along[known]))),
+        "max_time_s": float(columns["time_s"][worst]),
+        "max_x_mm": x,
+        "max_y_mm": y,
+        "from_s": 0.0,
+    }
+    if run.has_truth:
+        score |= meta.get("score", {})
+    forces = [np.nanmax(np.abs(columns[name])) for name in ("force_x_N", "force_y_N") if _has(columns.get(name))]
+    energy = columns.get("energy_J", np.empty(0))
+    energy = energy[np.isfinite(energy)]
+    return Summary(
+        **{key: score[key] for key in _SCORES},
+        energy_J=float(energy[-1] - energy[0]) if energy.size else None,
+        force_max_N=meta.get("force_max_N", float(max(forces)) if forces else None),
+        force_step_N=meta.get("force_step_N"),
+        frames_lost=meta.get("frames_lost"),
+        worst_time_s=score["max_time_s"],
+        worst_x_mm=score["max_x_mm"],
+        worst_y_mm=score["max_y_mm"],
+        from_s=score["from_s"],
+        truth=run.has_truth,
+    )
+
+
+def summary(log: RunLog) -> dict[str, Any]:
+    """The figures of a run that are printed and kept: SUMMARY, name to value, None where not known."""
+    values = summarise(log)
+    return {name: getattr(values, name) for name in SUMMARY}
+
+
+def _has(values: Any) -> bool:
+    return values is not None and bool(np.any(np.isfinite(values)))
+
+
+def _at(values: Any, row: int) -> float | None:
+    return float(values[row]) if values is not None and np.isfinite(values[row]) else None

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated drive as a python-can bus: `can.Bus(interface="kontur", channel="sim", seed=1)`.
+
+Time of the device passes inside recv() only, by as much as its timeout allows ("lockstep"), so that a run needs no
+thread and is the same each time. Clients that receive in a thread of their own (can.Notifier) want `pace="clock"`:
+then the device's time passes in recv() too, but never faster than the wall clock. With `pace="sync"` it passes with
+SYNC alone, as that of `kontur sim --pace sync` and of the image in an emulator does (docs/protocol.md, Time).
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import can
+
+from kontur import machine as machines
+from kontur.can.simulated import SimulatedBus, Truth
+from kontur.errors import KonturError
+from kontur.machine import Machine
+from kontur.sim.library import Sim
+
+PATIENCE_S = 3600.0
+"""Device time after which a recv() without timeout gives up."""
+
+PACES = ("lockstep", "clock", "sync")
+
+_CLOCK_SLICE_S = 1e-3
+_WIRE_S = 2e-4  # that a frame, and one that it answers, take at 1 Mbit/s
+
+
+class KonturBus(SimulatedBus):
+    """See the module. `machine` is a Machine or the name of a file; `sim` gives the truth that no frame carries; the
+    drive has been on for `on_for_ms` when the host comes.
+
+    Raises can.CanInitializationError when the simulator cannot be started.
+    """
+
+    def __init__(
+        self,
+        channel: Any = "sim",
+        can_filters: Any = None,
+        *,
+        machine: Machine | str | Path = machines.DEFAULT,
+        seed: int = 1,
+        node_id: int = 1,
+        num: str = "f32",
+        pace: str = "lockstep",
+        on_for_ms: int = 0,
+        **_: object,
+    ) -> None:
+        if pace not in PACES:
+            raise can.CanInitializationError(f"pace must be one of {', '.join(PACES)}, is {pace!r}")
+        try:
+            plant = machine if isinstance(machine, Machine) else machines.load(machine)
+            self.sim = Sim(plant, int(seed), int(node_id), num)
+        except (KonturError, ValueError, OverflowError) as error:
+            raise can.CanInitializationError(str(error)) from error
+        self.channel_info = f"kontur simulated drive, machine {plant.name!r}, seed {seed}, node {node_id}"
+        self._lock = threading.Lock()
+        self._clock_start_s = time.monotonic() if pace == "clock" else None
+        self._wire_free_s = 0.0
+        self._by_sync = pace == "sync"
+        self.sim.run(on_for_ms * self.sim.control_hz // 1000)
+        while on_for_ms and self.sim.recv() is not None:  # nobody was there to hear it
+            pass
+        self.sim.set_paced(self._by_sync)
+        super().__init__(channel=channel, can_filters=can_filters)
+
+    @property
+    def time_s(self) -> float:
+        """Time of the device since power-on."""
+        return self.sim.tick / self.sim.control_hz
+
+    @property
+    def by_clock(self) -> bool:
+        """Whether the device's time keeps up with the wall clock, whatever the host does."""
+        return self._clock_start_s is not None
+
+    def start_recording(self) -> int:
+        """Record the truth from now on, and start the machine's friction schedule; returns the control period."""
+        first = self.sim.tick
+        self.sim.start_schedule()
+        self.sim.record(True)
+        return first
+
+    def truth(self) -> Truth:
+        """A copy of what was recorded, one row a control period."""
+        return self.sim.truth()
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Hand a frame to the device, which handles it at once; by the wall clock, after its time on a wire."""
+        with self._lock:
+            if self.by_clock:
+                self._take_wire_time()
+            if msg.is_extended_id or msg.is_fd or not self.sim.send(msg.arbitration_id, msg.data, msg.is_remote_frame):
+                raise can.CanOperationError("the simulated drive takes classic frames with 11-bit identifiers only")
+            if self._by_sync and not msg.is_remote_frame:
+                self.sim.run(self.sim.periods_of(msg.arbitration_id))
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """The oldest frame; without one, the device's time passes until a frame comes or `timeout` is over.
+
+        Where time passes with SYNC none can come while this waits: None at once.
+        """
+        patience_s = 0.0 if self._by_sync else PATIENCE_S if timeout is None else max(0.0, timeout)
+        end_tick = self.sim.tick + math.ceil(patience_s * self.sim.control_hz)
+        while True:
+            with self._lock:
+                frame = self.sim.recv()
+                if frame is None and self.sim.tick < end_tick and self.sim.step(self._periods_to(end_tick)):
+                    continue
+            if frame is not None:
+                self._note_frame(frame.tick)
+                message = can.Message(
+                    timestamp=frame.tick / self.sim.control_hz,
+                    arbitration_id=frame.id,
+                    is_extended_id=False,
+                    is_remote_frame=frame.rtr,
+                    data=frame.data,
+                )
+                if self._matches_filters(message):
+                    return message
+            elif self.sim.tick >= end_tick:
+                return None
+            else:
+                time.sleep(_CLOCK_SLICE_S)
+
+    def shutdown(self) -> None:
+        """Power the drive off."""
+        super().shutdown()
+        self.sim.close()
+
+    def _take_wire_time(self) -> None:
+        """Not sooner after the last frame, either way, than it would come on a wire, and in the drive's time of now."""
+        time.sleep(max(0.0, self._wire_free_s - time.monotonic()))
+        self.sim.run(self._periods_to(self.sim.tick + self.sim.control_hz))
+        self._note_frame(self.sim.tick)
+
+    def _note_frame(self, tick: int) -> None:
+        if self._clock_start_s is not None:
+            free_s = self._clock_start_s + tick / self.sim.control_hz + _WIRE_S
+            self._wire_free_s = max(self._wire_free_s, free_s)
+
+    def _periods_to(self, end_tick: int) -> int:
+        if self._clock_start_s is not None:
+            end_tick = min(end_tick, int((time.monotonic() - self._clock_start_s) * self.sim.control_hz))
+        return max(0, end_tick - self.sim.tick)
