@@ -68,7 +68,7 @@ flash flash-dfu: setup build/need/arm
 
 fuzz: setup build/need/clang  ## run each fuzzer for SECONDS=60 from SEED=1
 	@$(call workflow,fuzz-asan)
-	$(PY) tests/fuzz/campaign.py --seconds $(SECONDS) $(SEED)
+	$(PY) tests/fuzz/campaign.py --short $(SECONDS) $(SEED)
 
 setup: .venv/stamp  ## Debian packages, installed by apt-get where it may, and the Python environment
 

@@ -96,7 +96,7 @@ def read(folder: Path, root: Path, elf: Path, tools: str) -> Graph:
 def _assigned(root: Path, graph: Graph) -> dict[str, set[str]]:
     """Functions by the member of a structure that they are assigned to, in what the image is made of."""
     found: dict[str, set[str]] = {}
-    for file in [*root.glob("firmware/*/*.c"), *root.glob("firmware/port/stm32f405/*.c")]:
+    for file in [file for folder in ("", "*/", "port/stm32f405/") for file in root.glob(f"firmware/{folder}*.c")]:
         local = str(file.relative_to(root))
         for member, function in re.findall(r"\.(\w+) = (\w+)\b", file.read_text()):
             for name in (f"{local}:{function}", function):
