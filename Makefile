@@ -7,7 +7,6 @@ IMAGE   := image
 TARGET  := inproc slcan vcan qemu
 SECONDS := 60
 SEED    := 1
-export CMAKE_BUILD_PARALLEL_LEVEL ?= $(shell nproc)
 export CTEST_PARALLEL_LEVEL ?= $(shell nproc)
 export MPLBACKEND := Agg
 
@@ -29,22 +28,22 @@ test: test-c test-target test-host test-hil lint  ## test all: C, on a Cortex-M 
 # The C tests with sanitizers, and again to hold the branches that they take. Counts of an earlier run go first.
 test-c: setup
 	@$(call workflow,test-f32 test-fix test-chk)
-	@mkdir -p build/coverage; find build -path '*/coverage-*' -name '*.gcda' -delete
+	@mkdir -p build/coverage/html; find build -path '*/coverage-*' -name '*.gcda' -delete
 	@$(call workflow,coverage-f32 coverage-fix)
 	@.venv/bin/gcovr --root . --filter firmware/ --merge-lines --json build/coverage/coverage.json \
-	  --html-details build/coverage/index.html build/coverage-f32 build/coverage-fix
+	  --html-details build/coverage/html/index.html build/coverage-f32 build/coverage-fix
 	@$(PY) tests/unit/check_coverage.py build/coverage/coverage.json tests/unit/uncovered.toml
 
-test-target: lib firmware build/need/qemu
+test-target: lib firmware build/need/qemu-system-arm
 	@cmake --build --preset host-fix --target hash && cmake --build --preset host-f32 --target hash stages
 	@$(call workflow,m4-f32 m4-fix m3-fix)
 	$(PY) tools/cost.py --check
 
-test-host: lib firmware build/need/qemu
+test-host: lib firmware build/need/qemu-system-arm
 	$(PY) -m pytest
 
 # On each target in turn. A real drive: make test-hil TARGET=can0 NO_MOTION=1, and then without NO_MOTION.
-test-hil: lib $(if $(filter vcan,$(TARGET)),build/need/uml) $(if $(filter qemu,$(TARGET)),firmware build/need/qemu)
+test-hil: lib $(if $(filter vcan,$(TARGET)),build/need/uml) $(if $(filter qemu,$(TARGET)),firmware build/need/qemu-system-arm)
 	@for target in $(TARGET); do echo "Drive over its bus: $$target"; \
 	  case $$target in vcan) vcan="$(PY) tests/hil/vcan.py";; *) vcan=;; esac; \
 	  $$vcan $(PY) -m pytest tests/hil --target $$target $(if $(NO_MOTION),--no-motion) || exit 1; done
@@ -88,12 +87,10 @@ build/need/debian:
 	  $(PYTHON) -c "import ensurepip"' gcc libc6-dev cmake ninja-build python3 python3-venv
 build/need/arm:
 	@tools/need.sh $@ 'echo "#include <string.h>" | arm-none-eabi-gcc -E -' gcc-arm-none-eabi libnewlib-arm-none-eabi
-build/need/qemu:
-	@tools/need.sh $@ 'command -v qemu-system-arm' qemu-system-arm
 build/need/uml: .venv/stamp  # where this kernel has no vcan, User-Mode Linux has
 	@tools/need.sh $@ '$(PY) tests/hil/vcan.py --ready' user-mode-linux kmod iproute2
 build/need/clang:  # libFuzzer's library is a package of its own
 	@tools/need.sh $@ 'echo "int LLVMFuzzerTestOneInput(void) { return 0; }" | \
 	  clang -fsanitize=fuzzer -fsanitize=address -x c - -o /dev/null' clang libclang-rt-dev
-build/need/openocd build/need/dfu-util:
+build/need/qemu-system-arm build/need/openocd build/need/dfu-util:
 	@tools/need.sh $@ 'command -v $(@F)' $(@F)
