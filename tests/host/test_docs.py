@@ -112,7 +112,7 @@ def make_targets(text: str) -> set[str]:
 
 def presets(text: str) -> set[str]:
     """The CMake presets that a page calls."""
-    return set(re.findall(r"(?:cmake|ctest)[^`\n]* --preset[ =]([\w-]+)", text))
+    return set(re.findall(r"(?:cmake|ctest)[^`\n]* --preset[ =]([a-z][\w-]*)", text))
 
 
 def missing_imports(code: str) -> list[str]:
