@@ -38,14 +38,14 @@ MACHINES = {"m4-f32": "netduinoplus2", "m4-fix": "netduinoplus2", "m3-fix": "net
 STAGES = {
     "encoders, inputs": ("read_machine", "measure", "watch_switches", "drive_read"),
     "observer": ("observer.c", "energy.c"),
-    "path, spline": ("follow_path", "change_path", "wanted_rate", "spline_prepare", "path.c", "spline.c"),
+    "path, spline": ("follow_path", "change_path", "wanted_rate", "spline_prepare", "path_clock.c", "spline.c"),
     "contour": ("contour.c",),
-    "law": ("asmc.c", "cascade.c"),
-    "uncertainty, learning": ("uncertainty.c", "learning.c"),
+    "law": ("smc.c", "cascade.c"),
+    "compensator, feedforward": ("compensator.c", "feedforward.c"),
     "supervision": ("supervise", "look_closer", "supervise_axis"),
     "publishing, scope": ("publish", "record_slow", "add_error", "scope_runs", "scope.c"),
     "composing, output": (
-        *("loop.c", "servo.c", "machine.c", "params.c"),
+        *("servo_loop.c", "servo.c", "onchip_plant.c", "configuration.c"),
         *("rig.c", "bench_step.c", "semihost.c"),
     ),
 }

@@ -123,20 +123,20 @@ def test_request_that_cannot_be_met_gets_its_abort_code(rig: Rig) -> None:
 
 
 def test_parameter_keeps_what_was_written_until_reset_node(rig: Rig) -> None:
-    before = rig.device.read("asmc.lambda")
+    before = rig.device.read("smc.lambda")
     other = 150.5 if before != 150.5 else 151.0
-    rig.device.write("asmc.lambda", other)
-    assert rig.device.read("asmc.lambda") == other
+    rig.device.write("smc.lambda", other)
+    assert rig.device.read("smc.lambda") == other
     rig.reset()
-    assert rig.device.read("asmc.lambda") == before
+    assert rig.device.read("smc.lambda") == before
 
 
 def test_parameter_out_of_range_or_unfit_changes_nothing(rig: Rig) -> None:
     before = rig.device.dump()
     with pytest.raises(ParameterError, match="out of range"):
-        rig.device.set_parameters({"asmc.gamma": 2.0, "asmc.lambda": 1e6})
+        rig.device.set_parameters({"smc.gamma": 2.0, "smc.lambda": 1e6})
     with pytest.raises(ParameterError, match="does not fit another"):
-        rig.device.write("asmc.k_0", before["asmc.k_max"] + 1.0)
+        rig.device.write("smc.k_0", before["smc.k_max"] + 1.0)
     assert rig.device.dump() == before
 
 

@@ -29,7 +29,7 @@ pytestmark = pytest.mark.motion
 PLANT = machine.load(machine.MACHINES / "table1_on_chip.toml")
 SEED = 7
 SHORT_S = 0.3
-ONE_STEP = {"asmc.lambda": 200.001}  # from 200
+ONE_STEP = {"smc.lambda": 200.001}  # from 200
 
 
 def path(case: Case, seconds: float | None = None) -> tuple[Trajectory, Machine]:
@@ -44,7 +44,7 @@ def log_of(target: Target, trajectory: Trajectory, plant: Machine) -> tuple[RunL
     """The log of a run on `target`, and for how many ms its drive has been on before."""
     with target.power_on() as drive:
         with connected(open_bus(drive.bus_options), drive.node_id) as device:
-            device.set_parameters({"machine.simulated": 0})
+            device.set_parameters({"onchip_plant.simulated": 0})
             device.link.wait(lambda: False, 0.01)  # so that it starts anew, where it is told to
             device.set_parameters(plant.parameters(SEED))
             on_for_ms = device.read("clock.tick")

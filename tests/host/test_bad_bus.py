@@ -180,8 +180,8 @@ def test_sdo_frames_that_are_lost_or_corrupted_are_asked_for_again(
     device: Device, bus: HookedBus, way: str, fault: Fault
 ) -> None:
     setattr(bus, way, first(1, has_id(SDO_REQUEST if way == "on_send" else SDO_RESPONSE), fault))
-    device.write("asmc.lambda", 150.5)
-    assert device.read("asmc.lambda") == 150.5
+    device.write("smc.lambda", 150.5)
+    assert device.read("smc.lambda") == 150.5
 
 
 def test_answers_that_come_twice_are_not_taken_for_answers_to_later_requests(device: Device, bus: HookedBus) -> None:
@@ -196,7 +196,7 @@ def test_answers_that_come_twice_are_not_taken_for_answers_to_later_requests(dev
 
     bus.on_recv = late
     device.link.node.sdo.RESPONSE_TIMEOUT = 0.01
-    device.read("asmc.lambda")
+    device.read("smc.lambda")
     bus.on_recv = lambda message: message
     assert device.read("stream.free") == 992
 
@@ -206,32 +206,32 @@ def test_value_corrupted_on_its_way_into_the_drive_is_noticed_and_set_again(devi
         return message.arbitration_id == SDO_REQUEST and message.data[0] >> 5 == 1
 
     bus.on_send = first(1, download, lambda m: flipped(m, 4, 0))
-    device.write("asmc.lambda", 150.5)
+    device.write("smc.lambda", 150.5)
     assert device.link.node.sdo.upload(0x2110, 1) == (150_500).to_bytes(4, "little")
 
 
 def test_parameter_that_a_corrupted_request_has_set_instead_gets_its_value_back(device: Device, bus: HookedBus) -> None:
-    device.write("asmc.gamma", 2.0)
-    address = {name: device._variables[name].subindex for name in ("asmc.lambda", "asmc.gamma")}
-    into_gamma = address["asmc.lambda"] ^ address["asmc.gamma"]
+    device.write("smc.gamma", 2.0)
+    address = {name: device._variables[name].subindex for name in ("smc.lambda", "smc.gamma")}
+    into_gamma = address["smc.lambda"] ^ address["smc.gamma"]
 
     def download(message: can.Message) -> bool:
         return message.arbitration_id == SDO_REQUEST and message.data[0] >> 5 == 1
 
     bus.on_send = first(1, download, lambda m: changed(m, data=[*m.data[:3], m.data[3] ^ into_gamma, *m.data[4:8]]))
-    device.write("asmc.lambda", 10.0)
-    assert (device.read("asmc.lambda"), device.read("asmc.gamma")) == (10.0, 2.0)
+    device.write("smc.lambda", 10.0)
+    assert (device.read("smc.lambda"), device.read("smc.gamma")) == (10.0, 2.0)
 
 
 def test_nmt_command_that_is_lost_is_sent_again_and_one_that_became_reset_undoes_no_parameter(
     device: Device, bus: HookedBus
 ) -> None:
-    device.write("asmc.lambda", 150.5)
+    device.write("smc.lambda", 150.5)
     lose, reset = first(1, has_id(0), lost), first(1, has_id(0), lambda m: flipped(m, 0, 7))
     bus.on_send = lambda m: None if lose(m) is None else reset(m)
     device.enable()
     assert device.states() == ("operation enabled", "operation enabled")
-    assert device.read("asmc.lambda") == 150.5
+    assert device.read("smc.lambda") == 150.5
 
 
 @pytest.mark.parametrize("bit", range(16))

@@ -20,9 +20,9 @@ def device() -> Iterator[Device]:
 
 
 def test_parameter_is_read_and_written_in_its_unit(device: Device) -> None:
-    assert device.read("asmc.lambda") == 200.0
-    device.write("asmc.lambda", 150.5)
-    assert device.read("asmc.lambda") == 150.5
+    assert device.read("smc.lambda") == 200.0
+    device.write("smc.lambda", 150.5)
+    assert device.read("smc.lambda") == 150.5
     assert device.link.node.sdo.upload(0x2110, 1) == (150500).to_bytes(4, "little")
 
 
@@ -40,7 +40,7 @@ def test_machine_is_told_to_the_drive_and_read_back(device: Device) -> None:
 def test_dump_has_every_parameter_and_sets_back_what_was_changed(device: Device) -> None:
     before = device.dump()
     assert set(before) == set(device.parameters) - {"node.id", "node.bitrate"}
-    device.write("uncertainty.alpha", 33.0)
+    device.write("compensator.alpha", 33.0)
     device.set_parameters(before)
     assert device.dump() == before
 
@@ -48,15 +48,15 @@ def test_dump_has_every_parameter_and_sets_back_what_was_changed(device: Device)
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("asmc.lambda", 1e6, r"asmc\.lambda: 1e\+06 1/s is out of range; it must be 1\.\.2000 1/s"),
-        ("asmc.lambda", float("nan"), r"asmc\.lambda: nan is not a number"),
-        ("asmc.lamda", 1.0, r"asmc\.lamda: no such parameter; did you mean asmc\.lambda"),
+        ("smc.lambda", 1e6, r"smc\.lambda: 1e\+06 1/s is out of range; it must be 1\.\.2000 1/s"),
+        ("smc.lambda", float("nan"), r"smc\.lambda: nan is not a number"),
+        ("smc.lamda", 1.0, r"smc\.lamda: no such parameter; did you mean smc\.lambda"),
     ],
 )
 def test_bad_value_is_refused_before_anything_is_set(device: Device, name: str, value: float, message: str) -> None:
     before = device.dump()
     with pytest.raises(ParameterError, match=message):
-        device.set_parameters({"asmc.gamma": 2.0, name: value})
+        device.set_parameters({"smc.gamma": 2.0, name: value})
     assert device.dump() == before
 
 
@@ -85,23 +85,23 @@ def reset(device: Device) -> None:
 
 
 def test_saved_parameters_are_there_after_a_reset(device: Device) -> None:
-    device.write("asmc.lambda", 150.0)
+    device.write("smc.lambda", 150.0)
     reset(device)
-    assert device.read("asmc.lambda") == 200.0
-    device.write("asmc.lambda", 150.0)
+    assert device.read("smc.lambda") == 200.0
+    device.write("smc.lambda", 150.0)
     device.save_parameters()
-    device.write("asmc.lambda", 160.0)
+    device.write("smc.lambda", 160.0)
     reset(device)
-    assert device.read("asmc.lambda") == 150.0
+    assert device.read("smc.lambda") == 150.0
 
 
 def test_restored_defaults_are_there_after_a_reset(device: Device) -> None:
-    device.write("asmc.lambda", 150.0)
+    device.write("smc.lambda", 150.0)
     device.save_parameters()
     device.restore_defaults()
-    assert device.read("asmc.lambda") == 150.0
+    assert device.read("smc.lambda") == 150.0
     reset(device)
-    assert device.read("asmc.lambda") == 200.0
+    assert device.read("smc.lambda") == 200.0
 
 
 def test_communication_objects_are_saved_when_asked_for(device: Device) -> None:

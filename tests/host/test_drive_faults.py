@@ -42,29 +42,29 @@ def device() -> Iterator[Device]:
 @pytest.mark.parametrize("order", [1, -1])
 def test_parameters_that_must_fit_together_may_be_set_in_any_order(device: Device, order: int) -> None:
     for values in (
-        {"asmc.k_0": 600.0, "asmc.k_max": 800.0},
-        {"asmc.k_0": 50.0, "asmc.k_max": 60.0},
-        {"asmc.k_bar": 4000.0, "asmc.e_max": 1000.0},
-        {"asmc.k_bar": 40.0, "asmc.e_max": 100000.0},
-        {"uncertainty.mu_0": 9.0, "uncertainty.mu_max": 10.0},
+        {"smc.k_0": 600.0, "smc.k_max": 800.0},
+        {"smc.k_0": 50.0, "smc.k_max": 60.0},
+        {"smc.k_bar": 4000.0, "smc.e_max": 1000.0},
+        {"smc.k_bar": 40.0, "smc.e_max": 100000.0},
+        {"compensator.mu_0": 9.0, "compensator.mu_max": 10.0},
     ):
         device.set_parameters(dict(list(values.items())[::order]))
         assert {name: device.read(name) for name in values} == values
 
 
 def test_parameter_that_fits_no_other_is_refused_with_its_name(device: Device) -> None:
-    with pytest.raises(ParameterError, match=r"asmc\.k_0: the value does not fit another parameter"):
-        device.set_parameters({"asmc.gamma": 2.0, "asmc.k_0": 401.0})
-    assert device.read("asmc.k_0") == 100.0
+    with pytest.raises(ParameterError, match=r"smc\.k_0: the value does not fit another parameter"):
+        device.set_parameters({"smc.gamma": 2.0, "smc.k_0": 401.0})
+    assert device.read("smc.k_0") == 100.0
     device.enable()
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_parameters_are_as_before_when_one_of_them_fits_no_other(device: Device, order: int) -> None:
-    values = {"asmc.gamma": 2.0, "asmc.k_0": 600.0, "asmc.k_max": 800.0, "uncertainty.mu_0": 90.0}
+    values = {"smc.gamma": 2.0, "smc.k_0": 600.0, "smc.k_max": 800.0, "compensator.mu_0": 90.0}
     before = device.dump()
-    assert values["uncertainty.mu_0"] > before["uncertainty.mu_max"]
-    with pytest.raises(ParameterError, match=r"uncertainty\.mu_0: the value does not fit another parameter"):
+    assert values["compensator.mu_0"] > before["compensator.mu_max"]
+    with pytest.raises(ParameterError, match=r"compensator\.mu_0: the value does not fit another parameter"):
         device.set_parameters(dict(list(values.items())[::order]))
     assert device.dump() == before
     device.enable()
@@ -167,7 +167,7 @@ def test_blocked_axis_is_reported_with_its_remedy(frozen_ms: int, message: str) 
     stuck = dataclasses.replace(MACHINE, x=dataclasses.replace(MACHINE.x, coulomb_N=3000.0))
     with can.Bus(interface="kontur", channel="sim", machine=stuck, seed=1) as bus:
         device = Device(Link(bus, 1))
-        device.set_parameters({**MACHINE.parameters(), "watch.frozen": frozen_ms})
+        device.set_parameters({**MACHINE.parameters(), "fault_delay.frozen": frozen_ms})
         device.enable()
         with pytest.raises(EmcyError, match=message):
             stream(device, CIRCLE.knots_nm)

@@ -155,7 +155,7 @@ def assert_circle_runs(emulator: Emulator, control_hz: int) -> None:
     """Its references are those of the drive in the process, but for the control period that lies before a record."""
     talk(emulator, lambda device: device.write("pace_select", 1))
     machine = machines.load()
-    there = {"machine.start_x": 0.004, "machine.simulated": 1}
+    there = {"onchip_plant.start_x": 0.004, "onchip_plant.simulated": 1}
     trajectory = plan(shapes.circle(0.004, 0.1), limits(machine))
     target = Target(machine, bus=emulator.options(), place_at_start=False)
     log = run(trajectory, "ccu", target, parameters=there).log
@@ -170,13 +170,13 @@ def assert_circle_runs(emulator: Emulator, control_hz: int) -> None:
 
 def test_stored_parameters_are_in_force_after_a_crash(emulator: Emulator) -> None:
     def change(device: Device) -> None:
-        device.write("asmc.lambda", 150.5)
+        device.write("smc.lambda", 150.5)
         device.link.node.sdo.download(0x1010, 1, b"save")
 
     talk(emulator, change)
     set_registers(emulator.gdb_port, {PC: NOWHERE})
     crashed(emulator)
-    assert talk(emulator, lambda device: device.read("asmc.lambda")) == 150.5
+    assert talk(emulator, lambda device: device.read("smc.lambda")) == 150.5
 
 
 def parts_of(dfu: bytes) -> dict[int, bytes]:

@@ -163,14 +163,14 @@ def test_commands_that_write_or_move_are_refused_and_those_that_read_are_not(
     held_drive: list[str], tmp_path: Path
 ) -> None:
     file = tmp_path / "parameters.toml"
-    for reading in (["info"], ["param", "get", "asmc.lambda"], ["param", "dump", str(file)]):
+    for reading in (["info"], ["param", "get", "smc.lambda"], ["param", "dump", str(file)]):
         result = CliRunner().invoke(main, [*reading, *held_drive])
         assert result.exit_code == 0, result.output
     for writing in (
         ["run", "circle", "--radius", "2", "--feed", "10"],
         ["jog", "--x", "1"],
         ["home", "x"],
-        ["param", "set", "asmc.lambda=150"],
+        ["param", "set", "smc.lambda=150"],
         ["param", "load", str(file)],
         ["param", "save"],
         ["param", "restore"],
@@ -182,4 +182,4 @@ def test_commands_that_write_or_move_are_refused_and_those_that_read_are_not(
         assert "Traceback" not in result.stderr
     with connected(open_bus({"interface": "slcan", "channel": held_drive[3]}), 1) as device:
         assert dataclasses.astuple(device.info())[6] == ("switch on disabled", "switch on disabled")
-        assert device.read("asmc.lambda") == 200.0
+        assert device.read("smc.lambda") == 200.0

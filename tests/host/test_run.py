@@ -91,13 +91,13 @@ def test_time_to_speed_up_can_be_left_out_of_the_score(trajectory: Trajectory) -
 
 
 def test_parameters_are_set_and_logged(trajectory: Trajectory) -> None:
-    result = run(trajectory, "ccu", TARGET, parameters={"uncertainty.alpha": 40.0})
-    assert result.log.meta["parameters"]["uncertainty.alpha"] == 40.0
+    result = run(trajectory, "ccu", TARGET, parameters={"compensator.alpha": 40.0})
+    assert result.log.meta["parameters"]["compensator.alpha"] == 40.0
 
 
 def test_unknown_parameter_is_refused_before_any_motion(trajectory: Trajectory) -> None:
     with pytest.raises(ParameterError, match="no such parameter"):
-        run(trajectory, "ccu", TARGET, parameters={"uncertainty.alhpa": 40.0})
+        run(trajectory, "ccu", TARGET, parameters={"compensator.alhpa": 40.0})
 
 
 def test_stopped_run_has_a_complete_log_up_to_standstill(trajectory: Trajectory) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import can
+import generate_signals
 import numpy as np
 import pytest
 from asammdf import MDF
@@ -89,13 +90,10 @@ def run_into_overspeed(device: Device) -> None:
 
 
 def test_what_is_committed_is_what_signals_toml_generates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "firmware" / "drive"))
-    import signals
-
     committed = {"--json": ROOT / "host" / "kontur" / "signals.json", "--docs": ROOT / "docs" / "signals.md"}
     options = [text for option, path in committed.items() for text in (option, str(tmp_path / path.name))]
-    monkeypatch.setattr("sys.argv", ["signals.py", str(tmp_path), *options])
-    assert signals.main() == 0
+    monkeypatch.setattr("sys.argv", ["generate_signals.py", str(tmp_path), *options])
+    assert generate_signals.main() == 0
     for path in committed.values():
         assert (tmp_path / path.name).read_text() == path.read_text(), "signals.toml changed: run `make lib`"
 

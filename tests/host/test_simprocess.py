@@ -109,13 +109,13 @@ def test_plain_machine_is_read_back_to_the_last_bit(machine: Machine, tmp_path: 
 def test_what_is_stored_is_there_at_the_next_power_on(tmp_path: Path) -> None:
     store = tmp_path / "flash"
     with start(slcan_tcp="0", store=store) as sim, connected(open_bus(sim.options()), 1) as device:
-        device.write("asmc.lambda", 150.0)
+        device.write("smc.lambda", 150.0)
         device.link.node.sdo.download(0x1010, 1, b"save")
-        device.write("asmc.lambda", 170.0)
+        device.write("smc.lambda", 170.0)
     with start(slcan_tcp="0", store=store) as sim, connected(open_bus(sim.options()), 1) as device:
-        assert device.read("asmc.lambda") == 150.0
+        assert device.read("smc.lambda") == 150.0
     with start(slcan_tcp="0") as sim, connected(open_bus(sim.options()), 1) as device:
-        assert device.read("asmc.lambda") == 200.0
+        assert device.read("smc.lambda") == 200.0
 
 
 def test_store_that_is_none_is_refused(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def kontur(*args: str) -> Result:
 def refuse_a_parameter(device: Device) -> None:
     """While an axis has power the drive warns of it for a second."""
     with device.enabled(), pytest.raises(DeviceError, match="refuses"):
-        device.write("asmc.k_0", 120.0)
+        device.write("smc.k_0", 120.0)
 
 
 def test_run_without_a_warning_tells_none() -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A drive: its objects and parameters by name, its state machine (CiA 402, both axes together), its errors.
 
-Names, units and ranges come from the EDS alone (docs/objects.md): `asmc.lambda`, `plant_x.mass`, `position_actual_y`.
+Names, units and ranges come from the EDS alone (docs/objects.md): `smc.lambda`, `plant_x.mass`, `position_actual_y`.
 """
 
 from __future__ import annotations
