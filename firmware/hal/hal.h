@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* hal.h: the hardware abstraction layer, which is what the hardware, real or simulated, offers the firmware.
  *
- * A port fills one `const struct hal`. Each function gets `ctx` as its first argument. No function blocks, except for
- * the flash.
+ * A port fills one `const struct hal`. Each function gets `ctx` as
+ * its first argument. No function blocks, except for the flash.
  *
  * Context: the servo tick calls drive_read and drive_write; the background loop calls the other functions.
  */
@@ -10,6 +10,11 @@
 #define KONTUR_HAL_H
 #include <stdbool.h>
 #include <stdint.h>
+
+/* Control periods (servo ticks) in a second: a multiple of 1000, chosen when the firmware is compiled. */
+#ifndef CONTROL_HZ
+#define CONTROL_HZ 10000u
+#endif
 
 enum { AXIS_X = 0, AXIS_Y = 1, AXES = 2 };
 
@@ -21,8 +26,8 @@ struct can_frame {
     uint8_t data[8];
 };
 
-/* Inputs of an axis. The limit switches have the bits that they have in 60FDh. A 1 means active, whatever the
- * wiring. */
+/* Inputs of an axis. The limit switches have the bits that
+ * they have in 60FDh. A 1 means active, whatever the wiring. */
 enum hal_input {
     HAL_LIMIT_MIN = 1, /* limit switch at the lower end */
     HAL_LIMIT_MAX = 2, /* limit switch at the upper end */
@@ -78,8 +83,8 @@ enum hal_reset {
     HAL_RESET_BROWN_OUT
 };
 
-/* The last crash since power-on: the registers of the processor (ARMv7-M) when it happened, and the number of
- * crashes. */
+/* The last crash since power-on: the registers of the processor
+ * (ARMv7-M) when it happened, and the number of crashes. */
 struct hal_crash {
     uint32_t pc, lr, psr, cfsr, hfsr, bfar, count;
 };

@@ -313,7 +313,7 @@ static void make_starts(void)
     for (unsigned i = 0; i < STARTS; i++) {
         struct rig_stream s = {.count = 400, .length_nm = 20e6};
         rig_start(&rig, &machine);
-        rig.plant.onchip_plant.substeps = 1; /* less true, but here only the firmware matters */
+        rig.plant.machine.substeps = 1; /* less true, but here only the firmware matters */
         rig.hal.can_send = can_send;
         rig_ms(&rig, 5);
         go_to((enum start)i, &s);

@@ -73,11 +73,6 @@ def test_unknown_code_is_told_as_such() -> None:
     [
         ("emcy = 0x8400", "emcy = 0x8611", "8611h is the code of another row"),
         ('reaction = "path stop"', 'reaction = "hope"', "reaction is one of"),
-        (
-            'cleared = "by the next save or restore of what could not be used (1010h, 1011h)"',
-            "",
-            "store: cleared says how a warning ends",
-        ),
         ('remedy = "move it back by hand"', "", "travel: .*remedy"),
         ("[fault.travel]", "[fault.Travel]", "Travel: a name is lower-case words"),
         ('remedy = "move it back by hand"', 'remedy = "m\u00f6ve"', "faults.toml: 'ascii' codec"),
