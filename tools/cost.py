@@ -20,7 +20,7 @@ import click
 import stack
 
 from kontur.cli.output import print_json, print_table
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.errors import InputError, KonturError, SimulatorError
 
 ROOT = Path(__file__).resolve().parents[1]

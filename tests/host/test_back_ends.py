@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kontur import machine
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.target import Target
 from kontur.experiments.circles import CASES, paper
 from kontur.path import programs

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from kontur.cli import main
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.runs import log
 
 CIRCLE = ("run", "circle", "--radius", "5", "--feed", "50")
@@ -202,7 +202,7 @@ def test_mistake_is_one_message_and_exit_code_1(
         ("jog", "--x", "nan"),
         ("jog", "--y", "inf"),
         ("jog", "--x", "1e12"),
-        ("jog", "--x", "1", "--for", "nan"),
+        ("jog", "--x", "1", "--duration", "nan"),
         ("home", "x", "--offset", "nan"),
         ("home", "x", "--offset", "-1e12"),
         ("param", "set", "smc.lambda"),

@@ -11,7 +11,7 @@ import cost
 import pytest
 import stack
 
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.errors import InputError
 
 BEFORE = {"m4-f32": {"ccu": {"mean": 1000, "worst": 2000}}, "image": {"stack": {"all": 1000}}}

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.errors import FileError
 from kontur.experiments.circles import CASES
 from kontur.experiments.estimator import BINS, LAG_M, PLANNED_SUFFIX, Cell, worst

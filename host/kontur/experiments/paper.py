@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kontur.drive.device import CONTROLLERS
-from kontur.drive.target import Target, connect
+from kontur.drive.controllers import CONTROLLERS
+from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, ParameterError
 from kontur.experiments import estimator
 from kontur.experiments.circles import CASES
@@ -26,7 +26,7 @@ from kontur.machine import Machine
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs.log import RunLog
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 
 NUMS = ("f32", "fix")
 
@@ -181,8 +181,8 @@ def measure(
     """Run everything; the result does not depend on the number of processors. Raises what plan() and run() raise, but
     for runs that end in a fault: their outcome says so.
     """
-    with connect(target) as device:
-        defaults, build, num = device.dump(), str(device.read("build_id")), str(device.read("num_backend"))
+    with open_drive(target) as device:
+        defaults, build, num = device.parameters.dump(), str(device.read("build_id")), str(device.read("num_backend"))
     logged = {Job(case, name) for case in cases for name in CONTROLLERS}
     logged |= {Job(case, v.controller, v.parameters) for case in cases for v in variants if v.name == MU_FROM_0}
     jobs = dict.fromkeys(_jobs(cases, variants, sensitivities, defaults))
@@ -240,8 +240,10 @@ def _outcome(job: Job, target: Target, keep_log: bool) -> Outcome:
             _trajectory(job.case, machine),
             job.controller,
             dataclasses.replace(target, machine=machine),
-            parameters=dict(job.parameters if job.learning else (*_NO_LEARNING, *job.parameters)),
-            score_from_s=from_s,
+            RunOptions(
+                parameters=dict(job.parameters if job.learning else (*_NO_LEARNING, *job.parameters)),
+                score_from_s=from_s,
+            ),
         )
     except (DeviceError, ParameterError) as error:
         return Outcome(fault=str(error))
