@@ -16,7 +16,7 @@ def check_folder(path: Path) -> None:
         raise FileError(path, f"there is no folder {path.parent}; make it, or give another one")
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Write `content` beside `path`, then put it in its place. Raises FileError."""
     part = path.parent / f"{path.name}.part"
     try:

@@ -11,7 +11,7 @@ from kontur.cli.options import KEY_VALUE, drive_of, parameter_values, target_opt
 from kontur.cli.output import print_json, print_table
 from kontur.drive import parameter_file
 from kontur.drive.target import Target
-from kontur.files import write_whole
+from kontur.files import write_atomically
 
 
 @click.group(name="param")
@@ -80,7 +80,7 @@ def dump_command(*, target: Target, file: Path | None) -> None:
     if file is None:
         click.echo(text, nl=False)
     else:
-        write_whole(file, text.encode())
+        write_atomically(file, text.encode())
 
 
 @command.command(name="load")

@@ -12,7 +12,7 @@ from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.stream import Operator
 from kontur.drive.target import Target
 from kontur.errors import FileError
-from kontur.files import write_whole
+from kontur.files import write_atomically
 from kontur.path import programs
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
@@ -51,5 +51,5 @@ def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float],
     progress("report", 0.0)
     write_report(out / "report.html", runs, command="make demo")
     figures = {str(one.meta["controller"]): summary(one) for one in runs}
-    write_whole(out / "summary.json", (json.dumps(figures, indent=2) + "\n").encode())
+    write_atomically(out / "summary.json", (json.dumps(figures, indent=2) + "\n").encode())
     return runs

@@ -11,7 +11,7 @@ import numpy as np
 
 from kontur.drive.scope import Capture, Signal
 from kontur.errors import FileError
-from kontur.files import write_whole
+from kontur.files import write_atomically
 from kontur.runs.log import Mf4Channel, mf4_bytes
 
 SUFFIXES = (".png", ".svg", ".csv", ".mf4")
@@ -23,13 +23,13 @@ def save(capture: Capture, path: Path) -> None:
     if suffix not in SUFFIXES:
         raise FileError(path, f"must end in {', '.join(SUFFIXES)}")
     if suffix == ".csv":
-        write_whole(path, csv_text(capture).encode())
+        write_atomically(path, csv_text(capture).encode())
     elif suffix == ".mf4":
-        write_whole(path, _mf4_bytes(capture))
+        write_atomically(path, _mf4_bytes(capture))
     else:
         from kontur.report.scope_figure import picture  # brings matplotlib along
 
-        write_whole(path, picture(capture, suffix[1:]))
+        write_atomically(path, picture(capture, suffix[1:]))
 
 
 def csv_text(capture: Capture) -> str:

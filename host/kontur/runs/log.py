@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.errors import FileError, LogError
-from kontur.files import write_whole
+from kontur.files import write_atomically
 
 if TYPE_CHECKING:
     from asammdf import MDF
@@ -131,7 +131,7 @@ def write(run: RunLog, path: str | Path) -> None:
     """Write CSV or MF4, by the suffix of `path`. Raises LogError: another suffix; FileError."""
     path = Path(path)
     content = _mf4_bytes(run) if _suffix(path) == ".mf4" else csv_text(run).encode()
-    write_whole(path, content)
+    write_atomically(path, content)
 
 
 def read(path: str | Path) -> RunLog:
