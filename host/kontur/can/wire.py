@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The integers of the wire and what they mean: the only place where the host scales them (docs/protocol.md).
+"""The integers of the wire and their units: the only place where the host scales them (docs/protocol.md).
 
-Everything works on whole arrays, so that a trajectory is packed and a log is unpacked at once.
+All functions work on arrays, so that a trajectory or the telemetry of a run is converted in one call.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def crc8(data: ArrayLike) -> NDArray[np.uint8]:
 
 
 def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int]) -> bytes:
-    """The knot frames (RPDO2) of a whole trajectory.
+    """The knot frames (RPDO2) of a trajectory.
 
     `knots_nm` (N, 2); `start_nm` is the position that knot 0 is a difference to. Returns N payloads of 8 bytes in one.
     Raises PathError when a step between knots does not fit into the 24 bits of the wire.
@@ -78,7 +78,7 @@ def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int]) -> bytes:
 
 
 def pack_controlwords(x: int, y: int) -> bytes:
-    """RPDO1."""
+    """The frame RPDO1."""
     return struct.pack("<HH", x, y)
 
 
@@ -92,7 +92,7 @@ class Status:
 
 
 def unpack_status(data: bytes) -> Status:
-    """TPDO1. Raises struct.error when `data` is not 8 bytes long."""
+    """Read a TPDO1. Raises struct.error when `data` is not 8 bytes long."""
     x, y, free, accepted = struct.unpack("<HHHH", data)
     return Status((x, y), free, accepted)
 
@@ -125,8 +125,8 @@ def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], st
     """Telemetry from frames in the order of their arrival.
 
     `function` (m,) COB-ID without node id, one of TELEMETRY; `payload` (m, 8); `start_nm` is any position within 8 mm
-    of the first one reported, to complete the 24 bits of the wire. Frames that came twice or out of order are put
-    right, those whose tick or position cannot be are taken for corrupted and left out.
+    of the first one reported, to complete the 24 bits of the wire. Frames that arrived twice or out of order are
+    put in order. Frames with an impossible tick or position are corrupted and left out.
     """
     dated = (function == TPDO2) | (function == TPDO3)
     wrong = np.zeros(len(function), dtype=bool)
