@@ -155,7 +155,10 @@ PART = "G21 G90 G1 X10 F600\nG1 Y10\n"
         (("run", "circle", "--feed", "50", "--set", "smc.lambda=1e9"), "out of range; it must be 1..2000 1/s"),
         (("run", "circle", "--feed", "50", "--machine", "nowhere.toml"), "nowhere.toml: cannot be read"),
         (("run", "circle", "--feed", "50", "--log", "a.txt"), "a.txt: must end in .csv or .mf4"),
-        (("run", "circle", "--feed", "50", "--log", "nowhere/a.csv"), "nowhere/a.csv: there is no folder"),
+        (
+            ("run", "circle", "--feed", "50", "--log", "nowhere/a.csv"),
+            "nowhere/a.csv: the folder nowhere does not exist",
+        ),
         (("run", "circle", "--feed", "50", "--report", "a.pdf"), "a.pdf: must end in .html"),
         (("scope", "--trigger", "e_n2>nan"), "trigger 'e_n2>nan': the level is out of range"),
         (("scope", "--trigger", "e_n2>1e30"), "trigger 'e_n2>1e30': the level is out of range"),

@@ -68,7 +68,7 @@ _BY_NUMBER = {signal.number: signal for signal in SIGNALS.values()}
 
 @dataclass(frozen=True)
 class Trigger:
-    """What the capture is around: 'now', 'fault', or `source` rising (>) or falling (<) through `level`, in its unit."""
+    """What the capture is around: 'now', 'fault', or `source` crossing (> up, < down) `level`, in its unit."""
 
     kind: str = "fault"
     source: str = ""

@@ -26,7 +26,7 @@ from kontur.runs.summary import summary
 def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float], None]) -> list[RunLog]:
     """Run `file` under every controller; writes `out`/report.html, summary.json and the logs as CSV and MF4.
 
-    `progress` is called with what is being done and the share of it, 0 to 1. Raises what plan(), run() and the writers
+    `progress` is called with the name of a step and its share done, 0 to 1. Raises what plan(), run() and the writers
     raise.
     """
     try:
