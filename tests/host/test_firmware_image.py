@@ -145,7 +145,7 @@ def test_time_passes_with_sync_alone_when_told_to(emulator: Emulator) -> None:
 def test_circle_runs_on_the_simulated_machine_of_the_image(name: str, usart: int, control_hz: int) -> None:
     image = IMAGE.with_name(f"{name}.elf")
     if not image.is_file():
-        pytest.skip(f"{image} is not there: make firmware-all")
+        pytest.skip(f"{image} is not there: make firmware")
     with start(image, usart) as emulator:
         assert talk(emulator, lambda device: device.info().control_hz) == control_hz
         assert_circle_runs(emulator, control_hz)

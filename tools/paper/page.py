@@ -252,7 +252,7 @@ def _length(nm: float) -> str:
 
 def _made(results: Results) -> Iterator[str]:
     yield "## How this page was made\n"
-    yield "- Command: `make paper`, which is `python tools/paper_page.py docs/paper.md`."
+    yield "- Command: `python tools/paper_page.py docs/paper.md`."
     yield f"- Machine: {results.target.machine.name} (`host/kontur/machines`), simulated; seed {results.target.seed}."
     yield f"- Numeric back end: {results.num}; the estimator's table: {', '.join(NUMS)}."
     yield f"- Firmware build: {results.build}\n"
