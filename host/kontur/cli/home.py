@@ -19,7 +19,7 @@ from kontur.drive.target import Target
 @click.option(
     "--method",
     type=click.Choice(list(single_axis.METHODS)),
-    help="What defines the home point: a limit switch at the negative or positive end, an index pulse, or the position. "
+    help="What defines the home point: limit switch at the negative or positive end, an index pulse, or the position. "
     "Default: the drive's homing_method.",
 )
 @click.option("--offset", type=NumberRange(-2000, 2000), metavar="MM",

@@ -8,19 +8,18 @@ scope for faults again.
 
 from __future__ import annotations
 
-import json
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kontur.can import emcy
+from kontur.can import emcy, signals
+from kontur.can.signals import Signal
 from kontur.drive.device import Device
 from kontur.drive.objects import refused_in_this_state
 from kontur.errors import DeviceError, ParameterError
@@ -28,7 +27,7 @@ from kontur.errors import DeviceError, ParameterError
 Floats = NDArray[np.float64]
 
 CHANNELS = 8
-DEFAULT_SIGNALS = ("e_n2", "force_x", "force_y")
+DEFAULT_SIGNALS = ("contour_error", "force_x", "force_y")
 OFF, WAITING, TRIGGERED, DONE = range(4)
 
 _ARM, _DEFAULTS = 1, 2
@@ -40,29 +39,9 @@ _VERSION, _HEADER = 1, struct.Struct("<BBHIIIII8s")
 _LEVEL = re.compile(r"\s*(\w+)\s*([<>])\s*([^<>\s]+)\s*")
 
 
-@dataclass(frozen=True)
-class Signal:
-    """A signal by its number in `scope_channels`; one count on the wire is `factor` `unit`s."""
+SIGNALS = {signal.name: signal for signal in signals.SIGNALS if signal.number is not None}
+"""The signals that the scope can record, by name."""
 
-    number: int
-    name: str
-    unit: str
-    factor: float
-    description: str
-
-    @property
-    def column(self) -> str:
-        """The name of its column in a file: name and unit."""
-        unit = self.unit.replace("/", "_per_")
-        return f"{self.name}_{unit}" if unit else self.name
-
-
-_ROWS = json.loads((Path(__file__).parents[1] / "signals.json").read_text("ascii"))
-SIGNALS = {
-    row["name"]: Signal(row["number"], row["name"], row["unit"], row["factor"], row["description"])
-    for row in _ROWS
-    if "number" in row
-}
 _BY_NUMBER = {signal.number: signal for signal in SIGNALS.values()}
 
 
@@ -94,7 +73,7 @@ def trigger(text: str) -> Trigger:
             )
     except ValueError:
         pass
-    raise ParameterError(f"trigger {text!r}: it is now, fault, NAME>LEVEL or NAME<LEVEL, e.g. 'e_n2>5'")
+    raise ParameterError(f"trigger {text!r}: it is now, fault, NAME>LEVEL or NAME<LEVEL, e.g. 'contour_error>5'")
 
 
 @dataclass(frozen=True)
@@ -158,14 +137,14 @@ def arm(device: Device, setup: Setup) -> None:
     kind = {"now": _NOW, "fault": _FAULT, ">": _RISING, "<": _FALLING}[setup.trigger.kind]
     with _unless_fault_held():
         for i in range(CHANNELS):
-            number = _signal(setup.signals[i]).number if i < len(setup.signals) else 0
+            number = _number(setup.signals[i]) if i < len(setup.signals) else 0
             device.write(f"scope_channels.entry_{i + 1}", number)
         device.write("scope.interval", interval_us)
         device.write("scope.pre", setup.pre)
         device.write("scope.trigger", kind)
         if setup.trigger.source:
             source = _signal(setup.trigger.source)
-            device.write("scope.source", source.number)
+            device.write("scope.source", _number(source.name))
             device.write("scope.level", setup.trigger.level / source.factor)
         device.write("scope.command", _ARM)
 
@@ -241,6 +220,12 @@ def _signal(name: str) -> Signal:
     if name not in SIGNALS:
         raise ParameterError(_unknown(name))
     return SIGNALS[name]
+
+
+def _number(name: str) -> int:
+    number = _signal(name).number
+    assert number is not None  # SIGNALS has no other
+    return number
 
 
 def _unknown(name: str, known: Sequence[str] = tuple(SIGNALS)) -> str:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from kontur.drive.scope import Capture, Signal
+from kontur.can.signals import Signal
+from kontur.drive.scope import Capture
 from kontur.errors import FileError
 from kontur.files import write_atomically
 from kontur.runs.log import Mf4Channel, mf4_bytes
@@ -35,7 +36,7 @@ def save(capture: Capture, path: Path) -> None:
 def csv_text(capture: Capture) -> str:
     """`# key: JSON` lines, a header row, one row a frame; time from the trigger."""
     head = ["# kontur scope 1", *(f"# {key}: {json.dumps(value)}" for key, value in _meta(capture).items())]
-    head.append(",".join(["period", "time_s", *(signal.column for signal in capture.signals)]))
+    head.append(",".join(["period", "time_s", *(signal.column_name for signal in capture.signals)]))
     period = capture.first_period + capture.periods * np.arange(len(capture.values))
     formats = ["%d", "%.6f", *(_number_format(signal) for signal in capture.signals)]
     out = io.StringIO()

@@ -85,7 +85,7 @@ class Entry:
     @property
     def error_um(self) -> Array:
         """True contour error, or the drive's estimate where the truth is not known."""
-        return self.log.columns["contour_um" if self.summary.truth else "e_n2_um"]
+        return self.log.columns["true_contour_error_um" if self.summary.truth else "contour_error_um"]
 
 
 def looks(controllers: Sequence[str]) -> list[tuple[str, str]]:
@@ -256,8 +256,8 @@ def forces(entries: Sequence[Entry]) -> Figure | None:
 def gains(entries: Sequence[Entry]) -> Figure | None:
     """Adaptive gains over time, of the controllers that use them. None: of no run here."""
     quantities = (
-        ("k_{}_per_s", "contouring gain k̂, 1/s", ("track", "cc", "ccu")),
-        ("mu_{}_mps2", "uncertainty gain µ, m/s²", ("ccu",)),
+        ("adaptive_gain_{}_per_s", "adaptive gain k̂, 1/s", ("track", "cc", "ccu")),
+        ("switching_gain_{}_mps2", "switching gain µ, m/s²", ("ccu",)),
     )
     shown = []
     for name, text, users in quantities:

@@ -217,7 +217,7 @@ def _name_cell(entry: Entry, best: bool) -> str:
 _NOTES = {
     "truth": "The true error is the distance of the simulated machine's true position to the programmed path, which "
     "neither the encoder nor the drive sees.",
-    "estimate": "There is no truth on a real drive: the error is the drive's own estimate e_n2 from its encoders, "
+    "estimate": "There is no truth on a real drive: the error is the drive's own estimate from its encoders, "
     "which does not see what the encoders do not see.",
     "mixed": "True errors and the drive's own estimates stand side by side here; the latter are marked and do not "
     "see what the encoders do not see.",

@@ -52,13 +52,15 @@ def summarise(run: RunLog) -> Summary:
     Without truth they are of the drive's own estimate. Raises LogError: no row with a known error.
     """
     columns, meta = run.columns, run.meta
-    error = columns["contour_um" if run.has_truth else "e_n2_um"]
-    along = columns.get("tangential_um", columns["e_n1_um"]) if run.has_truth else columns["e_n1_um"]
+    error = columns["true_contour_error_um" if run.has_truth else "contour_error_um"]
+    along = columns["tangential_error_um"]
+    if run.has_truth:
+        along = columns.get("true_tangential_error_um", along)
     known = np.flatnonzero(np.isfinite(error))
     if not known.size:
         raise LogError(f"{meta['program']}, {meta['controller']}: no row of the log has a contour error")
     worst = known[np.argmax(np.abs(error[known]))]
-    x, y = (_at(columns.get(f"reference_{axis}_mm", columns.get(f"{axis}_mm")), worst) for axis in "xy")
+    x, y = (_at(columns.get(f"reference_{axis}_mm", columns.get(f"position_{axis}_mm")), worst) for axis in "xy")
     score: dict[str, Any] = {
         "mean_um": float(np.mean(np.abs(error[known]))),
         "rms_um": float(np.sqrt(np.mean(error[known] ** 2))),
