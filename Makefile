@@ -31,7 +31,7 @@ NO_FLOAT := -mgeneral-regs-only
 # The control core and the servo tick for a microcontroller: optimised as a whole. What is left out moves values that the few
 # registers cannot hold: 3 % of the tick's instructions; and makes one function of equal ones, which the call graph would not know.
 TICK_FLAGS := -O3 -flto=auto -fno-if-conversion -fno-gcse -fno-ipa-icf
-TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/,drive/servo_loop.c motion/path_clock.c onchip/onchip_plant.c) \
+TICK_SOURCES := $(wildcard firmware/core/*.c) $(addprefix firmware/,drive/encoder.c drive/servo_loop.c drive/telemetry.c motion/path_clock.c onchip/onchip_plant.c) \
 	$(addprefix firmware/port/stm32f405/,encoder.c inputs.c output.c)
 
 GENERATED := build/gen/od/od_gen.c build/gen/scope/signal_gen.c build/gen/supervision/fault_gen.c
@@ -155,9 +155,9 @@ build/gen/od/od_gen.c: firmware/od/objects.toml tools/source.py tools/objects.py
 	@echo "  GEN objects.toml"
 	$(Q)$(PY) tools/generate_objects.py build/gen/od --eds host/kontur/kontur.eds --dbc host/kontur/kontur.dbc --docs docs/objects.md
 
-build/gen/scope/signal_gen.c: firmware/scope/signals.toml tools/generate_signals.py | $(VENV)/stamp
+build/gen/scope/signal_gen.c: firmware/scope/signals.toml firmware/od/objects.toml tools/objects.py tools/generate_signals.py | $(VENV)/stamp
 	@echo "  GEN signals.toml"
-	$(Q)$(PY) tools/generate_signals.py build/gen/scope --docs docs/signals.md --json host/kontur/signals.json
+	$(Q)$(PY) tools/generate_signals.py build/gen --docs docs/signals.md --json host/kontur/signals.json
 
 build/gen/supervision/fault_gen.c: firmware/supervision/faults.toml tools/source.py tools/generate_faults.py | $(VENV)/stamp
 	@echo "  GEN faults.toml"
@@ -166,6 +166,7 @@ build/gen/supervision/fault_gen.c: firmware/supervision/faults.toml tools/source
 # Made by the same commands; without this rule make would not see in the same run that it has changed.
 $(GENERATED:.c=.h): %.h: %.c ;
 build/gen/supervision/fault_rows.h: build/gen/supervision/fault_gen.c ;
+build/gen/supervision/snapshot_gen.h build/gen/drive/telemetry_gen.h: build/gen/scope/signal_gen.c ;
 
 # The build id is compiled into one file, again when it has changed.
 build/build_id: FORCE

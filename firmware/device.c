@@ -12,71 +12,13 @@
 
 enum { MOST_BEHIND_MS = 5000 }; /* more than writing the flash takes */
 
-static int32_t clamp(int32_t x, int32_t lo, int32_t hi)
-{
-    return x < lo ? lo : x > hi ? hi : x;
-}
-
-static int32_t int24(int32_t x)
-{
-    return clamp(x, -0x800000, 0x7FFFFF);
-}
-
-/* The low 24 bits, as a signed number */
-static int32_t low24(int32_t x)
-{
-    return (int32_t)(((uint32_t)x + 0x800000u) & 0xFFFFFFu) - 0x800000;
-}
-
-static uint32_t mean_pm(const struct contour_statistics *error)
-{
-    const uint64_t pm = error->sum_nm * 1000u / error->samples;
-    return pm > UINT32_MAX ? UINT32_MAX : (uint32_t)pm;
-}
-
-/* 60FDh: the limit switches from bit 0, what is ours from bit 16 */
-static uint32_t digital_inputs(uint8_t inputs)
-{
-    return (inputs & 0x0Fu) | (uint32_t)(inputs >> 4) << 16;
-}
-
 static void report(struct device *device, const struct servo_snapshot *s)
 {
     struct od_data *od = &device->od;
-    struct od_telemetry *t = &od->telemetry;
-    const struct knot position = drive_position(&device->drive);
-    const int64_t energy = (int64_t)s->energy_mJ[0] + s->energy_mJ[1];
-
-    od->clock.tick = s->ms;
-    od->controller.active = s->controller;
-    od->stream.rate = (uint16_t)s->path_rate_permille;
-    const struct contour_statistics *error = &s->contour_statistics;
-    od->path_error.samples = error->samples;
-    od->path_error.max = error->max_nm;
-    od->path_error.mean = error->samples == 0 ? 0u : mean_pm(error);
-    od->energy.x = (uint32_t)clamp(s->energy_mJ[0], 0, INT32_MAX);
-    od->energy.y = (uint32_t)clamp(s->energy_mJ[1], 0, INT32_MAX);
+    telemetry_report(od, s, drive_position(&device->drive).nm);
     for (int i = 0; i < 2; i++) {
-        od->axis[i].position_actual = position.nm[i];
-        od->axis[i].velocity_actual = s->velocity_umps[i];
-        od->axis[i].following_error = s->following_error_nm[i];
-        od->axis[i].feedforward_state.friction = s->feedforward_friction_mN[i];
-        od->axis[i].feedforward_state.mass = s->feedforward_mass_g[i];
-        od->axis[i].digital_inputs = digital_inputs(s->inputs[i]);
         od->axis[i].ip_buffer.position = (uint16_t)(od->stream.accepted - od->stream.executed);
     }
-    t->tick = (uint16_t)s->ms;
-    t->e_n1 = int24(s->tangential_error_nm);
-    t->e_n2 = int24(s->contour_error_nm);
-    t->position_x = low24(position.nm[0]);
-    t->position_y = low24(position.nm[1]);
-    t->force_x = (int16_t)clamp(s->force_dN[0], INT16_MIN, INT16_MAX);
-    t->force_y = (int16_t)clamp(s->force_dN[1], INT16_MIN, INT16_MAX);
-    t->k_1 = (uint16_t)clamp(s->adaptive_gain_per_10s[0], 0, UINT16_MAX);
-    t->k_2 = (uint16_t)clamp(s->adaptive_gain_per_10s[1], 0, UINT16_MAX);
-    t->mu_1 = (uint16_t)clamp(s->switching_gain_mmps2[0], 0, UINT16_MAX);
-    t->mu_2 = (uint16_t)clamp(s->switching_gain_mmps2[1], 0, UINT16_MAX);
-    t->energy = energy < 0 ? 0 : (uint32_t)energy;
 }
 
 _Static_assert(FAULTS + CO_ERRORS_OF_NODE <= CO_ERRORS, "an error that has no room is not told");

@@ -216,9 +216,9 @@ static void record_truth(ks *s)
     struct ks_truth *row = &s->truth[s->truth_count++];
     const struct servo_loop *loop = &s->device.drive.loop;
     for (int i = 0; i < 2; i++) {
-        if (loop->simulated) {
-            row->pos_m[i] = (double)loop->onchip_plant.axis[i].pos * 0x1p-32 * s->plant.machine.encoder_m[i];
-            row->vel_mps[i] = (double)n_to_q32(loop->onchip_plant.axis[i].vel) * 0x1p-32 * 2e-4; /* um/T0 */
+        if (servo_loop_simulated(loop)) {
+            row->pos_m[i] = (double)loop->onchip.plant.axis[i].pos * 0x1p-32 * s->plant.machine.encoder_m[i];
+            row->vel_mps[i] = (double)n_to_q32(loop->onchip.plant.axis[i].vel) * 0x1p-32 * 2e-4; /* um/T0 */
             continue;
         }
         row->pos_m[i] = s->plant.pos_m[i];
@@ -240,8 +240,8 @@ static void period(ks *s)
         struct ks_truth *row = &s->truth[s->truth_count - 1];
         memcpy(row->force_N, s->force_N, sizeof row->force_N);
         memcpy(row->friction_N, s->plant.friction_N, sizeof row->friction_N);
-        for (int i = 0; s->device.drive.loop.simulated && i < 2; i++) {
-            row->force_N[i] = (double)n_to_q32(s->device.drive.loop.onchip_plant.axis[i].force) * 0x1p-32;
+        for (int i = 0; servo_loop_simulated(&s->device.drive.loop) && i < 2; i++) {
+            row->force_N[i] = (double)n_to_q32(s->device.drive.loop.onchip.plant.axis[i].force) * 0x1p-32;
             row->friction_N[i] = 0.0; /* this model does not output its friction */
         }
     }

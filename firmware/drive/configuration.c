@@ -157,6 +157,6 @@ struct onchip_plant_cfg configuration_onchip_plant(const struct od_data *od)
                   .noise = milli(m->noise_y),
                   .start = counts(m->start_y, length[1])}},
     };
-    machine_design(&cfg);
+    onchip_plant_design(&cfg);
     return cfg;
 }

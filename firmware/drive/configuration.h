@@ -3,13 +3,9 @@
 #ifndef KONTUR_PARAMS_H
 #define KONTUR_PARAMS_H
 #include "core/servo.h"
+#include "hal/hal.h"
 #include "od/od.h"
 #include "onchip/onchip_plant.h"
-
-/* Servo ticks a second: a multiple of 1000, chosen when the firmware is compiled. */
-#ifndef CONTROL_HZ
-#define CONTROL_HZ 10000u
-#endif
 
 /* Whether parameters fit together, each within the dictionary's range: k_bar e_max <= 4, k_0 <= k_max, mu_0 <= mu_max,
  * 607Dh min <= max, and viscous friction of the simulated machine that does not stop it within a control period. */

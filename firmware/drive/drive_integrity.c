@@ -95,7 +95,7 @@ static bool command_intact(const struct drive *d)
                   atomic_load(&c->configured) == d->configured && atomic_load(&c->begin) == d->begun;
     for (int i = 0; i < 2; i++) {
         intact = intact && atomic_load(&c->powered[i]) == (d->powered[i] ? SERVO_LOOP_ON : SERVO_LOOP_OFF) &&
-                 (!d->powered[i] || d->loop.simulated == in_use(d)->onchip_plant.simulated);
+                 (!d->powered[i] || servo_loop_simulated(&d->loop) == in_use(d)->onchip_plant.simulated);
     }
     return intact;
 }

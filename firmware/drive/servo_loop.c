@@ -5,12 +5,12 @@
 
 #define TICKS_PER_MS (CONTROL_HZ / 1000u)
 
-/* The tick interrupts the background on the same core (or both run in one thread): its own loads and stores need no
- * barrier, and the fences in servo_loop_tick() keep the compiler from moving them out of it. */
+/* The tick interrupts the background on the same core, or both run in one thread. So its own loads and stores need no
+ * barrier: the fences in servo_loop_tick() keep the compiler from moving them out of it. */
 #define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
 #define STORE(x, value) atomic_store_explicit(&(x), value, memory_order_relaxed)
 
-/* What a period seldom has to do is kept out of the way of what it always does. */
+/* What a period has to do seldom is a function of its own, so that it costs the usual period nothing. */
 #define SELDOM __attribute__((noinline, cold))
 
 SELDOM void servo_loop_raise(struct servo_loop *loop, enum fault f)
@@ -20,67 +20,12 @@ SELDOM void servo_loop_raise(struct servo_loop *loop, enum fault f)
     }
 }
 
-/* The machine at the connector, or the simulated one, which leaves the outputs off. */
-static inline void read_machine(const struct servo_loop *loop, struct hal_drive_in *in)
-{
-    loop->hal->drive_read(loop->hal->ctx, in);
-    if (loop->simulated) {
-        onchip_plant_read(&loop->onchip_plant, in);
-    }
-}
-
-SELDOM static void write_simulated(struct servo_loop *loop, const struct hal_drive_out *out)
-{
-    static const struct hal_drive_out off;
-    loop->hal->drive_write(loop->hal->ctx, &off);
-    onchip_plant_step(&loop->use->onchip_plant, &loop->onchip_plant, out);
-}
-
-static inline void write_machine(struct servo_loop *loop, const struct hal_drive_out *out)
-{
-    if (loop->simulated) {
-        write_simulated(loop, out);
-    } else {
-        loop->hal->drive_write(loop->hal->ctx, out);
-    }
-}
-
-/* Encoder counts since power-on to positions; the counter wraps, the position does not. What a count adds is kept to
- * 2^-48 nm, so that no error adds up. */
-static inline void measure(struct servo_loop *loop, const struct hal_drive_in *in, pos_t measured[2])
-{
-    for (int i = 0; i < 2; i++) {
-        struct servo_loop_encoder *e = &loop->encoder[i];
-        const int32_t moved = (int32_t)((uint32_t)in->count[i] - (uint32_t)e->last);
-        const int64_t rest = (int64_t)moved * e->length_rest + (int64_t)e->rest;
-        e->last = in->count[i];
-        e->moved = moved;
-        e->rest = (uint32_t)rest;
-        e->pos += (int64_t)moved * (int64_t)e->length + (rest >> 32);
-        e->count += moved;
-        measured[i] = e->pos;
-    }
-}
-
-/* One count is `length` 10 fm: times 65536 / 100000 = 2048 / 3125. Both parts of the position follow from the count. */
-static void scale_encoder(struct servo_loop_encoder *e, uint32_t length)
-{
-    const uint64_t x = (uint64_t)length * 2048u;
-    const uint32_t part = (uint32_t)((x % 3125u << 32) / 3125u);
-    e->length = (uint32_t)(x / 3125u) + (part >> 31);
-    e->length_rest = (int32_t)part;
-    const int64_t low = (e->count & 0xFFFF) * (int64_t)e->length_rest;
-    const int64_t high = (e->count >> 16) * (int64_t)e->length_rest + (low >> 16);
-    e->pos = e->count * (int64_t)e->length + (high >> 16);
-    e->rest = (uint32_t)((uint64_t)high << 16) | ((uint32_t)low & 0xFFFFu);
-}
-
-/* sigma that the path may run at: a quotient only when it changes */
+/* The rate of path time that is wanted. The division takes place only when it has changed. */
 static num wanted_rate(struct servo_loop *loop)
 {
     const uint16_t permille = LOAD(loop->command.rate);
-    if (permille != loop->permille) {
-        loop->permille = permille;
+    if (permille != loop->rate_permille) {
+        loop->rate_permille = permille;
         loop->rate = n_ratio(permille, 1000);
     }
     return loop->rate;
@@ -88,7 +33,7 @@ static num wanted_rate(struct servo_loop *loop)
 
 static const path_time_t STEP = PATH_ONE / TICKS_PER_MS;
 
-/* Path time that begins, stands, or changes its rate. */
+/* The general case of path time: it starts, stands, or changes its rate. */
 __attribute__((noinline)) static void change_path(struct servo_loop *loop, const struct servo_loop_cfg *cfg,
                                                   bool complete, bool run)
 {
@@ -96,7 +41,7 @@ __attribute__((noinline)) static void change_path(struct servo_loop *loop, const
     if (begin != LOAD(loop->begun)) {
         path_clock_reset(&loop->path);
         loop->servo.spline_cache = (struct spline_cache){0};
-        loop->error = (struct contour_statistics){0};
+        loop->contour_statistics = (struct contour_statistics){0};
     }
     const struct path_clock_in in = {
         .complete = complete,
@@ -119,10 +64,10 @@ __attribute__((noinline)) static void change_path(struct servo_loop *loop, const
     STORE(loop->begun, begin);
 }
 
-/* Keeps `standing`, `at_end`, `executed` up to date. */
-static inline void follow_path(struct servo_loop *loop, const struct servo_loop_cfg *cfg)
+/* One control period of path time, with the flags `standing`, `at_end`, `starved` and `executed`. */
+static inline void step_path(struct servo_loop *loop, const struct servo_loop_cfg *cfg)
 {
-    /* `complete` is read before the count: a stream that completes in between counts as not complete yet */
+    /* `complete` is read before the count, so that a count read too early never counts as the whole stream. */
     const bool complete = LOAD(loop->command.complete);
     const bool run = LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0;
     const bool on = run && LOAD(loop->command.rate) == 1000u && LOAD(loop->command.begin) == LOAD(loop->begun);
@@ -133,7 +78,7 @@ static inline void follow_path(struct servo_loop *loop, const struct servo_loop_
     }
 }
 
-SELDOM static void watch_inputs(struct servo_loop *loop, unsigned inputs)
+SELDOM static void supervise_inputs(struct servo_loop *loop, unsigned inputs)
 {
     if ((inputs & HAL_AMPLIFIER_FAULT) != 0) {
         servo_loop_raise(loop, FAULT_AMPLIFIER);
@@ -146,48 +91,43 @@ SELDOM static void watch_inputs(struct servo_loop *loop, unsigned inputs)
     }
 }
 
-/* Whatever in the law is no number, the velocity or what was left of the force is none either. */
+/* A value in the law that is no finite number makes the velocity or the model's force such a one, too. */
 static bool finite(const struct servo_loop *loop, const struct servo_out *out)
 {
     const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
-    const vec2 nought = v2_add(v2_sub(out->velocity, out->velocity), v2_sub(model, model));
-    return n_finite(n_add(nought.x, nought.y));
-}
-
-static inline bool jumps(const struct servo_loop *loop, const struct servo_loop_cfg *cfg, int i)
-{
-    return (uint32_t)loop->encoder[i].moved + cfg->jump_counts[i] > 2u * cfg->jump_counts[i];
+    const vec2 zero = v2_add(v2_sub(out->velocity, out->velocity), v2_sub(model, model));
+    return n_finite(n_add(zero.x, zero.y));
 }
 
 static void supervise_axis(struct servo_loop *loop, const struct servo_loop_cfg *cfg, int i, num e_w, num speed)
 {
-    if (jumps(loop, cfg, i)) {
+    if (encoder_jumped(&loop->encoder[i], cfg->jump_counts[i])) {
         servo_loop_raise(loop, FAULT_ENCODER_JUMP);
     }
     if (!n_lt(n_abs(speed), cfg->speed_max)) {
         servo_loop_raise(loop, FAULT_OVERSPEED);
     }
     if (!n_lt(cfg->following_max[i], n_abs(e_w))) {
-        loop->late[i] = 0;
+        loop->following_ticks[i] = 0;
         return;
     }
-    if (++loop->late[i] > cfg->following_ticks[i]) {
+    if (++loop->following_ticks[i] > cfg->following_ticks[i]) {
         servo_loop_raise(loop, FAULT_FOLLOWING);
     }
-    /* further out than the soft limits and than its reference, which may come back from there: lost */
+    /* The axis is beyond a position limit by more than the following error may be, and moves out from its reference. */
     const pos_t user = loop->servo.observer[i].pos + pos_from_nm(LOAD(loop->command.origin_nm[i]));
     if (n_lt(e_w, NUM(0)) ? user < loop->lowest[i] : user > loop->highest[i]) {
         servo_loop_raise(loop, FAULT_TRAVEL);
     }
 }
 
-SELDOM static void look_closer(struct servo_loop *loop, const struct servo_loop_cfg *cfg, unsigned inputs,
-                               const bool powered[2], const struct servo_out *out)
+SELDOM static void supervise_in_detail(struct servo_loop *loop, const struct servo_loop_cfg *cfg, unsigned inputs,
+                                       const bool powered[2], const struct servo_out *out)
 {
-    watch_inputs(loop, inputs);
+    supervise_inputs(loop, inputs);
     if (!finite(loop, out)) {
         servo_loop_raise(loop, FAULT_LAW);
-        loop->configured = UINT32_MAX; /* what is no number stays so: the next tick starts anew */
+        loop->configured = UINT32_MAX; /* The state has to be reset: the next tick takes the configuration over anew. */
         return;
     }
     const num e_w[2] = {out->contour.e_w.x, out->contour.e_w.y};
@@ -196,12 +136,12 @@ SELDOM static void look_closer(struct servo_loop *loop, const struct servo_loop_
         if (powered[i]) {
             supervise_axis(loop, cfg, i, e_w[i], speed[i]);
         } else {
-            loop->late[i] = 0;
+            loop->following_ticks[i] = 0;
         }
     }
 }
 
-/* Mostly nothing is wrong with either axis, powered or not: then nothing more is to be found out. */
+/* The usual period: nothing is wrong with an axis, with or without power, and one condition finds that out. */
 static inline void supervise(struct servo_loop *loop, const struct servo_loop_cfg *cfg, const struct hal_drive_in *in,
                              const bool powered[2], const struct servo_out *out)
 {
@@ -209,110 +149,31 @@ static inline void supervise(struct servo_loop *loop, const struct servo_loop_cf
     const vec2 v = out->velocity;
     const vec2 e_w = out->contour.e_w;
     const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
-    if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) == 0 && !jumps(loop, cfg, 0) &&
-        !jumps(loop, cfg, 1) && n_lt(n_abs(v.x), cfg->speed_max) && n_lt(n_abs(v.y), cfg->speed_max) &&
-        !n_lt(cfg->following_max[0], n_abs(e_w.x)) && !n_lt(cfg->following_max[1], n_abs(e_w.y)) &&
+    if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) == 0 &&
+        !encoder_jumped(&loop->encoder[0], cfg->jump_counts[0]) &&
+        !encoder_jumped(&loop->encoder[1], cfg->jump_counts[1]) && n_lt(n_abs(v.x), cfg->speed_max) &&
+        n_lt(n_abs(v.y), cfg->speed_max) && !n_lt(cfg->following_max[0], n_abs(e_w.x)) &&
+        !n_lt(cfg->following_max[1], n_abs(e_w.y)) &&
         n_finite(n_add(n_sub(model.x, model.x), n_sub(model.y, model.y)))) {
-        loop->late[0] = loop->late[1] = 0;
+        loop->following_ticks[0] = loop->following_ticks[1] = 0;
     } else {
-        look_closer(loop, cfg, inputs, powered, out);
+        supervise_in_detail(loop, cfg, inputs, powered, out);
     }
 }
 
-/* Where the encoder was at a limit switch's edge: to a control period, however late the background is */
-SELDOM static void watch_switches(struct servo_loop *loop, const struct hal_drive_in *in, const pos_t measured[2])
+/* The position at the edge of a limit switch, exact to a control period however late the background is. */
+SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_in *in, const pos_t measured[2])
 {
     for (int i = 0; i < 2; i++) {
         if (((in->inputs[i] ^ loop->inputs[i]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0) {
-            loop->edge_nm[i] = pos_to_nm(measured[i]);
+            loop->encoder[i].edge_nm = pos_to_nm(measured[i]);
         }
         loop->inputs[i] = in->inputs[i];
     }
 }
 
-static void add_error(struct contour_statistics *error, int32_t e_n2_nm)
-{
-    const uint32_t size = e_n2_nm < 0 ? 0u - (uint32_t)e_n2_nm : (uint32_t)e_n2_nm;
-    error->sum_nm += size;
-    error->max_nm = size > error->max_nm ? size : error->max_nm;
-    error->samples++;
-}
-
-/* Of a record, what moves slowly: in another period than the rest, so that none has to do it all. */
-__attribute__((noinline)) static void record_slow(struct servo_loop *loop, const struct hal_drive_in *in,
-                                                  struct servo_loop_record *r)
-{
-    for (int i = 0; i < 2; i++) {
-        r->energy_mJ[i] = loop->servo.energy[i].mJ;
-        r->friction[i] = acc_to(loop->servo.feedforward.friction[i]);
-        r->mass[i] = acc_to(loop->servo.feedforward.mass[i]);
-        r->measured[i] = loop->encoder[i].pos;
-        r->since_index[i] = (int32_t)((uint32_t)in->count[i] - (uint32_t)in->index_count[i]);
-        r->index_pulses[i] = in->index_pulses[i];
-        r->inputs[i] = in->inputs[i];
-        r->edge_nm[i] = loop->edge_nm[i];
-        r->count[i] = in->count[i];
-    }
-}
-
-/* The rest, beside what servo_step() has put there. To scale it for the wire is the background's. */
-__attribute__((noinline)) static void publish(struct servo_loop *loop, struct servo_loop_record *r,
-                                              enum controller controller)
-{
-    const uint32_t n = LOAD(loop->published) + 1u;
-    r->ms = n;
-    for (int i = 0; i < 2; i++) {
-        r->position[i] = loop->servo.observer[i].pos;
-    }
-    if (!LOAD(loop->standing)) {
-        add_error(&loop->error, n_to_scaled(r->out.contour.e_n.y, 1000));
-    }
-    r->error = loop->error;
-    r->rate = loop->path.at.rate;
-    r->controller = (uint8_t)controller;
-    loop->next = &loop->record[(n + 1u) % SERVO_LOOP_RECORDS];
-    atomic_signal_fence(memory_order_release);
-    STORE(loop->published, n);
-}
-
-static void scale(struct servo_loop *loop, const struct servo_loop_record *r)
-{
-    struct servo_snapshot *s = &loop->snapshot;
-    const struct servo_out *o = &r->out;
-    const num v[2] = {o->velocity.x, o->velocity.y};
-    const num e_w[2] = {o->contour.e_w.x, o->contour.e_w.y};
-    const num force[2] = {o->force.x, o->force.y};
-    const num k_hat[2] = {o->smc.k_hat.x, o->smc.k_hat.y};
-    const num mu[2] = {o->compensator.mu.x, o->compensator.mu.y};
-    s->ms = r->ms;
-    s->tangential_error_nm = n_to_scaled(o->contour.e_n.x, 1000);
-    s->contour_error_nm = n_to_scaled(o->contour.e_n.y, 1000);
-    for (int i = 0; i < 2; i++) {
-        s->position_nm[i] = pos_to_nm(r->position[i]);
-        s->reference_nm[i] = pos_to_nm(pos_add(r->position[i], n_neg(e_w[i])));
-        s->velocity_umps[i] = n_to_scaled(v[i], 200);
-        s->following_error_nm[i] = n_to_scaled(e_w[i], 1000);
-        s->force_dN[i] = n_to_scaled(force[i], 10);
-        s->adaptive_gain_per_10s[i] = n_to_scaled(k_hat[i], 2000);
-        s->switching_gain_mmps2[i] = n_to_scaled(mu[i], 40);
-        s->energy_mJ[i] = r->energy_mJ[i];
-        s->feedforward_friction_mN[i] = n_to_scaled(r->friction[i], 1000);
-        s->feedforward_mass_g[i] = n_to_scaled(r->mass[i], 25000);
-        const struct servo_loop_encoder *e = &loop->encoder[i];
-        const int64_t since_index = r->since_index[i];
-        s->index_nm[i] = pos_to_nm(r->measured[i] - since_index * (int64_t)e->length -
-                                   (since_index * (int64_t)e->length_rest >> 32));
-        s->index_pulses[i] = r->index_pulses[i];
-        s->inputs[i] = r->inputs[i];
-        s->edge_nm[i] = r->edge_nm[i];
-        s->encoder_count[i] = r->count[i];
-    }
-    s->contour_statistics = r->error;
-    s->path_rate_permille = n_to_scaled(r->rate, 1000);
-    s->controller = r->controller;
-}
-
-/* Where an axis has power one of the two numbers has changed by itself; but in the first tick, and after FAULT_LAW. */
+/* The background changes the number of the configuration without power only. With power one of the two numbers has
+ * flipped a bit, but for the first tick and the one after FAULT_LAW. */
 SELDOM static bool may_configure(struct servo_loop *loop)
 {
     const bool powered =
@@ -324,48 +185,42 @@ SELDOM static bool may_configure(struct servo_loop *loop)
     return true;
 }
 
-/* A configuration is taken over, which happens without power only: the machine's part before it is read, */
-SELDOM static void configure_machine(struct servo_loop *loop, uint32_t configured)
+/* A configuration takes effect, first of all for what is read, */
+SELDOM static void select_io(struct servo_loop *loop, uint32_t configured)
 {
-    loop->use = &loop->cfg[configured % 2u];
-    if (loop->use->onchip_plant.simulated != loop->simulated) {
-        loop->simulated = loop->use->onchip_plant.simulated;
-        onchip_plant_reset(&loop->use->onchip_plant, &loop->onchip_plant);
-    }
+    loop->cfg_in_use = &loop->cfg[configured % 2u];
+    loop->io = onchip_hal_select(&loop->onchip, &loop->cfg_in_use->onchip_plant);
 }
 
-/* and then the rest. */
+/* and after the encoders have been read for all the rest. */
 SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t measured[2])
 {
-    const struct servo_loop_cfg *cfg = loop->use;
+    const struct servo_loop_cfg *cfg = loop->cfg_in_use;
     loop->configured = configured;
     for (int i = 0; i < 2; i++) {
-        scale_encoder(&loop->encoder[i], cfg->encoder_10fm[i]);
+        encoder_scale(&loop->encoder[i], cfg->encoder_10fm[i]);
         measured[i] = loop->encoder[i].pos;
-    }
-    servo_reset(&cfg->servo, &loop->servo, measured);
-    loop->path.spare = 0; /* another stop_time */
-    for (int i = 0; i < 2; i++) {
         loop->lowest[i] = pos_add(pos_from_nm(cfg->min_nm[i]), n_neg(cfg->following_max[i]));
         loop->highest[i] = pos_add(pos_from_nm(cfg->max_nm[i]), cfg->following_max[i]);
     }
+    servo_reset(&cfg->servo, &loop->servo, measured);
+    loop->path.spare = 0; /* it depends on stop_time */
 }
 
 void servo_loop_init(struct servo_loop *loop, const struct hal *hal, const struct spline_ring *ring)
 {
     struct hal_drive_in in = {0};
-    *loop = (struct servo_loop){.hal = hal, .ring = ring};
+    *loop = (struct servo_loop){.hal = hal, .io = hal, .ring = ring};
+    onchip_hal_init(&loop->onchip, hal);
     hal->drive_read(hal->ctx, &in);
     for (int i = 0; i < 2; i++) {
-        loop->encoder[i].last = in.count[i];
-        loop->encoder[i].count = in.count[i];
+        encoder_reset(&loop->encoder[i], in.count[i]);
+        atomic_store(&loop->command.powered[i], SERVO_LOOP_OFF);
     }
     atomic_store(&loop->command.rate, 1000u);
-    atomic_store(&loop->command.powered[0], SERVO_LOOP_OFF);
-    atomic_store(&loop->command.powered[1], SERVO_LOOP_OFF);
-    loop->configured = UINT32_MAX; /* the first tick resets the servo */
-    loop->next = &loop->record[1];
     atomic_store(&loop->standing, true);
+    loop->configured = UINT32_MAX; /* no number of a configuration: the first tick takes one over */
+    loop->record = &loop->records[1];
 }
 
 SELDOM static void reset_energy(struct servo_loop *loop)
@@ -375,6 +230,17 @@ SELDOM static void reset_energy(struct servo_loop *loop)
     energy_reset(&loop->servo.energy[1]);
 }
 
+/* Publish the record, and take the next one. */
+static inline void publish(struct servo_loop *loop)
+{
+    const uint32_t ms = LOAD(loop->published) + 1u;
+    telemetry_complete(loop->record, ms, &loop->servo, &loop->path.at, &loop->contour_statistics,
+                       !LOAD(loop->standing));
+    loop->record = &loop->records[(ms + 1u) % SERVO_LOOP_RECORDS];
+    atomic_signal_fence(memory_order_release);
+    STORE(loop->published, ms);
+}
+
 __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
 {
     atomic_signal_fence(memory_order_acquire);
@@ -382,18 +248,20 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     const bool anew = configured != loop->configured && may_configure(loop);
     struct hal_drive_in in;
     struct servo_in servo;
-    struct servo_loop_record *record = loop->next;
+    struct telemetry_record *record = loop->record;
     struct servo_out *out = &record->out;
 
     /* read */
     if (anew) {
-        configure_machine(loop, configured);
+        select_io(loop, configured);
     }
-    const struct servo_loop_cfg *cfg = loop->use;
-    read_machine(loop, &in);
-    measure(loop, &in, servo.measured);
+    const struct servo_loop_cfg *cfg = loop->cfg_in_use;
+    loop->io->drive_read(loop->io->ctx, &in);
+    for (int i = 0; i < 2; i++) {
+        servo.measured[i] = encoder_step(&loop->encoder[i], in.count[i]);
+    }
     if (memcmp(in.inputs, loop->inputs, sizeof in.inputs) != 0) {
-        watch_switches(loop, &in, servo.measured);
+        latch_edges(loop, &in, servo.measured);
     }
     if (anew) {
         configure(loop, configured, servo.measured);
@@ -403,7 +271,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     }
 
     /* reference, law */
-    follow_path(loop, cfg);
+    step_path(loop, cfg);
     const bool cut = (LOAD(loop->faults) & cfg->cut) != 0;
     for (int i = 0; i < 2; i++) {
         servo.enabled[i] = !cut && LOAD(loop->command.powered[i]) == SERVO_LOOP_ON;
@@ -425,19 +293,26 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
         .force_mN = {n_to_scaled(out->force.x, 1000), n_to_scaled(out->force.y, 1000)},
         .enable = {servo.enabled[0], servo.enabled[1]},
     };
-    write_machine(loop, &drive);
+    loop->io->drive_write(loop->io->ctx, &drive);
+
+    /* scope */
     const uint32_t ticks = LOAD(loop->ticks);
     const uint32_t faults = LOAD(loop->faults);
     if (scope_runs(&loop->scope, faults)) {
-        scope_step(&loop->scope, (const void *const[SCOPE_BASES]){loop, out}, ticks);
+        const void *const base[SCOPE_BASES] = {
+            [SCOPE_BASE_OUT] = out, [SCOPE_BASE_SERVO] = &loop->servo, [SCOPE_BASE_PATH] = &loop->path.at,
+            [SCOPE_BASE_IN] = &in,  [SCOPE_BASE_SCOPE] = &loop->scope,
+        };
+        scope_step(&loop->scope, base, ticks);
     }
 
+    /* telemetry: each part in a period of its own, and in the others a piece of the curve ahead */
     STORE(loop->ticks, ticks + 1u);
-    const uint32_t left = (ticks + 1u) % TICKS_PER_MS;
-    if (left == TICKS_PER_MS / 2u) {
-        record_slow(loop, &in, record);
-    } else if (left == 0) {
-        publish(loop, record, servo.controller);
+    const uint32_t phase = (ticks + 1u) % TICKS_PER_MS;
+    if (phase == TICKS_PER_MS / 2u) {
+        telemetry_collect(record, &loop->servo, loop->encoder, &in);
+    } else if (phase == 0) {
+        publish(loop);
     } else {
         spline_prefetch(&loop->servo.spline_cache, loop->ring, loop->path.at.count, loop->path.at.knot);
     }
@@ -447,7 +322,7 @@ const struct servo_snapshot *servo_loop_snapshot(struct servo_loop *loop)
 {
     const uint32_t published = atomic_load(&loop->published);
     if (published != loop->snapshot.ms) {
-        scale(loop, &loop->record[published % SERVO_LOOP_RECORDS]);
+        telemetry_scale(&loop->snapshot, &loop->records[published % SERVO_LOOP_RECORDS], loop->encoder);
     }
     return &loop->snapshot;
 }

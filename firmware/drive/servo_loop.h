@@ -1,19 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* drive/servo_loop.h: the servo tick: read the drive, one servo_step(), write the drive. The only place where the step order stands.
+/* drive/servo_loop.h: the servo tick: read the drive, one servo_step(), write the drive. The only place where the order
+ * of these steps stands.
  *
- * servo_loop_tick() runs in the servo interrupt (CONTROL_HZ), everything else in the background loop. They meet in
- * - struct servo_loop_command: single words, background writes;
- * - two configurations, of which the one in use is number `configured`, which counts, modulo 2;
- * - the ring of knots (one writer, one reader);
- * - four records, of which one is published each millisecond, which the background scales to a snapshot, while the tick
- *   fills the next one, three milliseconds before it comes to that one again; and `faults`, bits that the
- *   tick sets and the background clears, once it has taken them.
+ * Context: the port calls servo_loop_tick() in the servo interrupt (CONTROL_HZ), through device_tick(). All other
+ * functions are the background's; servo_loop_raise() is everyone's. Tick and background share
+ * - struct servo_loop_command: single words, which the background writes;
+ * - flags: single words, which the tick writes. Of `faults` the tick sets bits, and the background clears them when it
+ *   has handled them;
+ * - two configurations: the one in use is number `command.configured` modulo 2, and the background fills the other one;
+ * - the ring of knots, which has one writer and one reader;
+ * - four records of telemetry. One is published each millisecond, and the background scales it to the snapshot while the
+ *   tick fills the next one. The tick comes back to it three milliseconds later.
  */
-#ifndef KONTUR_LOOP_H
-#define KONTUR_LOOP_H
+#ifndef KONTUR_SERVO_LOOP_H
+#define KONTUR_SERVO_LOOP_H
 #include <stdatomic.h>
 
 #include "drive/configuration.h"
+#include "drive/encoder.h"
+#include "drive/telemetry.h"
 #include "hal/hal.h"
 #include "motion/path_clock.h"
 #include "onchip/onchip_plant.h"
@@ -24,101 +29,83 @@
 struct servo_loop_cfg {
     struct servo_cfg servo;
     uint32_t encoder_10fm[2];     /* length of one encoder count, 10 fm */
-    num following_max[2];         /* um */
-    uint32_t following_ticks[2];  /* periods that it may be exceeded for */
+    num following_max[2];         /* largest following error, um */
+    uint32_t following_ticks[2];  /* periods for which it may be exceeded */
     num speed_max;                /* um/T0 */
-    int32_t min_nm[2], max_nm[2]; /* user's positions */
+    int32_t min_nm[2], max_nm[2]; /* software position limits, of the user's zero */
     num stop_time;                /* knots (ms) */
-    uint32_t jump_counts[2];      /* of an encoder in one period: more are no movement */
-    uint32_t cut, stop;           /* FAULT_BIT()s after which power is off at once, or path time slows to a stop */
+    uint32_t jump_counts[2];      /* encoder counts in one period that are no movement if exceeded */
+    uint32_t cut, stop;           /* FAULT_BIT()s that cut the power at once, or that stop path time */
     struct onchip_plant_cfg onchip_plant;
 };
 
-/* Each other's complement: no bit that turns over makes one of the other. */
+/* Each is the other's complement, so that no single bit that flips makes one of the other. */
 #define SERVO_LOOP_ON 0x5AC369F0u
 #define SERVO_LOOP_OFF 0xA53C960Fu
 
 struct servo_loop_command {
-    _Atomic uint32_t
-        powered[2];   /* SERVO_LOOP_ON: power stage on, law active; anything but SERVO_LOOP_OFF beside it is an error */
-    _Atomic bool run; /* path time may run */
-    _Atomic uint16_t rate; /* ... at this rate, 1/1000, up to 1000 PATH_RATE_MAX; 0: it stands */
-    _Atomic bool complete; /* all knots of the stream are in the ring */
-    _Atomic bool rest;     /* not known to be complete, but it may end where its knots do: they stand */
-    _Atomic uint8_t controller;
-    _Atomic uint32_t begin; /* counts up: path time starts anew at 0 */
-    _Atomic uint32_t configured;
-    _Atomic bool energy_reset;
+    _Atomic uint32_t powered[2]; /* SERVO_LOOP_ON: power stage on and law active; else off. A third value is an error */
+    _Atomic bool run;            /* path time may run */
+    _Atomic uint16_t rate;       /* rate of path time if it may run: 1/1000, 0 to 1000 PATH_RATE_MAX */
+    _Atomic bool complete;       /* all knots of the stream are in the ring */
+    _Atomic bool rest;           /* the stream is open-ended, and its last knots are equal: it may end there */
+    _Atomic uint8_t controller;  /* enum controller */
+    _Atomic uint32_t begin;      /* number of the stream: path time starts from 0 when it changes */
+    _Atomic uint32_t configured; /* number of the configuration: it is taken over when it changes */
+    _Atomic bool energy_reset;   /* the tick clears it */
     _Atomic int32_t origin_nm[2]; /* user's position less the servo's: for the limits only */
 };
 
-/* The same as the tick leaves it, in core units: the newest in `published % SERVO_LOOP_RECORDS`. */
-#define SERVO_LOOP_RECORDS 4u
-struct servo_loop_record {
-    uint32_t ms;
-    struct servo_out out; /* where the servo puts it in each period */
-    pos_t position[2];
-    int32_t energy_mJ[2];
-    num friction[2], mass[2];
-    pos_t measured[2];
-    int32_t since_index[2]; /* counts */
-    int32_t edge_nm[2], count[2];
-    uint8_t index_pulses[2], inputs[2];
-    struct contour_statistics error;
-    num rate;
-    uint8_t controller;
-};
-
 struct servo_loop {
-    const struct hal *hal;
+    const struct hal *hal; /* the port's */
     const struct spline_ring *ring;
     struct servo_loop_command command;
+
+    /* flags of the tick */
     _Atomic uint32_t faults;    /* FAULT_BIT()s */
-    _Atomic uint8_t first;      /* ... the first one of them, enum fault */
+    _Atomic uint8_t first;      /* enum fault: the first one of `faults` */
     _Atomic uint32_t begun;     /* command.begin that the next four words belong to */
     _Atomic bool standing;      /* path time does not run */
-    _Atomic bool at_end;        /* ... since it has reached the end of a complete stream, or of one that may rest */
-    _Atomic bool starved;       /* path time is slowed for want of knots */
+    _Atomic bool at_end;        /* it has reached the end of a stream that is complete or may end there */
+    _Atomic bool starved;       /* it is slowed for want of knots */
     _Atomic uint32_t executed;  /* knots passed */
     _Atomic uint32_t published; /* records so far: one a millisecond */
+    _Atomic uint32_t ticks;     /* control periods since power-on */
 
-    /* the tick's own */
-    uint32_t configured;              /* taken over so far */
-    const struct servo_loop_cfg *use; /* that one */
-    struct servo_loop_record *next;   /* to be published */
-    _Atomic uint32_t ticks;           /* control periods since power-on */
-    uint32_t late[2];                 /* periods since the following error is too large */
-    uint8_t inputs[2];                /* of the last period */
-    bool simulated;
+    /* state of the tick */
+    uint32_t configured; /* command.configured that was taken over last */
+    const struct servo_loop_cfg *cfg_in_use;
+    const struct hal *io; /* what the tick reads and writes: the port's HAL, or the plant on the chip */
+    struct onchip_hal onchip;
+    struct encoder encoder[2];
+    uint8_t inputs[2]; /* enum hal_input of the last period */
     struct path_clock path;
-    struct servo_loop_encoder {
-        int32_t last;  /* as read */
-        int32_t moved; /* in the last period */
-        int64_t count; /* since power-on */
-        pos_t pos;     /* count times the length of one, and 2^-32 of its unit */
-        uint32_t rest;
-        uint32_t length;     /* of one count, in the same way, */
-        int32_t length_rest; /* to the nearest */
-    } encoder[2];
+    uint16_t rate_permille; /* command.rate when it was not 1000 last, */
+    num rate;               /* and the same as a num */
     struct servo_state servo;
-    num rate;                         /* command.rate when it was not 1 last, as a num */
-    uint16_t permille;                /* ... as it was given */
-    struct onchip_plant onchip_plant; /* in place of the real one while cfg.machine.simulated */
-    pos_t lowest[2], highest[2]; /* user's positions beyond which an axis may trip: the soft limits and following_max */
-    int32_t edge_nm[2];
-    struct contour_statistics error;
+    uint32_t following_ticks[2];     /* periods since the following error is too large */
+    pos_t lowest[2], highest[2];     /* user's positions: the position limits, widened by the largest following error */
+    struct telemetry_record *record; /* to be published next */
+    struct contour_statistics contour_statistics;
 
     struct servo_loop_cfg cfg[2];
-    struct servo_loop_record record[SERVO_LOOP_RECORDS];
-    struct servo_snapshot snapshot; /* the background's own */
-    struct scope scope;             /* last: the largest */
+#define SERVO_LOOP_RECORDS 4u
+    struct telemetry_record records[SERVO_LOOP_RECORDS]; /* the newest: `published % SERVO_LOOP_RECORDS` */
+    struct servo_snapshot snapshot;                      /* the background's own */
+    struct scope scope;                                  /* last, since it is the largest */
 };
 
-/* A configuration must be set up before the first tick. Positions are encoder counts times their length. */
+/* Power-on. A configuration must be in cfg[0] before the first tick. Positions are encoder counts times their length. */
 void servo_loop_init(struct servo_loop *loop, const struct hal *hal, const struct spline_ring *ring);
+/* One control period. */
 void servo_loop_tick(struct servo_loop *loop);
-/* A fault has been seen; until loop->faults is cleared. Any context. */
+/* A fault has been seen: it holds until its bit in loop->faults is cleared. Any context. */
 void servo_loop_raise(struct servo_loop *loop, enum fault f);
 /* The newest snapshot. Background only. */
 const struct servo_snapshot *servo_loop_snapshot(struct servo_loop *loop);
+/* The tick works on the plant on the chip. Any context. */
+static inline bool servo_loop_simulated(const struct servo_loop *loop)
+{
+    return loop->io != loop->hal;
+}
 #endif

@@ -11,6 +11,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/* Control periods (servo ticks) in a second: a multiple of 1000, chosen when the firmware is compiled. */
+#ifndef CONTROL_HZ
+#define CONTROL_HZ 10000u
+#endif
+
 enum { AXIS_X = 0, AXIS_Y = 1, AXES = 2 };
 
 /* One classic CAN frame with an 11-bit identifier. */

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "core/servo.h"
-#include "drive/configuration.h"
+#include "hal/hal.h"
 
 /* The tick and the background share a core (scope/scope.h): the order that the compiler keeps is enough. */
 #define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
@@ -35,7 +35,7 @@ static uint32_t sample(const struct scope_signal *s, const void *const base[])
     case SCOPE_NUM: return n_word(*(const num *)at);
     case SCOPE_ACC: return n_word(acc_to(*(const acc_t *)at));
     case SCOPE_POS: return (uint32_t)pos_to_nm(*(const pos_t *)at);
-    case SCOPE_REFERENCE: return reference_nm(at, s->axis, base[SCOPE_OUT]);
+    case SCOPE_REFERENCE: return reference_nm(at, s->axis, base[SCOPE_BASE_OUT]);
     case SCOPE_PATH: return path_hundredths(at);
     case SCOPE_U8: return *(const uint8_t *)at;
     default: return *(const uint32_t *)at;

@@ -27,7 +27,14 @@ enum scope_trigger { SCOPE_NOW, SCOPE_FAULT, SCOPE_RISING, SCOPE_FALLING };     
 enum scope_command { SCOPE_COMMAND_ARM = 1, SCOPE_COMMAND_DEFAULTS, SCOPE_COMMAND_OFF }; /* 2300h:1 */
 
 /* Where a signal is in the tick, and what it is: one row of scope/signals.toml. */
-enum scope_base { SCOPE_LOOP, SCOPE_OUT, SCOPE_BASES };
+enum scope_base {
+    SCOPE_BASE_OUT,   /* struct servo_out */
+    SCOPE_BASE_SERVO, /* struct servo_state */
+    SCOPE_BASE_PATH,  /* struct path_state */
+    SCOPE_BASE_IN,    /* struct hal_drive_in */
+    SCOPE_BASE_SCOPE, /* struct scope */
+    SCOPE_BASES
+};
 enum scope_kind { SCOPE_NONE, SCOPE_NUM, SCOPE_ACC, SCOPE_POS, SCOPE_REFERENCE, SCOPE_PATH, SCOPE_I32, SCOPE_U8 };
 struct scope_signal {
     uint8_t kind, base, axis;

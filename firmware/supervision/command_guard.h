@@ -15,7 +15,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "drive/configuration.h"
+#include "hal/hal.h"
 
 /* Less than a statusword and the answer to it take on the wire, at 1 Mbit/s, more than lies between the frames of a burst */
 #define COMMAND_GUARD_PERIODS (2u * CONTROL_HZ / 10000u)

@@ -19,11 +19,11 @@ static void tick(const char *name, uint8_t channels, uint32_t interval_us, enum 
     od = od_defaults;
     if (channels > 0) {
         for (uint8_t i = 0; i < SCOPE_CHANNELS; i++) {
-            od.scope_channels[i] = i < channels ? (uint8_t)(SIGNAL_E_N1 + i) : 0;
+            od.scope_channels[i] = i < channels ? (uint8_t)(SIGNAL_TANGENTIAL_ERROR + i) : 0;
         }
         od.scope.interval = interval_us;
         od.scope.trigger = (uint8_t)trigger;
-        od.scope.source = SIGNAL_E_N2;
+        od.scope.source = SIGNAL_CONTOUR_ERROR;
         od.scope.level = INT32_MAX;
         (void)scope_arm(&r.loop.scope, &od, no_origin);
     }

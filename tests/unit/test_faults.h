@@ -88,7 +88,7 @@ static inline void wait_for(enum row r, bool (*reached)(void), unsigned lasts)
 static inline const struct servo_out *last_out(void)
 {
     const struct servo_loop *l = &rig.device.drive.loop;
-    return &(l->ticks % 10 == 0 ? &l->record[atomic_load(&l->published) % SERVO_LOOP_RECORDS] : l->next)->out;
+    return &(l->ticks % 10 == 0 ? &l->records[atomic_load(&l->published) % SERVO_LOOP_RECORDS] : l->record)->out;
 }
 
 static inline void expect_no_power(void)

@@ -18,10 +18,10 @@ void setUp(void)
 {
     cfg = (struct onchip_plant_cfg){.simulated = true, .dt = mk(DT), .seed = 1};
     for (int i = 0; i < AXES; i++) {
-        cfg.axis[i] = (struct machine_axis_cfg){
+        cfg.axis[i] = (struct onchip_axis_cfg){
             .mass = mk(MASS), .viscous = mk(VISCOUS), .coulomb = mk(COULOMB), .counts = mk(10)};
     }
-    machine_design(&cfg);
+    onchip_plant_design(&cfg);
     onchip_plant_reset(&cfg, &machine);
 }
 void tearDown(void)
@@ -80,7 +80,7 @@ static void test_strongly_damped_motion_is_the_exact_one_from_rest_on_both_ways(
 {
     const double c = MASS / DT;
     cfg.axis[0].viscous = mk(c);
-    machine_design(&cfg);
+    onchip_plant_design(&cfg);
     for (int sign = -1; sign <= 1; sign += 2) {
         onchip_plant_reset(&cfg, &machine);
         step(sign * 400000);
@@ -143,7 +143,7 @@ static void test_noise_has_no_mean_and_the_deviation_asked_for(void)
     double sum = 0, squares = 0;
     cfg.axis[0].coulomb = cfg.axis[0].viscous = mk(0);
     cfg.axis[0].noise = mk(20);
-    machine_design(&cfg);
+    onchip_plant_design(&cfg);
     double before = 0;
     for (int i = 0; i < 20000; i++) {
         step(0);

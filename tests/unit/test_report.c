@@ -37,10 +37,11 @@ static void test_energy_that_an_axis_gave_back_is_told_as_none(void)
 
 static void test_mean_of_the_contour_error_ends_at_the_largest_number(void)
 {
-    rig.device.drive.loop.error = (struct contour_statistics){.sum_nm = 2 * 4294967, .samples = 2, .max_nm = 4294967};
+    rig.device.drive.loop.contour_statistics =
+        (struct contour_statistics){.sum_nm = 2 * 4294967, .samples = 2, .max_nm = 4294967};
     rig_ms(&rig, 1);
     TEST_ASSERT_EQUAL_UINT32(4294967000, rig_read(&rig, 0x2211, 1)); /* pm */
-    rig.device.drive.loop.error.sum_nm = 2 * 4294968;
+    rig.device.drive.loop.contour_statistics.sum_nm = 2 * 4294968;
     rig_ms(&rig, 1);
     TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, rig_read(&rig, 0x2211, 1));
 }

@@ -8,6 +8,7 @@
 
 static struct servo_loop loop;
 static struct servo_out out;
+static struct hal_drive_in in;
 static struct od_data od;
 static uint32_t tick, faults;
 static const int32_t no_origin[2];
@@ -47,9 +48,9 @@ static void read_capture(const int32_t origin_nm[2])
 
 static void step(void)
 {
-    const void *const base[SCOPE_BASES] = {&loop, &out};
-    loop.encoder[0].last = (int32_t)tick * 3;
-    loop.inputs[1] = (uint8_t)tick;
+    const void *const base[SCOPE_BASES] = {&out, &loop.servo, &loop.path.at, &in, &loop.scope};
+    in.count[0] = (int32_t)tick * 3;
+    in.inputs[1] = (uint8_t)tick;
     if (scope_runs(&loop.scope, faults)) {
         scope_step(&loop.scope, base, tick);
     }
@@ -105,7 +106,7 @@ void setUp(void)
     od_init(&od, 1);
     tick = 1000;
     faults = 0;
-    channels(SIGNAL_COUNT_X, 0, 0);
+    channels(SIGNAL_ENCODER_COUNT_X, 0, 0);
 }
 
 void tearDown(void)
@@ -129,7 +130,7 @@ static void test_scope_records_each_period_from_now_on(void)
 static void test_scope_holds_four_thousand_samples_of_eight_signals(void)
 {
     for (uint8_t i = 0; i < SCOPE_CHANNELS; i++) {
-        od.scope_channels[i] = SIGNAL_COUNT_X;
+        od.scope_channels[i] = SIGNAL_ENCODER_COUNT_X;
     }
     arm(SCOPE_NOW, 0, 0);
     steps_until_done();
@@ -148,10 +149,9 @@ static void test_interval_is_whole_control_periods(void)
 
 static void test_each_kind_of_signal_comes_in_its_unit(void)
 {
-    static const uint8_t numbers[SCOPE_CHANNELS] = {SIGNAL_E_N2,       SIGNAL_FEEDFORWARD_FRICTION_Y,
-                                                    SIGNAL_POSITION_Y, SIGNAL_PATH_TIME,
-                                                    SIGNAL_INPUTS_Y,   SIGNAL_FORCE_X,
-                                                    SIGNAL_K_HAT_1,    SIGNAL_ENERGY_X};
+    static const uint8_t numbers[SCOPE_CHANNELS] = {
+        SIGNAL_CONTOUR_ERROR, SIGNAL_FEEDFORWARD_FRICTION_Y, SIGNAL_POSITION_Y, SIGNAL_PATH_TIME, SIGNAL_INPUTS_Y,
+        SIGNAL_FORCE_X,       SIGNAL_ADAPTIVE_GAIN_1,        SIGNAL_ENERGY_X};
     const int32_t origin[2] = {7, -40};
     memcpy(od.scope_channels, numbers, sizeof numbers);
     out.contour.e_n.y = NUM(-1.5);
@@ -195,7 +195,7 @@ static void test_reference_of_each_axis_is_its_own(void)
 
 static void test_level_triggers_in_the_period_that_crosses_it(void)
 {
-    od.scope.source = SIGNAL_COUNT_X;
+    od.scope.source = SIGNAL_ENCODER_COUNT_X;
     od.scope.level = 3 * 9000; /* is passed in period 9001 */
     arm(SCOPE_RISING, 0, 500);
     steps_until_done();
@@ -207,7 +207,7 @@ static void test_level_triggers_in_the_period_that_crosses_it(void)
 
 static void test_a_capture_that_is_all_before_its_trigger_has_the_frame_of_the_trigger(void)
 {
-    od.scope.source = SIGNAL_COUNT_X;
+    od.scope.source = SIGNAL_ENCODER_COUNT_X;
     od.scope.level = 3 * 9000;
     arm(SCOPE_RISING, 0, 1000);
     steps_until_done();
@@ -220,7 +220,7 @@ static void test_a_capture_that_is_all_before_its_trigger_has_the_frame_of_the_t
 
 static void test_trigger_between_two_frames_is_known_to_its_period(void)
 {
-    od.scope.source = SIGNAL_COUNT_X;
+    od.scope.source = SIGNAL_ENCODER_COUNT_X;
     od.scope.level = 3 * 90003;
     arm(SCOPE_RISING, 1000, 250);
     steps_until_done();
@@ -232,7 +232,7 @@ static void test_trigger_between_two_frames_is_known_to_its_period(void)
 
 static void test_falling_level_of_a_number_triggers(void)
 {
-    od.scope.source = SIGNAL_E_N2;
+    od.scope.source = SIGNAL_CONTOUR_ERROR;
     od.scope.level = -200000; /* -2 um */
     arm(SCOPE_FALLING, 0, 0);
     out.contour.e_n.y = NUM(-3); /* below from the start: no crossing */
@@ -248,7 +248,7 @@ static void test_falling_level_of_a_number_triggers(void)
 
 static void test_signal_that_is_above_the_level_from_the_start_does_not_rise_above_it(void)
 {
-    od.scope.source = SIGNAL_E_N2;
+    od.scope.source = SIGNAL_CONTOUR_ERROR;
     od.scope.level = 100;
     out.contour.e_n.y = NUM(1);
     arm(SCOPE_RISING, 0, 0);
@@ -258,7 +258,7 @@ static void test_signal_that_is_above_the_level_from_the_start_does_not_rise_abo
 
 static void test_level_waits_for_the_frames_before_it(void)
 {
-    od.scope.source = SIGNAL_E_N2;
+    od.scope.source = SIGNAL_CONTOUR_ERROR;
     od.scope.level = 0;
     arm(SCOPE_RISING, 0, 500);
     for (unsigned i = 0; i < 4000; i++) { /* crosses each fourth period */
@@ -301,7 +301,7 @@ static void test_by_default_a_fault_leaves_the_500_ms_before_it(void)
     TEST_ASSERT_EQUAL_HEX32(1u << 4, read.cause);
     TEST_ASSERT_GREATER_OR_EQUAL_UINT32(CONTROL_HZ / 2, read.trigger_tick - read.first_tick);
     TEST_ASSERT_GREATER_OR_EQUAL_UINT32(CONTROL_HZ / 10, (read.frames - read.trigger_frame) * read.periods);
-    TEST_ASSERT_EQUAL_UINT8(SIGNAL_E_N2, read.number[0]);
+    TEST_ASSERT_EQUAL_UINT8(SIGNAL_CONTOUR_ERROR, read.number[0]);
 }
 
 static void test_fault_soon_after_arming_leaves_what_there_is(void)
@@ -317,7 +317,7 @@ static void test_fault_soon_after_arming_leaves_what_there_is(void)
 
 static void test_fault_triggers_though_a_level_is_waited_for(void)
 {
-    od.scope.source = SIGNAL_E_N2;
+    od.scope.source = SIGNAL_CONTOUR_ERROR;
     od.scope.level = 100;
     arm(SCOPE_RISING, 0, 900);
     steps(30);
@@ -500,7 +500,7 @@ static void test_scope_without_channel_or_source_is_not_armed(void)
     arm(SCOPE_FAULT, 0, 500);
     od.scope.trigger = SCOPE_RISING;
     TEST_ASSERT_FALSE(scope_arm(&loop.scope, &od, no_origin));
-    channels(0, SIGNAL_E_N1, 0);
+    channels(0, SIGNAL_TANGENTIAL_ERROR, 0);
     od.scope.trigger = SCOPE_FAULT;
     TEST_ASSERT_FALSE(scope_arm(&loop.scope, &od, no_origin));
     TEST_ASSERT_EQUAL_MESSAGE(SCOPE_WAITING, atomic_load(&loop.scope.state), "and goes on as it was");

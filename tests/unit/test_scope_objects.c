@@ -47,7 +47,7 @@ static void test_armed_by_command_it_records_what_it_was_told_to(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2300, 3, 4, 100));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2300, 4, 1, SCOPE_NOW));
-    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2301, 1, 1, SIGNAL_COUNT_Y));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2301, 1, 1, SIGNAL_ENCODER_COUNT_Y));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2301, 2, 1, 0));
     TEST_ASSERT_EQUAL_HEX32(0, command(ARM));
     rig_ms(&rig, 1 + SCOPE_SAMPLES / 10);
@@ -72,11 +72,11 @@ static void test_command_for_the_defaults_puts_them_back_and_arms(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, command(OFF));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2300, 3, 4, 100));
-    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2301, 1, 1, SIGNAL_COUNT_Y));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2301, 1, 1, SIGNAL_ENCODER_COUNT_Y));
     TEST_ASSERT_EQUAL_HEX32(0, command(DEFAULTS));
     TEST_ASSERT_EQUAL_UINT32(SCOPE_WAITING, tells(2));
     TEST_ASSERT_EQUAL_UINT32(od_defaults.scope.interval, tells(3));
-    TEST_ASSERT_EQUAL_UINT32(SIGNAL_E_N2, rig_read(&rig, 0x2301, 1));
+    TEST_ASSERT_EQUAL_UINT32(SIGNAL_CONTOUR_ERROR, rig_read(&rig, 0x2301, 1));
 }
 
 /* ... whoever wants the scope for something else. */
@@ -92,11 +92,11 @@ static void test_capture_of_a_fault_is_kept_until_the_fault_is_reset(void)
         }
         /* it would be armed so after the reset */
         TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, rig_write(&rig, 0x2300, 3, 4, 100));
-        TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, rig_write(&rig, 0x2301, 1, 1, SIGNAL_COUNT_Y));
+        TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, rig_write(&rig, 0x2301, 1, 1, SIGNAL_ENCODER_COUNT_Y));
         TEST_ASSERT_EQUAL_UINT32(i == 0 ? SCOPE_TRIGGERED : SCOPE_DONE, tells(2));
         rig_ms(&rig, 1000);
     }
-    TEST_ASSERT_EQUAL_UINT32(SIGNAL_E_N2, rig_read(&rig, 0x2301, 1));
+    TEST_ASSERT_EQUAL_UINT32(SIGNAL_CONTOUR_ERROR, rig_read(&rig, 0x2301, 1));
     rig.inputs[0] = 0;
     rig_ms(&rig, 2);
     rig_controlwords(&rig, 0x80, 0x80);

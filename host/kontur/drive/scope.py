@@ -55,8 +55,11 @@ class Signal:
         return f"{self.name}_{unit}" if unit else self.name
 
 
+_ROWS = json.loads((Path(__file__).parents[1] / "signals.json").read_text("ascii"))
 SIGNALS = {
-    row["name"]: Signal(**row) for row in json.loads((Path(__file__).parents[1] / "signals.json").read_text("ascii"))
+    row["name"]: Signal(row["number"], row["name"], row["unit"], row["factor"], row["description"])
+    for row in _ROWS
+    if "number" in row
 }
 _BY_NUMBER = {signal.number: signal for signal in SIGNALS.values()}
 

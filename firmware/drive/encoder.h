@@ -1,0 +1,52 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* drive/encoder.h: from the counts of an encoder to the position of its axis.
+ *
+ * Context: the servo tick calls encoder_step() in each control period and encoder_scale() when a configuration takes
+ * effect. The background computes positions at an index pulse with encoder_position_before().
+ *
+ * The counter of the HAL wraps as int32 does; the position does not. The length of a count is known to 2^-48 nm, and
+ * what a count adds to the position is carried to the same resolution, so that no rounding adds up.
+ */
+#ifndef KONTUR_DRIVE_ENCODER_H
+#define KONTUR_DRIVE_ENCODER_H
+#include <stdbool.h>
+
+#include "core/num.h"
+
+struct encoder {
+    int32_t last;            /* count as read in the last period */
+    int32_t moved;           /* counts in the last period */
+    int64_t count;           /* since power-on, without wrapping */
+    pos_t pos;               /* position: count times the length of a count, */
+    uint32_t fraction;       /* and its remainder, 2^-32 of the unit of pos_t */
+    uint32_t length;         /* of a count: the nearest whole number of pos_t's unit, */
+    int32_t length_fraction; /* and the difference to it, 2^-32 of that unit */
+    int32_t edge_nm;         /* position when a limit switch opened or closed last */
+};
+
+/* Before the first tick: the counter stands at `count`. A length must be given before the position is used. */
+void encoder_reset(struct encoder *e, int32_t count);
+/* One count is length_10fm 10 fm, from power-on on: the position becomes count times the new length. */
+void encoder_scale(struct encoder *e, uint32_t length_10fm);
+/* Position `counts` before `pos`. */
+pos_t encoder_position_before(const struct encoder *e, pos_t pos, int32_t counts);
+
+/* One control period. Returns the position. */
+static inline pos_t encoder_step(struct encoder *e, int32_t count)
+{
+    const int32_t moved = (int32_t)((uint32_t)count - (uint32_t)e->last);
+    const int64_t fraction = (int64_t)moved * e->length_fraction + (int64_t)e->fraction;
+    e->last = count;
+    e->moved = moved;
+    e->fraction = (uint32_t)fraction;
+    e->pos += (int64_t)moved * (int64_t)e->length + (fraction >> 32);
+    e->count += moved;
+    return e->pos;
+}
+
+/* More counts in one period than an axis can move: a jump of the counter. */
+static inline bool encoder_jumped(const struct encoder *e, uint32_t jump_counts)
+{
+    return (uint32_t)e->moved + jump_counts > 2u * jump_counts;
+}
+#endif
