@@ -16,7 +16,7 @@
 #define KONTUR_SERVO_LOOP_H
 #include <stdatomic.h>
 
-#include "drive/configuration.h"
+#include "core/servo.h"
 #include "drive/encoder.h"
 #include "drive/telemetry.h"
 #include "hal/hal.h"

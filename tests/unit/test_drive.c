@@ -2,6 +2,7 @@
 /* Drive and servo tick out of step, as on a chip, where the tick comes when it likes: what the background makes of it. */
 #include <string.h>
 
+#include "drive/configuration.h"
 #include "drive/drive.h"
 #include "num_test.h"
 #include "unity.h"
@@ -31,11 +32,16 @@ static void tick(unsigned count)
     }
 }
 
+static void step(unsigned received)
+{
+    drive_step(&drive, &(struct drive_in){.received = received});
+}
+
 static void ms(unsigned count)
 {
     for (unsigned i = 0; i < count; i++) {
         tick(10);
-        drive_poll(&drive);
+        step(0);
     }
 }
 
@@ -43,15 +49,12 @@ static void ms(unsigned count)
 static void command(uint16_t x, uint16_t y)
 {
     for (int i = 0; i < 2; i++) {
-        drive_told(&drive, i);
+        drive_statusword_sent(&drive, i);
     }
     command_guard_drained(&drive.command_guard, drive_now(&drive) - COMMAND_GUARD_PERIODS);
     od.axis[0].controlword = x;
     od.axis[1].controlword = y;
-    drive_command(&drive, 3);
-    for (int i = 0; i < 2; i++) {
-        od.axis[i].statusword = cia402_statusword(&drive.axis[i]);
-    }
+    step(3);
 }
 
 static void enable(void)
@@ -69,7 +72,7 @@ static void begin(uint32_t total, uint32_t given)
     od.stream.start_x = od.stream.start_y = 0;
     TEST_ASSERT_EQUAL_HEX32(0, drive_stream_command(&drive, 1));
     for (uint32_t i = 0; i < given; i++) {
-        TEST_ASSERT_EQUAL(QUEUE_TAKEN, drive_push(&drive, (struct knot){{0, 0}}));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, drive_push(&drive, (struct knot){{0, 0}}));
     }
 }
 
@@ -88,7 +91,7 @@ void tearDown(void)
 
 static void test_power_on_is_idle_without_power_or_fault(void)
 {
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_EQUAL_HEX32(0, drive.faults);
     TEST_ASSERT_FALSE(drive_powered(&drive));
     TEST_ASSERT_EQUAL_HEX16(0x0250, od.axis[0].statusword);
@@ -158,7 +161,7 @@ static void test_jump_of_an_encoder_with_the_shortest_counts_is_within_the_range
     od.limits.velocity = 10000000;
     od.axis[0].plant.encoder = 100; /* 10 m/s of 1 pm */
     od.axis[1].plant.encoder = 1000000;
-    const struct servo_loop_cfg cfg = drive_loop_cfg(&od);
+    const struct servo_loop_cfg cfg = configuration_servo_loop(&od);
     TEST_ASSERT_EQUAL_UINT32(INT32_MAX, cfg.jump_counts[0]);
     TEST_ASSERT_EQUAL_UINT32(400100, cfg.jump_counts[1]); /* 4 mm in 0.1 ms, and 100 */
 }
@@ -187,7 +190,7 @@ static void test_end_of_the_last_stream_is_not_taken_for_that_of_the_next(void)
     TEST_ASSERT_EQUAL_UINT32(100, od.stream.executed);
     command(0x0F, 0x0F);
     begin(100, 100);
-    drive_poll(&drive); /* before the tick has seen it */
+    step(0); /* before the tick has seen it */
     TEST_ASSERT_EQUAL_UINT8(STREAM_FILLING, od.stream.state);
     TEST_ASSERT_EQUAL_UINT32(0, od.stream.executed);
     command(0x1F, 0x1F);
@@ -202,7 +205,7 @@ static void test_end_is_told_with_all_knots_executed(void)
     command(0x1F, 0x1F);
     while (od.stream.state != STREAM_DONE) {
         tick(1);
-        drive_poll(&drive);
+        step(0);
     }
     TEST_ASSERT_EQUAL_UINT32(100, od.stream.executed);
     TEST_ASSERT_EQUAL_HEX16(0x0400, od.axis[0].statusword & 0x1400);
@@ -214,10 +217,10 @@ static void test_fault_of_the_tick_is_a_fault_of_the_drive(void)
     enable();
     wires.inputs[0] = HAL_AMPLIFIER_FAULT;
     tick(1);
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_AMPLIFIER), drive.faults);
     tick(10);
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_AMPLIFIER), drive.faults);
     TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[0].error_code);
     TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[1].error_code);
@@ -230,13 +233,13 @@ static void test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes
     tick(1);
     wires.inputs[0] = HAL_AMPLIFIER_FAULT;
     command(0x06, 0x06);
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_ENCODER), drive.faults);
     TEST_ASSERT_EQUAL_HEX16(0x7305, od.axis[0].error_code);
     tick(1); /* another one, while the first is reset */
     wires.inputs[0] = 0;
     command(0x80, 0x80);
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_AMPLIFIER), drive.faults);
     TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[0].error_code);
     command(0, 0);
@@ -253,7 +256,7 @@ static void test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled(voi
     begin(100, 10);
     wires.inputs[1] = HAL_AMPLIFIER_FAULT;
     tick(1);
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_FALSE(drive_powered(&drive));
     TEST_ASSERT_EQUAL_HEX32(SERVO_LOOP_OFF, atomic_load(&drive.loop.command.powered[0]));
     TEST_ASSERT_FALSE(drive.queue.open);
@@ -305,16 +308,16 @@ static void rest_and_then(int32_t nm, unsigned more)
     }
     TEST_ASSERT_TRUE(atomic_load(&drive.loop.at_end));
     for (unsigned i = 0; i < more; i++) {
-        TEST_ASSERT_EQUAL(QUEUE_TAKEN, drive_push(&drive, (struct knot){{nm, 0}}));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, drive_push(&drive, (struct knot){{nm, 0}}));
     }
-    drive_poll(&drive);
+    step(0);
 }
 
 static void test_knot_that_comes_at_the_last_moment_keeps_an_open_ended_stream_from_ending(void)
 {
     rest_and_then(5, 1);
     TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.queue.open);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, drive_push(&drive, (struct knot){{5, 0}}));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, drive_push(&drive, (struct knot){{5, 0}}));
 }
 
 static void test_last_knots_that_come_at_the_last_moment_are_gone_through_before_the_stream_ends(void)
