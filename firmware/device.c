@@ -18,7 +18,7 @@ enum { ANY_SUB = 0xFF, AXIS_STEP = OBJ_CONTROLWORD_Y - OBJ_CONTROLWORD_X };
 static void report(struct device *device, const struct servo_snapshot *s)
 {
     struct od_data *od = &device->od;
-    telemetry_report(od, s, drive_position(&device->drive).nm);
+    telemetry_report(od, s, path_position(&device->drive.path).nm);
     for (int i = 0; i < 2; i++) {
         od->axis[i].ip_buffer.position = (uint16_t)(od->stream.accepted - od->stream.executed);
     }
@@ -108,7 +108,7 @@ static void on_rpdo(void *ctx, unsigned number)
         step(device, received);
     }
     if (co_rpdo_carries(&device->node, number, OBJ_KNOT)) {
-        const enum queue_result result = drive_knot(&device->drive, &device->od.knot);
+        const enum queue_result result = path_knot(&device->drive.path, &device->od.knot);
         if (result != QUEUE_ACCEPTED && result != QUEUE_NOT_OPEN) {
             co_tpdo_send(&device->node, 1); /* it says which knot is expected next */
         }
@@ -234,7 +234,7 @@ static uint32_t command_stream(struct device *device, const struct od_entry *ent
 static uint32_t end_stream(struct device *device, const struct od_entry *entry, int64_t value)
 {
     (void)entry;
-    return drive_stream_total(&device->drive, (uint32_t)value);
+    return path_total(&device->drive.path, (uint32_t)value);
 }
 
 static uint32_t clear_buffer(struct device *device, const struct od_entry *entry, int64_t value)
@@ -322,7 +322,7 @@ static uint32_t record(struct device *device, const struct od_entry *entry, int6
 /* 60C2h: not while a stream is open */
 static uint32_t check_period(const struct device *device, const struct od_entry *entry, int64_t value)
 {
-    const struct queue *queue = &device->drive.queue;
+    const struct queue *queue = &device->drive.path.queue;
     (void)entry;
     (void)value;
     return queue->open && queue->stream->state != STREAM_DONE ? SDO_ABORT_STATE : SDO_OK;
@@ -445,7 +445,7 @@ static bool domain_read(void *ctx, const struct od_entry *entry, uint32_t at, ui
 {
     const struct device *device = ctx;
     (void)entry;
-    return scope_read(&device->drive.loop.scope, at, to, count, device->drive.queue.origin_nm);
+    return scope_read(&device->drive.loop.scope, at, to, count, device->drive.path.queue.origin_nm);
 }
 
 /* ---- NMT, resets, store ---- */

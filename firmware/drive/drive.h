@@ -2,19 +2,19 @@
 /* drive/drive.h: the drive as its master sees it: two axes (CiA 402), one stream of knots, faults. Background only; the
  * caller is device.c.
  *
- * drive_step() runs once a millisecond, and once for each frame that brings a controlword. It calls each module once, in
- * this order; none of them knows struct drive:
+ * drive_step() runs once a millisecond, and once for each frame that brings a controlword. It calls these functions once
+ * each, in this order:
  *
- *  1. read_servo           the servo's snapshot and the progress of path time
- *  2. take_controlwords    CiA 402 of each axis: the controlwords that have just come; reset of faults
- *  3. supervise            integrity of memory, fault monitor, faults of the tick: what stops the axes, what is warned of
+ *  1. path_read            the servo's snapshot and the progress of path time
+ *  2. take_controlwords    CiA 402 of each axis: controlwords that have just come; reset of faults
+ *  3. supervise            flipped bits, fault monitor, faults of the tick: what stops the axes, what is warned of
  *  4. settle               CiA 402 of each axis: transitions that waited for standstill
- *  5. switch_power         which axes have power from now on; a path that loses it is suspended, one that gets it held
- *  6. path_may_run         whether path time may run
- *  7. follow_path          progress and end of the path in the knot queue
- *  8. step_modes           modes of operation: profile velocity and homing give knots; origin after homing
- *  9. write_command        the words that the servo tick reads
- * 10. report_status        statusword and mode of each axis
+ *  5. switch_power         which axes have power from now on; a path is held, suspended or ended with it
+ *  6. follow_path          whether path time may run; progress and end of the path; modes of operation
+ *  7. write_command        the words that the servo tick reads
+ *  8. report_status        statusword and mode of each axis
+ *
+ * Frames are sent and EMCYs raised by device.c after the step. No module but drive.c works on struct drive.
  *
  * In interpolated position both axes follow one path, so they stop together: path time runs only while both are in
  * operation enabled with bit 4 of the controlword set and bit 8 (halt) clear. For the other modes see
@@ -23,31 +23,27 @@
 #ifndef KONTUR_DRIVE_H
 #define KONTUR_DRIVE_H
 #include "drive/cia402.h"
+#include "drive/path.h"
 #include "drive/servo_loop.h"
-#include "motion/axis_modes.h"
-#include "motion/queue.h"
 #include "supervision/command_guard.h"
 #include "supervision/fault_monitor.h"
 #include "supervision/integrity.h"
 
 struct drive {
     struct servo_loop loop;
-    struct queue queue;
+    struct path path;
     struct od_data *od;
     struct cia402 axis[2];
     struct command_guard command_guard;
-    struct axis_modes modes;
     uint32_t faults;   /* latched FAULT_BIT()s: what stops the axes */
     uint32_t warnings; /* FAULT_BIT()s in effect that stop nothing */
     uint8_t first;     /* enum fault: the first one of `faults` */
     struct fault_monitor fault_monitor;
     struct integrity integrity;
-    bool enable_refused; /* an axis is to be enabled while one without power moves */
-    /* loop.command as it is to be */
-    bool powered[2];
-    uint32_t begin, configured;
-    uint32_t configured_ms;   /* snapshots published when the configuration was handed over */
-    struct knot suspended_at; /* where a suspended path stands, nm */
+    bool enable_refused;    /* an axis is to be enabled while one without power moves */
+    bool powered[2];        /* loop.command.powered, and */
+    uint32_t configured;    /* loop.command.configured as they are to be */
+    uint32_t configured_ms; /* snapshots published when the configuration was handed over */
 };
 
 struct drive_in {
@@ -72,22 +68,13 @@ void drive_fault(struct drive *d, enum fault f);
 /* A statusword, as it is in od, goes to the master. */
 void drive_statusword_sent(struct drive *d, int axis);
 
-/* Object 2200h command: SDO abort code, or 0. */
-enum stream_command { STREAM_COMMAND_BEGIN = 1, STREAM_COMMAND_DISCARD, STREAM_COMMAND_RESUME };
+/* Object 2200h command, enum stream_command: SDO abort code, or 0. */
 uint32_t drive_stream_command(struct drive *d, uint8_t command);
-/* Object 2200h total is to be written: SDO abort code, or 0. An open-ended stream that is open ends with so many. */
-uint32_t drive_stream_total(struct drive *d, uint32_t total);
-/* A knot frame (2201h). */
-enum queue_result drive_knot(struct drive *d, const struct od_knot *frame);
-/* A knot by its absolute position. */
-enum queue_result drive_push(struct drive *d, struct knot knot);
 /* A record of 60C1h for both axes: SDO abort code, or 0. The first one while no stream is open begins one. */
 uint32_t drive_record(struct drive *d, struct knot record);
 /* Object 2300h command, enum scope_command: SDO abort code, or 0. */
 uint32_t drive_scope_command(struct drive *d, uint8_t command);
 
-/* Where the axes are, nm. */
-struct knot drive_position(struct drive *d);
 /* An axis is in operation enabled or stopping: parameters must not change. */
 bool drive_powered(const struct drive *d);
 /* Servo periods since power-on: the clock of the command guard. */

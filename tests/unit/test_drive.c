@@ -72,7 +72,7 @@ static void begin(uint32_t total, uint32_t given)
     od.stream.start_x = od.stream.start_y = 0;
     TEST_ASSERT_EQUAL_HEX32(0, drive_stream_command(&drive, 1));
     for (uint32_t i = 0; i < given; i++) {
-        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, drive_push(&drive, (struct knot){{0, 0}}));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, path_push(&drive.path, (struct knot){{0, 0}}));
     }
 }
 
@@ -113,7 +113,7 @@ static void test_axes_are_enabled_no_sooner_than_their_position_is_known(void)
     TEST_ASSERT_TRUE(drive_powered(&drive));
     tick(1);
     TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
-    TEST_ASSERT_INT32_WITHIN(1, 76290000, drive.queue.ring.start.nm[0]); /* held where it stands */
+    TEST_ASSERT_INT32_WITHIN(1, 76290000, drive.path.queue.ring.start.nm[0]); /* held where it stands */
 }
 
 static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void)
@@ -129,7 +129,7 @@ static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void
     ms(2);
     command(0x0F, 0x0F);
     TEST_ASSERT_TRUE(drive_powered(&drive));
-    TEST_ASSERT_INT32_WITHIN(1, 2 * 76290000, drive.queue.ring.start.nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, 2 * 76290000, drive.path.queue.ring.start.nm[0]);
 }
 
 static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
@@ -151,8 +151,8 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
         TEST_ASSERT_EQUAL_UINT32(345678 + i, c->encoder_10fm[i]);
         TEST_ASSERT_EQUAL_INT32(-4567891 - i, c->min_nm[i]);
         TEST_ASSERT_EQUAL_INT32(5678912 + i, c->max_nm[i]);
-        TEST_ASSERT_EQUAL_INT32(-4567891 - i, drive.queue.min_nm[i]);
-        TEST_ASSERT_EQUAL_INT32(5678912 + i, drive.queue.max_nm[i]);
+        TEST_ASSERT_EQUAL_INT32(-4567891 - i, drive.path.queue.min_nm[i]);
+        TEST_ASSERT_EQUAL_INT32(5678912 + i, drive.path.queue.max_nm[i]);
     }
 }
 
@@ -259,7 +259,7 @@ static void test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled(voi
     step(0);
     TEST_ASSERT_FALSE(drive_powered(&drive));
     TEST_ASSERT_EQUAL_HEX32(SERVO_LOOP_OFF, atomic_load(&drive.loop.command.powered[0]));
-    TEST_ASSERT_FALSE(drive.queue.open);
+    TEST_ASSERT_FALSE(drive.path.queue.open);
 }
 
 static void test_reset_cuts_the_power_and_keeps_position_and_time(void)
@@ -286,7 +286,7 @@ static void test_underrun_counts_once_however_long_it_lasts(void)
     command(0x1F, 0x1F);
     ms(320);
     for (uint32_t i = 300; i < 900; i++) {
-        drive_push(&drive, (struct knot){{0, 0}});
+        path_push(&drive.path, (struct knot){{0, 0}});
         ms(1);
     }
     TEST_ASSERT_EQUAL_UINT32(1, od.stream.underruns);
@@ -304,11 +304,11 @@ static void rest_and_then(int32_t nm, unsigned more)
     ms(1);
     for (int i = 0; i < 10000 && !atomic_load(&drive.loop.at_end); i++) {
         tick(1);
-        queue_executed(&drive.queue, atomic_load(&drive.loop.executed));
+        queue_executed(&drive.path.queue, atomic_load(&drive.loop.executed));
     }
     TEST_ASSERT_TRUE(atomic_load(&drive.loop.at_end));
     for (unsigned i = 0; i < more; i++) {
-        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, drive_push(&drive, (struct knot){{nm, 0}}));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, path_push(&drive.path, (struct knot){{nm, 0}}));
     }
     step(0);
 }
@@ -316,8 +316,8 @@ static void rest_and_then(int32_t nm, unsigned more)
 static void test_knot_that_comes_at_the_last_moment_keeps_an_open_ended_stream_from_ending(void)
 {
     rest_and_then(5, 1);
-    TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.queue.open);
-    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, drive_push(&drive, (struct knot){{5, 0}}));
+    TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.path.queue.open);
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, path_push(&drive.path, (struct knot){{5, 0}}));
 }
 
 static void test_last_knots_that_come_at_the_last_moment_are_gone_through_before_the_stream_ends(void)
@@ -325,7 +325,7 @@ static void test_last_knots_that_come_at_the_last_moment_are_gone_through_before
     for (int32_t nm = 0; nm <= 5; nm += 5) { /* resting, and on to somewhere else */
         setUp();
         rest_and_then(nm, 5);
-        TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.queue.open);
+        TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.path.queue.open);
         ms(200);
         TEST_ASSERT_EQUAL_UINT8(STREAM_DONE, od.stream.state);
         TEST_ASSERT_EQUAL_UINT32(105, od.stream.executed);
