@@ -13,7 +13,6 @@
 #endif
 
 enum { MOST_BEHIND_MS = 5000 }; /* more than writing the flash takes */
-enum { ANY_SUB = 0xFF, AXIS_STEP = OBJ_CONTROLWORD_Y - OBJ_CONTROLWORD_X };
 
 static void report(struct device *device, const struct servo_snapshot *s)
 {
@@ -125,7 +124,7 @@ static void on_tpdo(void *ctx, unsigned number)
 {
     struct device *device = ctx;
     for (int i = 0; i < 2; i++) {
-        if (co_tpdo_carries(&device->node, number, (uint16_t)(OBJ_STATUSWORD_X + i * AXIS_STEP))) {
+        if (co_tpdo_carries(&device->node, number, i == 0 ? OBJ_STATUSWORD_X : OBJ_STATUSWORD_Y)) {
             drive_statusword_sent(&device->drive, i);
         }
     }
@@ -133,304 +132,25 @@ static void on_tpdo(void *ctx, unsigned number)
 
 /* ---- objects by SDO ---- */
 
-static int axis_of(const struct od_entry *entry)
-{
-    return entry->index >= OBJ_ERROR_CODE_Y ? 1 : 0;
-}
-
-/* 1010h, 1011h, 2001h */
-static uint32_t check_settings(const struct device *device, const struct od_entry *entry, int64_t value)
-{
-    return settings_check(&device->settings, entry, value);
-}
-
-static uint32_t store(struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)value; /* the signature, which has been checked */
-    return settings_command(&device->settings, entry, device->node.config.node_id);
-}
-
-/* A command leaves no value: what is read says what can be stored and restored. */
-static void stored(struct device *device, const struct od_entry *entry)
-{
-    od_write(&device->od, entry, od_read(&od_defaults, entry));
-}
-
-/* 2000h */
-static void controller_written(struct device *device, const struct od_entry *entry)
-{
-    (void)entry;
-    atomic_store(&device->drive.loop.command.controller, device->od.controller.select);
-}
-
-/* 2033h */
-static void report_errors(struct device *device, const struct od_entry *entry)
-{
-    (void)entry;
-    for (unsigned i = 0; i < sizeof device->od.errors / sizeof device->od.errors[0]; i++) {
-        device->od.errors[i] = co_emcy_code(&device->node, i);
-    }
-}
-
-/* 2131h */
-static void feed_override_written(struct device *device, const struct od_entry *entry)
-{
-    (void)entry;
-    step(device, 0);
-}
-
-/* 2140h: a master holds the drive by a heartbeat, which is watched meanwhile. */
-static uint32_t check_claim(const struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)device;
-    (void)entry;
-    return (uint8_t)value <= 127u ? SDO_OK : SDO_ABORT_VALUE;
-}
-
-static uint32_t claim(struct device *device, const struct od_entry *entry, int64_t value)
-{
-    struct command_guard *guard = &device->drive.command_guard;
-    const uint8_t id = (uint8_t)value;
-    const uint8_t before = guard->holder;
-    (void)entry;
-    if (!command_guard_claim(guard, id, (uint32_t)value >> 8, drive_powered(&device->drive))) {
-        device->od.master.refused++;
-        fault_monitor_event(&device->drive.fault_monitor, FAULT_SECOND_MASTER);
-        return SDO_ABORT_STATE;
-    }
-    if (id != before) {
-        co_watch_heartbeat(&device->node, id);
-    }
-    return SDO_OK;
-}
-
-static uint32_t arm(struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)entry;
-    return command_guard_arm(&device->drive.command_guard, (uint32_t)value, drive_now(&device->drive))
-               ? SDO_OK
-               : SDO_ABORT_STATE;
-}
-
-static void report_holder(struct device *device, const struct od_entry *entry)
-{
-    (void)entry;
-    device->od.master.holder = device->drive.command_guard.holder;
-}
-
-static void draw_ticket(struct device *device, const struct od_entry *entry)
-{
-    (void)entry;
-    device->od.master.ticket = command_guard_draw(&device->drive.command_guard, drive_now(&device->drive));
-}
-
-/* 2200h, 60C4h */
-static uint32_t command_stream(struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)entry;
-    return drive_stream_command(&device->drive, (uint8_t)value);
-}
-
-static uint32_t end_stream(struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)entry;
-    return path_total(&device->drive.path, (uint32_t)value);
-}
-
-static uint32_t clear_buffer(struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)entry;
-    return value == 0 ? drive_stream_command(&device->drive, STREAM_COMMAND_DISCARD) : SDO_OK;
-}
-
-/* 2220h */
-static void reset_energy(struct device *device, const struct od_entry *entry)
-{
-    (void)entry;
-    atomic_store(&device->drive.loop.command.energy_reset, true);
-}
-
-/* 2300h, 2301h: while there is a fault, its capture stays. */
-static uint32_t check_scope(const struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)entry;
-    (void)value;
-    return device->drive.faults != 0 && scope_holds_fault(&device->drive.loop.scope) ? SDO_ABORT_STATE : SDO_OK;
-}
-
-static uint32_t check_signal(const struct device *device, const struct od_entry *entry, int64_t value)
-{
-    const bool known = value == 0 || (value < SIGNALS && scope_signals[value].kind != SCOPE_NONE);
-    const uint32_t code = check_scope(device, entry, value);
-    return code != SDO_OK ? code : known ? SDO_OK : SDO_ABORT_VALUE;
-}
-
-static uint32_t command_scope(struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)entry;
-    return drive_scope_command(&device->drive, (uint8_t)value);
-}
-
-static void report_scope(struct device *device, const struct od_entry *entry)
-{
-    (void)entry;
-    scope_report(&device->drive.loop.scope, &device->od);
-}
-
-/* 6040h, 6041h */
-static void controlword_written(struct device *device, const struct od_entry *entry)
-{
-    step(device, 1u << axis_of(entry));
-}
-
-static void statusword_read(struct device *device, const struct od_entry *entry)
-{
-    drive_statusword_sent(&device->drive, axis_of(entry));
-}
-
-/* 605Ah: options 3 and 4 are not supported. */
-static uint32_t check_quick_stop(const struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)device;
-    (void)entry;
-    return value == 3 || value == 4 ? SDO_ABORT_VALUE : SDO_OK;
-}
-
-/* 6060h */
-static uint32_t check_mode(const struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)device;
-    (void)entry;
-    return axis_modes_known(value) ? SDO_OK : SDO_ABORT_VALUE;
-}
-
-/* 6098h */
-static uint32_t check_homing_method(const struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)device;
-    (void)entry;
-    return homing_method_known(value) ? SDO_OK : SDO_ABORT_VALUE;
-}
-
-/* 60C1h: the record is complete with that of axis y. */
-static uint32_t record(struct device *device, const struct od_entry *entry, int64_t value)
-{
-    (void)entry;
-    return drive_record(&device->drive, (struct knot){{device->od.axis[0].ip_record.position, (int32_t)value}});
-}
-
-/* 60C2h: not while a stream is open */
-static uint32_t check_period(const struct device *device, const struct od_entry *entry, int64_t value)
-{
-    const struct queue *queue = &device->drive.path.queue;
-    (void)entry;
-    (void)value;
-    return queue->open && queue->stream->state != STREAM_DONE ? SDO_ABORT_STATE : SDO_OK;
-}
-
-/* What writing and reading an object by SDO does beside its value. NULL: nothing. */
-static const struct object {
-    uint16_t index;
-    uint8_t sub;
-    bool both_axes;     /* there is a second one for axis y */
-    bool without_power; /* it cannot be written while an axis has power; parameters (OD_CONFIG) never can */
-    uint32_t (*check)(const struct device *device, const struct od_entry *entry, int64_t value); /* SDO abort code */
-    uint32_t (*command)(struct device *device, const struct od_entry *entry, int64_t value);     /* SDO abort code */
-    void (*written)(struct device *device, const struct od_entry *entry);
-    void (*before_read)(struct device *device, const struct od_entry *entry);
-} objects[] = {
-    {OBJ_STORE, ANY_SUB, .without_power = true, .check = check_settings, .command = store, .written = stored},
-    {OBJ_RESTORE, ANY_SUB, .without_power = true, .check = check_settings, .command = store, .written = stored},
-    {OBJ_HEARTBEAT_CONSUMER, ANY_SUB, .without_power = true},
-    {OBJ_ERROR_BEHAVIOUR, ANY_SUB, .without_power = true},
-    {OBJ_CONTROLLER, ANY_SUB, .written = controller_written},
-    {OBJ_NODE, ANY_SUB, .without_power = true, .check = check_settings},
-    {OBJ_ERRORS, ANY_SUB, .before_read = report_errors},
-    {OBJ_FEED_OVERRIDE, ANY_SUB, .written = feed_override_written},
-    {OBJ_MASTER, SUB_MASTER_HOLDER, .before_read = report_holder},
-    {OBJ_MASTER, SUB_MASTER_CLAIM, .check = check_claim, .command = claim},
-    {OBJ_MASTER, SUB_MASTER_TICKET, .before_read = draw_ticket},
-    {OBJ_MASTER, SUB_MASTER_ARM, .command = arm},
-    {OBJ_STREAM, SUB_STREAM_COMMAND, .command = command_stream},
-    {OBJ_STREAM, SUB_STREAM_TOTAL, .command = end_stream},
-    {OBJ_ENERGY, SUB_ENERGY_RESET, .written = reset_energy},
-    {OBJ_SCOPE, SUB_SCOPE_COMMAND, .check = check_scope, .command = command_scope},
-    {OBJ_SCOPE, SUB_SCOPE_SOURCE, .check = check_signal, .before_read = report_scope},
-    {OBJ_SCOPE, ANY_SUB, .check = check_scope, .before_read = report_scope},
-    {OBJ_SCOPE_CHANNELS, ANY_SUB, .check = check_signal},
-    {OBJ_CONTROLWORD_X, ANY_SUB, .both_axes = true, .written = controlword_written},
-    {OBJ_STATUSWORD_X, ANY_SUB, .both_axes = true, .before_read = statusword_read},
-    {OBJ_QUICK_STOP_OPTION_X, ANY_SUB, .both_axes = true, .check = check_quick_stop},
-    {OBJ_MODE_X, ANY_SUB, .both_axes = true, .check = check_mode},
-    {OBJ_HOMING_METHOD_X, ANY_SUB, .both_axes = true, .check = check_homing_method},
-    {OBJ_IP_RECORD_Y, ANY_SUB, .command = record},
-    {OBJ_IP_PERIOD_X, ANY_SUB, .both_axes = true, .check = check_period},
-    {OBJ_IP_BUFFER_X, SUB_IP_BUFFER_CLEAR, .both_axes = true, .command = clear_buffer},
-};
-
-static const struct object *object_of(const struct od_entry *entry)
-{
-    static const struct object none;
-    for (unsigned i = 0; i < sizeof objects / sizeof objects[0]; i++) {
-        const struct object *o = &objects[i];
-        const bool index = entry->index == o->index || (o->both_axes && entry->index == o->index + AXIS_STEP);
-        if (index && (o->sub == ANY_SUB || o->sub == entry->sub)) {
-            return o;
-        }
-    }
-    return &none;
-}
-
-/* Whether the parameters would still fit together with this one changed */
-static uint32_t check_parameter(struct od_data *od, const struct od_entry *entry, int64_t value)
-{
-    const int64_t now = od_read(od, entry);
-    od_write(od, entry, value);
-    const bool fit = configuration_fits(od);
-    od_write(od, entry, now);
-    return fit ? SDO_OK : SDO_ABORT_INCOMPATIBLE;
-}
-
-static uint32_t refuse_with_power(struct device *device)
-{
-    fault_monitor_event(&device->drive.fault_monitor, FAULT_CONFIG_ENABLED);
-    return SDO_ABORT_STATE;
-}
-
 static uint32_t before_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
-    struct device *device = ctx;
-    const struct object *o = object_of(entry);
-    const bool powered = drive_powered(&device->drive);
-    if (o->without_power && powered) {
-        return refuse_with_power(device);
-    }
-    uint32_t code = o->check != NULL ? o->check(device, entry, value) : SDO_OK;
-    if (code == SDO_OK && (entry->flags & OD_CONFIG) != 0) {
-        code = powered ? refuse_with_power(device) : check_parameter(&device->od, entry, value);
-    }
-    return code == SDO_OK && o->command != NULL ? o->command(device, entry, value) : code;
+    const struct device *device = ctx;
+    return device_objects_before_write(&device->objects, entry, value);
 }
 
 static void on_write(void *ctx, const struct od_entry *entry)
 {
     struct device *device = ctx;
-    const struct object *o = object_of(entry);
-    if ((entry->flags & OD_CONFIG) != 0) {
-        drive_configure(&device->drive, false);
-    }
-    if (o->written != NULL) {
-        o->written(device, entry);
+    unsigned received = 0;
+    if (device_objects_written(&device->objects, entry, &received)) {
+        step(device, received);
     }
 }
 
 static void before_read(void *ctx, const struct od_entry *entry)
 {
-    struct device *device = ctx;
-    const struct object *o = object_of(entry);
-    if (o->before_read != NULL) {
-        o->before_read(device, entry);
-    }
+    const struct device *device = ctx;
+    device_objects_before_read(&device->objects, entry);
 }
 
 /* There is one domain: 2302h. */
@@ -503,6 +223,8 @@ static void on_reset(void *ctx, bool communication_only)
 void device_init(struct device *device, const struct hal *hal, uint8_t node_id)
 {
     *device = (struct device){.hal = hal};
+    device->objects = (struct device_objects){
+        .od = &device->od, .node = &device->node, .drive = &device->drive, .settings = &device->settings};
     od_init(&device->od, node_id);
     set_build(&device->od);
     const uint8_t used_id = settings_init(&device->settings, &device->od, hal, node_id, configuration_fits);
