@@ -39,7 +39,7 @@ KNOT_S = 1e-3
 STANDSTILL_MPS = 4e-6
 """At or below this path speed there is no direction: the axis frame is taken, and it does not turn (decision)."""
 TURNS = 4
-"""Periods in which energy, adaptation and learning of each axis come once (decision)."""
+"""Periods in which energy, adaptations of each axis come once (decision)."""
 BLENDED_N = 2.5e-4
 """A switching offset below this is none (decision)."""
 NU_MAX = 4.0
@@ -61,7 +61,7 @@ def _pair(x: float, y: float) -> Array:
 class Params:
     """Everything the loop needs, SI. The defaults are Table 1 and, where it is silent, values to compare with.
 
-    Most of those are the drive's defaults (firmware/canopen/objects.toml), but not all.
+    Most of those are the drive's defaults (firmware/od/objects.toml), but not all.
     """
 
     dt_s: float = 1e-4
@@ -97,11 +97,11 @@ class Params:
     phi_mps: float = 1e-3
     dead_zone_mps: float = 1e-3
     mu_printed: bool = False
-    whole_input: bool = False
-    # learned feedforward of friction and mass; not in the paper
+    input_printed: bool = False
+    # adaptive feedforward of friction and mass; not in the paper
     friction_rate_1ps: float = 40.0
     mass_rate_1ps: float = 20.0
-    learning_acceleration_mps2: float = 0.5
+    feedforward_acceleration_mps2: float = 0.5
     # cascade and cross-coupled control
     k_p_1ps: float = 67.4
     k_v_1ps: float = 307.0
@@ -381,22 +381,22 @@ def friction(r_dot_mps: Array, p: Params) -> Array:
     return p.coulomb_N * sat(r_dot_mps, p.friction_speed_mps)
 
 
-def learned_force(friction_N: Array, mass_kg: Array, r_dot_mps: Array, r_ddot_mps2: Array, p: Params) -> Array:
-    """Force (2,) for the friction and the mass learned beyond the nominal plant (decision)."""
+def feedforward_force(friction_N: Array, mass_kg: Array, r_dot_mps: Array, r_ddot_mps2: Array, p: Params) -> Array:
+    """Force (2,) for the friction and the mass that are estimated beyond the nominal plant (decision)."""
     return friction_N * sat(r_dot_mps, p.friction_speed_mps) + mass_kg * r_ddot_mps2
 
 
-def learn(
+def adapt_feedforward(
     friction_N: Array, mass_kg: Array, r_dot_mps: Array, r_ddot_mps2: Array, u_N: Array, dt_s: float, p: Params
 ) -> tuple[Array, Array]:
-    """dt_s of learning friction and mass from what the compensator added, u (decision).
+    """One step dt_s of adapting friction and mass to what the compensator added, u (decision).
 
     The force that is missing is l sign(r') + m r''; the compensator supplies it. Gradient descent of u^2/2: dl/dt is
     proportional to u d, dm/dt to u a, the latter divided by a^2 + a_0^2 so that its speed does not depend on how hard
     the path accelerates.
     """
     direction = sat(r_dot_mps, p.friction_speed_mps)
-    regressor = r_ddot_mps2 / (r_ddot_mps2**2 + p.learning_acceleration_mps2**2)
+    regressor = r_ddot_mps2 / (r_ddot_mps2**2 + p.feedforward_acceleration_mps2**2)
     friction_N = friction_N + p.friction_rate_1ps * u_N * direction * dt_s
     mass_kg = mass_kg + p.mass_rate_1ps * u_N * regressor * dt_s
     return (
@@ -586,8 +586,8 @@ class State:
     offset: Array
     last: list[History]
     energy_J: Array
-    learned_friction_N: Array
-    learned_mass_kg: Array
+    feedforward_friction_N: Array
+    feedforward_mass_kg: Array
     saturated: bool = False
     turn: int = 0
     controller: str | None = None
@@ -615,8 +615,8 @@ class Servo:
             offset=zero,
             last=[History(zero, zero, zero)] * 2,
             energy_J=zero,
-            learned_friction_N=zero,
-            learned_mass_kg=zero,
+            feedforward_friction_N=zero,
+            feedforward_mass_kg=zero,
         )
         self._reset_laws(measured_m, zero)
         self.contour: Contour | None = None
@@ -640,14 +640,14 @@ class Servo:
     ) -> Array:
         """Force (2,) in N for encoder positions measured_m (2,) at path time t_s.
 
-        The force asked for in a period acts in the next one: the observer is told the force of two calls ago, and
-        so is the reference model. What was fed forward against friction moves nothing, so the observer's is without it
+        The force demand of a period acts in the next one: the observer gets the force of two calls ago, and
+        so does the reference model. The observer's is without the feedforward against friction, which moves nothing
         (decision).
         """
         p, s = self.p, self.state
         s.observer, acceleration = observe(s.observer, measured_m, s.last[1].force - s.last[1].balance, p, self.gains)
         q, q_dot = s.observer[0], s.observer[1]
-        s.turn = (s.turn + 1) % TURNS  # energy and adaptation of an axis a period, or learning of one, for all turns
+        s.turn = (s.turn + 1) % TURNS  # energy, adaptation or feedforward of one axis a period, for all turns
         turn = np.arange(2) == s.turn
         s.energy_J = s.energy_J + np.where(turn, power(q_dot, acceleration, p) * TURNS * p.dt_s, 0.0)
         c = contour_error(self.knots_m, self.start_m, t_s, rate, rate_dot_1ps, q, q_dot, p)
@@ -673,7 +673,7 @@ class Servo:
         return now.force
 
     def _law(self, controller: str, c: Contour, q: Array, q_dot: Array) -> tuple[Array, Array, Array]:
-        """Force of the law, its part that balances friction and learned mass, its part that drives (2), N."""
+        """Force of the law, its part that balances friction and the mass error, its part that drives (2), N."""
         p, s = self.p, self.state
         balance = friction(c.r_dot, p)
         if controller in ("cascade", "ccc"):
@@ -702,22 +702,22 @@ class Servo:
         u = linear + balance
         if controller != "ccu":
             return u, balance, linear
-        if p.whole_input:  # (2) as printed
+        if p.input_printed:  # (2) as printed
             linear = u
         z_max = p.phi_mps / p.alpha_1ps
         z = np.clip(q - s.q_bar, -z_max, z_max)  # beyond it sat() is full and z would only wind up (decision)
         s.q_bar = q - z
         _, surface_s, _, compensator = compensation(z, q_dot - s.q_bar_dot, c.rotation, c.theta_dot, s.mu, p)
         s.mu = np.where(turn, adapt_mu(s.mu, surface_s, TURNS * p.dt_s, p), s.mu)
-        learned = learned_force(s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, p)
+        feedforward = feedforward_force(s.feedforward_friction_N, s.feedforward_mass_kg, c.r_dot, c.r_ddot, p)
         if not s.saturated:  # a force that was not given teaches nothing
             turn = np.arange(2) + 2 == s.turn
-            friction_N, mass_kg = learn(
-                s.learned_friction_N, s.learned_mass_kg, c.r_dot, c.r_ddot, compensator, TURNS * p.dt_s, p
+            friction_N, mass_kg = adapt_feedforward(
+                s.feedforward_friction_N, s.feedforward_mass_kg, c.r_dot, c.r_ddot, compensator, TURNS * p.dt_s, p
             )
-            s.learned_friction_N = np.where(turn, friction_N, s.learned_friction_N)
-            s.learned_mass_kg = np.where(turn, mass_kg, s.learned_mass_kg)
-        return u + compensator + learned, balance + learned, linear
+            s.feedforward_friction_N = np.where(turn, friction_N, s.feedforward_friction_N)
+            s.feedforward_mass_kg = np.where(turn, mass_kg, s.feedforward_mass_kg)
+        return u + compensator + feedforward, balance + feedforward, linear
 
 
 # --- The machine ------------------------------------------------------------------------------------------------------

@@ -6,8 +6,7 @@
  * a step, so a run is a function of the machine, the seed and the frames sent. Several drives may exist side by side.
  * Nothing here is thread safe.
  *
- * Context: a host process. Python calls it through cffi (kontur.simlib), and so do the process kontur-sim and C
- * tests.
+ * Context: a host process. Python calls it through cffi (kontur.simlib), and so do the process kontur-sim and C tests.
  *
  * The lines between CDEF-BEGIN and CDEF-END are plain C declarations that cffi reads as they are.
  */
@@ -69,15 +68,15 @@ struct ks_can_status {
 
 typedef struct ks ks;
 
-/* Power on a drive with node_id (1..31). NULL: there is no memory, or node_id or the machine is out of range
- * (ks_check()). */
+/* Power on a drive with node_id (1..31). NULL: there is no
+ * memory, or node_id or the machine is out of range (ks_check()). */
 ks *ks_new(const struct ks_machine *machine, uint64_t seed, uint8_t node_id);
 void ks_free(ks *s);
 /* NULL when the machine is usable, else the name of the first field that is out of range. */
 const char *ks_check(const struct ks_machine *machine);
 
-/* Give the device one frame, which it handles and answers before this returns. Returns 0, or -1 for an invalid
- * frame. */
+/* Give the device one frame, which it handles and answers
+ * before this returns. Returns 0, or -1 for an invalid frame. */
 int ks_send(ks *s, uint32_t id, uint8_t rtr, uint8_t len, const uint8_t *data);
 /* Take the oldest frame that the device has sent. Returns 1 with *out filled, or 0 when there is none. */
 int ks_recv(ks *s, struct ks_frame *out);
@@ -101,8 +100,8 @@ const void *ks_flash(const ks *s, uint32_t *bytes);
 /* Set the contents of the flash, as many bytes, and power on with them. Call it for a new drive only. */
 void ks_power_on_with(ks *s, const void *flash);
 
-/* Set 2020h:4, by which the drive reports that its time passes with SYNC. The caller then lets time pass after
- * each SYNC. */
+/* Set 2020h:4, by which the drive reports that its time passes
+ * with SYNC. The caller then lets time pass after each SYNC. */
 void ks_set_paced(ks *s, int by_sync);
 /* Identifier of SYNC (1005h), and its period in us (1006h). */
 uint32_t ks_sync_id(const ks *s);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* libkontur.c: libkontur, the object of kontur_sim.h. It is the HAL of the simulated machine, and it lets time
- * pass. */
+/* libkontur.c: libkontur, the object of kontur_sim.h. It is
+ * the HAL of the simulated machine, and it lets time pass. */
 #include "sim/kontur_sim.h"
 
 #include <math.h>

@@ -30,7 +30,10 @@ REACTIONS = {
     "disable": "REACT_DISABLE",
 }
 REGISTERS = ("generic", "current", "voltage", "communication", "profile", "manufacturer")
-LATCHED_CLEARED = "fault reset"
+DELAY = "1 ms"  # where `delay` is left out: the step of supervision/fault_monitor
+REGISTER = "manufacturer"  # where `register` is left out
+LATCHED_CLEARED = "fault reset"  # where `cleared` is left out
+WARNING_CLEARED = "when its cause is gone"  # the same, of a warning
 MOST = 32  # bits of a word
 PERIODS_PER_MS = 10  # at the usual CONTROL_HZ: for tests
 
@@ -47,11 +50,11 @@ class Fault:
     fault: str
     cause: str
     detection: str
-    delay: str
     reaction: str
     emcy: int
-    register: str
     remedy: str
+    delay: str = DELAY
+    register: str = REGISTER
     option: str = ""
     cleared: str = ""
     capture: bool = False
@@ -90,8 +93,6 @@ def row(name: str, given: dict[str, Any]) -> Fault:
         raise FaultsError(f"{name}: reaction is one of {', '.join(REACTIONS)}, register of {', '.join(REGISTERS)}")
     if not isinstance(f.emcy, int) or not 0 < f.emcy <= 0xFFFF:
         raise FaultsError(f"{name}: emcy is a code of 16 bits")
-    if not f.latched and not f.cleared:
-        raise FaultsError(f"{name}: cleared says how a warning ends")
     if f.node and f.captured:
         raise FaultsError(f"{name}: what the node raises stops no axis, and triggers no capture")
     _ = f.delay_periods
@@ -192,7 +193,7 @@ def docs(faults: list[Fault]) -> str:
     ]
     for f in faults:
         reaction = f"{f.reaction}; {f.option}" if f.option else f.reaction
-        cleared = f.cleared or LATCHED_CLEARED
+        cleared = f.cleared or (LATCHED_CLEARED if f.latched else WARNING_CLEARED)
         detection = f.detection.replace("|", "\\|")
         flags = ["yes" if flag else "no" for flag in (f.latched, f.captured)]
         cells = [f"{f.emcy:04X}h", f.name, detection, f.delay, reaction, *flags, cleared]

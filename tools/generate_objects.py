@@ -64,12 +64,17 @@ def c_declare(o: Object) -> list[str]:
     return [c_member(o.entries[0], o.c_name)] if stored else []
 
 
+def is_mapping(o: Object) -> bool:
+    """Whether it is the mapping object of a PDO."""
+    return o.index & 0xFE00 in (0x1600, 0x1A00)
+
+
 def c_numbers(objects: list[Object]) -> list[str]:
     """OBJ_NAME, the index of each object (OBJ_NAME_X and _Y for each axis), and SUB_NAME_ENTRY, the sub-indices."""
     lines = ["/* Indices of the objects, and their sub-indices. */", "enum {"]
     for o in objects:
         lines.append(f"    OBJ_{o.name.upper()} = 0x{o.index:04X},")
-        if o.kind == "record" and o.axis in (None, 0):
+        if o.kind == "record" and o.axis in (None, 0) and not is_mapping(o):
             lines += [f"    SUB_{o.c_name.upper()}_{e.name.upper()} = {e.sub}," for e in o.entries if e.sub > 0]
     return [*lines, "};", ""]
 
@@ -257,7 +262,7 @@ def docs(objects: list[Object]) -> str:
             lines.append(md_row(f"{o.index:04X}h", f"**{o.name}**", o.entries[0], o.entries[0].description))
             continue
         lines.append(f"| {o.index:04X}h | **{o.name}** | {o.kind} | | | | | | | {o.description} |")
-        if o.index & 0xFE00 in (0x1600, 0x1A00):
+        if is_mapping(o):
             lines.append(md_row(f"{o.index:04X}h:0", f"{o.name}.{o.entries[0].name}", o.entries[0], "entries in use"))
             text = "index << 16, sub << 8, bits; changes only while the PDO is not in use and sub 0 is 0"
             first = replace(o.entries[1], default="")

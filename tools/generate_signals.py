@@ -19,19 +19,13 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from objects import Entry, ObjectsError
+from objects import Entry
 from objects import load as load_objects
+from source import ROOT, SourceError, c_head, load_toml, note, run
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
-ROOT = Path(__file__).resolve().parents[1]
-C_HEAD = (
-    "/* SPDX-License-Identifier: Apache-2.0 */\n"
-    "/* Generated from scope/signals.toml by tools/generate_signals.py: do not edit. */\n"
-)
+SOURCE, OBJECTS = "firmware/scope/signals.toml", "firmware/od/objects.toml"
+GENERATOR = "tools/generate_signals.py"
+C_HEAD = c_head(SOURCE, GENERATOR)
 KINDS = {
     **{"num": "num", "acc": "acc_t", "pos": "pos_t", "reference": "pos_t"},
     **{"path": "struct path_state", "i32": "int32_t", "u8": "uint8_t"},
@@ -57,7 +51,7 @@ COLUMN_SUFFIX = {"um": "_um", "mm": "_mm", "N": "_N", "1/s": "_per_s", "m/s2": "
 """How the name of a log's column ends, by its unit."""
 
 
-class SignalsError(Exception):
+class SignalsError(SourceError):
     """signals.toml is not usable; the message says which row and what is wrong."""
 
 
@@ -73,11 +67,34 @@ class Telemetry:
 
 
 @dataclass(frozen=True)
-class Signal:
-    """One signal; see signals.toml. `axis`: 0 or 1 of a list, else 0. `scale`: counts in one unit of the core.
+class Published:
+    """How a signal is published each millisecond. `member`: its place in struct servo_snapshot.
 
-    `snapshot`: its member of struct servo_snapshot, if it is published. `copy`: its member of struct telemetry_copies,
-    if the tick has to copy it for that; `copy_type` is the member's type. `per_count`: one count in SI units.
+    `scale`: counts of the snapshot in one unit of the core (num, acc). `copy`: its place in struct telemetry_copies,
+    empty if the tick need not copy it. `sum`: names of the signals whose sum it is; it has no member then.
+    """
+
+    member: str
+    scale: int
+    copy: str
+    slow: bool
+    sum: tuple[str, ...]
+    object: Entry | None
+    telemetry: Telemetry | None
+    log: dict[str, Any] | None
+
+    @property
+    def entries(self) -> list[tuple[Entry, Telemetry | None]]:
+        """The objects that it goes to."""
+        places = [(self.object, None), (self.telemetry.entry if self.telemetry else None, self.telemetry)]
+        return [(entry, telemetry) for entry, telemetry in places if entry]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One signal; see signals.toml.
+
+    `axis`: 0 or 1 of a list, else 0. `scale`: counts of the scope in one unit of the core.
     """
 
     number: int | None
@@ -90,14 +107,7 @@ class Signal:
     factor: Decimal
     scale: int
     description: str
-    snapshot: str
-    snapshot_scale: int
-    copy: str
-    slow: bool
-    sum: tuple[str, str] | None
-    object: Entry | None
-    telemetry: Telemetry | None
-    log: dict[str, Any] | None
+    published: Published | None
 
     @property
     def place(self) -> str:
@@ -112,7 +122,7 @@ class _Objects:
         _, objects = load_objects(path)
         self.by_field = {entry.field: entry for o in objects for entry in o.entries if entry.field}
         self.pdos: dict[str, tuple[int, int, int]] = {}
-        for name, pdo in tomllib.loads(path.read_text("ascii"), parse_float=Decimal)["pdo"].items():
+        for name, pdo in load_toml(path)["pdo"].items():
             bit = 0
             for field in pdo["map"] if name.startswith("tpdo") else []:
                 entry = self.by_field.get(field)
@@ -142,6 +152,7 @@ def si(factor: Decimal, unit: str, name: str) -> tuple[Decimal, str]:
 
 def rows(given: dict[str, Any], objects: _Objects) -> list[Signal]:
     """The one or two signals of a row."""
+    given = (OF_CORE if "core" in given else OTHER) | given
     names = given["name"] if isinstance(given["name"], list) else [given["name"]]
     texts = given["description"] if isinstance(given["description"], list) else [given["description"]] * len(names)
     if not all(re.fullmatch(r"[a-z][a-z0-9_]*", name) for name in names):
@@ -154,6 +165,9 @@ def rows(given: dict[str, Any], objects: _Objects) -> list[Signal]:
     return [_signal(given, i, names, text, objects) for i, text in enumerate(texts)]
 
 
+# What a row of a number of the core need not say, and any other row
+OF_CORE: dict[str, Any] = {"kind": "num", "factor": Decimal("1e-5")}
+OTHER: dict[str, Any] = {"kind": "i32", "factor": Decimal(1)}
 KEYS = {
     *("name", "number", "from", "kind", "unit", "factor", "core", "description"),
     *("object", "telemetry", "wraps", "snapshot", "slow", "sum", "log"),
@@ -161,36 +175,48 @@ KEYS = {
 
 
 def _signal(given: dict[str, Any], i: int, names: list[str], text: str, objects: _Objects) -> Signal:
-    def filled(pattern: str) -> str:
-        return pattern.format(xy="xy"[i], i=i)
-
-    name, kind, unit = names[i], given.get("kind", "i32"), given["unit"]
-    factor, core = Decimal(given.get("factor", 1)), Decimal(given.get("core", 0))
-    base, _, member = filled(given.get("from", "out")).partition(".")
+    name, kind, factor = names[i], given["kind"], Decimal(given["factor"])
+    base, _, member = given.get("from", "out").format(xy="xy"[i], i=i).partition(".")
     if kind not in KINDS or base not in BASES:
         raise SignalsError(f"{name}: kind is one of {', '.join(KINDS)}, from begins with {', '.join(BASES)}")
-    scale = _whole(core / factor, kind, name)
-    entry = objects.entry(filled(given["object"]), name) if "object" in given else None
-    telemetry = objects.telemetry(name, given.get("wraps", False)) if given.get("telemetry") else None
-    snapshot, snapshot_scale = "", 0
-    published = [si(e.factor, e.unit, name) for e in (entry, telemetry.entry if telemetry else None) if e]
-    if "snapshot" in given:
-        published.append((Decimal(given["snapshot"]), UNITS[unit][1]))
-    if published:
-        if len(set(published)) > 1 or si(factor, unit, name)[1] != published[0][1]:
-            raise SignalsError(f"{name}: its objects are to have one unit and one factor, those of the signal")
-        snapshot = _member(names, i, published[0])
-        snapshot_scale = _whole(si(core, unit, name)[0] / published[0][0], kind, name)
-        if kind in ("i32", "u8", "pos", "reference") and "sum" not in given and si(factor, unit, name) != published[0]:
-            raise SignalsError(f"{name}: kind {kind} is not scaled, so its object has the factor of the signal")
     return Signal(
         number=given["number"] + i if "number" in given else None,
-        **{"name": name, "base": base, "member": member, "axis": i, "kind": kind, "unit": unit, "factor": factor},
-        **{"scale": scale, "description": text, "snapshot": snapshot, "snapshot_scale": snapshot_scale},
-        copy="" if not snapshot or base == "out" or "sum" in given else _element(names, i),
+        name=name,
+        base=base,
+        member=member,
+        axis=i,
+        kind=kind,
+        unit=given["unit"],
+        factor=factor,
+        scale=_whole(Decimal(given.get("core", 0)) / factor, kind, name),
+        description=text,
+        published=_published(given, i, names, objects),
+    )
+
+
+def _published(given: dict[str, Any], i: int, names: list[str], objects: _Objects) -> Published | None:
+    name, kind, unit = names[i], given["kind"], given["unit"]
+    entry = objects.entry(given["object"].format(xy="xy"[i], i=i), name) if "object" in given else None
+    telemetry = objects.telemetry(name, given.get("wraps", False)) if given.get("telemetry") else None
+    counts = {si(e.factor, e.unit, name) for e in (entry, telemetry and telemetry.entry) if e}
+    if "snapshot" in given:
+        counts.add((Decimal(given["snapshot"]), UNITS[unit][1]))
+    if not counts:
+        return None
+    count, *others = counts
+    of_scope = si(Decimal(given["factor"]), unit, name)
+    summed = "sum" in given
+    if others or count[1] != of_scope[1] or (kind not in ("num", "acc") and not summed and count != of_scope):
+        raise SignalsError(f"{name}: all its objects have one factor; that of the signal where kind is not num or acc")
+    return Published(
+        member="" if summed else _member(names, i, count),
+        scale=_whole(si(Decimal(given.get("core", 0)), unit, name)[0] / count[0], kind, name),
+        copy="" if summed or given["from"].startswith("out.") else _element(names, i),
         slow=given.get("slow", False),
-        sum=tuple(given["sum"].format(xy=xy) for xy in "xy") if "sum" in given else None,
-        **{"object": entry, "telemetry": telemetry, "log": given.get("log")},
+        sum=tuple(given["sum"].format(xy=xy) for xy in "xy") if summed else (),
+        object=entry,
+        telemetry=telemetry,
+        log=given.get("log"),
     )
 
 
@@ -215,15 +241,19 @@ def _member(names: list[str], i: int, per_count: tuple[Decimal, str]) -> str:
 
 
 def load(path: Path, objects_path: Path) -> list[Signal]:
-    """All signals in the order of signals.toml. Raises SignalsError, ObjectsError."""
-    table = tomllib.loads(path.read_text("ascii"), parse_float=Decimal)
+    """All signals in the order of signals.toml. Raises SourceError."""
     objects = _Objects(objects_path)
-    signals = [s for given in table["signal"] for s in rows(given, objects)]
+    try:
+        signals = [s for given in load_toml(path)["signal"] for s in rows(given, objects)]
+    except (KeyError, TypeError, ValueError) as error:
+        raise SignalsError(f"{path}: {error!r}") from error
     numbers, names = [s.number for s in signals], [s.name for s in signals]
     for s in signals:
-        if names.count(s.name) > 1 or (s.number is not None and (numbers.count(s.number) > 1 or not 1 <= s.number <= 255)):
+        usable = s.number is None or (numbers.count(s.number) == 1 and 1 <= s.number <= 255)
+        if names.count(s.name) > 1 or not usable:
             raise SignalsError(f"{s.name}: number {s.number} or name is another signal's, or not 1..255")
-    missing = objects.pdos.keys() - {s.telemetry.entry.field for s in signals if s.telemetry} - {"telemetry.tick"}
+    missing = objects.pdos.keys() - {"telemetry.tick"}
+    missing -= {e.field for s in signals if s.published for e, _ in s.published.entries}
     if missing:
         raise SignalsError(f"no signal goes to {', '.join(sorted(missing))}, which a TPDO maps")
     return signals
@@ -267,73 +297,74 @@ def members(fields: list[tuple[str, str]]) -> list[str]:
 
 
 def snapshot_header(signals: list[Signal]) -> str:
-    fields = [(s.snapshot, "uint8_t" if s.kind == "u8" else "int32_t") for s in signals if s.snapshot and not s.sum]
+    fields = [(p.member, "uint8_t" if s.kind == "u8" else "int32_t") for s, p in published(signals) if p.member]
     lines = [C_HEAD, "#ifndef SNAPSHOT_GEN_H", "#define SNAPSHOT_GEN_H", ""]
     lines += ["/* Members of struct servo_snapshot (supervision/servo_snapshot.h) */", "#define SNAPSHOT_SIGNALS \\"]
     return "\n".join([*lines, " \\\n".join(f"    {line}" for line in members(fields))[:-1], "#endif", ""])
 
 
+def published(signals: list[Signal]) -> list[tuple[Signal, Published]]:
+    return [(s, s.published) for s in signals if s.published]
+
+
 def telemetry_header(signals: list[Signal]) -> str:
-    copies = {s.place: s for s in reversed(signals) if s.copy}
-    kept = [s for s in signals if s.copy and copies[s.place] is s]
-    fields = members([(s.copy, COPIES[s.kind]) for s in kept])
+    copies: dict[str, tuple[Signal, Published]] = {}
+    for s, p in published(signals):
+        if p.copy:
+            copies.setdefault(s.place, (s, p))
+    headers = ("core/servo.h", "drive/telemetry_limit.h", "hal/hal.h", "od/od.h", "supervision/servo_snapshot.h")
     lines = [C_HEAD, "#ifndef TELEMETRY_GEN_H", "#define TELEMETRY_GEN_H"]
-    lines += [f'#include "{name}"' for name in ("core/servo.h", "hal/hal.h", "od/od.h", "supervision/servo_snapshot.h")]
-    lines += ["", "/* x within low..high */", "static inline int32_t telemetry_limit(int32_t x, int32_t low, int32_t high)"]
-    lines += ["{", "    return x < low ? low : x > high ? high : x;", "}"]
-    lines += ["", "/* The low `bits` of x, as a signed number */"]
-    lines += ["static inline int32_t telemetry_low_bits(int32_t x, unsigned bits)", "{"]
-    lines += ["    const uint32_t half = 1u << (bits - 1u);"]
-    lines += ["    return (int32_t)(((uint32_t)x + half) & (2u * half - 1u)) - (int32_t)half;", "}"]
-    lines += ["", "/* The sum, or 0 where it is negative */"]
-    lines += ["static inline uint32_t telemetry_sum(int32_t one, int32_t other)", "{"]
-    lines += ["    const int64_t sum = (int64_t)one + other;", "    return sum < 0 ? 0u : (uint32_t)sum;", "}"]
+    lines += [f'#include "{header}"' for header in headers]
     lines += ["", "/* Signals that are published but are not in struct servo_out */", "struct telemetry_copies {"]
-    lines += [*(f"    {line}" for line in fields), "};", ""]
-    for slow in (True, False):
-        parts = [s for s in kept if s.slow == slow]
-        bases = [base for base in BASES if any(s.base == base for s in parts)]
-        arguments = ", ".join(f"const struct {BASES[base]} *{base}" for base in bases)
-        name = "telemetry_copy_slow" if slow else "telemetry_copy"
-        lines += [f"static inline void {name}(struct telemetry_copies *copies, {arguments})", "{"]
-        for s in parts:
-            lines.append(f"    copies->{s.copy} = {f'acc_to({s.place})' if s.kind == 'acc' else s.place};")
-        lines += ["}", ""]
-    lines += ["static inline void telemetry_scale_signals(struct servo_snapshot *snapshot, const struct servo_out *out,"]
-    lines += ["                                           const struct telemetry_copies *copies)", "{"]
-    for s in signals:
-        if s.snapshot and not s.sum:
-            place = f"copies->{copies[s.place].copy}" if s.copy else s.place
-            lines.append(f"    snapshot->{s.snapshot} = {_scaled(s, place)};")
+    lines += [f"    {line}" for line in members([(p.copy, COPIES[s.kind]) for s, p in copies.values()])]
+    lines += ["};", ""]
+    lines += _copier("telemetry_copy_slow", [(s, p) for s, p in copies.values() if p.slow])
+    lines += _copier("telemetry_copy", [(s, p) for s, p in copies.values() if not p.slow])
+    arguments = "struct servo_snapshot *snapshot, const struct servo_out *out, const struct telemetry_copies *copies"
+    lines += [f"static inline void telemetry_scale_signals({arguments})", "{"]
+    for s, p in published(signals):
+        if p.member:
+            place = f"copies->{copies[s.place][1].copy}" if p.copy else s.place
+            lines.append(f"    snapshot->{p.member} = {_scaled(s, p, place)};")
     lines += ["}", "", "/* position_nm: of the user's zero */"]
-    lines += ["static inline void telemetry_report_signals(struct od_data *od, const struct servo_snapshot *snapshot,"]
-    lines += ["                                            const int32_t position_nm[2])", "{"]
-    for s in signals:
-        for entry, wraps in ((s.object, False), (s.telemetry and s.telemetry.entry, s.telemetry and s.telemetry.wraps)):
-            if entry:
-                lines.append(f"    od->{entry.field} = {_reported(s, entry, bool(wraps), signals)};")
+    arguments = "struct od_data *od, const struct servo_snapshot *snapshot, const int32_t position_nm[2]"
+    lines += [f"static inline void telemetry_report_signals({arguments})", "{"]
+    member_of = {s.name: p.member for s, p in published(signals)}
+    for s, p in published(signals):
+        for entry, telemetry in p.entries:
+            places = [f"snapshot->{member_of[name]}" for name in p.sum or (s.name,)]
+            if s.kind == "pos":
+                places = [f"position_nm[{s.axis}]"]
+            lines.append(f"    od->{entry.field} = {_fitted(places, entry, telemetry)};")
     return "\n".join([*lines, "}", "#endif", ""])
 
 
-def _scaled(s: Signal, place: str) -> str:
+def _copier(name: str, parts: list[tuple[Signal, Published]]) -> list[str]:
+    bases = [base for base in BASES if any(s.base == base for s, _ in parts)]
+    arguments = ", ".join(f"const struct {BASES[base]} *{base}" for base in bases)
+    lines = [f"static inline void {name}(struct telemetry_copies *copies, {arguments})", "{"]
+    for s, p in parts:
+        lines.append(f"    copies->{p.copy} = {f'acc_to({s.place})' if s.kind == 'acc' else s.place};")
+    return [*lines, "}", ""]
+
+
+def _scaled(s: Signal, p: Published, place: str) -> str:
     if s.kind in ("num", "acc"):
-        return f"n_to_scaled({place}, {s.snapshot_scale})"
+        return f"n_to_scaled({place}, {p.scale})"
     if s.kind == "reference":
         return f"pos_to_nm(pos_add({place}, n_neg(out->contour.e_w.{'xy'[s.axis]})))"
     return f"pos_to_nm({place})" if s.kind == "pos" else place
 
 
-def _reported(s: Signal, entry: Entry, wraps: bool, signals: list[Signal]) -> str:
-    if s.sum:
-        one, other = (f"snapshot->{t.snapshot}" for name in s.sum for t in signals if t.name == name)
-        return f"telemetry_sum({one}, {other})"
-    place = f"position_nm[{s.axis}]" if s.kind == "pos" else f"snapshot->{s.snapshot}"
-    if wraps:
-        return f"telemetry_low_bits({place}, {entry.type.bits})"
+def _fitted(places: list[str], entry: Entry, telemetry: Telemetry | None) -> str:
+    """The value at `places`, one or two to add, as it is put into an object."""
+    if len(places) == 2:
+        return f"telemetry_sum({', '.join(places)})"
+    if telemetry and telemetry.wraps:
+        return f"telemetry_low_bits({places[0]}, {entry.type.bits})"
     if entry.type.name == "i32":
-        return place
-    high = min(entry.type.high, 2**31 - 1)
-    limited = f"telemetry_limit({place}, {entry.type.low}, {high})"
+        return places[0]
+    limited = f"telemetry_limit({places[0]}, {entry.type.low}, {min(entry.type.high, 2**31 - 1)})"
     return limited if entry.type.c == "int32_t" else f"({entry.type.c}){limited}"
 
 
@@ -344,7 +375,7 @@ def docs(signals: list[Signal]) -> str:
     lines = [
         "# Signals of the servo",
         "",
-        "Generated from `firmware/scope/signals.toml` by `tools/generate_signals.py`: do not edit.",
+        f"{note(f'`{SOURCE}`', f'`{GENERATOR}`')}.",
         "",
         "A signal has one name everywhere: for `kontur scope`, in the object dictionary and in the columns of a log. "
         "_1 is along the path, _2 across it. Numbers in brackets are equations of the paper, and symbols are its "
@@ -356,7 +387,8 @@ def docs(signals: list[Signal]) -> str:
         "| number | name | unit | count | |",
         "|---|---|---|---|---|",
     ]
-    lines += [f"| {s.number} | {s.name} | {s.unit} | {float(s.factor):g} | {s.description} |" for s in recorded(signals)]
+    for s in recorded(signals):
+        lines.append(f"| {s.number} | {s.name} | {s.unit} | {float(s.factor):g} | {s.description} |")
     lines += [
         "",
         "The drive publishes these each millisecond. One count of the object is *count* units. A log has a column of "
@@ -365,53 +397,46 @@ def docs(signals: list[Signal]) -> str:
         "| name | object | count | unit | TPDO | column |",
         "|---|---|---|---|---|---|",
     ]
-    for s in signals:
-        for entry, t in ((s.object, None), (s.telemetry.entry if s.telemetry else None, s.telemetry)):
-            if entry:
-                pdo = f"{t.cob_id:X}h, bit {t.bit}, each {t.period_ms} ms" if t else ""
-                place = f"{entry.index:X}h:{entry.sub}"
-                column = column_name(s) if t and s.log else ""
-                lines.append(f"| {s.name} | {place} | {float(entry.factor):g} | {entry.unit} | {pdo} | {column} |")
+    for s, p in published(signals):
+        for entry, t in p.entries:
+            pdo = f"{t.cob_id:X}h, bit {t.bit}, each {t.period_ms} ms" if t else ""
+            place, column = f"{entry.index:X}h:{entry.sub}", column_name(s, p) if t else ""
+            lines.append(f"| {s.name} | {place} | {float(entry.factor):g} | {entry.unit} | {pdo} | {column} |")
     return "\n".join([*lines, ""])
 
 
-def column_name(s: Signal) -> str:
-    return s.name + COLUMN_SUFFIX[s.log["unit"]] if s.log else ""
+def column_name(s: Signal, p: Published) -> str:
+    return s.name + COLUMN_SUFFIX[p.log["unit"]] if p.log else ""
 
 
 def table(signals: list[Signal]) -> str:
     """What the host knows of each signal, those of the scope first, by number."""
     rest = [s for s in signals if s.number is None]
-    lines = [json.dumps(_row(s)) for s in [*recorded(signals), *rest] if s.number is not None or s.telemetry]
-    return "[\n" + ",\n".join(lines) + "\n]\n"
+    return "[\n" + ",\n".join(json.dumps(_row(s)) for s in [*recorded(signals), *rest]) + "\n]\n"
 
 
 def _row(s: Signal) -> dict[str, Any]:
     row: dict[str, Any] = {"number": s.number} if s.number is not None else {}
     row |= {"name": s.name, "unit": s.unit, "factor": float(s.factor), "description": s.description}
-    if s.telemetry:
-        entry = s.telemetry.entry
+    p = s.published
+    if p and p.telemetry:
         row["telemetry"] = {
-            **{"cob_id": s.telemetry.cob_id, "period_ms": s.telemetry.period_ms},
-            **{"bit": s.telemetry.bit, "bits": entry.type.bits, "signed": entry.type.signed},
-            **{"factor": float(entry.factor), "unit": entry.unit},
+            "cob_id": p.telemetry.cob_id,
+            "period_ms": p.telemetry.period_ms,
+            "bit": p.telemetry.bit,
+            "bits": p.telemetry.entry.type.bits,
+            "signed": p.telemetry.entry.type.signed,
+            "factor": float(p.telemetry.entry.factor),
+            "unit": p.telemetry.entry.unit,
         }
-    if s.log:
-        row["column"] = {"name": column_name(s), "unit": s.log["unit"], "digits": s.log["digits"]}
+    if p and p.log:
+        row["column"] = {"name": column_name(s, p), "unit": p.log["unit"], "digits": p.log["digits"]}
     return row
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description="make C, page and host's table from signals.toml")
-    parser.add_argument("outdir", type=Path, help="folder of the generated C: scope/, supervision/ and drive/ in it")
-    parser.add_argument("--docs", type=Path)
-    parser.add_argument("--json", type=Path)
-    args = parser.parse_args()
-    try:
-        signals = load(ROOT / "firmware/scope/signals.toml", ROOT / "firmware/od/objects.toml")
-    except (SignalsError, ObjectsError, KeyError, TypeError, ValueError) as error:
-        print(f"signals.toml: {error}", file=sys.stderr)
-        return 1
+def make(args: argparse.Namespace) -> dict[Path, str]:
+    """The files that the command line asks for."""
+    signals = load(ROOT / SOURCE, ROOT / OBJECTS)
     outputs = {
         args.outdir / "scope/signal_gen.h": scope_header(signals),
         args.outdir / "scope/signal_gen.c": scope_source(signals),
@@ -422,10 +447,15 @@ def main() -> int:
         outputs[args.docs] = docs(signals)
     if args.json:
         outputs[args.json] = table(signals)
-    for path, text in outputs.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, "utf-8", newline="\n")
-    return 0
+    return outputs
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=f"make C, page and host's table from {SOURCE}")
+    parser.add_argument("outdir", type=Path, help="folder of the generated C: scope/, supervision/ and drive/ in it")
+    parser.add_argument("--docs", type=Path)
+    parser.add_argument("--json", type=Path)
+    return run(parser, make)
 
 
 if __name__ == "__main__":

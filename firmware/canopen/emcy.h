@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* emcy.h: errors in effect and what tells of them: EMCY messages (1014h, 1015h), the error register 1001h and the error
+/* emcy.h: errors in effect, and their report: EMCY messages (1014h, 1015h), the error register 1001h and the error
  * history 1003h (CiA 301, 7.2.7).
  *
- * An error is known by its code (CiA 301, CiA 402) and is in effect from co_emcy_raise() to co_emcy_clear(). Each sends a
- * message, the second one with code 0 and the bits of the error register that remain. A message that must not be sent
+ * An error is known by its code (CiA 301, CiA 402) and is in effect from co_emcy_raise() to co_emcy_clear(). Each sends
+ * a message, the second one with code 0 and the bits of the error register that remain. A message that must not be sent
  * yet waits: for the inhibit time 1015h, for the end of the NMT state stopped, or for room on the bus.
  *
  * When CO_EMCY_WAITING messages wait, the oldest one of an error that has ended is left out. The message that raises an
@@ -61,9 +61,9 @@ void co_emcy_refresh(struct co_emcy *emcy);
 void co_emcy_written(struct co_emcy *emcy, uint16_t index);
 void co_emcy_tick_ms(struct co_emcy *emcy);
 
-/* The error `code` is in effect from now on, and sets the bits `reg` (CO_REG_) of the error register. `details` are bytes
- * 3..6 of the message, the manufacturer-specific field. Nothing happens when the error is in effect already, or when
- * CO_ERRORS others are. */
+/* The error `code` is in effect from now on, and sets the bits `reg` (CO_REG_) of the error register. `details` are
+ * bytes 3..6 of the message, the manufacturer-specific field. Nothing happens when the error is in effect already, or
+ * when CO_ERRORS others are. */
 void co_emcy_raise(struct co_emcy *emcy, uint16_t code, uint8_t reg, uint32_t details);
 /* The error ends. Nothing happens when it is not in effect. */
 void co_emcy_clear(struct co_emcy *emcy, uint16_t code);

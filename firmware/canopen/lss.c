@@ -57,7 +57,7 @@ static void change_bitrate(struct co_lss *lss)
     }
 }
 
-/* The node is to be silent for so long. */
+/* Send nothing for `ms` milliseconds. */
 static void set_silence(struct co_lss *lss, uint32_t ms)
 {
     lss->silent_ms = ms;

@@ -3,8 +3,8 @@
  *
  * The master addresses the node by its identity, object 1018h. What it configures is written to 2001h and takes effect
  * at the next reset of communication. A new bit rate also takes effect by "activate bit timing"; for the two delays of
- * that service the node sends nothing. A node without id (OD_UNCONFIGURED) answers LSS only, until it has been given one
- * and is sent back to the waiting state, or reset.
+ * that service the node sends nothing. A node without id (OD_UNCONFIGURED) answers LSS only, until it has been given
+ * one and is sent back to the waiting state, or reset.
  *
  * Background only; called by node.c.
  */
@@ -19,7 +19,7 @@
 
 enum { CO_LSS_REQUEST = 0x7E5, CO_LSS_RESPONSE = 0x7E4 }; /* frame identifiers */
 
-/* Where the node keeps its place on the bus. */
+/* How the node stores its id and bit rate. */
 struct co_lss_hooks {
     void *ctx;
     bool (*store_node)(void *ctx); /* store 2001h; false: that failed */
@@ -34,7 +34,7 @@ struct co_lss {
     bool configuring;   /* the state is configuration, else waiting */
     uint8_t selected;   /* parts of the address that have been this node's, in order: by switch state selective, */
     uint8_t identified; /* and by identify remote slave */
-    uint8_t scanned;    /* part of the address that the fastscan has come to */
+    uint8_t scanned;    /* part of the address that the fastscan has reached */
     uint16_t bitrate;   /* in use, kbit/s; 0: not set yet */
     uint16_t delay_ms;  /* of the change of bit rate under way */
     uint32_t silent_ms; /* left of both its delays */

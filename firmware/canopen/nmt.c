@@ -62,7 +62,7 @@ static uint32_t node_of(uint32_t consumer)
     return consumer >> 16;
 }
 
-/* The time begins anew. The first tick may follow at once, so one more keeps a loss from being early. */
+/* The time begins anew. The first tick may follow at once; with one tick more a loss is never detected early. */
 static void restart(struct co_nmt *nmt, uint32_t time_ms)
 {
     nmt->consumer_left_ms = time_ms + 1u;

@@ -48,19 +48,19 @@ void co_nmt_reset(struct co_nmt *nmt, uint8_t node_id);
 void co_nmt_send_boot_up(struct co_nmt *nmt);
 /* Enter a state. false: it is the present one. */
 bool co_nmt_enter(struct co_nmt *nmt, enum co_state state);
-/* The command in a frame with the identifier CO_NMT_COMMAND_ID, or CO_NMT_NONE when it does not apply: it is for another
- * node, malformed, or a command other than a reset for a node without id. */
+/* The command in a frame with the identifier CO_NMT_COMMAND_ID, or CO_NMT_NONE when it does not apply: it is for
+ * another node, malformed, or a command other than a reset for a node without id. */
 enum co_nmt_command co_nmt_decode(const struct co_nmt *nmt, const struct can_frame *frame);
 
 /* A frame with an identifier from CO_HEARTBEAT_ID on has come. */
 void co_nmt_heartbeat(struct co_nmt *nmt, const struct can_frame *frame);
-/* Watch the heartbeat of node `id` in place of that of 1016h, from now on and not from its first heartbeat only. The time
- * is that of 1016h where 1016h names this node, else CO_HEARTBEAT_WATCH_MS. 0: 1016h holds again, from its next heartbeat
- * on. */
+/* Watch the heartbeat of node `id` in place of that of 1016h, from now on and not from its first heartbeat only. The
+ * time is that of 1016h where 1016h names this node, else CO_HEARTBEAT_WATCH_MS. 0: 1016h holds again, from its next
+ * heartbeat on. */
 void co_nmt_watch(struct co_nmt *nmt, uint8_t id);
 /* An SDO has written the object `index`. */
 void co_nmt_written(struct co_nmt *nmt, uint16_t index);
-/* Send the node's heartbeat when it is due. true: the watched heartbeat has just been lost. It is reported once; the next
- * one that comes is watched again. */
+/* Send the node's heartbeat when it is due. true: the watched heartbeat has just been lost. It is reported once; the
+ * next one that comes is watched again. */
 bool co_nmt_tick_ms(struct co_nmt *nmt);
 #endif

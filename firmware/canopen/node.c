@@ -7,7 +7,7 @@
 
 enum { SERVICE_MASK = 0x780 }; /* of an identifier, without the node id */
 
-/* ---- what the services ask and tell ---- */
+/* ---- hooks of the services ---- */
 
 static uint32_t before_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
@@ -135,7 +135,7 @@ static void reset(struct co_node *node, bool communication_only)
     boot(node);
 }
 
-static void obey(struct co_node *node, enum co_nmt_command command)
+static void execute(struct co_node *node, enum co_nmt_command command)
 {
     switch (command) {
     case CO_NMT_START: enter(node, CO_OPERATIONAL); break;
@@ -208,7 +208,7 @@ void co_receive(struct co_node *node, const struct can_frame *frame)
         return;
     }
     if (frame->id == CO_NMT_COMMAND_ID) {
-        obey(node, co_nmt_decode(&node->nmt, frame));
+        execute(node, co_nmt_decode(&node->nmt, frame));
     } else if (frame->id == CO_LSS_REQUEST) {
         if (co_lss_receive(&node->lss, frame)) {
             reset(node, true);

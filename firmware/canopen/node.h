@@ -3,8 +3,8 @@
  *
  * The node is an NMT slave, producer and consumer of heartbeats (nmt.h), an SDO server (sdo.h), sends and receives PDOs
  * and follows SYNC (pdo.h), sends EMCY (emcy.h), and is an LSS slave (lss.h). It answers no remote frame. This module
- * puts these services together: it gives each frame and each millisecond to them in a fixed order, and tells one what it
- * must know of another. The services do not know each other but as their headers say.
+ * puts these services together: it gives each frame and each millisecond to them in a fixed order, and tells one what
+ * it must know of another. A service knows only the other services that its header includes.
  *
  * Use: od_init(), set the texts of the dictionary (build id, ...), fill a co_config, call co_init(). Then, in the
  * background loop only, call co_receive() for every frame and co_tick_ms() once a millisecond. Values that TPDOs carry
@@ -40,7 +40,7 @@ struct co_hooks {
     void (*before_read)(void *ctx, const struct od_entry *entry);
     /* An SDO is about to read a domain. Returns the number of its bytes; 0: there are none. */
     uint32_t (*domain_size)(void *ctx, const struct od_entry *entry);
-    /* Put `count` bytes of a domain from `at` on into `to`. The same ones may be asked for again. false: they are gone. */
+    /* Put `count` bytes of a domain from `at` on into `to`; they may be read again. false: it has changed. */
     bool (*domain_read)(void *ctx, const struct od_entry *entry, uint32_t at, uint8_t *to, uint32_t count);
     /* The values of RPDO `number` (1...) are stored. Called for every RPDO before the next one is handled;
      * co_rpdo_carries() says what is mapped into it. */
@@ -69,8 +69,8 @@ struct co_config {
     struct co_hooks hooks;
 };
 
-/* Owned by the caller, who must not move it: the services point to each other. No field is for the caller's use, but for
- * config.node_id, the node id in use. */
+/* Owned by the caller, who must not move it: the services point to each other. No field is for the caller's use, but
+ * for config.node_id, the node id in use. */
 struct co_node {
     struct co_config config;
     struct co_tx tx;
@@ -88,7 +88,7 @@ void co_receive(struct co_node *node, const struct can_frame *frame);
 void co_tick_ms(struct co_node *node);
 
 enum co_state co_nmt_state(const struct co_node *node);
-/* Watch the heartbeat of node `id` in place of that of 1016h (co_nmt_watch). 0: 1016h holds again. A reset does that, too. */
+/* Watch the heartbeat of node `id` in place of that of 1016h (co_nmt_watch). 0, or a reset: 1016h holds again. */
 void co_watch_heartbeat(struct co_node *node, uint8_t id);
 
 /* An error is in effect from now on (co_emcy_raise), or ends (co_emcy_clear). */

@@ -53,7 +53,7 @@ bool co_pdo_carries(const struct co_pdo_mapping *mapping, uint16_t index)
     return false;
 }
 
-/* Empty when an entry cannot be mapped: a stored mapping may be that of another firmware, and half of it is of no use. */
+/* Empty when an entry cannot be mapped: a stored mapping may be another firmware's, and half of it is of no use. */
 static struct co_pdo_mapping resolve_mapping(const struct od_data *od, unsigned index, bool transmit)
 {
     struct co_pdo_mapping mapping = {0};
@@ -192,8 +192,8 @@ void co_pdo_receive(struct co_pdo *pdo, const struct can_frame *frame)
 
 /* ---- transmitted ---- */
 
-/* Send TPDO `i` now; an inhibit time of `inhibit_ms` ticks begins. A frame for which there is no room is made anew later,
- * with the values of that moment. */
+/* Send TPDO `i` now; an inhibit time of `inhibit_ms` ticks begins. A frame for which there is no room is made anew
+ * later, with the values of that moment. */
 static bool transmit(struct co_pdo *pdo, unsigned i, unsigned inhibit_ms)
 {
     struct co_tpdo *tpdo = &pdo->tpdo[i];

@@ -9,10 +9,10 @@
  * n-th SYNC (1..240), or at the SYNC after an event (0). Those of one millisecond go in the order of their numbers.
  * Values are those of the moment the frame leaves.
  *
- * An RPDO, which the node receives, takes effect at once (254, 255) or at the next SYNC (0..240). At a SYNC the TPDOs go
- * first, so they hold what was before it. An RPDO must be exactly as long as its mapping. CiA 301 lets a device take a
- * longer one, too; here that may be another frame with a corrupted identifier: a knot of the path is one bit away from
- * the controlwords.
+ * An RPDO, which the node receives, takes effect at once (254, 255) or at the next SYNC (0..240). At a SYNC the TPDOs
+ * go first, so they hold what was before it. An RPDO must be exactly as long as its mapping. CiA 301 lets a device take
+ * a longer one, too; here that may be another frame with a corrupted identifier: a knot of the path is one bit away
+ * from the controlwords.
  *
  * Times are whole milliseconds of co_pdo_tick_ms(); an inhibit time is rounded up. Background only; called by node.c,
  * and by the application through node.h.
@@ -29,7 +29,7 @@
 
 enum { PDO_SYNC_MAX = 240, PDO_EVENT = 254 }; /* transmission types */
 
-/* The node's other parts, told of PDOs. */
+/* Functions of the node that are called for PDOs. */
 struct co_pdo_hooks {
     void *ctx;
     void (*on_rpdo)(void *ctx, unsigned number); /* the values of RPDO `number` (1...) are stored */

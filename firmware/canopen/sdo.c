@@ -138,12 +138,12 @@ static void segment(struct co_sdo *sdo, enum co_sdo_phase wanted, const uint8_t 
 
 static void initiate(struct co_sdo *sdo, unsigned command, const uint8_t *request)
 {
-    const struct od_entry asked = {.index = (uint16_t)co_get(&request[1], 2), .sub = request[3]};
+    const struct od_entry requested = {.index = (uint16_t)co_get(&request[1], 2), .sub = request[3]};
     uint32_t code = SDO_OK;
-    const struct od_entry *entry = od_find(asked.index, asked.sub, &code);
+    const struct od_entry *entry = od_find(requested.index, requested.sub, &code);
     co_sdo_reset(sdo);
     if (entry == NULL) {
-        co_sdo_abort(sdo, &asked, code);
+        co_sdo_abort(sdo, &requested, code);
         return;
     }
     switch (command) {

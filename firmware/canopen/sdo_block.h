@@ -3,12 +3,12 @@
  *
  * In a block transfer several segments follow each other before one acknowledgement.
  *
- * Upload: blocks of 1..127 segments, as the client says. CO_SDO_SEGMENTS_PER_MS go out in a millisecond, so that PDOs
- * keep their place on the bus and nothing waits for a long object. When time passes with SYNC (2020h:4), a whole block
+ * Upload: blocks of 1..127 segments, as the client says. CO_SDO_SEGMENTS_PER_MS go out in a millisecond, so that a long
+ * object delays neither PDOs nor anything else on the bus. When time passes with SYNC (2020h:4), a whole block
  * goes out at once. An acknowledgement, also within a block, goes back to the first segment that is missing.
  *
- * Download: no object that can be written is longer than one segment, so a block is one segment. That also tells a new
- * request from a segment.
+ * Download: no object that can be written is longer than one segment, so a block is one segment. That also tells apart
+ * a segment and a new request.
  *
  * Background only; called by sdo.c.
  */
@@ -30,7 +30,7 @@ void co_sdo_block_download_end(struct co_sdo *sdo, const uint8_t *request);
 
 enum co_sdo_block_answer {
     CO_SDO_BLOCK_ANSWERED,
-    CO_SDO_BLOCK_SWITCH, /* the value is short enough for the client to take it without blocks, and is prepared */
+    CO_SDO_BLOCK_SWITCH, /* the value is short enough for the client to read it without blocks, and is prepared */
 };
 /* The first request of an upload. */
 enum co_sdo_block_answer co_sdo_block_upload(struct co_sdo *sdo, const struct od_entry *entry, const uint8_t *request);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* sdo_transfer.h: what all kinds of SDO transfer have in common (CiA 301, 7.2.4): the object that is read or written, its
- * value on the way, and the frames of the answers.
+/* sdo_transfer.h: what all kinds of SDO transfer have in common (CiA 301, 7.2.4): the object that is read or written,
+ * its value on the way, and the frames of the answers.
  *
  * An SDO is a service data object: a client, mostly the master, writes (download) or reads (upload) one object of the
  * dictionary. A short value fits into one frame (expedited); a longer one comes in segments, or in blocks of segments.
@@ -38,7 +38,7 @@ enum {
     SCS_BLOCK_UPLOAD = 0xC0,
 };
 
-/* The node's other parts, asked about objects and told of them. */
+/* Functions of the node that a transfer calls. */
 struct co_sdo_hooks {
     void *ctx;
     /* `value`, which is in range, is to be written. SDO_OK, or the abort code to answer with. */
@@ -49,7 +49,7 @@ struct co_sdo_hooks {
     void (*before_read)(void *ctx, const struct od_entry *entry);
     /* The number of bytes of a domain; 0: there are none. */
     uint32_t (*domain_size)(void *ctx, const struct od_entry *entry);
-    /* Put `count` bytes of a domain from `at` on into `to`; false: they are gone. */
+    /* Put `count` bytes of a domain from `at` on into `to`. false: the domain has changed. */
     bool (*domain_read)(void *ctx, const struct od_entry *entry, uint32_t at, uint8_t *to, uint32_t count);
 };
 
@@ -103,6 +103,6 @@ uint32_t co_sdo_check_length(const struct od_entry *entry, uint32_t size);
 uint32_t co_sdo_write_value(struct co_sdo *sdo, const struct od_entry *entry, const uint8_t *data);
 /* Prepare an upload: set entry, data and size of a new transfer. SDO_OK, or why there is no value. */
 uint32_t co_sdo_read_value(struct co_sdo *sdo, const struct od_entry *entry);
-/* Put `count` bytes of the prepared value from `at` on into `to`. false: they are gone, which happens to a domain. */
+/* Put `count` bytes of the prepared value from `at` on into `to`. false: it is a domain, which has changed. */
 bool co_sdo_value_bytes(const struct co_sdo *sdo, uint32_t at, uint8_t *to, uint32_t count);
 #endif

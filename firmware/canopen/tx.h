@@ -25,7 +25,7 @@ struct co_tx {
 void co_tx_init(struct co_tx *tx, const struct hal *hal);
 /* Send the frame behind those in the queue, or queue it. It is dropped when the queue is full. */
 void co_tx_send(struct co_tx *tx, const struct can_frame *frame);
-/* Send the frame now. false: it was not sent, because there is no room, others are in the queue, or the node is muted. */
+/* Send the frame now. false: there is no room, others are in the queue, or nothing may be sent. It is not queued. */
 bool co_tx_send_now(const struct co_tx *tx, const struct can_frame *frame);
 /* Send of the queue what there is room for. */
 void co_tx_flush(struct co_tx *tx);

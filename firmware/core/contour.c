@@ -26,8 +26,8 @@ static inline struct curve_point point_on_piece(struct curve curve, uint32_t kno
     return at;
 }
 
-/* The point u knots after knot `knot`, where u is outside 0..1, so that it lies on another piece. Path time 0 is the
- * earliest point. */
+/* The point u knots after knot `knot`, where u is outside 0..1, so
+ * that it lies on another piece. Path time 0 is the earliest point. */
 __attribute__((noinline)) static struct curve_point change_piece(struct curve curve, uint32_t knot, num u)
 {
     curve.cache->piece_changed = true;
@@ -92,9 +92,9 @@ static inline struct frame frame_at(const struct contour_cfg *cfg, vec2 d1)
     return f;
 }
 
-/* (|r'|^2 - (q - r) . r'') / |r'|, which is minus the slope of the foot-point condition. It is 0 where the actual
- * position is the centre of curvature, which has no foot point. It is therefore limited to a quarter of the speed
- * or more. */
+/* (|r'|^2 - (q - r) . r'') / |r'|, which is minus the slope of the foot-point
+ * condition. It is 0 where the actual position is the centre of curvature, which
+ * has no foot point. It is therefore limited to a quarter of the speed or more. */
 static inline num foot_slope(const struct frame *f, const struct foot *foot)
 {
     const num slope = n_sub(f->speed, v2_dot(foot->e, divide(foot->d2, f->speed)));
@@ -139,8 +139,8 @@ static inline void frame_rates(const struct path_state *path, const struct frame
     o->theta_ddot = n_mul(theta_2, n_mul(o->nu, o->nu));
 }
 
-/* Where the path stands still there is no direction to adjust the reference along: r_n = r, and the frame does not
- * turn. */
+/* Where the path stands still there is no direction to adjust
+ * the reference along: r_n = r, and the frame does not turn. */
 static inline void reference_at_standstill(const struct path_state *path, struct contour_out *o)
 {
     o->nu = path->rate;

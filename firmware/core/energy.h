@@ -4,8 +4,8 @@
  *   I = (l sign(v) + c v + m a) / K_f (28),  V = I Z + K_E v (29),  E = integral sqrt(3) P_f V I dt (26), (27)
  * (30) is (26)-(29) multiplied out. Velocity and acceleration are the observer's. Power is negative while braking.
  *
- * Context: servo_step() (servo.c) calls energy_step() for each axis once in SERVO_SLOTS control periods, in the servo
- * tick.
+ * Context: servo_step() (servo.c) calls energy_step() for each
+ * axis once in SERVO_SLOTS control periods, in the servo tick.
  */
 #ifndef KONTUR_ENERGY_H
 #define KONTUR_ENERGY_H

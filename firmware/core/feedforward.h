@@ -7,11 +7,10 @@
  *   l' = rate_l d u,             d = sat(r' / friction_speed)
  *   m' = rate_m u a / (a^2 + a_0^2),   a = r''
  * where u is the compensator's force on the axis, and the force l d + m a is fed forward. At a reversal the estimated
- * friction changes its sign with the reference at once, whereas the compensator alone would have to build it up
- * again.
+ * friction changes its sign with the reference at once, whereas the compensator alone would have to build it up again.
  *
- * Both rates are far below the compensator's mu/phi, so that the compensator has settled to the force that they adapt
- * to.
+ * Both rates are far below the compensator's mu/phi, so that
+ * the compensator has settled to the force that they adapt to.
  *
  * Context: servo_step() (servo.c) calls it in the servo tick under the controller `ccu`.
  */

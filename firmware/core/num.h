@@ -28,8 +28,8 @@
  *   n_of_word(w)       the value of these 32 bits
  *   n_state(x)         x as the state of the next period; the checking back end starts a new shadow, so that it checks
  *                      one period
- *   acc_t              an accumulator for slow integrals with a resolution of 2^-48, since the increment of one step may
- *                      be far below the resolution of a num
+ *   acc_t              an accumulator for slow integrals with a resolution of 2^-48, since the increment of one step
+ *                      may be far below the resolution of a num
  *   acc_from(x), acc_to(a)  conversions from and to num
  *   acc_mad(a, x, y)   a + x y / ACC_GAIN: rates below the resolution of a num are given ACC_GAIN times as large
  *   acc_state(a)       a as the state of the next period, like n_state()

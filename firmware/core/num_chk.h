@@ -11,8 +11,8 @@
  * A comparison compares the values, so that value and shadow take the same branch. Positions (pos_t) have no shadow:
  * pos_sub() starts a new one.
  *
- * Context: tests and the simulator in a host process, never on a chip. It needs C11 with double. Only num.h includes
- * it.
+ * Context: tests and the simulator in a host process, never on
+ * a chip. It needs C11 with double. Only num.h includes it.
  */
 #ifndef KONTUR_NUM_CHK_H
 #define KONTUR_NUM_CHK_H

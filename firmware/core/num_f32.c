@@ -6,9 +6,8 @@
 #ifdef NUM_ABS
 __attribute__((noinline)) num n_from_wide(int64_t i)
 {
-    /* Below 2^37, which is 2 mm in a position: drop the last six bits, and set the bit before them if one of them
-     * is set. At least 26 bits remain. Rounding keeps 24 of them, and so it gives the same result as with all
-     * bits. */
+    /* Below 2^37, which is 2 mm in a position: drop the last six bits, and set the bit before them if one of them is
+     * set. At least 26 bits remain. Rounding keeps 24 of them, and so it gives the same result as with all bits. */
     const int64_t high = i >> 6;
     if (high == (int32_t)high) {
         return (num)((int32_t)high | ((i & 63) != 0 ? 1 : 0)) * 64.0f;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* num_f32.h: the float32 back end of num.h. Built with -ffp-contract=off, it gives the same bits on every machine.
- * Only num.h includes it. */
+/* num_f32.h: the float32 back end of num.h. Built with -ffp-contract=off,
+ * it gives the same bits on every machine. Only num.h includes it. */
 #ifndef KONTUR_NUM_F32_H
 #define KONTUR_NUM_F32_H
 
@@ -76,9 +76,9 @@ static inline num n_state(num a)
     return a;
 }
 
-/* ---- Conversions between int64 and float32. A Cortex-M4F converts 32 bits in one instruction; the compiler's
- * library takes more than a hundred for 64 bits. The results are those of C's conversions, the same bits on every
- * machine. ---- */
+/* ---- Conversions between int64 and float32. A Cortex-M4F converts 32 bits in
+ * one instruction; the compiler's library takes more than a hundred for 64 bits.
+ * The results are those of C's conversions, the same bits on every machine. ---- */
 
 static inline num n_from_bits(uint32_t bits)
 {

@@ -113,8 +113,8 @@ static vec2 limit(const struct plant_cfg *plant, vec2 force)
     return v2(n_within(force.x, max.x), n_within(force.y, max.y));
 }
 
-/* Mostly true: both axes are enabled, and the force is within its limits. A force that is no number is not within
- * them. */
+/* Mostly true: both axes are enabled, and the force is within
+ * its limits. A force that is no number is not within them. */
 static inline bool within_limits(const struct servo_cfg *cfg, const struct servo_in *in, vec2 force)
 {
     return in->enabled[0] && in->enabled[1] && n_lt(n_abs(force.x), cfg->plant.force_max.x) &&

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* servo.h: one control period of the control law. servo_step() is pure: it reads cfg and in, changes state and fills
- * out.
+/* servo.h: one control period of the control law. servo_step()
+ * is pure: it reads cfg and in, changes state and fills out.
  *
  * Order of a step: observer, spline and contour error, law (under ccu with its compensator), limits.
  * servo_loop_tick() (drive/servo_loop.h) reads the encoders before it and writes the forces after it.
@@ -32,9 +32,9 @@ enum controller {
     CONTROLLERS
 };
 
-/* Slow computations take turns over this many control periods: slots 0 and 1 compute energy and adaptation of axis
- * 0 and axis 1, slots 2 and 3 the adaptive feedforward of axis 0 and axis 1. Each uses the time of all slots as
- * its step. */
+/* Slow computations take turns over this many control periods: slots 0 and 1
+ * compute energy and adaptation of axis 0 and axis 1, slots 2 and 3 the adaptive
+ * feedforward of axis 0 and axis 1. Each uses the time of all slots as its step. */
 #define SERVO_SLOTS 4u
 #define SERVO_OFFSET_MIN 2.5e-4 /* N: an offset below it is set to 0 */
 

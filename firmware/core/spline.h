@@ -32,8 +32,8 @@ struct spline_ring {
     struct knot knot[SPLINE_RING]; /* knot i in knot[i % SPLINE_RING] */
 };
 
-/* Path time is counted in knots times PATH_ONE. PATH_ONE is such that a control period of 10 kHz or 20 kHz is an
- * integer. */
+/* Path time is counted in knots times PATH_ONE. PATH_ONE is
+ * such that a control period of 10 kHz or 20 kHz is an integer. */
 typedef int64_t path_time_t;
 #define PATH_ONE ((path_time_t)5 << 29)
 

@@ -17,7 +17,7 @@ struct trig_cosh {
     num sinh_x;
 };
 
-/* cosh and sinh of x, with |x| clamped to TRIG_COSH_MAX. The error is below 1e-6 cosh x in float32 and 2e-5 cosh x
- * in fixed point. */
+/* cosh and sinh of x, with |x| clamped to TRIG_COSH_MAX. The error
+ * is below 1e-6 cosh x in float32 and 2e-5 cosh x in fixed point. */
 struct trig_cosh trig_cosh(num x);
 #endif

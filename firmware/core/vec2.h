@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* vec2.h: plane vectors of `num`, and the rotation R = [t n] of eq (4). Pure functions; the law calls them in the servo
- * tick. */
+/* vec2.h: plane vectors of `num`, and the rotation R = [t n] of
+ * eq (4). Pure functions; the law calls them in the servo tick. */
 #ifndef KONTUR_VEC2_H
 #define KONTUR_VEC2_H
 #include "core/num.h"

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* hal.h: the hardware abstraction layer, which is what the hardware, real or simulated, offers the firmware.
  *
- * A port fills one `const struct hal`. Each function gets `ctx` as its first argument. No function blocks, except for
- * the flash.
+ * A port fills one `const struct hal`. Each function gets `ctx` as
+ * its first argument. No function blocks, except for the flash.
  *
  * Context: the servo tick calls drive_read and drive_write; the background loop calls the other functions.
  */
@@ -26,8 +26,8 @@ struct can_frame {
     uint8_t data[8];
 };
 
-/* Inputs of an axis. The limit switches have the bits that they have in 60FDh. A 1 means active, whatever the
- * wiring. */
+/* Inputs of an axis. The limit switches have the bits that
+ * they have in 60FDh. A 1 means active, whatever the wiring. */
 enum hal_input {
     HAL_LIMIT_MIN = 1, /* limit switch at the lower end */
     HAL_LIMIT_MAX = 2, /* limit switch at the upper end */
@@ -83,8 +83,8 @@ enum hal_reset {
     HAL_RESET_BROWN_OUT
 };
 
-/* The last crash since power-on: the registers of the processor (ARMv7-M) when it happened, and the number of
- * crashes. */
+/* The last crash since power-on: the registers of the processor
+ * (ARMv7-M) when it happened, and the number of crashes. */
 struct hal_crash {
     uint32_t pc, lr, psr, cfsr, hfsr, bfar, count;
 };

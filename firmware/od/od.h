@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* od/od.h: the object dictionary (CiA 301, 7.4): values, and the table that describes them.
  *
- * Everything that the bus can read or write is an object: parameters, commands, actual values. Values are kept in a
+ * Everything that the bus can read or write is an object: parameters, commands, actual values. Values are in a
  * struct od_data that the caller owns. Its fields and the table are generated from od/objects.toml (od_gen.h):
- * od.smc.lambda, od.heartbeat_producer, od.axis[AXIS_X].plant.mass. Fields hold integers in wire units, which the comment
- * beside each field names. An i24 is kept in an int32_t. Constants take no memory.
+ * od.smc.lambda, od.heartbeat_producer, od.axis[AXIS_X].plant.mass. Fields hold integers in wire units, which the
+ * comment beside each field names. An i24 is stored in an int32_t. Constants take no memory.
  *
  * Background only, and nothing here is locked: the servo interrupt works on copies.
  */

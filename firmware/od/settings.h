@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* od/settings.h: the values of the dictionary at power-on and after a reset, and the objects that store them.
  *
- * At power-on every value is its default, or what has been stored over it. Objects 1010h and 1011h (CiA 301, 7.5.2.13 and
- * 7.5.2.14) store values and restore defaults on command; 2001h holds node id and bit rate. store.h says how values are
- * stored.
+ * At power-on every value is its default, or what has been stored over it. Objects 1010h and 1011h (CiA 301, 7.5.2.13
+ * and 7.5.2.14) store values and restore defaults on command; 2001h holds node id and bit rate. store.h says how values
+ * are stored.
  *
  * Background only; called by device.c.
  */

@@ -4,7 +4,7 @@
 #include <stddef.h>
 
 #define ERASED 0xFFFFFFFFu
-#define KIND 0xFF000000u /* bits of a pair's first word that tell a value, 0, from the end, STORE_END */
+#define KIND 0xFF000000u /* bits of a pair's first word: 0 for a value, STORE_END for the end */
 #define LOSS_MARK 0u     /* key of the pair that marks lost parameters; no object has it */
 
 enum { WORD = 4, PAIR = 8 };

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* od/store.h: values of the object dictionary in two sectors of flash, from power-off to power-on.
  *
- * A set holds all values that one call of store_write() stores. It is written behind the last one. When a sector is full,
- * the other one is erased and used next. Whenever the power fails, the newest intact set is either the old or the new
- * one. Values are stored by object index and sub-index, so that a set of another firmware can be loaded: objects unknown
- * to this one are skipped, and an object that is missing or out of range does not change.
+ * A set holds all values that one call of store_write() stores. It is written behind the last one. When a sector is
+ * full, the other one is erased and used next. Whenever the power fails, the newest intact set is either the old or the
+ * new one. Values are stored by object index and sub-index, so that a set of another firmware can be loaded: objects
+ * unknown to this one are skipped, and an object that is missing or out of range does not change.
  *
  * A set consists of words of 32 bits in the byte order of the processor (docs/adr/0013):
  *   STORE_MAGIC (its low byte is the version of this layout)
@@ -27,8 +27,8 @@
 #define STORE_MAGIC 0x4B4E5401u
 #define STORE_END 0xED000000u
 
-/* Areas of values, to be combined with |. Of 1000h to 1FFFh all that can be read and written is stored, but for the error
- * history and the commands 1010h and 1011h. Of the other objects the parameters and 2001h are stored. */
+/* Areas of values, to be combined with |. Of 1000h to 1FFFh all that can be read and written is stored, but for the
+ * error history and the commands 1010h and 1011h. Of the other objects the parameters and 2001h are stored. */
 enum store_area { STORE_COMMUNICATION = 1, STORE_APPLICATION = 2, STORE_NODE = 4 };
 
 struct store {
@@ -42,11 +42,11 @@ struct store {
 
 /* Find the newest set. */
 void store_open(struct store *s, const struct hal *hal);
-/* Load the values of `areas` that the newest set has into od. false: one of them is out of the dictionary's range, and has
- * not been loaded. */
+/* Load the values of `areas` that the newest set has into od. false: one of them is out of the dictionary's range, and
+ * has not been loaded. */
 bool store_load(const struct store *s, struct od_data *od, unsigned areas);
-/* Write a set with the values of od for the areas `saved`, those of the newest set for the areas `retained`, and none of
- * the others. Of the objects that follow the node id, only those are stored whose value is not their default at node_id.
- * false: the flash failed, and the old set is still the newest one. */
+/* Write a set with the values of od for the areas `saved`, those of the newest set for the areas `retained`, and none
+ * of the others. Of the objects that follow the node id, only those are stored whose value is not their default at
+ * node_id. false: the flash failed, and the old set is still the newest one. */
 bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, unsigned saved, unsigned retained);
 #endif

@@ -67,8 +67,8 @@ struct slcan_answer {
 
 /* Start closed and without time stamps. */
 void slcan_init(struct slcan *s, uint16_t serial);
-/* Parse one byte of the line. *answer is the text to write back; its count may be 0. With SLCAN_HAS_FRAME, *frame
- * is a frame received. */
+/* Parse one byte of the line. *answer is the text to write back; its
+ * count may be 0. With SLCAN_HAS_FRAME, *frame is a frame received. */
 enum slcan_event slcan_parse(struct slcan *s, char byte, struct can_frame *frame, struct slcan_answer *answer);
 /* Format `frame` as a line in `out`, which has SLCAN_FRAME bytes. `ms` is the time for the stamp. Returns the
  * length of the line, which is 0 while the channel is closed. */

@@ -128,13 +128,16 @@ class Machine:
         if self.model == ON_CHIP:
             for name, axis in (("x", self.x), ("y", self.y)):
                 values |= {
-                    f"machine.mass_{name}": axis.mass_kg,
-                    f"machine.viscous_{name}": axis.viscous_Nspm,
-                    f"machine.coulomb_{name}": axis.coulomb_N,
-                    f"machine.noise_{name}": axis.force_noise_N,
-                    f"machine.start_{name}": round(axis.start_m * 1e9) * 1e-9,
+                    f"onchip_plant.mass_{name}": axis.mass_kg,
+                    f"onchip_plant.viscous_{name}": axis.viscous_Nspm,
+                    f"onchip_plant.coulomb_{name}": axis.coulomb_N,
+                    f"onchip_plant.noise_{name}": axis.force_noise_N,
+                    f"onchip_plant.start_{name}": round(axis.start_m * 1e9) * 1e-9,
                 }
-            values |= {"machine.seed": seed, "machine.simulated": 1}  # last: it starts with all that stands before
+            values |= {
+                "onchip_plant.seed": seed,
+                "onchip_plant.simulated": 1,
+            }  # last: it starts with all that stands before
         return values
 
 

@@ -29,7 +29,7 @@ NUMS = {"f32": ([], []), "fix": (["-DKONTUR_NUM_FIX"], ["-DBOUND_FIXED"])}
 def build(library: Path, flags: list[str]) -> Path:
     """Compile the core and its wrapper into `library`."""
     sources = [ROOT / "tests/core/core_api.c", *sorted((ROOT / "firmware/core").glob("*.c"))]
-    include = [f"-I{ROOT / d}" for d in ("firmware/core", "tests/unit", "tests/core")]
+    include = [f"-I{ROOT / d}" for d in ("firmware", "tests/unit", "tests/core")]
     subprocess.run(
         [os.environ.get("CC", "gcc"), *FLAGS, *flags, *include, *map(str, sources), "-o", str(library), "-lm"],
         check=True,
@@ -138,7 +138,7 @@ class Drive:
         return values(out, self.ffi)
 
     def law(self, k_hat: Any, **inputs: Any) -> dict[str, Any]:
-        """asmc_step; `inputs` are the members of api_law_in; the result has k_hat, too."""
+        """smc_step; `inputs` are the members of api_law_in; the result has k_hat, too."""
         out = self.ffi.new("struct api_law_out *")
         state = self.ffi.new("double[2]", list(k_hat))
         given = self.ffi.new("struct api_law_in *", {name: list(value) for name, value in inputs.items()})
@@ -146,7 +146,7 @@ class Drive:
         return values(out, self.ffi) | {"k_hat": np.array(list(state))}
 
     def compensation(self, t: Any, w: float, q: Any, q_dot: Any, q_bar: Any, q_bar_dot: Any, mu: Any) -> dict[str, Any]:
-        """uncertainty_step; the result has the new q_bar (core integers) and mu, too."""
+        """compensator_step; the result has the new q_bar (core integers) and mu, too."""
         out = self.ffi.new("struct api_compensation *")
         position = self.ffi.new("int64_t[2]", [int(v) for v in q])
         model = self.ffi.new("int64_t[2]", [int(v) for v in q_bar])
@@ -156,7 +156,7 @@ class Drive:
         return values(out, self.ffi) | {"q_bar": list(model), "mu": np.array(list(gain))}
 
     def model(self, u_bar: Any, q_bar: Any, q_bar_dot: Any) -> tuple[list[int], np.ndarray]:
-        """uncertainty_model: new position (core integers) and velocity."""
+        """compensator_model: new position (core integers) and velocity."""
         position = self.ffi.new("int64_t[2]", [int(v) for v in q_bar])
         velocity = self.ffi.new("double[2]", list(q_bar_dot))
         self.lib.api_model(self.handle, list(u_bar), position, velocity)

@@ -53,7 +53,7 @@ def made_run(controller: str = "ccu", mean_um: float = 0.1, peak_um: float = 2.0
         "firmware": "0.1.0",
         "num": "f32",
         "control_hz": 10000,
-        "parameters": {"asmc.lambda": 200.0},
+        "parameters": {"smc.lambda": 200.0},
         "frames_lost": 0,
         "accepted": rows,
         "rejected": {"crc": 0, "sequence": 0, "full": 0},

@@ -22,12 +22,13 @@ from source_graph import CFile, CSources, calls, circles, python_arrows
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "architecture.md"
-GENERATORS = {"od": "generate_objects", "scope": "generate_signals", "supervision": "generate_faults"}
+GENERATORS = {"generate_objects": "od", "generate_signals": ".", "generate_faults": "supervision"}  # and their folders
 PARTS = {r"core/num_\w+": "core/num"}  # modules that count as parts of another one
+_NAME = re.compile("`([^`]+)`")
 CONTEXTS = {"tick", "background", "both", "wires"}
 WALKS = ("The way of a setpoint", "The way of a controlword", "One tick")
 # What a program need not load to talk to a real drive.
-NOT_FOR_A_DRIVE = ("kontur.sim", "kontur.experiments", "kontur.cli", "matplotlib", "asammdf", "cffi")
+NOT_FOR_A_DRIVE = ("kontur.sim", "kontur.runs", "kontur.report", "kontur.cli", "matplotlib", "scipy", "cffi")
 
 
 # --- what the page says -----------------------------------------------------------------------------------------------
@@ -40,30 +41,30 @@ def section(title: str) -> str:
 
 @dataclass(frozen=True)
 class Room:
-    """A row of a table of rooms. `others`: files, without suffix, that run in another context than the room."""
+    """A row of a table of rooms. `both`: files, without suffix, of a room of the background that the tick uses, too."""
 
     context: str
-    others: Mapping[str, str]
+    both: frozenset[str]
     may_include: frozenset[str]
 
 
 def rooms(title: str) -> dict[str, Room]:
-    """The rooms of a table, from the lowest to the highest."""
+    """The rooms of a table, from the lowest to the highest; those of one row may include each other."""
+    text = section(title)
+    lists = {
+        room: frozenset(_NAME.findall(files)) for room, files in re.findall("^- `([^`]+)`: (.+)", text, re.MULTILINE)
+    }
     found: dict[str, Room] = {}
-    for line in section(title).splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
-        if not line.startswith("| `"):
-            continue
-        names, context, includes = re.findall("`([^`]+)`", cells[0]), cells[1], cells[-1]
-        listed = set(re.findall("`([^`]+)`", includes))
-        allowed = set(found) - listed if includes.startswith("all above") else listed
-        others = {
-            file: kind for kind, files in re.findall(r"(\w+): ((?:`[^`]+`,? ?)+)", context)
-            for file in re.findall("`([^`]+)`", files)
-        }  # fmt: skip
-        assert allowed <= set(found), f"{names}: a room may include rooms above it only, not {allowed - set(found)}"
-        found |= {name: Room(context.split()[0].rstrip(";"), others, frozenset(allowed)) for name in names}
+    for line in re.findall(r"^\| (`.*) \|$", text, re.MULTILINE):
+        cells = line.split(" | ")
+        names, listed = _NAME.findall(cells[0]), set(_NAME.findall(cells[-1]))
+        allowed = set(found) - listed if cells[-1].startswith("all above") else listed
+        wrong = allowed - set(found) - set(names)
+        assert not wrong, f"{names}: a room may include rooms above it only, not {wrong}"
+        for name in names:
+            found[name] = Room(cells[1].split()[0], lists.get(name, frozenset()), frozenset(allowed | set(names)))
     assert found, f"no table of rooms in {title!r}"
+    assert set(lists) <= set(found)
     return found
 
 
@@ -108,12 +109,12 @@ def nothing(found: Iterable[object]) -> None:
 def sources(tmp_path_factory) -> CSources:
     """All C modules, those that are generated among them."""
     generated = tmp_path_factory.mktemp("gen")
-    for room, tool in GENERATORS.items():
-        subprocess.run([sys.executable, ROOT / f"tools/{tool}.py", generated / room], cwd=ROOT, check=True)
-        for table in (generated / room).glob("*.c"):  # a module of its own: its types are of those who use the header
-            table.rename(table.with_suffix(".c.c"))
+    for tool, folder in GENERATORS.items():
+        subprocess.run([sys.executable, ROOT / f"tools/{tool}.py", generated / folder], cwd=ROOT, check=True)
+    for table in generated.rglob("*.c"):  # a module of its own: its types are of those who use the header
+        table.rename(table.with_suffix(".c.c"))
     roots = {ROOT / "firmware": [ROOT / "firmware"], ROOT: [ROOT / "sim"], generated: [generated]}
-    supplied = set(re.findall(r"`(\w+)`", section("Firmware").rpartition("leaves")[2]))
+    supplied = _NAME.findall(section("Firmware").rpartition("leaves")[2])
     return CSources(roots, PARTS, supplied)
 
 
@@ -131,7 +132,7 @@ def forbidden(arrows: Mapping[str, set[str]], table: Mapping[str, Room]) -> list
     for module, used in sorted(arrows.items()):
         room = room_of(module, table)
         for other in sorted(used):
-            if room_of(other, table) not in {room, *table[room].may_include}:
+            if room_of(other, table) not in table[room].may_include:
                 found.append(f"{module} -> {other}")
     return found
 
@@ -139,7 +140,7 @@ def forbidden(arrows: Mapping[str, set[str]], table: Mapping[str, Room]) -> list
 def context_of(module: str, table: Mapping[str, Room]) -> str:
     """In which context a C module runs."""
     room = table[room_of(module, table)]
-    return room.others.get(module.rpartition("/")[2], room.context)
+    return "both" if module.rpartition("/")[2] in room.both else room.context
 
 
 @cache
@@ -198,9 +199,9 @@ def test_each_room_of_the_page_has_modules(sources):
     table = rooms("Firmware")
     assert set(table) == {room_of(module, table) for module in sources.modules}
     for name, room in table.items():
-        assert {room.context, *room.others.values()} <= CONTEXTS, name
+        assert room.context in CONTEXTS, name
         files = {module.rpartition("/")[2] for module in sources.modules if room_of(module, table) == name}
-        assert set(room.others) <= files, f"{name}: the page names files that are not there"
+        assert room.both <= files, f"{name}: the page names files that are not there: {room.both - files}"
 
 
 def test_what_the_tick_may_call_includes_nothing_of_the_background(sources):
@@ -225,6 +226,31 @@ def test_a_context_calls_nothing_of_the_other(sources, entry, other_context):
     ]  # fmt: skip
     assert len(reached) > 1
     nothing(bad)
+
+
+# --- what CMake builds ------------------------------------------------------------------------------------------------
+def cmake_rooms() -> dict[str, dict[str, list[str]]]:
+    """The arguments of kontur_room() in the CMakeLists.txt of the firmware, by room and keyword."""
+    found: dict[str, dict[str, list[str]]] = {}
+    for path in sorted((ROOT / "firmware").glob("**/CMakeLists.txt")):
+        for words in re.findall(r"^kontur_room\(([^)]*)\)", path.read_text(), re.MULTILINE):
+            name, *rest = words.split()
+            found[name] = {key: [] for key in ("SOURCES", "TICK", "USES")}
+            for word in rest:
+                if word in found[name]:
+                    key = word
+                else:
+                    found[name][key].append(word)
+    return found
+
+
+@pytest.mark.parametrize(("name", "words"), cmake_rooms().items())
+def test_cmake_knows_rooms_and_the_tick_as_the_page_does(name, words):
+    table = rooms("Firmware")
+    uses = [f"{name} uses {other}" for other in words["USES"] if other not in table[name].may_include]
+    files = [f"{name}/{Path(source).stem}" for source in words["TICK"]]
+    ticks = [f"{file} is compiled for the tick" for file in files if context_of(file, table) == "background"]
+    nothing([*uses, *ticks])
 
 
 # --- the host ---------------------------------------------------------------------------------------------------------

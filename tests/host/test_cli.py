@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from kontur.cli import main
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.runs import log
 
 CIRCLE = ("run", "circle", "--radius", "5", "--feed", "50")
@@ -64,9 +64,9 @@ def test_two_runs_give_equal_bytes_wherever_they_are_logged_to(tmp_path: Path, s
 
 
 def test_log_tells_the_command_that_makes_it_again(tmp_path: Path) -> None:
-    succeeds(*CIRCLE, "--set", "asmc.lambda=150", "--log", str(tmp_path / "a.csv"), "--json")
+    succeeds(*CIRCLE, "--set", "smc.lambda=150", "--log", str(tmp_path / "a.csv"), "--json")
     command = log.read(tmp_path / "a.csv").meta["command"]
-    assert command == "kontur run circle --controller ccu --feed 50.0 --radius 5.0 --set asmc.lambda=150"
+    assert command == "kontur run circle --controller ccu --feed 50.0 --radius 5.0 --set smc.lambda=150"
     succeeds(*command.split()[1:], "--log", str(tmp_path / "b.csv"))
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
@@ -129,17 +129,17 @@ def test_parameters_go_to_a_file_and_back(tmp_path: Path) -> None:
     file = tmp_path / "p.toml"
     succeeds("param", "dump", str(file))
     succeeds("param", "load", str(file))
-    file.write_text(file.read_text().replace("[asmc]\n", "[asmc]\nlambdo = 3.0\n"))
+    file.write_text(file.read_text().replace("[smc]\n", "[smc]\nlambdo = 3.0\n"))
     result = kontur("param", "load", str(file))
     assert result.exit_code == 1
-    assert "asmc.lambdo: no such parameter; did you mean asmc.lambda" in result.stderr
+    assert "smc.lambdo: no such parameter; did you mean smc.lambda" in result.stderr
 
 
 def test_parameter_is_told_with_its_unit() -> None:
     assert succeeds("param", "get", "plant_x.mass") == "plant_x.mass = 88.08 kg\n"
-    assert json.loads(succeeds("param", "get", "plant_x.mass", "asmc.gamma", "--json")) == [
+    assert json.loads(succeeds("param", "get", "plant_x.mass", "smc.gamma", "--json")) == [
         {"name": "plant_x.mass", "value": 88.08, "unit": "kg"},
-        {"name": "asmc.gamma", "value": 1.2, "unit": "1/s"},
+        {"name": "smc.gamma", "value": 1.2, "unit": "1/s"},
     ]
 
 
@@ -151,8 +151,8 @@ PART = "G21 G90 G1 X10 F600\nG1 Y10\n"
     [
         (("run", "nowhere.ngc"), "nowhere.ngc: no such file, and no shape either"),
         (("run", "circle", "--feed", "50", "--radius", "200"), "200"),
-        (("run", "circle", "--feed", "50", "--set", "asmc.lambda=x"), "asmc.lambda: 'x' is not a number"),
-        (("run", "circle", "--feed", "50", "--set", "asmc.lambda=1e9"), "out of range; it must be 1..2000 1/s"),
+        (("run", "circle", "--feed", "50", "--set", "smc.lambda=x"), "smc.lambda: 'x' is not a number"),
+        (("run", "circle", "--feed", "50", "--set", "smc.lambda=1e9"), "out of range; it must be 1..2000 1/s"),
         (("run", "circle", "--feed", "50", "--machine", "nowhere.toml"), "nowhere.toml: cannot be read"),
         (("run", "circle", "--feed", "50", "--log", "a.txt"), "a.txt: must end in .csv or .mf4"),
         (("run", "circle", "--feed", "50", "--log", "nowhere/a.csv"), "nowhere/a.csv: there is no folder"),
@@ -170,7 +170,7 @@ PART = "G21 G90 G1 X10 F600\nG1 Y10\n"
         (("info", "-i", "slcan", "-c", "nowhere", "--bus-faults", "drop=0"), "bus slcan:nowhere cannot be opened"),
         (("info", "-i", "virtual", "-c", "nobody"), "does not answer"),
         (("run", "circle", "--feed", "50", "-i", "virtual", "-c", "nobody"), "does not answer"),
-        (("param", "set", "asmc.lambda=0"), "asmc.lambda: 0 1/s is out of range"),
+        (("param", "set", "smc.lambda=0"), "smc.lambda: 0 1/s is out of range"),
         (("param", "load", "nowhere.toml"), "nowhere.toml: cannot be read"),
     ],
 )
@@ -202,10 +202,10 @@ def test_mistake_is_one_message_and_exit_code_1(
         ("jog", "--x", "nan"),
         ("jog", "--y", "inf"),
         ("jog", "--x", "1e12"),
-        ("jog", "--x", "1", "--for", "nan"),
+        ("jog", "--x", "1", "--duration", "nan"),
         ("home", "x", "--offset", "nan"),
         ("home", "x", "--offset", "-1e12"),
-        ("param", "set", "asmc.lambda"),
+        ("param", "set", "smc.lambda"),
         ("drive",),
     ],
 )

@@ -66,14 +66,14 @@ def job(tmp_path_factory: pytest.TempPathFactory, knots_nm: np.ndarray) -> tuple
     with LoggedBus(log, machine=machine.load().starting_at((x, y))) as bus:
         link = Link(bus, 1)
         device = Device(link)
-        with device.enabled():
+        with device.axes.enabled():
             start_nm = device.position_nm()
-            link.record()
+            link.record_telemetry()
             stream(device, knots_nm)
-            telemetry = link.recorded(start_nm)
+            telemetry = link.recorded_telemetry(start_nm)
         link.send(0x80, b"")
         link.send(0x80, b"\x01")  # too long: EMCY
-        link.pump(0.1)
+        link.poll(0.1)
     return [m for m in can.LogReader(str(log)) if isinstance(m, can.Message)], telemetry
 
 
@@ -121,7 +121,7 @@ def test_dbc_gives_the_telemetry_that_kontur_unpacks(
     ours = ours[~np.isnan(ours).any(axis=1)]
     assert {tuple(row) for row in np.round(ours, 6)} <= {tuple(row) for row in np.round(force_and_gain, 6)}
     slow = signals(database, frames, "TPDO5", "telemetry_mu_1", "telemetry_mu_2", "telemetry_energy")
-    ours = np.column_stack([telemetry.uncertainty_gain_mps2, telemetry.energy_J])
+    ours = np.column_stack([telemetry.switching_gain_mps2, telemetry.energy_J])
     ours = ours[~np.isnan(ours).any(axis=1)]
     assert {tuple(row) for row in np.round(ours, 6)} <= {tuple(row) for row in np.round(slow, 6)}
 

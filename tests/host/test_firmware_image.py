@@ -21,7 +21,7 @@ from kontur.drive.target import Target
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 from kontur.sim.emulator import PROGRAM, Emulator, start
 
 ROOT = Path(__file__).parents[2]
@@ -132,7 +132,7 @@ def test_time_passes_with_sync_alone_when_told_to(emulator: Emulator) -> None:
         assert device.link.by_device_time
         before = device.read("clock.tick")
         for _ in range(100):
-            device.link.pump(0.0)
+            device.link.poll(0.0)
         assert device.read("clock.tick") == before + 100
         assert device.read("clock.tick") == before + 100  # and stands
 
@@ -145,7 +145,7 @@ def test_time_passes_with_sync_alone_when_told_to(emulator: Emulator) -> None:
 def test_circle_runs_on_the_simulated_machine_of_the_image(name: str, usart: int, control_hz: int) -> None:
     image = IMAGE.with_name(f"{name}.elf")
     if not image.is_file():
-        pytest.skip(f"{image} is not there: make firmware-all")
+        pytest.skip(f"{image} is not there: make firmware")
     with start(image, usart) as emulator:
         assert talk(emulator, lambda device: device.info().control_hz) == control_hz
         assert_circle_runs(emulator, control_hz)
@@ -155,10 +155,10 @@ def assert_circle_runs(emulator: Emulator, control_hz: int) -> None:
     """Its references are those of the drive in the process, but for the control period that lies before a record."""
     talk(emulator, lambda device: device.write("pace_select", 1))
     machine = machines.load()
-    there = {"machine.start_x": 0.004, "machine.simulated": 1}
+    there = {"onchip_plant.start_x": 0.004, "onchip_plant.simulated": 1}
     trajectory = plan(shapes.circle(0.004, 0.1), limits(machine))
     target = Target(machine, bus=emulator.options(), place_at_start=False)
-    log = run(trajectory, "ccu", target, parameters=there).log
+    log = run(trajectory, "ccu", target, RunOptions(parameters=there)).log
     assert log.meta["frames_lost"] == 0
     assert np.abs(log.columns["e_n2_um"]).max() < 1.5
     in_process = run(trajectory, "ccu", Target(machine)).log
@@ -170,13 +170,13 @@ def assert_circle_runs(emulator: Emulator, control_hz: int) -> None:
 
 def test_stored_parameters_are_in_force_after_a_crash(emulator: Emulator) -> None:
     def change(device: Device) -> None:
-        device.write("asmc.lambda", 150.5)
+        device.write("smc.lambda", 150.5)
         device.link.node.sdo.download(0x1010, 1, b"save")
 
     talk(emulator, change)
     set_registers(emulator.gdb_port, {PC: NOWHERE})
     crashed(emulator)
-    assert talk(emulator, lambda device: device.read("asmc.lambda")) == 150.5
+    assert talk(emulator, lambda device: device.read("smc.lambda")) == 150.5
 
 
 def parts_of(dfu: bytes) -> dict[int, bytes]:

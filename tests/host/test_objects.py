@@ -10,14 +10,13 @@ import sys
 from pathlib import Path
 
 import canopen
+import generate_objects
+import objects
 import pytest
+from source import SourceError
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCE = ROOT / "firmware" / "canopen"
 EDS = ROOT / "host" / "kontur" / "kontur.eds"
-sys.path.insert(0, str(SOURCE))
-import generate  # noqa: E402
-import objects  # noqa: E402
 
 HEAD = """
 [device]
@@ -48,8 +47,8 @@ def load(tmp_path: Path, text: str) -> list[objects.Object]:
 def test_what_is_committed_is_what_the_source_generates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     committed = {"--eds": EDS, "--dbc": EDS.with_suffix(".dbc"), "--docs": ROOT / "docs" / "objects.md"}
     options = [text for option, path in committed.items() for text in (option, str(tmp_path / path.name))]
-    monkeypatch.setattr(sys, "argv", ["generate.py", str(tmp_path), *options])
-    assert generate.main() == 0
+    monkeypatch.setattr(sys, "argv", ["generate_objects.py", str(tmp_path), *options])
+    assert generate_objects.main() == 0
     for path in committed.values():
         made = (tmp_path / path.name).read_bytes()
         assert made == path.read_bytes(), f"objects.toml changed: run `make lib` and commit {path.name}"
@@ -182,7 +181,7 @@ def test_parameters_are_marked_and_complete(od: canopen.ObjectDictionary) -> Non
     entries = [v for o in od.values() for v in (o.values() if hasattr(o, "values") else [o])]
     marked = [v for v in entries if v.storage_location == "PARAMETER"]
     named = {v.qualname for v in marked}
-    assert {"plant_x.mass", "motor_y.back_emf", "asmc.xi", "limits.velocity", "following_window_y"} <= named
+    assert {"plant_x.mass", "motor_y.back_emf", "smc.xi", "limits.velocity", "following_window_y"} <= named
     for v in marked:
         assert v.access_type == "rw", v.qualname
         assert v.min <= v.default <= v.max, v.qualname
@@ -241,7 +240,7 @@ def test_parameters_are_marked_and_complete(od: canopen.ObjectDictionary) -> Non
     ],
 )
 def test_mistake_in_the_source_is_named(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(objects.ObjectsError, match=message):
+    with pytest.raises(SourceError, match=message):
         load(tmp_path, text)
 
 
@@ -249,8 +248,8 @@ def test_generator_ends_with_a_message_and_status_1(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "objects.toml").write_text(HEAD + "[object.a]\nindex = 0x2000\ntype = 'u7'")
-    monkeypatch.setattr(generate, "HERE", tmp_path)
-    monkeypatch.setattr(sys, "argv", ["generate.py", str(tmp_path / "out")])
-    assert generate.main() == 1
+    monkeypatch.setattr(generate_objects, "SOURCE", str(tmp_path / "objects.toml"))
+    monkeypatch.setattr(sys, "argv", ["generate_objects.py", str(tmp_path / "out")])
+    assert generate_objects.main() == 1
     assert "a: type must be one of" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -415,7 +415,7 @@ def force_bound(num: str, controller: str, p: Params, speed: float, acceleration
     In fixed point a rounding is not relative, and what has a large factor counts: in the observer the innovation's 2
     roundings by its gains, and the gains' own, which (1 - p)/dt carries, by an innovation of one encoder count; in
     (8), (15) those of theta' by the speed, 4 times. These last, so that what the compensator
-    makes of them is learned as friction and mass.
+    makes of them is adapted as friction and mass.
     """
     gains = oracle.observer_gains(p.observer_radps, p.dt_s)
     memory = 3.0 / (1.0 - (1.0 - gains[0]) ** (1.0 / 3.0))
@@ -430,8 +430,8 @@ def force_bound(num: str, controller: str, p: Params, speed: float, acceleration
     a = p.lambda_1ps + p.beta * p.gamma_1ps
     gain = {"cascade": p.k_v_1ps, "ccc": 2.0 * p.k_v_1ps}.get(controller, a + p.k_max_1ps)
     bound = mass * (gain * d_velocity + of_acceleration * rounding(num, acceleration, UM / T0**2))
-    learned = 1.0 + (p.friction_rate_1ps + p.mass_rate_1ps) * STEPS * p.dt_s
-    compensator = mass * (p.alpha_1ps + p.mu_max_mps2 / p.phi_mps) * (learned if num == "fix" else 1.0)
+    adapted = 1.0 + (p.friction_rate_1ps + p.mass_rate_1ps) * STEPS * p.dt_s
+    compensator = mass * (p.alpha_1ps + p.mu_max_mps2 / p.phi_mps) * (adapted if num == "fix" else 1.0)
     if controller == "ccu":
         walk = 3.0 * np.sqrt(STEPS) * rounding(num, speed, UM / T0) / np.sqrt(3.0)
         bound += compensator * (d_velocity + walk)
@@ -482,7 +482,7 @@ def test_servo_gives_the_oracles_forces_when_controllers_and_path_rate_change(co
 
 
 def test_servo_takes_the_printed_forms_where_they_are_selected(core: Core) -> None:
-    p = core.params(psi_printed=True, mu_printed=True, whole_input=True, newton=False, rho_1ps2=50.0)
+    p = core.params(psi_printed=True, mu_printed=True, input_printed=True, newton=False, rho_1ps2=50.0)
     loop, drive = oracle.Loop(p, PATHS["slow circle"], seed=3), core.drive(p, PATHS["slow circle"])
     drive.reset(np.rint(loop.plant.encoder() * POS_PER_M))
     bound = force_bound(core.num, "ccu", p, 1.1 * SLOW, 3.0)

@@ -11,7 +11,7 @@ from paper import page as paper_page
 from paper_page import main
 
 from kontur import machine
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.target import Target
 from kontur.errors import FileError
 from kontur.experiments import paper
@@ -27,7 +27,7 @@ def results() -> Results:
         Target(machine=machine.load()),
         cases=("low",),
         variants=(WHOLE, TRIPS),
-        sensitivities=("observer.bandwidth", "asmc.e_max", NOISE),
+        sensitivities=("observer.bandwidth", "smc.e_max", NOISE),
         stretches=2,
     )
 
@@ -100,13 +100,13 @@ def test_a_run_that_ends_in_a_fault_is_reported_as_one(results: Results, page: s
 
 
 def test_a_value_that_the_drive_refuses_is_told(page: str) -> None:
-    line = next(line for line in page.splitlines() if "| ×2 | *asmc.e_max: the value does not fit" in line)
+    line = next(line for line in page.splitlines() if "| ×2 | *smc.e_max: the value does not fit" in line)
     assert line.endswith("| – |")
 
 
 def test_what_has_to_go_along_does() -> None:
-    defaults = {"asmc.k_bar": 1000, "asmc.e_max": 4000.0, "observer.bandwidth": 1120.0}
-    assert dict(paper.varied("asmc.k_bar", 2.0, defaults)) == {"asmc.k_bar": 2000.0, "asmc.e_max": 2000.0}
+    defaults = {"smc.k_bar": 1000, "smc.e_max": 4000.0, "observer.bandwidth": 1120.0}
+    assert dict(paper.varied("smc.k_bar", 2.0, defaults)) == {"smc.k_bar": 2000.0, "smc.e_max": 2000.0}
     assert dict(paper.varied("observer.bandwidth", 0.5, defaults)) == {"observer.bandwidth": 560.0}
 
 

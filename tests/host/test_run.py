@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from kontur import machine
+from kontur.drive.stream import Operator
 from kontur.drive.target import Target
 from kontur.errors import DeviceError, NoAnswerError, ParameterError
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs import log
-from kontur.runs.runner import RunResult, run
+from kontur.runs.runner import RunOptions, RunResult, run
 from kontur.runs.summary import summary
 from kontur.sim.bus import KonturBus
 
@@ -84,20 +85,20 @@ def test_same_seed_gives_equal_bytes_and_another_seed_does_not(trajectory: Traje
 
 
 def test_time_to_speed_up_can_be_left_out_of_the_score(trajectory: Trajectory) -> None:
-    result = run(trajectory, "track", TARGET, score_from_s=0.3)
+    result = run(trajectory, "track", TARGET, RunOptions(score_from_s=0.3))
     assert result.truth is not None
     distance_um = np.abs(np.hypot(*result.truth.pos_m[3000:].T) - 0.02) * 1e6
     assert result.log.meta["score"]["mean_um"] == pytest.approx(distance_um.mean(), rel=1e-6)
 
 
 def test_parameters_are_set_and_logged(trajectory: Trajectory) -> None:
-    result = run(trajectory, "ccu", TARGET, parameters={"uncertainty.alpha": 40.0})
-    assert result.log.meta["parameters"]["uncertainty.alpha"] == 40.0
+    result = run(trajectory, "ccu", TARGET, RunOptions(parameters={"compensator.alpha": 40.0}))
+    assert result.log.meta["parameters"]["compensator.alpha"] == 40.0
 
 
 def test_unknown_parameter_is_refused_before_any_motion(trajectory: Trajectory) -> None:
     with pytest.raises(ParameterError, match="no such parameter"):
-        run(trajectory, "ccu", TARGET, parameters={"uncertainty.alhpa": 40.0})
+        run(trajectory, "ccu", TARGET, RunOptions(parameters={"compensator.alhpa": 40.0}))
 
 
 def test_stopped_run_has_a_complete_log_up_to_standstill(trajectory: Trajectory) -> None:
@@ -108,7 +109,7 @@ def test_stopped_run_has_a_complete_log_up_to_standstill(trajectory: Trajectory)
         asked += 1
         return asked > 2000
 
-    result = run(trajectory, "ccu", TARGET, stop_requested=stop_requested)
+    result = run(trajectory, "ccu", TARGET, operator=Operator(stop_requested=stop_requested))
     columns = result.log.columns
     assert not result.completed
     assert result.log.meta["status"] == "interrupted"
@@ -130,7 +131,7 @@ def test_real_drive_that_stands_elsewhere_is_not_moved(trajectory: Trajectory) -
 
 def test_real_drive_that_stands_elsewhere_goes_to_the_start_when_allowed(trajectory: Trajectory) -> None:
     at_origin = dataclasses.replace(TARGET, machine=TARGET.machine.starting_at((0.019, 0.0)), place_at_start=False)
-    result = run(trajectory, "ccu", at_origin, approach=limits(TARGET.machine))
+    result = run(trajectory, "ccu", at_origin, RunOptions(approach=limits(TARGET.machine)))
     assert result.completed
     assert result.log.meta["score"]["max_um"] < 10.0
 
@@ -138,7 +139,13 @@ def test_real_drive_that_stands_elsewhere_goes_to_the_start_when_allowed(traject
 def test_stop_on_the_way_to_the_start_ends_the_run(trajectory: Trajectory) -> None:
     elsewhere = dataclasses.replace(TARGET, machine=TARGET.machine.starting_at((0.019, 0.0)), place_at_start=False)
     with pytest.raises(KeyboardInterrupt):
-        run(trajectory, "ccu", elsewhere, approach=limits(TARGET.machine), stop_requested=lambda: True)
+        run(
+            trajectory,
+            "ccu",
+            elsewhere,
+            RunOptions(approach=limits(TARGET.machine)),
+            Operator(stop_requested=lambda: True),
+        )
 
 
 @contextmanager

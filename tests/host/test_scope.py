@@ -11,10 +11,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import can
+import generate_signals
 import numpy as np
 import pytest
 from asammdf import MDF
 from click.testing import CliRunner
+from stepped_stream import SteppedStream
 
 from kontur import machine
 from kontur.can.bad_bus import BusFaults
@@ -22,16 +24,16 @@ from kontur.can.bus import open_bus
 from kontur.can.link import Link
 from kontur.cli import main
 from kontur.drive import scope
-from kontur.drive.device import RUN_PATH, Device, connected
+from kontur.drive.device import Device, connected
 from kontur.drive.scope import Capture, Setup, Trigger
-from kontur.drive.stream import _Sender
+from kontur.drive.state_machine import RUN_PATH
 from kontur.drive.target import Target
 from kontur.errors import DeviceError, EmcyError, ParameterError
 from kontur.path import shapes
 from kontur.planning import planner
 from kontur.planning.bounds import limits
 from kontur.report import capture_file
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 from kontur.sim.bus import KonturBus
 from kontur.sim.process import start as start_process
 
@@ -54,48 +56,32 @@ def bus() -> Iterator[KonturBus]:
 @pytest.fixture
 def device(bus: KonturBus) -> Device:
     device = Device(Link(bus, 1))
-    device.set_parameters(MACHINE.parameters())
+    device.parameters.set(MACHINE.parameters())
     return device
 
 
-def start(device: Device, **parameters: float) -> _Sender:
-    """Enabled, the first knots there, and path time running."""
-    device.set_parameters({name.replace("__", "."): value for name, value in parameters.items()})
-    device.enable()
-    sender = _Sender(device, CIRCLE.knots_nm)
-    sender.fill()
-    return sender
-
-
-def advance(sender: _Sender, duration_s: float) -> None:
-    link = sender.device.link
-    end_s = link.time_s + duration_s
-    while link.time_s < end_s:
-        if sender.accepted < len(CIRCLE.knots_nm):
-            sender.advance()
-        else:
-            link.pump(end_s - link.time_s)
-            sender.device.check()
+def start(device: Device, **parameters: float) -> SteppedStream:
+    """Enabled, and the first knots in the queue."""
+    device.parameters.set({name.replace("__", "."): value for name, value in parameters.items()})
+    device.axes.enable()
+    return SteppedStream(device, CIRCLE.knots_nm)
 
 
 def run_into_overspeed(device: Device) -> None:
-    sender = start(device, limits__velocity=0.09)
-    device.controlwords(RUN_PATH, RUN_PATH)
+    stream = start(device, limits__velocity=0.09)
+    device.axes.controlwords(RUN_PATH, RUN_PATH)
     with pytest.raises(EmcyError, match="8400h"):
-        advance(sender, 2.0)
+        stream.advance(2.0)
 
 
 # --- what is committed ---
 
 
 def test_what_is_committed_is_what_signals_toml_generates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "firmware" / "drive"))
-    import signals
-
     committed = {"--json": ROOT / "host" / "kontur" / "signals.json", "--docs": ROOT / "docs" / "signals.md"}
     options = [text for option, path in committed.items() for text in (option, str(tmp_path / path.name))]
-    monkeypatch.setattr("sys.argv", ["signals.py", str(tmp_path), *options])
-    assert signals.main() == 0
+    monkeypatch.setattr("sys.argv", ["generate_signals.py", str(tmp_path), *options])
+    assert generate_signals.main() == 0
     for path in committed.values():
         assert (tmp_path / path.name).read_text() == path.read_text(), "signals.toml changed: run `make lib`"
 
@@ -115,14 +101,14 @@ def test_signals_can_be_chosen_by_every_number_and_no_other(device: Device) -> N
 
 def test_capture_is_what_the_servo_did_period_by_period(bus: KonturBus, device: Device) -> None:
     """Forces equal the truth to their last count; positions are the encoder's, within what the observer filters."""
-    sender = start(device)
+    stream = start(device)
     bus.sim.start_schedule()
     first = bus.sim.tick
     bus.sim.record(True)
     names = ("force_x", "force_y", "position_x", "position_y")
     scope.arm(device, Setup(names, Trigger("<", "position_x", 19.9), pre=0.5))
-    device.controlwords(RUN_PATH, RUN_PATH)
-    advance(sender, 0.4)
+    device.axes.controlwords(RUN_PATH, RUN_PATH)
+    stream.advance(0.4)
     assert scope.wait(device, 0.0)
     capture = scope.read(device)
     truth = bus.sim.truth()
@@ -141,13 +127,13 @@ def test_capture_is_what_the_servo_did_period_by_period(bus: KonturBus, device: 
 
 
 def test_errors_are_those_of_the_telemetry(device: Device) -> None:
-    sender = start(device)
+    stream = start(device)
     scope.arm(device, Setup(("e_n1", "e_n2"), Trigger("now")))
-    device.link.record()
-    device.controlwords(RUN_PATH, RUN_PATH)
-    advance(sender, 0.3)
+    device.link.record_telemetry()
+    device.axes.controlwords(RUN_PATH, RUN_PATH)
+    stream.advance(0.3)
     assert scope.wait(device, 1.0)
-    telemetry = device.link.recorded((int(RADIUS_M * 1e9), 0))
+    telemetry = device.link.recorded_telemetry((int(RADIUS_M * 1e9), 0))
     capture = scope.read(device)
     # the row of tick i ms was taken in control period 10 i - 1, counted from 0
     rows = telemetry.tick * 10 - 1 - capture.first_period
@@ -171,12 +157,12 @@ def test_decimated_capture_spans_as_much_more_time(device: Device) -> None:
 
 
 def test_fault_leaves_the_500_ms_before_it_without_being_asked(bus: KonturBus, device: Device) -> None:
-    sender = start(device)
-    device.controlwords(RUN_PATH, RUN_PATH)
-    advance(sender, 0.7)
-    device.link.rest()  # fall silent
+    stream = start(device)
+    device.axes.controlwords(RUN_PATH, RUN_PATH)
+    stream.advance(0.7)
+    device.link.stop_heartbeat()  # fall silent
     with pytest.raises(EmcyError, match="8130h"):
-        advance(sender, 1.0)
+        stream.advance(1.0)
     capture = scope.held(device)
     assert capture is not None
     assert capture.fault == 0x8130
@@ -186,13 +172,13 @@ def test_fault_leaves_the_500_ms_before_it_without_being_asked(bus: KonturBus, d
 
 
 def test_overspeed_is_captured_in_the_period_that_cut_the_force(bus: KonturBus, device: Device) -> None:
-    sender = start(device, limits__velocity=0.09)
+    stream = start(device, limits__velocity=0.09)
     scope.arm(device, Setup(("force_x", "force_y", "velocity_x", "velocity_y"), Trigger("fault"), pre=0.5))
     first = bus.sim.tick
     bus.sim.record(True)
-    device.controlwords(RUN_PATH, RUN_PATH)
+    device.axes.controlwords(RUN_PATH, RUN_PATH)
     with pytest.raises(EmcyError, match="8400h"):
-        advance(sender, 2.0)
+        stream.advance(2.0)
     capture = scope.held(device)
     assert capture is not None
     speed = np.abs(np.column_stack([capture["velocity_x"], capture["velocity_y"]])).max(axis=1)
@@ -206,7 +192,7 @@ def test_capture_of_a_fault_stays_until_the_fault_is_reset(device: Device) -> No
     run_into_overspeed(device)
     capture = scope.held(device)
     assert capture is not None
-    device.disable()
+    device.axes.disable()
     device.link.wait(lambda: False, 5.0)
     for take in (lambda: scope.arm(device, Setup(("sigma",), Trigger("now"))), lambda: scope.release(device)):
         with pytest.raises(DeviceError, match="keeps what led to its fault: read it with `kontur scope --last`"):
@@ -215,8 +201,8 @@ def test_capture_of_a_fault_stays_until_the_fault_is_reset(device: Device) -> No
     assert again is not None
     assert np.array_equal(again.values, capture.values)
     assert again.trigger_period == capture.trigger_period
-    device.set_parameters({"limits.velocity": 0.5})
-    device.enable()  # resets the fault
+    device.parameters.set({"limits.velocity": 0.5})
+    device.axes.enable()  # resets the fault
     assert scope.held(device) is None
     assert device.read("scope.state") == scope.WAITING
     with pytest.raises(DeviceError, match="No data available"):
@@ -388,7 +374,7 @@ def test_run_records_around_a_level(tmp_path: Path) -> None:
 
 
 def test_scope_changes_nothing_of_the_run() -> None:
-    runs = [run(CIRCLE, "ccu", TARGET, scope=setup) for setup in (None, Setup(("e_n2",), Trigger("fault")))]
+    runs = [run(CIRCLE, "ccu", TARGET, RunOptions(scope=setup)) for setup in (None, Setup(("e_n2",), Trigger("fault")))]
     means = [result.log.meta["score"]["mean_um"] for result in runs]
     assert means[0] == pytest.approx(means[1], rel=0.05)  # the noise is another one: arming takes time
     assert runs[1].capture is None

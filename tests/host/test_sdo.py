@@ -3,11 +3,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import can
+import objects
 import pytest
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
@@ -16,11 +15,7 @@ from kontur.can.link import Link
 from kontur.drive.device import Device, connected
 from kontur.sim.process import start
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "firmware" / "canopen"))
-import objects
-
-SOURCE = Path(objects.__file__).with_name("objects.toml")
-OBJECTS = objects.load(SOURCE)[1]
+OBJECTS = objects.load()[1]
 
 # CiA 301, table 22
 WRITE_ONLY, READ_ONLY, NO_OBJECT, NO_SUB = 0x06010001, 0x06010002, 0x06020000, 0x06090011
@@ -86,9 +81,9 @@ def expected(name: str, entry: objects.Entry, value: int) -> int:
     if name == "sync_overflow":
         return STATE  # 1006h is not 0
     if (name, entry.name, value) in (
-        ("asmc", "k_bar", entry.high),
-        ("asmc", "k_0", entry.high),
-        ("uncertainty", "mu_0", entry.high),
+        ("smc", "k_bar", entry.high),
+        ("smc", "k_0", entry.high),
+        ("compensator", "mu_0", entry.high),
     ):
         return INCOMPATIBLE
     if (entry.name == "source" or name == "scope_channels") and value == entry.high:
@@ -156,7 +151,7 @@ def test_object_refuses_what_is_out_of_its_range_and_keeps_its_value(drive: Link
 def test_no_parameter_is_written_while_an_axis_has_power(link: Link) -> None:
     parameters = [e for thing in OBJECTS for e in thing.entries if e.config]
     assert len(parameters) > 90
-    with Device(link).enabled():
+    with Device(link).axes.enabled():
         for e in parameters:
             before = read(link, e.index, e.sub)
             for value in (e.low, e.high):
@@ -323,7 +318,7 @@ def test_store_and_restore_of_python_canopen(link: Link) -> None:
 
 def test_stalled_transfer_gives_way_to_a_new_request_and_to_time(link: Link) -> None:
     link.node.sdo.open(0x1009, 0, buffering=0)  # begun, and left
-    assert Device(link).read("asmc.lambda") == 200.0
+    assert Device(link).read("smc.lambda") == 200.0
     aborts: list[bytes] = []
     link.node.sdo.open(0x1009, 0, buffering=0)
     link._network.subscribe(0x581, lambda _id, data, _time: aborts.append(bytes(data)))

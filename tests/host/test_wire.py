@@ -83,7 +83,7 @@ def test_telemetry_is_scaled_to_si() -> None:
     np.testing.assert_allclose(row.position_m, [[3e-9, -4e-9]], rtol=1e-12)
     np.testing.assert_allclose(row.force_N, [[-123.4, 56.7]], rtol=1e-12)
     np.testing.assert_allclose(row.gain_per_s, [[100.0, 0.1]], rtol=1e-12)
-    np.testing.assert_allclose(row.uncertainty_gain_mps2, [[1.0, 2.5]], rtol=1e-12)
+    np.testing.assert_allclose(row.switching_gain_mps2, [[1.0, 2.5]], rtol=1e-12)
     np.testing.assert_allclose(row.energy_J, [123.456], rtol=1e-12)
 
 

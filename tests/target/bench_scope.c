@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* bench_scope.c: a program for QEMU that prints, as JSON, the instructions of a servo tick under ccu with the scope in
- * different states. */
+/* bench_scope.c: a program for QEMU that prints, as JSON, the instructions
+ * of a servo tick under ccu with the scope in different states. */
 #include <stdio.h>
 
 #include "rig.h"

@@ -2,10 +2,10 @@
 /* stages.c: a plugin of QEMU (qemu-plugin.h of its manual, "TCG plugins") that counts, by stage of the servo tick,
  * the instructions between one call of count_now() and the next. `kontur bench step` runs it.
  *
- * Its argument is table=FILE. The first line of the table is "ADDRESS STAGES", the address of count_now() in hex and
- * the number of stages. Each further line is "ADDRESS STAGE" for an address of the program that belongs to a stage,
- * ascending. An address that is not in the table, a function of the compiler's library, belongs to the stage that
- * called it.
+ * Its argument is table=FILE. The first line of the table is "ADDRESS STAGES", the address
+ * of count_now() in hex and the number of stages. Each further line is "ADDRESS STAGE" for
+ * an address of the program that belongs to a stage, ascending. An address that is not in
+ * the table, a function of the compiler's library, belongs to the stage that called it.
  *
  * The program reads the counter in pairs. A pair without anything between its calls begins a series; each further
  * pair is a servo tick. At the end the plugin prints a line for each series: the number of ticks, and for each stage

@@ -6,7 +6,7 @@
 
 /* Start the counter at 0. */
 void count_start(void);
-/* Instructions executed since count_start(), modulo 2^32, with QEMU's option -icount shift=0. The call itself
- * takes a few. */
+/* Instructions executed since count_start(), modulo 2^32, with
+ * QEMU's option -icount shift=0. The call itself takes a few. */
 uint32_t count_now(void);
 #endif

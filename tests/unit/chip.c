@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* chip.c: the registers of chip.h. */
 #include "chip.h"
 
 #include <string.h>
@@ -12,7 +13,7 @@ uint32_t kontur_stack_bottom[16];
 chip_answer *chip_waits;
 unsigned chip_waited;
 
-static bool all_well(const reg *r, uint32_t mask, uint32_t value)
+static bool succeed(const reg *r, uint32_t mask, uint32_t value)
 {
     (void)r, (void)mask, (void)value;
     return true;
@@ -36,7 +37,7 @@ void chip_reset(void)
     cpu_detect_emulator();
     memset(chip_store, 0xFF, sizeof chip_store);
     memset(chip_emulated_store, 0, sizeof chip_emulated_store);
-    chip_waits = all_well;
+    chip_waits = succeed;
     chip_waited = 0;
 }
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* chip.h: an STM32F405 of memory, for the port's code on a host: registers keep what is written to them (regs.h), and
- * each wait of the port asks the test what the hardware does. */
+/* chip.h: an STM32F405 in memory, for tests of the port on a host. Registers keep the values written to them
+ * (regs.h), and each wait of the port asks the test what the hardware does. The tests test_port_* call it.
+ */
 #ifndef KONTUR_TEST_CHIP_H
 #define KONTUR_TEST_CHIP_H
 #include <stdbool.h>
@@ -8,20 +9,22 @@
 #include "hal/hal.h"
 #include "port/stm32f405/regs.h"
 
-/* Answers wait_until(): the hardware sets what is waited for, by default; `false` for a part that does not start. */
+/* The answer to wait_until(). The default sets the bits that
+ * the port waits for. false: the hardware does not set them. */
 typedef bool chip_answer(const reg *r, uint32_t mask, uint32_t value);
 extern chip_answer *chip_waits;
-/* Waits so far. */
+/* Number of waits since chip_reset(). */
 extern unsigned chip_waited;
 
 extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
 
-/* All registers zero but what an emulator is known by; an erased store; hardware that gets ready when it is waited for. */
+/* Set all registers to 0, except RCC_CR, which tells a chip
+ * from an emulator; erase the store; let every wait succeed. */
 void chip_reset(void);
-/* From now on this is an emulator, for who asks. */
+/* Become an emulator for cpu_emulated(). */
 void chip_emulate(void);
-/* The level that the port drives at a pin. */
+/* The level of an output pin. */
 bool chip_pin(char port, unsigned number);
-/* The level at an input. */
+/* Set the level of an input pin. */
 void chip_drive_pin(char port, unsigned number, bool high);
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* nominal.h: the drive of Table 1 in core units (um, T0 = 5 ms, N), and simple paths, for the tests of the core. */
+/* nominal.h: the drive of Table 1 in core units (um, T0 = 5 ms, N) and simple paths, for the tests of the core. */
 #ifndef KONTUR_NOMINAL_H
 #define KONTUR_NOMINAL_H
 #include <math.h>
@@ -8,9 +8,9 @@
 #include "num_test.h"
 
 #define T0 0.005
-#define MPS (1e-6 / T0)       /* a um/T0 in m/s */
-#define MPS2 (1e-6 / T0 / T0) /* a um/T0^2 in m/s^2 */
-#define DT val(NUM(0.02))     /* 100 us in T0, as the back end has it */
+#define MPS (1e-6 / T0)       /* 1 um/T0 in m/s */
+#define MPS2 (1e-6 / T0 / T0) /* 1 um/T0^2 in m/s^2 */
+#define DT val(NUM(0.02))     /* 100 us in T0, as the back end represents it */
 
 #define MASS_X (88.08 * MPS2)
 #define MASS_Y (97.90 * MPS2)
@@ -52,7 +52,7 @@ static inline struct servo_cfg nominal(void)
                         .rho = mk(0.5 * T0 * T0 * ACC_GAIN),
                         .phi = mk(1e-3 / MPS),
                         .dead_zone = mk(1e-3 / MPS)},
-        .feedforward = {.acceleration = mk(0.5 / MPS2)}, /* rates 0: nothing is learned */
+        .feedforward = {.acceleration = mk(0.5 / MPS2)}, /* both rates are 0, so that it is off */
         .cascade = {.k_p = mk(67.4 * T0),
                     .k_v = mk(307 * T0),
                     .k_i = mk(77 * T0),
@@ -82,8 +82,9 @@ static inline void add_knot(struct spline_ring *ring, double x_um, double y_um)
     ring->count++;
 }
 
-/* A circle about the origin, `step` rad a knot, angle 0 at path time 0. Its control points lie on a circle, too: at the
- * knots (c_-1 + 4 c_0 + c_1)/6 has 4/6 + 2/6 cos(step) of their radius. Between knots it is less than 1e-8 radius off. */
+/* A circle about the origin with `step` rad between knots, and angle 0 at path time 0. Its control points lie on a
+ * larger circle: at the knots, (c_-1 + 4 c_0 + c_1)/6 has 4/6 + 2/6 cos(step) of their radius. Between knots the
+ * curve is less than 1e-8 of the radius off the circle. */
 static inline void circle_ring(struct spline_ring *ring, double radius_um, double step, uint32_t count)
 {
     const double r = radius_um * 6.0 / (4.0 + 2.0 * cos(step));

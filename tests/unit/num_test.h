@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* num_test.h: how tests make, read and compare a `num`, whatever its back end. */
+/* num_test.h: how tests make, read and compare a `num` of any back end. */
 #ifndef KONTUR_NUM_TEST_H
 #define KONTUR_NUM_TEST_H
 #include "core/vec2.h"
@@ -14,7 +14,7 @@ static inline vec2 mk2(double x, double y)
     return v2(mk(x), mk(y));
 }
 
-/* In fixed point for |x| < 4096. */
+/* The value of x. In fixed point |x| must be below 4096. */
 static inline double val(num x)
 {
 #if defined(KONTUR_NUM_FIX) || defined(KONTUR_NUM_CHK) || defined(KONTUR_NUM_HEADER)
@@ -29,8 +29,9 @@ static inline double acc_val(acc_t a)
     return val(acc_to(a));
 }
 
-/* A rounding errs by NUM_ROUNDING of its result and by NUM_STEP. Fixed point errs by half its step whatever the result is,
- * its inputs as well: what has an input as a factor errs by half a step of the other factor, which is one of `terms`. */
+/* A rounding errs by NUM_ROUNDING of its result and by NUM_STEP. Fixed point errs by half a step, whatever the
+ * result is. Its inputs do, too: a product with an input as a factor errs by half a step of the other factor,
+ * which is one of `terms`. */
 #if defined(KONTUR_NUM_FIX) || defined(KONTUR_NUM_CHK)
 #define NUM_FIXED 1
 #define NUM_ROUNDING 0x1p-20
@@ -40,9 +41,9 @@ static inline double acc_val(acc_t a)
 #define NUM_ROUNDING 0x1p-24
 #define NUM_STEP 0x1p-33
 #endif
-/* What n halves of its step add to a tolerance in fixed point. */
+/* The tolerance of n half steps in fixed point, 0 in float32. */
 #define HALF_STEPS(n) (NUM_FIXED * 0x1p-20 * (n))
-/* A result of up to 16 roundings of terms that add up to `terms` in magnitude. */
+/* Compare a result of up to 16 roundings of terms whose magnitudes add up to `terms`. */
 #define ASSERT_NEAR(expected, actual, terms)                                                                           \
     TEST_ASSERT_DOUBLE_WITHIN(16 * (NUM_ROUNDING * (terms) + NUM_STEP), expected, actual)
 #endif

@@ -78,9 +78,9 @@ static const struct variable variables[] = {
     FLAG(device.drive.command_guard.lost),
     FLAG(device.drive.command_guard.drawn),
     FLAG(device.drive.command_guard.armed),
-    VAR(device.node.state),
-    VAR(device.node.guarded),
-    VAR(device.node.consumer_left_ms),
+    VAR(device.node.nmt.state),
+    VAR(device.node.nmt.watched),
+    VAR(device.node.nmt.consumer_left_ms),
     /* what the background tells the tick */
     LOOP(command.powered[0]),
     LOOP(command.powered[1]),

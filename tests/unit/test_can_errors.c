@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* SocketCAN's error frames as the state of a controller. */
+/* test_can_errors.c: the state of a CAN controller from SocketCAN's error frames. */
 #include <linux/can/error.h>
 
 #include "port/linux/can_errors.h"
@@ -35,7 +35,7 @@ static void test_warning_passive_and_active_again(void)
     TEST_ASSERT_EQUAL_UINT32(130, status.rx_errors);
     TEST_ASSERT_TRUE(apply(CAN_ERR_CRTL, CAN_ERR_CRTL_ACTIVE, 0, 0));
     TEST_ASSERT_EQUAL_UINT32(KS_CAN_ACTIVE, status.state);
-    TEST_ASSERT_EQUAL_UINT32(130, status.rx_errors); /* counters only where the frame has some */
+    TEST_ASSERT_EQUAL_UINT32(130, status.rx_errors); /* a frame without counters leaves them */
 }
 
 static void test_bus_off_is_counted_once_until_the_restart(void)

@@ -129,7 +129,7 @@ static void test_messages_within_the_inhibit_time_come_later_one_by_one_as_they_
     TEST_ASSERT_EQUAL_UINT(3, bus.count);
 }
 
-static void test_inhibit_time_that_is_taken_back_lets_go_what_waits(void)
+static void test_inhibit_time_set_to_0_sends_the_messages_that_wait(void)
 {
     inhibit_for_10_ms();
     co_emcy_set(&bus.node, 0x8611, CO_REG_PROFILE, 0);
@@ -139,7 +139,7 @@ static void test_inhibit_time_that_is_taken_back_lets_go_what_waits(void)
     TEST_ASSERT_EQUAL_HEX16(0x2310, code_of(1));
 }
 
-static void test_stopped_node_tells_when_it_is_no_longer_stopped(void)
+static void test_stopped_node_sends_its_messages_when_it_is_no_longer_stopped(void)
 {
     bus_give(&bus, 0, "02 05");
     co_emcy_set(&bus.node, 0x8130, CO_REG_COMMUNICATION, 0);
@@ -163,19 +163,19 @@ static void test_full_bus_loses_no_message_and_leaves_room_for_answers(void)
     bus.room = SENT_MAX;
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(CO_ERRORS + CO_TX_FRAMES / 2, bus.count);
-    unsigned told = 0;
+    unsigned sent_errors = 0;
     for (unsigned i = 0; i < bus.count; i++) {
         if (i >= CO_TX_FRAMES / 2 && i < CO_TX_FRAMES) { /* half of what waits is answers */
             TEST_ASSERT_EQUAL_HEX16(0x585, bus.sent[i].id);
         } else {
-            TEST_ASSERT_EQUAL_HEX16(0xFF00 + told, code_of(i));
-            told++;
+            TEST_ASSERT_EQUAL_HEX16(0xFF00 + sent_errors, code_of(i));
+            sent_errors++;
         }
     }
 }
 
 /* One error comes and goes a thousand times while nothing can be sent, others stay. */
-static void test_begin_of_every_error_in_effect_is_told_whatever_else_happens(void)
+static void test_message_of_every_error_in_effect_is_sent_whatever_else_happens(void)
 {
     bus_give(&bus, 0, "02 05");
     co_emcy_set(&bus.node, 0x2310, CO_REG_CURRENT, 0);
@@ -201,7 +201,7 @@ static void test_begin_of_every_error_in_effect_is_told_whatever_else_happens(vo
 }
 
 /* Three messages each, for which there is no room. */
-static void test_errors_that_all_came_twice_are_all_told(void)
+static void test_errors_that_all_came_twice_are_all_reported(void)
 {
     bus_give(&bus, 0, "02 05");
     for (uint16_t i = 0; i < CO_ERRORS; i++) {
@@ -252,7 +252,7 @@ static void test_message_identifier_changes_only_while_it_is_not_in_use(void)
 {
     bus_sdo(&bus, "23 14 10 00 90 00 00 00", "80 14 10 00 30 00 09 06");
     bus_sdo(&bus, "23 14 10 00 85 00 00 80", "60 14 10 00 00 00 00 00");
-    bus_sdo(&bus, "23 14 10 00 05 06 00 00", "80 14 10 00 30 00 09 06"); /* an SDO's */
+    bus_sdo(&bus, "23 14 10 00 05 06 00 00", "80 14 10 00 30 00 09 06"); /* restricted: an SDO has it */
     bus_sdo(&bus, "23 14 10 00 90 00 00 40", "80 14 10 00 30 00 09 06"); /* reserved bit */
     bus_sdo(&bus, "23 14 10 00 90 00 00 20", "80 14 10 00 30 00 09 06"); /* 29 bits */
     bus_sdo(&bus, "23 14 10 00 90 00 00 00", "60 14 10 00 00 00 00 00");
@@ -299,11 +299,11 @@ int main(void)
     RUN_TEST(test_error_beyond_all_that_can_be_is_none);
     RUN_TEST(test_stopped_node_sends_no_emcy);
     RUN_TEST(test_messages_within_the_inhibit_time_come_later_one_by_one_as_they_were);
-    RUN_TEST(test_inhibit_time_that_is_taken_back_lets_go_what_waits);
-    RUN_TEST(test_stopped_node_tells_when_it_is_no_longer_stopped);
+    RUN_TEST(test_inhibit_time_set_to_0_sends_the_messages_that_wait);
+    RUN_TEST(test_stopped_node_sends_its_messages_when_it_is_no_longer_stopped);
     RUN_TEST(test_full_bus_loses_no_message_and_leaves_room_for_answers);
-    RUN_TEST(test_begin_of_every_error_in_effect_is_told_whatever_else_happens);
-    RUN_TEST(test_errors_that_all_came_twice_are_all_told);
+    RUN_TEST(test_message_of_every_error_in_effect_is_sent_whatever_else_happens);
+    RUN_TEST(test_errors_that_all_came_twice_are_all_reported);
     RUN_TEST(test_of_messages_about_errors_that_are_over_the_oldest_is_left_out_first);
     RUN_TEST(test_register_is_that_of_the_errors_left_whichever_ends_first);
     RUN_TEST(test_message_identifier_changes_only_while_it_is_not_in_use);

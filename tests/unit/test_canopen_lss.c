@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* LSS slave: frames as CiA 305 prints them. With the flash and the whole firmware: test_settings.c. */
+/* LSS slave, byte by byte as in CiA 305. test_settings.c tests it with the flash and the whole firmware. */
 #include "test_canopen_bus.h"
 
 static struct bus bus;
@@ -175,7 +175,7 @@ static void test_selection_of_another_node_in_between_ends_it_and_a_new_one_begi
     lss("42 00 00 01 00 00 00 00", "");
     lss("43 05 EE FF C0 00 00 00", "");
     lss("40 00 00 00 00 00 00 00", "");
-    lss("40 00 00 00 00 00 00 00", ""); /* begun anew */
+    lss("40 00 00 00 00 00 00 00", ""); /* the selection begins anew */
     lss("41 01 00 00 00 00 00 00", "");
     lss("42 00 00 01 00 00 00 00", "");
     lss("43 05 EE FF C0 00 00 00", "44 00 00 00 00 00 00 00");
@@ -361,7 +361,7 @@ static void test_bit_rate_activated_without_delay_acts_at_once(void)
     lss("13 00 04 00 00 00 00 00", "13 00 00 00 00 00 00 00");
     lss("15 00 00 00 00 00 00 00", "");
     TEST_ASSERT_EQUAL_UINT(125, rate);
-    lss("5E 00 00 00 00 00 00 00", "5E 05 00 00 00 00 00 00"); /* and nothing is kept back */
+    lss("5E 00 00 00 00 00 00 00", "5E 05 00 00 00 00 00 00"); /* no delay: the answer comes at once */
 }
 
 static void test_node_is_silent_for_both_delays_and_the_rate_changes_between_them(void)
@@ -382,7 +382,7 @@ static void test_node_is_silent_for_both_delays_and_the_rate_changes_between_the
     TEST_ASSERT_EQUAL_UINT(1, changes);
 }
 
-static void test_longest_delay_is_kept(void)
+static void test_longest_delay_passes_in_full(void)
 {
     bus.od.heartbeat_producer = 1;
     configure();
@@ -398,7 +398,7 @@ static void test_longest_delay_is_kept(void)
     TEST_ASSERT_TRUE(bus.count > 0);
 }
 
-/* They would come late, out of a state that is over. */
+/* Frames in the queue would come late, and tell of a state that is over. */
 static void test_frames_that_waited_for_the_old_bit_rate_are_dropped_with_it(void)
 {
     configure();
@@ -428,7 +428,7 @@ static void test_bit_rate_that_is_in_use_or_refused_by_the_port_changes_nothing(
     bus_give(&bus, 0x605, "40 01 10 00 00 00 00 00");
     bus_run_ms(&bus, 10);
     TEST_ASSERT_EQUAL_UINT(0, rate);
-    TEST_ASSERT_EQUAL_UINT(1, bus.count); /* still at the old one: what waits is not lost */
+    TEST_ASSERT_EQUAL_UINT(1, bus.count); /* still at the old one: the queue is not dropped */
     stuck = false;
     lss("15 00 00 00 00 00 00 00", ""); /* tried again */
     TEST_ASSERT_EQUAL_UINT(500, rate);
@@ -495,7 +495,7 @@ int main(void)
     RUN_TEST(test_every_bit_rate_of_table_0_has_its_number);
     RUN_TEST(test_bit_rate_activated_without_delay_acts_at_once);
     RUN_TEST(test_node_is_silent_for_both_delays_and_the_rate_changes_between_them);
-    RUN_TEST(test_longest_delay_is_kept);
+    RUN_TEST(test_longest_delay_passes_in_full);
     RUN_TEST(test_frames_that_waited_for_the_old_bit_rate_are_dropped_with_it);
     RUN_TEST(test_bit_rate_that_is_in_use_or_refused_by_the_port_changes_nothing);
     RUN_TEST(test_port_that_cannot_the_stored_rate_keeps_its_own_at_reset);

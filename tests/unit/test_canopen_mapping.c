@@ -140,7 +140,7 @@ static void test_first_and_last_pdo_of_each_kind_map_what_fits_their_direction(v
     }
 }
 
-static void test_rpdo_with_a_value_out_of_its_range_is_not_taken(void)
+static void test_rpdo_with_a_value_out_of_its_range_is_not_stored(void)
 {
     open_mapping(RPDO1);
     TEST_ASSERT_EQUAL_HEX32(0, map(RPDO1, 1, 0x60400010)); /* controlword x */
@@ -191,7 +191,7 @@ static void test_object_that_does_not_exist_cannot_be_mapped(void)
     TEST_ASSERT_EQUAL_HEX32(NO_OBJECT, map(RPDO1, 1, 0x00050108));
 }
 
-static void test_object_of_the_wrong_direction_or_marked_unfit_cannot_be_mapped(void)
+static void test_object_of_the_wrong_direction_or_not_marked_cannot_be_mapped(void)
 {
     open_mapping(TPDO5);
     TEST_ASSERT_EQUAL_HEX32(NOT_MAPPABLE, map(TPDO5, 1, 0x22010108)); /* write only */
@@ -283,11 +283,11 @@ int main(void)
     RUN_TEST(test_rpdo_with_gaps_stores_what_is_around_them);
     RUN_TEST(test_dummy_of_each_type_takes_its_place_and_stores_nothing);
     RUN_TEST(test_first_and_last_pdo_of_each_kind_map_what_fits_their_direction);
-    RUN_TEST(test_rpdo_with_a_value_out_of_its_range_is_not_taken);
+    RUN_TEST(test_rpdo_with_a_value_out_of_its_range_is_not_stored);
     RUN_TEST(test_mapping_is_changed_only_out_of_use_and_when_it_is_empty);
     RUN_TEST(test_operational_changes_no_pdo);
     RUN_TEST(test_object_that_does_not_exist_cannot_be_mapped);
-    RUN_TEST(test_object_of_the_wrong_direction_or_marked_unfit_cannot_be_mapped);
+    RUN_TEST(test_object_of_the_wrong_direction_or_not_marked_cannot_be_mapped);
     RUN_TEST(test_entry_of_the_wrong_length_is_refused);
     RUN_TEST(test_count_is_refused_when_the_entries_are_too_long_together_or_not_filled);
     RUN_TEST(test_eight_entries_of_one_byte);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* NMT, heartbeats, frames that wait: as CiA 301 prints them. */
+/* NMT, heartbeats and the queue of frames, byte by byte as in CiA 301. */
 #include "test_canopen_bus.h"
 
 static struct bus bus;
@@ -78,7 +78,7 @@ static void test_reset_communication_restores_communication_objects_alone(void)
     TEST_ASSERT_EQUAL_STRING("other", bus.od.device_name);
 }
 
-static void test_every_reset_is_told_the_application_also_from_pre_operational(void)
+static void test_every_reset_is_reported_to_the_application_also_from_pre_operational(void)
 {
     bus_give(&bus, 0, "82 05");
     bus_give(&bus, 0, "81 05");
@@ -120,10 +120,10 @@ static void test_stopped_node_answers_no_sdo(void)
 
 static void test_remote_frames_are_ignored(void)
 {
-    const struct can_frame command_guard = {.id = 0x705, .len = 1, .rtr = true};
+    const struct can_frame node_guarding = {.id = 0x705, .len = 1, .rtr = true};
     const struct can_frame upload = {.id = 0x605, .len = 8, .rtr = true, .data = {0x40, 0x00, 0x10}};
     bus_clear(&bus);
-    co_receive(&bus.node, &command_guard);
+    co_receive(&bus.node, &node_guarding);
     co_receive(&bus.node, &upload);
     TEST_ASSERT_EQUAL_UINT(0, bus.count);
 }
@@ -190,21 +190,21 @@ static void test_new_heartbeat_period_begins_when_it_is_written(void)
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
 }
 
-static void fault_monitor_node_127_for_50_ms(void)
+static void consume_node_127_for_50_ms(void)
 {
     bus_sdo(&bus, "23 16 10 01 32 00 7F 00", "60 16 10 01 00 00 00 00");
 }
 
 static void test_heartbeat_is_not_missed_before_the_first_one(void)
 {
-    fault_monitor_node_127_for_50_ms();
+    consume_node_127_for_50_ms();
     bus_run_ms(&bus, 1000);
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
 }
 
-static void test_lost_heartbeat_is_told_once_and_never_early(void)
+static void test_lost_heartbeat_is_reported_once_and_never_early(void)
 {
-    fault_monitor_node_127_for_50_ms();
+    consume_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "05");
     bus_run_ms(&bus, 50); /* the first tick may come right after the frame */
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
@@ -226,7 +226,7 @@ static void test_shortest_consumer_time_is_a_millisecond(void)
 
 static void test_regular_heartbeats_are_not_lost_and_the_watch_starts_anew_after_a_loss(void)
 {
-    fault_monitor_node_127_for_50_ms();
+    consume_node_127_for_50_ms();
     for (unsigned i = 0; i < 10; i++) {
         bus_give(&bus, 0x77F, "05");
         bus_run_ms(&bus, 49);
@@ -241,7 +241,7 @@ static void test_regular_heartbeats_are_not_lost_and_the_watch_starts_anew_after
 
 static void test_heartbeat_of_another_node_does_not_count(void)
 {
-    fault_monitor_node_127_for_50_ms();
+    consume_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "05");
     bus_run_ms(&bus, 40);
     bus_give(&bus, 0x77E, "05");
@@ -251,7 +251,7 @@ static void test_heartbeat_of_another_node_does_not_count(void)
 
 static void test_consumer_switched_off_forgets_the_heartbeat(void)
 {
-    fault_monitor_node_127_for_50_ms();
+    consume_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "05");
     bus_sdo(&bus, "23 16 10 01 00 00 00 00", "60 16 10 01 00 00 00 00");
     bus_run_ms(&bus, 1000);
@@ -268,7 +268,7 @@ static void test_consumer_with_time_0_watches_nothing(void)
 
 static void test_reset_communication_ends_the_watch(void)
 {
-    fault_monitor_node_127_for_50_ms();
+    consume_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "05");
     bus_give(&bus, 0, "82 05");
     bus_run_ms(&bus, 1000);
@@ -277,7 +277,7 @@ static void test_reset_communication_ends_the_watch(void)
 
 static void test_boot_up_message_and_frames_of_a_wrong_length_are_no_heartbeats(void)
 {
-    fault_monitor_node_127_for_50_ms();
+    consume_node_127_for_50_ms();
     bus_give(&bus, 0x77F, "00");
     bus_give(&bus, 0x77F, "");
     bus_give(&bus, 0x77F, "05 00");
@@ -290,7 +290,7 @@ static enum co_state state_after_loss(uint8_t behaviour, const char *nmt)
 {
     setUp();
     bus.od.error_behaviour.communication = behaviour;
-    fault_monitor_node_127_for_50_ms();
+    consume_node_127_for_50_ms();
     bus_give(&bus, 0, nmt);
     bus_give(&bus, 0x77F, "05");
     bus_run_ms(&bus, 51);
@@ -311,20 +311,20 @@ static void test_lost_heartbeat_leads_to_the_nmt_state_of_the_error_behaviour(vo
 
 /* ---- co_watch_heartbeat ---- */
 
-static void test_guarded_heartbeat_is_watched_before_its_first_one_and_in_place_of_1016h(void)
+static void test_heartbeat_is_watched_before_its_first_one_and_in_place_of_1016h(void)
 {
-    fault_monitor_node_127_for_50_ms();
+    consume_node_127_for_50_ms();
     co_watch_heartbeat(&bus.node, 9);
     bus_run_ms(&bus, CO_HEARTBEAT_WATCH_MS);
     bus_give(&bus, 0x709, "05");
-    bus_give(&bus, 0x77F, "05"); /* watched no more */
+    bus_give(&bus, 0x77F, "05"); /* no longer watched */
     bus_run_ms(&bus, CO_HEARTBEAT_WATCH_MS);
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(1, bus.lost);
 }
 
-static void test_guarded_heartbeat_of_the_node_of_1016h_has_its_time(void)
+static void test_watched_heartbeat_of_the_node_of_1016h_has_its_time(void)
 {
     bus_sdo(&bus, "23 16 10 01 01 00 7F 00", "60 16 10 01 00 00 00 00"); /* 1 ms */
     co_watch_heartbeat(&bus.node, 127);
@@ -332,7 +332,7 @@ static void test_guarded_heartbeat_of_the_node_of_1016h_has_its_time(void)
     TEST_ASSERT_EQUAL_UINT(0, bus.lost);
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(1, bus.lost);
-    bus_sdo(&bus, "23 16 10 01 00 00 7F 00", "60 16 10 01 00 00 00 00"); /* no time */
+    bus_sdo(&bus, "23 16 10 01 00 00 7F 00", "60 16 10 01 00 00 00 00"); /* 0 ms: no time is set */
     co_watch_heartbeat(&bus.node, 127);
     bus_run_ms(&bus, CO_HEARTBEAT_WATCH_MS);
     TEST_ASSERT_EQUAL_UINT(1, bus.lost);
@@ -340,9 +340,9 @@ static void test_guarded_heartbeat_of_the_node_of_1016h_has_its_time(void)
     TEST_ASSERT_EQUAL_UINT(2, bus.lost);
 }
 
-static void test_guard_that_is_taken_off_leaves_1016h_from_its_next_heartbeat_on(void)
+static void test_end_of_the_watch_leaves_1016h_from_its_next_heartbeat_on(void)
 {
-    fault_monitor_node_127_for_50_ms();
+    consume_node_127_for_50_ms();
     co_watch_heartbeat(&bus.node, 9);
     co_watch_heartbeat(&bus.node, 0);
     bus_run_ms(&bus, 2 * CO_HEARTBEAT_WATCH_MS);
@@ -397,7 +397,7 @@ static void test_frames_that_wait_keep_their_order_when_room_comes_for_some(void
     }
 }
 
-static void test_frames_beyond_the_waiting_room_are_dropped_and_the_oldest_kept(void)
+static void test_frames_beyond_the_queue_are_dropped_and_the_oldest_sent(void)
 {
     bus_clear(&bus);
     bus.room = 0;
@@ -420,7 +420,7 @@ int main(void)
     RUN_TEST(test_nmt_command_to_another_node_unknown_or_malformed_is_ignored);
     RUN_TEST(test_repeated_start_changes_nothing);
     RUN_TEST(test_reset_communication_restores_communication_objects_alone);
-    RUN_TEST(test_every_reset_is_told_the_application_also_from_pre_operational);
+    RUN_TEST(test_every_reset_is_reported_to_the_application_also_from_pre_operational);
     RUN_TEST(test_reset_node_restores_all_that_can_be_written);
     RUN_TEST(test_reset_ends_an_sdo_transfer);
     RUN_TEST(test_stopped_node_answers_no_sdo);
@@ -430,7 +430,7 @@ int main(void)
     RUN_TEST(test_heartbeat_period_can_be_changed_and_switched_off);
     RUN_TEST(test_new_heartbeat_period_begins_when_it_is_written);
     RUN_TEST(test_heartbeat_is_not_missed_before_the_first_one);
-    RUN_TEST(test_lost_heartbeat_is_told_once_and_never_early);
+    RUN_TEST(test_lost_heartbeat_is_reported_once_and_never_early);
     RUN_TEST(test_shortest_consumer_time_is_a_millisecond);
     RUN_TEST(test_regular_heartbeats_are_not_lost_and_the_watch_starts_anew_after_a_loss);
     RUN_TEST(test_heartbeat_of_another_node_does_not_count);
@@ -439,11 +439,11 @@ int main(void)
     RUN_TEST(test_reset_communication_ends_the_watch);
     RUN_TEST(test_boot_up_message_and_frames_of_a_wrong_length_are_no_heartbeats);
     RUN_TEST(test_lost_heartbeat_leads_to_the_nmt_state_of_the_error_behaviour);
-    RUN_TEST(test_guarded_heartbeat_is_watched_before_its_first_one_and_in_place_of_1016h);
-    RUN_TEST(test_guarded_heartbeat_of_the_node_of_1016h_has_its_time);
-    RUN_TEST(test_guard_that_is_taken_off_leaves_1016h_from_its_next_heartbeat_on);
+    RUN_TEST(test_heartbeat_is_watched_before_its_first_one_and_in_place_of_1016h);
+    RUN_TEST(test_watched_heartbeat_of_the_node_of_1016h_has_its_time);
+    RUN_TEST(test_end_of_the_watch_leaves_1016h_from_its_next_heartbeat_on);
     RUN_TEST(test_emcy_and_answers_wait_in_order_until_the_bus_has_room);
     RUN_TEST(test_frames_that_wait_keep_their_order_when_room_comes_for_some);
-    RUN_TEST(test_frames_beyond_the_waiting_room_are_dropped_and_the_oldest_kept);
+    RUN_TEST(test_frames_beyond_the_queue_are_dropped_and_the_oldest_sent);
     return UNITY_END();
 }

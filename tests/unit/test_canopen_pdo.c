@@ -67,7 +67,7 @@ static void test_rpdo_of_another_node_is_ignored(void)
     TEST_ASSERT_EQUAL_UINT(0, bus.rpdos[1]);
 }
 
-static void test_short_rpdo_is_not_taken_and_reported_once_until_a_good_one_comes(void)
+static void test_short_rpdo_is_refused_and_reported_once_until_a_good_one_comes(void)
 {
     bus_give(&bus, 0x305, "00 AA 01 00 00 FF FF");
     bus_give(&bus, 0x305, "");
@@ -81,7 +81,7 @@ static void test_short_rpdo_is_not_taken_and_reported_once_until_a_good_one_come
     bus_expect(&bus, 1, 0x085, "00 00 00 00 00 00 00 00");
 }
 
-static void test_long_rpdo_may_be_another_frame_and_is_not_taken(void)
+static void test_long_rpdo_may_be_another_frame_and_is_refused(void)
 {
     bus_give(&bus, 0x205, "0F 00 0F 00 55");
     TEST_ASSERT_EQUAL_UINT32(1, bus.od.stream.rejected_length);
@@ -271,8 +271,8 @@ int main(void)
     RUN_TEST(test_every_knot_frame_reaches_the_hook_with_its_own_values);
     RUN_TEST(test_rpdo_is_ignored_outside_operational);
     RUN_TEST(test_rpdo_of_another_node_is_ignored);
-    RUN_TEST(test_short_rpdo_is_not_taken_and_reported_once_until_a_good_one_comes);
-    RUN_TEST(test_long_rpdo_may_be_another_frame_and_is_not_taken);
+    RUN_TEST(test_short_rpdo_is_refused_and_reported_once_until_a_good_one_comes);
+    RUN_TEST(test_long_rpdo_may_be_another_frame_and_is_refused);
     RUN_TEST(test_rpdo_that_is_switched_off_is_ignored);
     RUN_TEST(test_every_tpdo_has_its_identifier_and_layout);
     RUN_TEST(test_tpdos_come_at_their_times_in_the_order_of_their_numbers);

@@ -112,7 +112,7 @@ static void test_wrong_toggle_ends_an_upload(void)
 
 /* ---- download ---- */
 
-static void test_download_stores_and_tells_the_application(void)
+static void test_download_stores_and_calls_the_application(void)
 {
     bus_sdo(&bus, "23 10 21 01 A0 86 01 00", "60 10 21 01 00 00 00 00");
     TEST_ASSERT_EQUAL_UINT(100000, bus.od.smc.lambda);
@@ -216,7 +216,7 @@ static void test_segmented_download_is_range_checked_at_its_end(void)
 
 /* ---- what is refused ---- */
 
-static void test_unknown_object_and_unknown_sub_are_told_apart(void)
+static void test_unknown_object_and_unknown_sub_have_different_codes(void)
 {
     bus_sdo(&bus, "40 FF 5F 00 00 00 00 00", "80 FF 5F 00 00 00 02 06");
     bus_sdo(&bus, "40 FF FF FF 00 00 00 00", "80 FF FF FF 00 00 02 06"); /* after the last */
@@ -373,7 +373,7 @@ static void test_ends_of_the_ranges_of_restricted_identifiers(void)
         bus_sdo(&bus, request, "80 02 14 01 30 00 09 06");
         (void)snprintf(request, sizeof request, "23 02 14 01 %02X %02X 00 80", restricted[i] & 0xFFu,
                        restricted[i] >> 8);
-        bus_sdo(&bus, request, "60 02 14 01 00 00 00 00"); /* out of use it harms nobody */
+        bus_sdo(&bus, request, "60 02 14 01 00 00 00 00"); /* a PDO that is not in use may hold any identifier */
     }
 }
 
@@ -392,7 +392,7 @@ int main(void)
     RUN_TEST(test_node_without_the_hook_has_no_domain);
     RUN_TEST(test_string_of_seven_and_of_no_characters);
     RUN_TEST(test_wrong_toggle_ends_an_upload);
-    RUN_TEST(test_download_stores_and_tells_the_application);
+    RUN_TEST(test_download_stores_and_calls_the_application);
     RUN_TEST(test_download_of_1_2_and_signed_bytes);
     RUN_TEST(test_download_of_24_bits_keeps_the_sign);
     RUN_TEST(test_expedited_download_without_size_takes_the_size_of_the_object);
@@ -403,7 +403,7 @@ int main(void)
     RUN_TEST(test_wrong_toggle_ends_a_download);
     RUN_TEST(test_segmented_download_that_is_too_long_or_too_short_is_refused);
     RUN_TEST(test_segmented_download_is_range_checked_at_its_end);
-    RUN_TEST(test_unknown_object_and_unknown_sub_are_told_apart);
+    RUN_TEST(test_unknown_object_and_unknown_sub_have_different_codes);
     RUN_TEST(test_read_only_and_constant_objects_cannot_be_written);
     RUN_TEST(test_write_only_objects_cannot_be_read);
     RUN_TEST(test_value_outside_the_range_is_refused_and_changes_nothing);

@@ -173,7 +173,7 @@ static void acknowledge(struct client *c, uint8_t block)
 }
 
 /* Run until the server has nothing more to send; one segment of `lose` is lost, at random. */
-static void take(struct client *c, unsigned block, unsigned lose, uint32_t *random)
+static void receive_all(struct client *c, unsigned block, unsigned lose, uint32_t *random)
 {
     bus.room = SENT_MAX;
     bus_run_ms(&bus, block);
@@ -203,7 +203,7 @@ static void upload(struct client *c, unsigned block, unsigned lose)
     give("A3 00 00 00 00 00 00 00");
     for (int rounds = 0; !c->done; rounds++) {
         TEST_ASSERT_TRUE_MESSAGE(rounds < 4000, "the upload does not end");
-        take(c, block, lose, &random);
+        receive_all(c, block, lose, &random);
         acknowledge(c, (uint8_t)block);
     }
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
@@ -216,7 +216,7 @@ static void upload(struct client *c, unsigned block, unsigned lose)
     give("A1 00 00 00 00 00 00 00");
 }
 
-static void test_long_text_arrives_whole_with_every_block_size(void)
+static void test_long_text_arrives_completely_with_every_block_size(void)
 {
     for (unsigned block = 1; block <= 127; block++) {
         struct client c;
@@ -402,7 +402,7 @@ int main(void)
     RUN_TEST(test_segments_are_paced_and_wait_for_room);
     RUN_TEST(test_segments_let_pass_what_waits);
     RUN_TEST(test_block_goes_at_once_where_time_does_not_pass_by_itself);
-    RUN_TEST(test_long_text_arrives_whole_with_every_block_size);
+    RUN_TEST(test_long_text_arrives_completely_with_every_block_size);
     RUN_TEST(test_lost_segments_are_sent_again_with_every_block_size);
     RUN_TEST(test_acknowledgement_within_a_block_goes_back_to_the_missing_segment);
     RUN_TEST(test_block_size_and_sequence_number_out_of_range_end_an_upload);

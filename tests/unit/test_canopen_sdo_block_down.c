@@ -77,7 +77,7 @@ static void test_new_request_and_abort_end_a_download(void)
     TEST_ASSERT_EQUAL_UINT(0, bus.writes);
 }
 
-static void test_segment_that_comes_twice_is_taken_once(void)
+static void test_segment_that_comes_twice_is_written_once(void)
 {
     bus_sdo(&bus, "C0 17 10 00 00 00 00 00", "A0 17 10 00 01 00 00 00");
     bus_sdo(&bus, "81 0A 00 00 00 00 00 00", "A2 01 01 00 00 00 00 00");
@@ -97,6 +97,6 @@ int main(void)
     RUN_TEST(test_download_of_a_wrong_length_is_refused);
     RUN_TEST(test_what_cannot_be_written_cannot_be_written_by_block);
     RUN_TEST(test_new_request_and_abort_end_a_download);
-    RUN_TEST(test_segment_that_comes_twice_is_taken_once);
+    RUN_TEST(test_segment_that_comes_twice_is_written_once);
     return UNITY_END();
 }

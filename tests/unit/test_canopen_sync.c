@@ -139,7 +139,7 @@ static void test_counting_starts_anew_with_operational(void)
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
 }
 
-static void test_event_before_operational_ended_is_not_told_in_the_next(void)
+static void test_event_before_operational_ended_is_not_sent_in_the_next(void)
 {
     tpdo1_type(0);
     start();
@@ -175,7 +175,7 @@ static void test_all_pdos_may_be_synchronous_and_go_in_the_order_of_their_number
     bus_give(&bus, 0, "80 05");
     start();
     sync(1);
-    TEST_ASSERT_EQUAL_UINT(1, bus.rpdos[3]); /* what waited is forgotten */
+    TEST_ASSERT_EQUAL_UINT(1, bus.rpdos[3]); /* the RPDO that waited for SYNC is discarded */
 }
 
 /* ---- inhibit time ---- */
@@ -187,7 +187,7 @@ static void inhibit_tpdo1_for_3_ms(void)
     bus_sdo(&bus, "23 00 18 01 85 01 00 40", "60 00 18 01 00 00 00 00");
 }
 
-static void test_event_within_the_inhibit_time_is_told_once_after_it_with_the_values_of_then(void)
+static void test_event_within_the_inhibit_time_is_sent_once_after_it_with_the_values_of_that_moment(void)
 {
     inhibit_tpdo1_for_3_ms();
     start();
@@ -289,7 +289,7 @@ static void test_sync_on_another_identifier(void)
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
 }
 
-static void test_sync_of_a_wrong_length_is_not_taken_and_reported_once(void)
+static void test_sync_of_a_wrong_length_is_ignored_and_reported_once(void)
 {
     tpdo1_type(1);
     start();
@@ -399,9 +399,9 @@ int main(void)
     RUN_TEST(test_types_that_are_reserved_or_remote_are_refused);
     RUN_TEST(test_synchronous_tpdo_that_found_no_room_comes_at_the_next_sync);
     RUN_TEST(test_counting_starts_anew_with_operational);
-    RUN_TEST(test_event_before_operational_ended_is_not_told_in_the_next);
+    RUN_TEST(test_event_before_operational_ended_is_not_sent_in_the_next);
     RUN_TEST(test_all_pdos_may_be_synchronous_and_go_in_the_order_of_their_numbers);
-    RUN_TEST(test_event_within_the_inhibit_time_is_told_once_after_it_with_the_values_of_then);
+    RUN_TEST(test_event_within_the_inhibit_time_is_sent_once_after_it_with_the_values_of_that_moment);
     RUN_TEST(test_inhibit_time_does_not_delay_the_timer_of_the_same_length);
     RUN_TEST(test_inhibit_time_ends_with_operational);
     RUN_TEST(test_inhibit_time_changes_only_while_the_pdo_is_not_in_use);
@@ -409,7 +409,7 @@ int main(void)
     RUN_TEST(test_rpdo_that_waits_is_forgotten_when_operational_ends);
     RUN_TEST(test_sync_does_nothing_outside_operational);
     RUN_TEST(test_sync_on_another_identifier);
-    RUN_TEST(test_sync_of_a_wrong_length_is_not_taken_and_reported_once);
+    RUN_TEST(test_sync_of_a_wrong_length_is_ignored_and_reported_once);
     RUN_TEST(test_counting_begins_with_the_sync_that_carries_the_start_value);
     RUN_TEST(test_counter_without_start_value_counts_from_the_first_sync);
     RUN_TEST(test_start_value_without_a_counter_in_the_sync_is_without_effect);

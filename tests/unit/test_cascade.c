@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_cascade.c: the P-PI cascade and cross-coupled control. */
 #include "core/cascade.h"
 
 #include "nominal.h"
@@ -9,7 +10,7 @@ static struct plant_cfg plant;
 static struct cascade_state state;
 static struct contour_out c;
 
-/* K_p 0.5, K_v 2, K_i 0.25, W 3; masses 2 and 4 */
+/* K_p 0.5, K_v 2, K_i 0.25, W 3; masses 2 and 4. */
 void setUp(void)
 {
     cfg =
@@ -97,7 +98,7 @@ static void test_coupled_integral_is_limited_and_forgotten_when_not_coupled(void
     TEST_ASSERT_EQUAL_DOUBLE(0, val(state.coupled));
 }
 
-/* Position at rest, a constant force of 30 N on x, -50 N on y: the integral takes it over. */
+/* At rest with a constant force of 30 N on x and -50 N on y, the integral compensates it. */
 static void test_a_constant_disturbance_leaves_no_error(void)
 {
     double x[2] = {0, 0}, v[2] = {0, 0};

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The checking back end stops at what fixed point would do silently. In the others there is nothing to test. */
+/* test_chk.c: the checking back end ends the program at errors that fixed point would make silently. The other
+ * back ends have nothing to test. */
 #include <setjmp.h>
 #include <string.h>
 
@@ -54,9 +55,9 @@ static void test_overflow_is_caught_where_it_happens(void)
 
 static void test_loss_of_precision_is_caught(void)
 {
-    /* a product below the step, blown up again: 0.0005^2 is 0 */
+    /* A product below one step, 0.0005^2, is 0, and is then divided by a small number. */
     EXPECT_STOP("error beyond bound", n_div(n_mul(mk(0.0005), mk(0.0005)), mk(0.0000019)));
-    /* three steps, of which two digits are left */
+    /* A divisor of three steps has less than two digits. */
     EXPECT_STOP("error beyond bound", n_div(mk(0.02), n_mul(mk(0.002), mk(0.003))));
 }
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The servo on a simulated machine, in every numeric back end: the axes stay on the circle, and in the checking one, what
- * comes out is as exact as in double. */
+/* test_closed_loop.c: the servo on a simulated machine, in every numeric back end. The axes stay on the circle; in
+ * the checking back end the results are as precise as in double.
+ */
 #include "drive/configuration.h"
 #include "nominal.h"
 #include "sim/plant.h"
@@ -14,9 +15,9 @@ static struct servo_state state;
 static struct servo_in in;
 static struct servo_out out;
 static struct plant plant;
-static double worst_error_um, worst_force_N; /* of fixed point against its shadow */
+static double worst_error_um, worst_force_N; /* difference between fixed point and its shadow */
 
-/* A circle from rest: 50 ms until the feed is reached; then it is held. Starts at angle 0. */
+/* A circle that starts at rest at angle 0, reaches the feed within 50 ms, and then holds it. */
 static void circle(double radius_um, double feed_mps)
 {
     const double ramp = 50, step = feed_mps * 1e6 * 1e-3 / radius_um;
@@ -57,7 +58,7 @@ static void measure(void)
     at_um(count[0] * 76.29e-3, count[1] * 76.29e-3, in.measured);
 }
 
-static double apart(num x)
+static double shadow_error(num x)
 {
 #ifdef KONTUR_NUM_CHK
     return fabs(val(x) - x.d);
@@ -75,8 +76,8 @@ static void period(double knots, double rate)
     servo_step(&cfg, &state, &in, &out);
     const double force[2] = {val(out.force.x), val(out.force.y)};
     plant_step(&plant, force);
-    worst_error_um = fmax(worst_error_um, fmax(apart(out.contour.e_n.x), apart(out.contour.e_n.y)));
-    worst_force_N = fmax(worst_force_N, fmax(apart(out.force.x), apart(out.force.y)));
+    worst_error_um = fmax(worst_error_um, fmax(shadow_error(out.contour.e_n.x), shadow_error(out.contour.e_n.y)));
+    worst_force_N = fmax(worst_force_N, fmax(shadow_error(out.force.x), shadow_error(out.force.y)));
 }
 
 void setUp(void)
@@ -123,7 +124,7 @@ static void test_every_controller_stays_on_every_circle_and_is_as_exact_as_doubl
     }
 }
 
-/* The path slows down to rest within 50 ms, waits, and goes on. */
+/* The path slows down to a stop within 50 ms, waits, and goes on. */
 static void test_a_stop_on_the_path_and_switching_on_it_are_as_exact_as_double(void)
 {
     circle(4000, 0.1);

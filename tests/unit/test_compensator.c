@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_compensator.c: the uncertainty compensator and its reference model. */
 #include "core/compensator.h"
 
 #include "nominal.h"
@@ -10,7 +11,7 @@ static struct compensator_state state;
 static struct compensator_out out;
 static pos_t q[2];
 
-/* alpha 0.5, phi 8, mu 3: z is held within 16; masses 2 and 4 */
+/* alpha 0.5, phi 8, mu 3, so that z is limited to 16; masses 2 and 4. */
 void setUp(void)
 {
     cfg = (struct compensator_cfg){.alpha = mk(0.5),
@@ -27,8 +28,8 @@ void tearDown(void)
 {
 }
 
-/* The plant at (dx, dy) and (vx, vy) from the model, in the axis frame at rest */
-static void apart(double dx, double dy, double vx, double vy)
+/* One period with the plant (dx, dy) and (vx, vy) off the model, in the axis frame, which does not turn. */
+static void step_off_by(double dx, double dy, double vx, double vy)
 {
     pos_t p[2];
     at_um(100 + dx, 200 + dy, p);
@@ -39,7 +40,7 @@ static void apart(double dx, double dy, double vx, double vy)
 
 static void test_the_model_starts_where_the_plant_is(void)
 {
-    apart(0, 0, 0, 0);
+    step_off_by(0, 0, 0, 0);
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.s.x));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.s.y));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.u.x));
@@ -49,7 +50,7 @@ static void test_the_model_starts_where_the_plant_is(void)
 
 static void test_sliding_variable_is_alpha_z_plus_its_rate(void)
 {
-    apart(4, -2, 1, 3);
+    step_off_by(4, -2, 1, 3);
     TEST_ASSERT_EQUAL_DOUBLE(0.5 * 4 + 1, val(out.s.x));
     TEST_ASSERT_EQUAL_DOUBLE(0.5 * -2 + 3, val(out.s.y));
 }
@@ -57,14 +58,14 @@ static void test_sliding_variable_is_alpha_z_plus_its_rate(void)
 static void test_compensation_is_minus_alpha_rate_minus_mu_sat(void)
 {
     state.mu[1] = acc_from(mk(1));
-    apart(4, -2, 1, 3); /* s = 3, 2 */
+    step_off_by(4, -2, 1, 3); /* s = 3, 2 */
     TEST_ASSERT_EQUAL_DOUBLE(-(0.5 * 1 + 3 * 3.0 / 8), val(out.v.x));
     TEST_ASSERT_EQUAL_DOUBLE(-(0.5 * 3 + 1 * 2.0 / 8), val(out.v.y));
 }
 
 static void test_compensation_is_full_beyond_the_boundary_layer(void)
 {
-    apart(0, 0, 20, -20);
+    step_off_by(0, 0, 20, -20);
     TEST_ASSERT_EQUAL_DOUBLE(-(0.5 * 20 + 3), val(out.v.x));
     TEST_ASSERT_EQUAL_DOUBLE(0.5 * 20 + 3, val(out.v.y));
 }
@@ -83,7 +84,7 @@ static void test_force_is_mass_times_the_compensation_turned_into_the_axis_frame
     ASSERT_NEAR(4 * 0.8 * v, val(out.u.y), 20.0);
 }
 
-/* z_n' = R^T (z' + theta' I_e z): a z at rest in the axis frame turns backwards in the frame */
+/* z_n' = R^T (z' + theta' I_e z): a z that is constant in the axis frame turns backwards in the frame. */
 static void test_rate_of_z_has_the_frames_rotation_in_it(void)
 {
     pos_t p[2];
@@ -95,17 +96,17 @@ static void test_rate_of_z_has_the_frames_rotation_in_it(void)
 
 static void test_mu_grows_only_outside_the_dead_zone(void)
 {
-    apart(0, 0, 4, 4.5);
+    step_off_by(0, 0, 4, 4.5);
     TEST_ASSERT_EQUAL_DOUBLE(3, acc_val(state.mu[0]));
     ASSERT_NEAR(3 + 0.03125 * 4.5 * DT, acc_val(state.mu[1]), 3.0);
-    apart(0, 0, -6, 1);
+    step_off_by(0, 0, -6, 1);
     ASSERT_NEAR(3 + 0.03125 * 6 * DT, acc_val(state.mu[0]), 3.0);
 }
 
 static void test_mu_stops_at_its_limit(void)
 {
     for (int i = 0; i < 1000; i++) {
-        apart(0, 0, 100, 0);
+        step_off_by(0, 0, 100, 0);
     }
     TEST_ASSERT_EQUAL_DOUBLE(5, acc_val(state.mu[0]));
     TEST_ASSERT_EQUAL_DOUBLE(3, acc_val(state.mu[1]));
@@ -116,19 +117,19 @@ static void test_mu_as_printed_starts_from_zero_and_always_grows(void)
     cfg.law_printed = true;
     compensator_reset(&cfg, &state, q, mk2(6, 7));
     TEST_ASSERT_EQUAL_DOUBLE(0, acc_val(state.mu[0]));
-    apart(0, 0, 1, -2);
+    step_off_by(0, 0, 1, -2);
     ASSERT_NEAR(0.03125 * 1 * DT, acc_val(state.mu[0]), 1.0);
     ASSERT_NEAR(0.03125 * 2 * DT, acc_val(state.mu[1]), 1.0);
 }
 
-static void test_z_is_held_within_phi_over_alpha_and_the_model_follows(void)
+static void test_z_is_limited_to_phi_over_alpha_and_the_model_follows(void)
 {
-    apart(20, -30, 0, 0);
+    step_off_by(20, -30, 0, 0);
     TEST_ASSERT_EQUAL_DOUBLE(16, val(out.z_n.x));
     TEST_ASSERT_EQUAL_DOUBLE(-16, val(out.z_n.y));
     TEST_ASSERT_TRUE(state.q_bar[0] == q[0] + pos_from_nm(4000));
     TEST_ASSERT_TRUE(state.q_bar[1] == q[1] - pos_from_nm(14000));
-    apart(15, -15, 0, 0); /* back within the limit of the moved model */
+    step_off_by(15, -15, 0, 0); /* back within the limit of the moved model */
     ASSERT_NEAR(11, val(out.z_n.x), 11.0);
     ASSERT_NEAR(-1, val(out.z_n.y), 1.0);
 }
@@ -151,7 +152,8 @@ static void test_the_model_integrates_a_constant_force(void)
         compensator_model(&plant, &state, mk2(40, -40), mk(DT));
     }
     const double t = 10, fade_x = 1 - exp(-0.25 * t), fade_y = 1 - exp(-0.25 * t);
-    /* Euler's rule is first order: (dt/2)(c/m) = 0.25 % of what remains to be gained, at most v_end e^-1 */
+    /* Euler's rule is of first order. It errs by (dt/2)(c/m) = 0.25 % of the speed still to be gained, v_end e^-1
+     * at most. */
     TEST_ASSERT_DOUBLE_WITHIN(80 * 0.0025, 80 * fade_x, val(state.q_bar_dot.x));
     TEST_ASSERT_DOUBLE_WITHIN(40 * 0.0025, -40 * fade_y, val(state.q_bar_dot.y));
     TEST_ASSERT_DOUBLE_WITHIN(80 * 0.0025 * t, 80 * (t - 4 * fade_x), val(pos_sub(state.q_bar[0], q[0])));
@@ -189,7 +191,7 @@ int main(void)
     RUN_TEST(test_mu_grows_only_outside_the_dead_zone);
     RUN_TEST(test_mu_stops_at_its_limit);
     RUN_TEST(test_mu_as_printed_starts_from_zero_and_always_grows);
-    RUN_TEST(test_z_is_held_within_phi_over_alpha_and_the_model_follows);
+    RUN_TEST(test_z_is_limited_to_phi_over_alpha_and_the_model_follows);
     RUN_TEST(test_the_model_coasts_with_its_viscous_friction);
     RUN_TEST(test_the_model_integrates_a_constant_force);
     RUN_TEST(test_a_constant_disturbance_is_cancelled);

@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Expected values: a circle of radius R about the origin, run anticlockwise at the rate W (rad/T0), and axes at the polar
- * position (rho, phi_q), rates rho', phi_q', while the reference is at phi_r = phi_q + a. The foot point is at phi_q:
- *   t = e_t, n = -e_r there; e_n = (-R sin a, R - rho); r_n = R e_r + R sin a e_t. */
+/* test_contour.c: the contour error, the foot point and the rates of the frame.
+ *
+ * Expected values: the path is a circle of radius R about the origin, run anticlockwise at the rate W (rad/T0). The
+ * axes are at the polar position (rho, phi_q) with the rates rho', phi_q', while the reference is at phi_r = phi_q + a.
+ * The foot point is at phi_q, where t = e_t and n = -e_r. So e_n = (-R sin a, R - rho) and r_n = R e_r + R sin a e_t.
+ */
 #include "core/contour.h"
 
 #include "nominal.h"
@@ -10,7 +13,7 @@
 #define R 4000.0
 #define STEP 0.025 /* rad a knot: 100 mm/s */
 #define W (5 * STEP)
-#define KNOT_NOISE 2e-3 /* um: two knots of 0.5 nm rounding an axis, and the spline's distance to its circle */
+#define KNOT_NOISE 2e-3 /* um; two knots rounded by 0.5 nm each, and the distance of the spline from its circle */
 
 static struct spline_ring ring;
 static struct contour_cfg cfg;
@@ -18,7 +21,7 @@ static struct contour_cfg cfg;
 void setUp(void)
 {
     cfg = nominal().contour;
-    cfg.v_min = mk(1.0 / 64); /* of 500: what it does to t_d and nu is below 1e-9 */
+    cfg.v_min = mk(1.0 / 64); /* against a speed of 500, its effect on t_d and nu is below 1e-9 */
     cfg.lag_max = mk(2);
     circle_ring(&ring, R, STEP, 200);
 }
@@ -42,7 +45,7 @@ static struct contour_out axes_at(struct polar p, double knots)
     return o;
 }
 
-/* Reference at 80.3 knots, axes `lag` rad behind and `out` um outside, moving with the reference. */
+/* The reference is at 80.3 knots. The axes are `lag` rad behind it and `out` um outside, and move with it. */
 static struct contour_out behind(double lag, double out)
 {
     const struct polar p = {.rho = R + out, .phi = 80.3 * STEP - lag, .phi_dot = W};
@@ -86,7 +89,7 @@ static void test_without_newton_the_foot_point_is_the_papers(void)
 {
     cfg.newton = false;
     const struct contour_out o = behind(0.1, 5);
-    /* t_d = -e_lt/|r'|, e_lt = -rho sin a */
+    /* t_d = -e_lt/|r'| and e_lt = -rho sin a. */
     const double t_d = (R + 5) * sin(0.1) / (R * W);
     TEST_ASSERT_DOUBLE_WITHIN(1e-5, t_d, val(o.t_d));
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, 80.3 - 5 * t_d, tau_knots(&o));
@@ -101,7 +104,7 @@ static void test_error_along_the_path_is_that_to_the_reference(void)
 static void test_tracking_error_in_the_frame_at_the_reference(void)
 {
     const struct contour_out o = behind(0.1, 5);
-    /* 400 um turned by 1 nm in 100 um, what knots of 1 nm make of the tangent */
+    /* Knots of 1 nm turn the tangent by 1 nm in 100 um, and the error of 400 um with it. */
     TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE + 4e-3, -(R + 5) * sin(0.1), val(o.e_l.x));
     TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE + 4e-3, R - (R + 5) * cos(0.1), val(o.e_l.y));
     const double a = 80.3 * STEP - 0.1, b = 80.3 * STEP;
@@ -122,13 +125,14 @@ static void test_the_frame_turns_at_speed_over_radius(void)
     const struct contour_out o = behind(0, 0);
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, -sin(80.3 * STEP), val(o.t.x));
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, cos(80.3 * STEP), val(o.t.y));
-    /* r'' is rounded by 1 nm of knots, 25 um/T0^2 a um: 0.025/500 */
+    /* Knots of 1 nm round r'' by 25 um/T0^2 a um, which is 0.025/500. */
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, W, val(o.theta_dot));
-    /* r''' by 125 um/T0^3 a um times 4 nm: 0.5/500, and by the spline's own steps of R step^3 125/2 */
+    /* They round r''' by 125 um/T0^3 a um times 4 nm, 0.5/500,
+     * and the spline's own steps in r''' are R step^3 125/2. */
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 0, val(o.theta_ddot));
 }
 
-/* Rates of everything for axes that move outwards and slip along the path. */
+/* The rates for axes that move outwards and slip along the path. */
 static void test_rates_are_those_of_the_geometry(void)
 {
     const double a = 0.05, out = 30, slip = -0.01, rise = 8;
@@ -137,18 +141,18 @@ static void test_rates_are_those_of_the_geometry(void)
     const double a_dot = -slip;
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, (W + slip) / W, val(o.nu));
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, W + slip, val(o.theta_dot));
-    /* 500 um/T0 turned by what is uncertain of theta' and t: 500 * 1e-4 */
+    /* theta' and t err by 1e-4, which turns 500 um/T0. */
     TEST_ASSERT_DOUBLE_WITHIN(0.05, -R * cos(a) * a_dot, val(o.e_n_dot.x));
     TEST_ASSERT_DOUBLE_WITHIN(0.05, -rise, val(o.e_n_dot.y));
 
-    /* R^T q'' - e_n'' with a'' = rho'' = phi_q'' = 0; the spline's theta'' of 0.01 times n . e_w of 35 */
+    /* R^T q'' - e_n'' with a'' = rho'' = phi_q'' = 0. The spline's theta'' errs by 0.01, times n . e_w of 35. */
     TEST_ASSERT_DOUBLE_WITHIN(0.5, 2 * rise * p.phi_dot - R * sin(a) * a_dot * a_dot, val(o.a_n.x));
     TEST_ASSERT_DOUBLE_WITHIN(0.5, p.rho * p.phi_dot * p.phi_dot, val(o.a_n.y));
 }
 
 static void test_errors_in_the_frame_change_as_their_rates_say(void)
 {
-    /* before and after 0.05 T0 of the motion above; third order in the step: 500 (0.1 W)^2 / 24 */
+    /* Positions 0.05 T0 before and after. The error is of third order in the step, 500 (0.1 W)^2 / 24. */
     const double h = 0.05, slip = 0.02;
     struct contour_out o[3];
     struct polar p = {.rho = R + 30, .phi_dot = W + slip};
@@ -159,13 +163,13 @@ static void test_errors_in_the_frame_change_as_their_rates_say(void)
     }
     TEST_ASSERT_DOUBLE_WITHIN(0.06, (val(o[2].e_n.x) - val(o[0].e_n.x)) / (2 * h), val(o[1].e_n_dot.x));
     TEST_ASSERT_DOUBLE_WITHIN(0.06, (val(o[2].e_n.y) - val(o[0].e_n.y)) / (2 * h), val(o[1].e_n_dot.y));
-    /* rates are uncertain by 0.05; R^T q'' = (0, rho phi'^2) */
+    /* The rates err by 0.05, and R^T q'' = (0, rho phi'^2). */
     TEST_ASSERT_DOUBLE_WITHIN(1, -(val(o[2].e_n_dot.x) - val(o[0].e_n_dot.x)) / (2 * h), val(o[1].a_n.x));
     TEST_ASSERT_DOUBLE_WITHIN(1, p.rho * p.phi_dot * p.phi_dot - (val(o[2].e_n_dot.y) - val(o[0].e_n_dot.y)) / (2 * h),
                               val(o[1].a_n.y));
 }
 
-/* A parabola r = (V t, K t^2/2), which a cubic spline is exactly: its knots lie K h^2/6 below it. */
+/* A parabola r = (V t, K t^2/2). A cubic spline represents it exactly, with knots K h^2/6 below it. */
 #define V 400.0
 #define K 800.0
 
@@ -178,7 +182,7 @@ static void parabola_ring(void)
     }
 }
 
-/* r_n in double where the foot point is at path time tau, the reference at s */
+/* r_n in double, with the foot point at path time tau and the reference at s. */
 static void parabola_rn(double tau, double s, double rn[2])
 {
     const double speed = hypot(V, K * tau), nx = -K * tau / speed, ny = V / speed;
@@ -187,14 +191,14 @@ static void parabola_rn(double tau, double s, double rn[2])
     rn[1] = 0.5 * K * s * s + f * ny;
 }
 
-/* e_n.x of axes that are on the path at tau */
+/* e_n.x of axes that are on the path at tau. */
 static double parabola_along(double tau, double s)
 {
     const double speed = hypot(V, K * tau);
     return (V * V * (tau - s) + 0.5 * K * K * tau * (tau * tau - s * s)) / speed;
 }
 
-/* The axes run on the path, 0.1 T0 behind, at nu of its speed: tau'' = 0, and theta'' is not. */
+/* The axes move on the path, 0.1 T0 behind, at nu times its speed: tau'' is 0, and theta'' is not. */
 static void test_rates_on_a_path_of_changing_speed_and_curvature(void)
 {
     const double tau = 0.45, lag = 0.1, nu = 0.7, h = 1e-3;
@@ -205,7 +209,7 @@ static void test_rates_on_a_path_of_changing_speed_and_curvature(void)
     at_um(V * tau, 0.5 * K * tau * tau, q);
     contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(nu * V, nu * K * tau), &o);
 
-    /* one Newton step leaves 1e-4 T0 at such a lag; knots of 1 nm move r'' by 0.05, r''' by 0.5, of 540 um/T0 */
+    /* One Newton step leaves 1e-4 T0 at such a lag. Knots of 1 nm move r'' by 0.05 and r''' by 0.5, of 540 um/T0. */
     const double speed2 = V * V + K * K * tau * tau;
     TEST_ASSERT_DOUBLE_WITHIN(5e-4, 5 * tau, tau_knots(&o));
     TEST_ASSERT_DOUBLE_WITHIN(3e-4, nu, val(o.nu));
@@ -217,26 +221,26 @@ static void test_rates_on_a_path_of_changing_speed_and_curvature(void)
     const double e_ddot = (after - 2 * parabola_along(tau, tau + lag) + before) / (h * h), speed = sqrt(speed2);
     TEST_ASSERT_DOUBLE_WITHIN(0.05, (after - before) / (2 * h), val(o.e_n_dot.x));
     TEST_ASSERT_DOUBLE_WITHIN(0.05, 0, val(o.e_n_dot.y));
-    /* R^T q'' of q'' = (0, nu^2 K), and theta'' times |r_a - r| of 60 um, what one Newton step leaves */
+    /* R^T q'' of q'' = (0, nu^2 K). The error of one Newton step is theta'' times |r_a - r| of 60 um. */
     TEST_ASSERT_DOUBLE_WITHIN(0.15, nu * nu * K * K * tau / speed - e_ddot, val(o.a_n.x));
     TEST_ASSERT_DOUBLE_WITHIN(0.15, nu * nu * K * V / speed, val(o.a_n.y));
 
     double now[2];
     parabola_rn(tau, tau + lag, now);
-    /* 60 um turned by 1e-4 T0 of theta' */
+    /* theta' turns 60 um in 1e-4 T0. */
     TEST_ASSERT_DOUBLE_WITHIN(8e-3, V * tau - now[0], val(o.e_wn.x));
     TEST_ASSERT_DOUBLE_WITHIN(8e-3, 0.5 * K * tau * tau - now[1], val(o.e_wn.y));
 }
 
-/* Far behind on a tight circle, 400 um at 1 rad/T0, the adjustment f = R (cos a - 1) is 32 um and counts in (8). */
+/* Far behind on a tight circle, 400 um at 1 rad/T0, the adjustment f = R (cos a - 1) is 32 um and matters in (8). */
 static void test_acceleration_for_the_adjusted_reference_far_behind_on_a_tight_circle(void)
 {
     const double r = 400, a = 0.4, a_dot = 0.2, w = 1 - a_dot;
     circle_ring(&ring, r, 0.2, 100);
-    /* halfway between knots, reference and foot point: r''' is along the tangent there, theta'' 0 */
+    /* Reference and foot point are halfway between knots, where r''' is along the tangent and theta'' is 0. */
     const struct polar p = {.rho = r, .phi = 40.5 * 0.2 - a, .phi_dot = w};
     const struct contour_out o = axes_at(p, 40.5);
-    /* a cubic spline's second derivative is off by step^2/24 of itself there: 1.7e-3 of 400 */
+    /* There the second derivative of a cubic spline errs by step^2/24 of itself, 1.7e-3 of 400. */
     TEST_ASSERT_DOUBLE_WITHIN(1.5, -r * sin(a) * a_dot * a_dot, val(o.a_n.x));
     TEST_ASSERT_DOUBLE_WITHIN(1.5, r * w * w, val(o.a_n.y));
 }
@@ -306,7 +310,7 @@ static void test_the_delay_is_regularised_at_low_speed(void)
     contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(0.25, 0), &o);
     TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(6), 0.25 / 0.5 / 2, val(o.t_d)); /* v^2/(v^2 + v_min^2) = 1/2 of (5) */
     TEST_ASSERT_DOUBLE_WITHIN(1e-6 + HALF_STEPS(6), 0.5 * (0.25 / 0.5) + 0.5,
-                              val(o.nu)); /* half the actual rate, half the path's */
+                              val(o.nu)); /* half of the actual rate and half of the path's */
 }
 
 static void test_at_standstill_the_law_is_given_plain_tracking(void)
@@ -382,7 +386,7 @@ static void test_at_the_centre_of_the_circle_every_output_is_finite(void)
     TEST_ASSERT_TRUE(fabs(val(o.a_n.x)) < 4096);
 }
 
-/* There the slope of the foot-point condition is 0; a quarter of |r'|^2 stands in for it. */
+/* The slope of the foot-point condition is 0 at the centre, and a quarter of |r'|^2 replaces it. */
 static void test_at_the_centre_of_the_circle_the_foot_point_does_not_run_away(void)
 {
     const struct polar along = {.rho = 0, .phi = 80.3 * STEP + acos(0), .rho_dot = 50};

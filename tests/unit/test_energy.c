@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_energy.c: the electrical energy of one axis. */
 #include "core/energy.h"
 
 #include "nominal.h"
 #include "unity.h"
 
-/* SI: K_f 72 N/A, Z 2.5 ohm, K_E 41.6 V s/m, P_f 0.9; mass 88.08 kg, 467.2 N s/m, 45.5 N */
+/* K_f 72 N/A, Z 2.5 ohm, K_E 41.6 V s/m, P_f 0.9; mass 88.08 kg, viscous friction 467.2 N s/m, Coulomb friction
+ * 45.5 N. */
 static struct energy_cfg cfg;
 static struct energy_state state;
 
@@ -22,7 +24,7 @@ static double step(double v_mps, double a_mps2)
     return val(energy_step(&cfg, &state, mk(MASS_X), mk(VISCOUS_X), mk(45.5), mk(v_mps / MPS), mk(a_mps2 / MPS2)));
 }
 
-/* The integrand of (30), multiplied out */
+/* The integrand of (30), multiplied out. */
 static double by_30(double v, double a)
 {
     const double m = 88.08, c = 467.2, l = 45.5, k = 72, z = 2.5, ke = 41.6;
@@ -32,7 +34,7 @@ static double by_30(double v, double a)
     return sqrt(3.0) * 0.9 * (c1 * a * a + c2 * v * v + c3 * v * sign + c4 + c5 * a * sign + c6 * v * a);
 }
 
-/* 0.1 m/s are 500 um/T0: of what is rounded in the inputs that much is seen. */
+/* 0.1 m/s is 500 um/T0, which amplifies the rounding of the inputs. */
 #define TERMS (NUM_FIXED ? 500.0 : 10.0)
 
 static void test_power_is_the_integrand_of_30(void)
@@ -71,11 +73,11 @@ static void test_energy_is_power_times_time(void)
     for (int k = 0; k < 10000; k++) {
         step(0.1, 0);
     }
-    /* 1 s; a step of about 1 mJ is rounded at 1 mJ: 2^-25 mJ each, and the power's own 16 roundings */
+    /* In 1 s, each step of about 1 mJ is rounded by 2^-25 mJ, and the power has 16 roundings. */
     TEST_ASSERT_DOUBLE_WITHIN(1e-3 + by_30(0.1, 0) * 1e3 * 16 * NUM_ROUNDING, by_30(0.1, 0) * 1e3, energy_mJ());
 }
 
-/* From rest to 0.2 m/s at 2 m/s^2 in 0.1 s: (30) in closed form with v = a t */
+/* From rest to 0.2 m/s at 2 m/s^2 in 0.1 s; (30) in closed form with v = a t. */
 static void test_energy_of_an_acceleration_is_the_closed_form_of_30(void)
 {
     const double a = 2, t_end = 0.1, dt = 1e-4;
@@ -86,7 +88,8 @@ static void test_energy_of_an_acceleration_is_the_closed_form_of_30(void)
     const double f0 = (l + m * a) / kf, f1 = c * a / kf; /* I = f0 + f1 t, V = I Z + K_E a t */
     const double integral = z * (f0 * f0 * t_end + f0 * f1 * t_end * t_end + f1 * f1 * t_end * t_end * t_end / 3) +
                             ke * a * (f0 * t_end * t_end / 2 + f1 * t_end * t_end * t_end / 3);
-    /* the midpoint rule leaves dt^2/24 of the second derivative: below 1e-6 of it; the core's sign has no layer here */
+    /* The midpoint rule errs by dt^2/24 of the second derivative, below 1e-6 of the energy. The boundary layer of
+     * the core's sign plays no part here. */
     TEST_ASSERT_DOUBLE_WITHIN(1e-5 * integral * 1559, sqrt(3.0) * 0.9 * integral * 1e3, energy_mJ());
 }
 

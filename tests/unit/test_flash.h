@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A parameter store on a flash whose power can be cut, and nothing else. */
+/* test_flash.h: a parameter store on a simulated flash whose power can fail, for the tests of the store. */
 #ifndef TEST_FLASH_H
 #define TEST_FLASH_H
 #include "od/store.h"

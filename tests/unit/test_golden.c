@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The control core gives the words that are written down, bit by bit: tests/golden/README.md. */
+/* test_golden.c: the control core computes the golden vectors, bit by bit (tests/golden/README.md). */
 #include "golden.h"
 
 #include <stdio.h>

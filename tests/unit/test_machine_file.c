@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The machine in plain form that the process kontur-sim reads: one clear message for each mistake. The module is part of
- * this program, so that the end of the process is one of the test alone. */
+/* test_machine_file.c: the machine as plain text, with one clear message for each mistake. The module is part of this
+ * program, so that a fatal message ends the test and not the process.
+ */
 #define _GNU_SOURCE /* strtok_r, fmemopen */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -38,7 +39,7 @@ static const char lines[] = "# a machine\n\n"
                             "current_lag_s 0 0\nencoder_m 7.5e-8 7.5e-8\ntravel_min_m -1 -2\ntravel_max_m 1 2\n"
                             "start_m 0.25 0\ndelay_periods 1\nsubsteps 4\n";
 
-/* The lines above and these, as standard input; "" or the message that ended it. */
+/* Read `from` and `more` as standard input. Returns the fatal message, or "". */
 static const char *reads(const char *from, const char *more)
 {
     char text[2048];
@@ -48,8 +49,8 @@ static const char *reads(const char *from, const char *more)
     stdin = fmemopen(text, strlen(text), "r");
     TEST_ASSERT_NOT_NULL(stdin);
     if (setjmp(end) == 0) {
-        machine_file_read("-", &machine);               /* closes it */
-    } else if (strstr(message, "is missing") == NULL) { /* that is found at the end, behind its fclose() */
+        machine_file_read("-", &machine);               /* it closes stdin */
+    } else if (strstr(message, "is missing") == NULL) { /* a missing field is found after stdin is closed */
         (void)fclose(stdin);
     }
     stdin = before;

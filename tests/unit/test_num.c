@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_num.c: arithmetic and conversions of each numeric back end, and plane vectors. */
 #include <math.h>
 
 #include "num_test.h"
@@ -20,14 +21,14 @@ static void test_position_to_nm_rounds_to_the_nearest(void)
     TEST_ASSERT_EQUAL_INT32(-8, pos_to_nm(pos_from_nm(-7) - POS_PER_NM / 2));
 }
 
-static void test_position_to_nm_saturates_at_the_wire(void)
+static void test_position_to_nm_saturates_at_32_bits(void)
 {
     TEST_ASSERT_EQUAL_INT32(INT32_MAX, pos_to_nm(pos_from_nm((int64_t)INT32_MAX + 5)));
     TEST_ASSERT_EQUAL_INT32(INT32_MIN, pos_to_nm(pos_from_nm((int64_t)INT32_MIN - 5)));
     TEST_ASSERT_EQUAL_INT32(INT32_MIN, pos_to_nm(pos_from_nm(INT32_MIN)));
 }
 
-static void test_positions_a_metre_out_are_told_apart_by_thousandths_of_a_nm(void)
+static void test_positions_at_a_metre_are_resolved_to_thousandths_of_a_nm(void)
 {
     const pos_t p = pos_from_nm(1000000000);
     TEST_ASSERT_DOUBLE_WITHIN(0x1p-32 + HALF_STEPS(1), 66 / 65536e3, val(pos_sub(p + 66, p)));
@@ -79,7 +80,7 @@ static void test_integers_of_64_bits_are_rounded_to_the_nearest_whatever_their_s
     }
 }
 
-static void test_what_is_no_number_becomes_0_and_infinity_saturates(void)
+static void test_nan_becomes_0_and_infinity_saturates(void)
 {
     if (!NUM_FIXED) {
         const num inf = mk((double)INFINITY), nan = mk((double)NAN);
@@ -93,7 +94,7 @@ static void test_what_is_no_number_becomes_0_and_infinity_saturates(void)
     }
 }
 
-/* Of all sizes; and halfway between two numbers, where a single bit far below decides */
+/* Integers of all sizes, and integers halfway between two floats, where a single low bit decides. */
 static void test_integers_of_any_size_become_the_nearest_float(void)
 {
     uint64_t random = 1;
@@ -130,7 +131,7 @@ static void test_clamp_min_max_and_abs_pick_the_right_one(void)
     TEST_ASSERT_EQUAL_DOUBLE(2, val(n_abs(mk(2))));
 }
 
-static void test_arithmetic_is_what_it_says(void)
+static void test_arithmetic_gives_its_results(void)
 {
     TEST_ASSERT_EQUAL_DOUBLE(5.25, val(n_add(mk(3), mk(2.25))));
     TEST_ASSERT_EQUAL_DOUBLE(0.75, val(n_sub(mk(3), mk(2.25))));
@@ -180,7 +181,7 @@ static void test_ie_turns_a_quarter_to_the_right(void)
     expect(2, -1, v2_ie(mk2(1, 2)));
 }
 
-static void test_vector_operations_are_what_they_say(void)
+static void test_vector_operations_give_their_results(void)
 {
     expect(4, 6, v2_add(mk2(1, 2), mk2(3, 4)));
     expect(-2, -2, v2_sub(mk2(1, 2), mk2(3, 4)));
@@ -196,8 +197,8 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_position_to_nm_rounds_to_the_nearest);
-    RUN_TEST(test_position_to_nm_saturates_at_the_wire);
-    RUN_TEST(test_positions_a_metre_out_are_told_apart_by_thousandths_of_a_nm);
+    RUN_TEST(test_position_to_nm_saturates_at_32_bits);
+    RUN_TEST(test_positions_at_a_metre_are_resolved_to_thousandths_of_a_nm);
     RUN_TEST(test_a_position_moved_by_a_difference_is_the_other_position);
     RUN_TEST(test_q32_and_scaled_integers_are_rounded_to_the_nearest);
     RUN_TEST(test_scaled_integers_above_2_to_the_23_are_exact);
@@ -205,13 +206,13 @@ int main(void)
     RUN_TEST(test_integers_of_any_size_become_the_nearest_float);
     RUN_TEST(test_sat_is_linear_inside_its_layer_and_one_outside);
     RUN_TEST(test_clamp_min_max_and_abs_pick_the_right_one);
-    RUN_TEST(test_arithmetic_is_what_it_says);
+    RUN_TEST(test_arithmetic_gives_its_results);
     RUN_TEST(test_a_product_and_a_sum_are_rounded_once);
     RUN_TEST(test_the_frame_has_the_normal_a_quarter_turn_left_of_the_tangent);
     RUN_TEST(test_from_frame_undoes_to_frame);
     RUN_TEST(test_ie_turns_a_quarter_to_the_right);
-    RUN_TEST(test_vector_operations_are_what_they_say);
+    RUN_TEST(test_vector_operations_give_their_results);
     RUN_TEST(test_integers_of_64_bits_are_rounded_to_the_nearest_whatever_their_sign);
-    RUN_TEST(test_what_is_no_number_becomes_0_and_infinity_saturates);
+    RUN_TEST(test_nan_becomes_0_and_infinity_saturates);
     return UNITY_END();
 }

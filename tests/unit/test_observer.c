@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_observer.c: the extended state observer of one axis. */
 #include "core/observer.h"
 
 #include <math.h>
@@ -52,15 +53,15 @@ static void test_reset_is_at_rest_with_nothing_unexplained(void)
  * difference, weighted by p^-k, is zero. */
 static void test_all_three_poles_are_where_the_bandwidth_puts_them(void)
 {
-    const int count = NUM_FIXED ? 15 : 40; /* a triple pole falls apart with the rounding of the gains */
+    const int count = NUM_FIXED ? 15 : 40; /* the rounding of the gains splits a triple pole */
     double e[40];
     for (int k = 0; k < count; k++) {
         step(500, 0, 2, 0);
         e[k] = (500.0 - (double)state.pos / (POS_PER_NM * 1e3)) / pow(POLE, k);
     }
     for (int k = 0; k + 3 < count; k++) {
-        /* rounding of 1e-4 um in the positions, blown up by p^-k, and the differences' weights 1 3 3 1;
-         * in fixed point the rounding of the gains, of 500 um */
+        /* The positions are rounded to 1e-4 um, which p^-k and the weights 1 3 3 1 of the difference amplify. In fixed
+         * point the rounding of the gains counts, on 500 um. */
         TEST_ASSERT_DOUBLE_WITHIN((1e-3 + HALF_STEPS(10000)) / pow(POLE, k), 0,
                                   e[k + 3] - 3 * e[k + 2] + 3 * e[k + 1] - e[k]);
     }

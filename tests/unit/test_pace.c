@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pacing of the Linux process: no drift, bounded catching up, exact SYNC periods. */
+/* test_pace.c: pacing of the process kontur-sim: no drift, bounded catching up, exact SYNC periods. */
 #include "port/linux/pace.h"
 #include "unity.h"
 
@@ -26,7 +26,7 @@ static void test_nothing_is_due_at_power_on(void)
     TEST_ASSERT_EQUAL_UINT32(1, pace_due(&pace, start_ns + 100000, 0));
 }
 
-static void test_time_does_not_drift_however_unevenly_it_is_asked_for(void)
+static void test_time_does_not_drift_however_unevenly_it_is_polled(void)
 {
     uint64_t tick = 0, now = start_ns;
     for (unsigned i = 0; i < 100000; i++) {
@@ -49,9 +49,10 @@ static void test_a_short_stall_is_made_up_for(void)
     TEST_ASSERT_EQUAL_UINT64(0, pace.lost_ms);
 }
 
-static void test_what_goes_beyond_is_lost_once_and_counted(void)
+static void test_a_longer_stall_is_lost_once_and_counted(void)
 {
-    TEST_ASSERT_EQUAL_UINT32(1991, pace_due(&pace, start_ns + 5000 * MS + 100000, 0)); /* a whole ms is given up */
+    TEST_ASSERT_EQUAL_UINT32(1991,
+                             pace_due(&pace, start_ns + 5000 * MS + 100000, 0)); /* complete milliseconds are lost */
     TEST_ASSERT_EQUAL_UINT64(4801, pace.lost_ms);
     TEST_ASSERT_EQUAL_UINT32(0, pace_due(&pace, start_ns + 5000 * MS + 100000, 1991));
     TEST_ASSERT_EQUAL_UINT32(10, pace_due(&pace, start_ns + 5001 * MS + 100000, 1991));
@@ -70,9 +71,9 @@ static void test_sync_periods_add_up_exactly(void)
     TEST_ASSERT_EQUAL_UINT32(1, pace_sync(&pace, 50));
 }
 
-static void test_an_answer_cannot_come_sooner_than_a_wire_carries_it(void)
+static void test_an_answer_cannot_come_sooner_than_a_bus_carries_it(void)
 {
-    TEST_ASSERT_TRUE(pace_bus_free(&pace, 0)); /* nothing has come yet */
+    TEST_ASSERT_TRUE(pace_bus_free(&pace, 0)); /* no frame has come yet */
     pace_frame(&pace, 100);
     TEST_ASSERT_FALSE(pace_bus_free(&pace, 100));
     TEST_ASSERT_FALSE(pace_bus_free(&pace, 101));
@@ -81,7 +82,7 @@ static void test_an_answer_cannot_come_sooner_than_a_wire_carries_it(void)
     TEST_ASSERT_FALSE(pace_bus_free(&pace, 103));
 }
 
-static void test_the_wait_for_the_wire_ends_with_the_tick_from_which_it_is_free(void)
+static void test_the_wait_for_the_bus_ends_with_the_tick_from_which_it_is_free(void)
 {
     TEST_ASSERT_EQUAL_UINT64(0, pace_bus_wait_ns(&pace, start_ns));
     pace_frame(&pace, 36000ull * HZ + 7); /* ten hours */
@@ -96,12 +97,12 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_nothing_is_due_at_power_on);
-    RUN_TEST(test_time_does_not_drift_however_unevenly_it_is_asked_for);
+    RUN_TEST(test_time_does_not_drift_however_unevenly_it_is_polled);
     RUN_TEST(test_years_do_not_overflow);
     RUN_TEST(test_a_short_stall_is_made_up_for);
-    RUN_TEST(test_what_goes_beyond_is_lost_once_and_counted);
+    RUN_TEST(test_a_longer_stall_is_lost_once_and_counted);
     RUN_TEST(test_sync_periods_add_up_exactly);
-    RUN_TEST(test_an_answer_cannot_come_sooner_than_a_wire_carries_it);
-    RUN_TEST(test_the_wait_for_the_wire_ends_with_the_tick_from_which_it_is_free);
+    RUN_TEST(test_an_answer_cannot_come_sooner_than_a_bus_carries_it);
+    RUN_TEST(test_the_wait_for_the_bus_ends_with_the_tick_from_which_it_is_free);
     return UNITY_END();
 }

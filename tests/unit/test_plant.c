@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_plant.c: the simulated machine: stiction, delay, end stops, inputs, noise and schedule. */
 #include "sim/plant.h"
 
 #include <math.h>
@@ -11,7 +12,7 @@
 static struct ks_machine machine;
 static struct plant p;
 
-/* Table 1, no noise, no schedule */
+/* The machine of Table 1 without noise and schedule. */
 void setUp(void)
 {
     machine = (struct ks_machine){.mass_kg = {88.08, 97.90},
@@ -72,7 +73,7 @@ static void test_friction_above_coulomb_decays_with_the_stribeck_velocity(void)
     restart();
     p.vel_mps[0] = 2e-3;
     run(0, 0, 1);
-    /* friction is that before the last sub-step of 10 us: 5.5 um/s of 1 mm/s off */
+    /* Friction is that before the last sub-step of 10 us, which is off by 5.5 um/s of 1 mm/s. */
     TEST_ASSERT_DOUBLE_WITHIN(22.75 * exp(-1.9) * 6e-3, 45.5 * (1 + 0.5 * exp(-p.vel_mps[0] / 1e-3)), p.friction_N[0]);
 }
 
@@ -95,7 +96,7 @@ static void test_a_force_beyond_friction_turns_a_moving_axis_round(void)
     TEST_ASSERT_TRUE(p.vel_mps[0] < 0);
 }
 
-/* m v' = -c v - l: v = (v0 + l/c) exp(-c t/m) - l/c, and the work of friction is the energy lost */
+/* m v' = -c v - l gives v = (v0 + l/c) exp(-c t/m) - l/c, and the energy lost is the work of friction. */
 static void test_a_coasting_axis_follows_the_closed_form(void)
 {
     const double v0 = 0.2, c = 467.2, m = 88.08, l = 45.5, t = 0.1;
@@ -103,7 +104,7 @@ static void test_a_coasting_axis_follows_the_closed_form(void)
     run(0, 0, 1000);
     const double v = (v0 + l / c) * exp(-c * t / m) - l / c;
     const double x = (v0 + l / c) * m / c * (1 - exp(-c * t / m)) - l / c * t;
-    /* Euler's rule with h = 10 us: h/2 c/m = 2.7e-5 of the change of 0.11 m/s */
+    /* Euler's rule with h = 10 us errs by h/2 c/m = 2.7e-5 of the change of 0.11 m/s. */
     TEST_ASSERT_DOUBLE_WITHIN(2.7e-5 * 0.11, v, p.vel_mps[0]);
     TEST_ASSERT_DOUBLE_WITHIN(2.7e-5 * 0.11 * t, x, p.pos_m[0]);
 }
@@ -119,15 +120,15 @@ static void test_a_coasting_axis_loses_as_energy_what_friction_took(void)
     }
     const double lost = 0.5 * 97.9 * (0.04 - p.vel_mps[1] * p.vel_mps[1]);
     TEST_ASSERT_TRUE(lost > 1);
-    /* in a sub-step h the axis feels c v of its beginning: integral of c h/2 v' dx = c h/4 (v0^2 - v^2) */
+    /* In a sub-step h, c v is that at its start, which adds the integral of c h/2 v' dx = c h/4 (v0^2 - v^2). */
     TEST_ASSERT_DOUBLE_WITHIN(631.0 * 1e-5 / 4 * 0.04, work, lost);
 }
 
-/* From rest under F: v = (F - l)/c (1 - exp(-c t/m)) */
+/* From rest with the force F: v = (F - l)/c (1 - exp(-c t/m)). */
 static void test_a_constant_force_gives_the_closed_form(void)
 {
     machine.delay_periods = 1;
-    run(200, 0, 1001); /* it acts from the second period on */
+    run(200, 0, 1001); /* the force acts from the second period on */
     TEST_ASSERT_DOUBLE_WITHIN(1e-5, (200 - 45.5) / 467.2 * (1 - exp(-467.2 * 0.1 / 88.08)), p.vel_mps[0]);
 }
 
@@ -142,7 +143,7 @@ static void test_force_acts_after_exactly_the_delay(void)
         const double v = p.vel_mps[0];
         TEST_ASSERT_DOUBLE_WITHIN(2e-8, (100 - 45.5) / 88.08 * PERIOD, v); /* viscous friction takes c v/2 */
         run(0, 0, delay);
-        TEST_ASSERT_TRUE(delay == 1 || p.vel_mps[0] > v); /* pushed for `delay` periods */
+        TEST_ASSERT_TRUE(delay == 1 || p.vel_mps[0] > v); /* the force acts for `delay` periods */
     }
 }
 
@@ -168,7 +169,7 @@ static void test_a_lagging_amplifier_reaches_its_force_with_its_time_constant(vo
     machine.current_lag_s[0] = 1e-3;
     machine.coulomb_N[0] = 200;
     restart();
-    run(100, 0, 11); /* 1 ms after it began to act */
+    run(100, 0, 11); /* 1 ms after the force starts to act */
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 100 * (1 - exp(-1.0)), p.lagged_N[0]);
 }
 
@@ -247,7 +248,7 @@ static void schedule_32(void)
     restart();
 }
 
-/* Friction of a moving axis in the period `at_s` after the start, over 45.5 N */
+/* Friction of a moving axis in the period `at_s` after the start, divided by 45.5 N. */
 static double scale_at(double at_s)
 {
     p.period = p.schedule_start + (uint64_t)llround(at_s / PERIOD);
@@ -299,8 +300,8 @@ static void test_before_its_first_row_the_schedule_scales_nothing(void)
     TEST_ASSERT_EQUAL_DOUBLE(7, scale_at(0.6));
 }
 
-/* Noise as velocity steps of a frictionless, weightless-by-one axis: v+ - v = noise/m h substeps */
-static void test_noise_has_the_asked_mean_and_deviation_and_is_independent_between_axes(void)
+/* The noise is measured by the velocity steps of an axis of 1 kg without friction: v+ - v = noise/m h substeps. */
+static void test_noise_has_the_specified_mean_and_deviation_and_is_independent_between_axes(void)
 {
     machine.mass_kg[0] = machine.mass_kg[1] = 1;
     for (int i = 0; i < 2; i++) {
@@ -350,7 +351,7 @@ static void test_noise_depends_on_the_seed_alone(void)
     TEST_ASSERT_TRUE(a.pos_m[0] != other.pos_m[0] && a.pos_m[1] != other.pos_m[1]);
 }
 
-/* First output of splitmix64 from 0, as published with it */
+/* The first output of splitmix64 from 0, as published with it. */
 static void test_the_seed_is_spread_by_splitmix64(void)
 {
     plant_init(&p, &machine, 0, PERIOD);
@@ -417,7 +418,7 @@ int main(void)
     RUN_TEST(test_the_schedule_counts_from_where_it_was_started);
     RUN_TEST(test_a_schedule_that_does_not_repeat_keeps_its_last_row);
     RUN_TEST(test_before_its_first_row_the_schedule_scales_nothing);
-    RUN_TEST(test_noise_has_the_asked_mean_and_deviation_and_is_independent_between_axes);
+    RUN_TEST(test_noise_has_the_specified_mean_and_deviation_and_is_independent_between_axes);
     RUN_TEST(test_noise_depends_on_the_seed_alone);
     RUN_TEST(test_the_seed_is_spread_by_splitmix64);
     RUN_TEST(test_check_names_the_first_field_that_is_not_usable);

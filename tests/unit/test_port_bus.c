@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Two ways in and out of the STM32F405: bxCAN, and slcan on the serial line, which has the drive while its channel is open. */
+/* test_port_bus.c: the bus of the STM32F405, which is slcan
+ * on the serial port while its channel is open, and else CAN. */
 #include <string.h>
 
 #include "chip.h"
@@ -25,7 +26,7 @@ void setUp(void)
     }
 }
 
-/* The serial port takes what is to be sent, byte by byte, at the interrupts it asks for. */
+/* Returns the text that the port sends, byte by byte, in its interrupts. */
 static const char *sent(void)
 {
     unsigned n = 0;
@@ -69,7 +70,7 @@ static void open_channel(void)
     TEST_ASSERT_EQUAL_STRING("\r", sent());
 }
 
-static void test_can_has_the_drive_until_the_serial_channel_is_opened(void)
+static void test_the_bus_is_can_until_the_serial_channel_is_opened(void)
 {
     can_frame_comes(0x201);
     TEST_ASSERT_TRUE(bus_receive(&got));
@@ -80,11 +81,11 @@ static void test_can_has_the_drive_until_the_serial_channel_is_opened(void)
     TEST_ASSERT_EQUAL_HEX32((uint32_t)frame.id << CAN_IR_STID | CAN_IR_TXRQ, chip.can1.TX[0].IR);
     TEST_ASSERT_EQUAL_STRING("", sent());
     type("t2012AABB\r");
-    TEST_ASSERT_FALSE(bus_receive(&got)); /* not open */
+    TEST_ASSERT_FALSE(bus_receive(&got)); /* the channel is closed */
     TEST_ASSERT_EQUAL_STRING("\a", sent());
 }
 
-static void test_open_channel_takes_and_gives_frames_alone(void)
+static void test_open_serial_channel_is_the_only_bus(void)
 {
     open_channel();
     can_frame_comes(0x201);
@@ -102,7 +103,7 @@ static void test_open_channel_takes_and_gives_frames_alone(void)
     TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TX[0].IR);
 }
 
-static void test_what_came_by_can_while_the_channel_was_open_is_not_found_later(void)
+static void test_frames_of_can_that_came_while_the_channel_was_open_are_dropped(void)
 {
     open_channel();
     can_frame_comes(0x201);
@@ -128,7 +129,7 @@ static void test_open_channel_is_an_active_bus_whatever_the_can_controller_says(
     TEST_ASSERT_EQUAL(HAL_CAN_ACTIVE, status.state);
     TEST_ASSERT_EQUAL_UINT8(0, status.tx_errors);
     const uint32_t before = status.rx_lost;
-    type("t20\r"); /* cut off */
+    type("t20\r"); /* an incomplete line */
     TEST_ASSERT_FALSE(bus_receive(&got));
     bus_status(&status);
     TEST_ASSERT_EQUAL_UINT32(before + 1u, status.rx_lost);
@@ -137,14 +138,14 @@ static void test_open_channel_is_an_active_bus_whatever_the_can_controller_says(
 static void test_bytes_that_come_too_fast_are_counted_and_the_line_goes_on(void)
 {
     const uint32_t before = uart_lost();
-    chip.usart1.SR = USART_SR_RXNE | USART_SR_ORE; /* one was overwritten in the port; this one is there */
+    chip.usart1.SR = USART_SR_RXNE | USART_SR_ORE; /* a byte was overwritten in the data register by this one */
     chip.usart1.DR = 'O';
     uart_irq();
     TEST_ASSERT_EQUAL_UINT32(before + 1u, uart_lost());
     type("\r");
     TEST_ASSERT_FALSE(bus_receive(&got));
     TEST_ASSERT_EQUAL_STRING("\r", sent());
-    for (unsigned i = 0; i < RING + 3; i++) { /* nobody takes them */
+    for (unsigned i = 0; i < RING + 3; i++) { /* nobody reads them */
         type("x");
     }
     TEST_ASSERT_EQUAL_UINT32(before + 4u, uart_lost());
@@ -154,14 +155,14 @@ static void test_bytes_that_come_too_fast_are_counted_and_the_line_goes_on(void)
     TEST_ASSERT_EQUAL_HEX16(0x201, got.id);
 }
 
-static void test_frame_goes_whole_or_not_at_all_when_the_line_is_full(void)
+static void test_frame_is_sent_completely_or_not_at_all_when_the_line_is_full(void)
 {
     open_channel();
     unsigned frames = 0;
     while (frames < RING && bus_send(&frame)) {
         frames++;
     }
-    TEST_ASSERT_EQUAL_UINT(RING / 10, frames); /* t1812ABCD and its end */
+    TEST_ASSERT_EQUAL_UINT(RING / 10, frames); /* t1812ABCD and CR */
     const char *all = sent();
     TEST_ASSERT_EQUAL_UINT(10 * frames, strlen(all));
     TEST_ASSERT_EQUAL_STRING("t1812ABCD\r", &all[10 * (frames - 1)]);
@@ -172,7 +173,7 @@ static void test_interrupt_of_a_line_with_nothing_to_send_ends(void)
 {
     chip.usart1.SR = USART_SR_TXE;
     chip.usart1.DR = 0x55;
-    uart_irq(); /* a byte received calls it, too; nothing was asked for */
+    uart_irq(); /* as for a byte received, without a byte to send */
     TEST_ASSERT_EQUAL_HEX32(0x55, chip.usart1.DR);
     chip.usart1.CR1 |= USART_CR1_TXEIE;
     uart_irq();
@@ -188,7 +189,7 @@ static void test_in_an_emulator_a_line_is_sent_at_once(void)
     TEST_ASSERT_TRUE(bus_send(&frame));
     TEST_ASSERT_EQUAL_HEX32('\r', chip.usart1.DR);
     TEST_ASSERT_EQUAL_HEX32(0, chip.usart1.CR1 & USART_CR1_TXEIE);
-    for (unsigned i = 0; i < RING; i++) { /* nothing is left in its ring */
+    for (unsigned i = 0; i < RING; i++) { /* the ring stays empty */
         TEST_ASSERT_TRUE(bus_send(&frame));
     }
 }
@@ -196,12 +197,12 @@ static void test_in_an_emulator_a_line_is_sent_at_once(void)
 int main(void)
 {
     UNITY_BEGIN();
-    RUN_TEST(test_can_has_the_drive_until_the_serial_channel_is_opened);
-    RUN_TEST(test_open_channel_takes_and_gives_frames_alone);
-    RUN_TEST(test_what_came_by_can_while_the_channel_was_open_is_not_found_later);
+    RUN_TEST(test_the_bus_is_can_until_the_serial_channel_is_opened);
+    RUN_TEST(test_open_serial_channel_is_the_only_bus);
+    RUN_TEST(test_frames_of_can_that_came_while_the_channel_was_open_are_dropped);
     RUN_TEST(test_open_channel_is_an_active_bus_whatever_the_can_controller_says);
     RUN_TEST(test_bytes_that_come_too_fast_are_counted_and_the_line_goes_on);
-    RUN_TEST(test_frame_goes_whole_or_not_at_all_when_the_line_is_full);
+    RUN_TEST(test_frame_is_sent_completely_or_not_at_all_when_the_line_is_full);
     RUN_TEST(test_interrupt_of_a_line_with_nothing_to_send_ends);
     RUN_TEST(test_in_an_emulator_a_line_is_sent_at_once);
     return UNITY_END();

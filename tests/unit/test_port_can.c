@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* bxCAN: bit timing, both directions, and a bus on which nobody answers. */
+/* test_port_can.c: the driver of bxCAN: bit timing, both directions, and a bus on which nobody acknowledges. */
 #include "chip.h"
 #include "port/stm32f405/can.h"
 #include "unity.h"
@@ -21,8 +21,8 @@ void tearDown(void)
 
 static const struct can_frame frame = {.id = 0x181, .len = 8, .data = {1, 2, 3, 4, 5, 6, 7, 8}};
 
-/* What the controller does with a mailbox that TXRQ has been set for: it is no longer empty. */
-static void take_requests(void)
+/* Do what the controller does: a mailbox with TXRQ is no longer empty. */
+static void accept_requests(void)
 {
     chip.can1.TSR = MAILBOXES_EMPTY;
     for (unsigned i = 0; i < 3; i++) {
@@ -38,11 +38,11 @@ static void test_bit_timing_has_the_rate_and_a_sample_point_of_cia_301(void)
     for (unsigned i = 0; i < 4; i++) {
         TEST_ASSERT_TRUE(can_bitrate(rates[i], true));
         const uint32_t btr = chip.can1.BTR;
-        const uint32_t prescaler = (btr & 1023u) + 1u, before = (btr >> CAN_BTR_TS1 & 15u) + 1u,
-                       after = (btr >> CAN_BTR_TS2 & 7u) + 1u;
-        const uint32_t quanta = 1u + before + after;
+        const uint32_t prescaler = (btr & 1023u) + 1u, segment1 = (btr >> CAN_BTR_TS1 & 15u) + 1u,
+                       segment2 = (btr >> CAN_BTR_TS2 & 7u) + 1u;
+        const uint32_t quanta = 1u + segment1 + segment2;
         TEST_ASSERT_EQUAL_UINT32(42000, rates[i] * prescaler * quanta);
-        TEST_ASSERT_UINT32_WITHIN(20, 875, 1000u * (1u + before) / quanta);
+        TEST_ASSERT_UINT32_WITHIN(20, 875, 1000u * (1u + segment1) / quanta);
         TEST_ASSERT_EQUAL_UINT32(0, btr >> 30); /* neither silent nor loop-back */
     }
     TEST_ASSERT_FALSE(can_bitrate(800, false));
@@ -65,7 +65,7 @@ static void test_a_frame_in_the_fifo_is_received(void)
     struct can_frame got;
     chip.can1.RX[0] = (struct can_mailbox){.IR = 0x201u << 21, .DTR = 4, .DLR = 0x44332211};
     chip.can1.RF0R = 1;
-    can_rx_irq(); /* three times the same: the memory does not release a frame */
+    can_rx_irq(); /* three times the same frame, because the simulated register does not release it */
     TEST_ASSERT_TRUE(can_receive(&got));
     TEST_ASSERT_EQUAL_HEX16(0x201, got.id);
     TEST_ASSERT_EQUAL_UINT8(4, got.len);
@@ -105,13 +105,13 @@ static void test_nobody_acknowledges_the_queue_fills_and_no_call_blocks(void)
     while (sent < 1000 && can_send(&frame)) {
         sent++;
         can_tx_irq();
-        take_requests(); /* no mailbox is ever free again */
+        accept_requests(); /* no mailbox becomes free again */
     }
     TEST_ASSERT_EQUAL_UINT(3 + 32, sent);
     TEST_ASSERT_FALSE(can_send(&frame));
     TEST_ASSERT_EQUAL_UINT(0, chip_waited);
 
-    /* ISO 11898-1: without an acknowledgement the transmit counter stops at 128, error passive */
+    /* ISO 11898-1: without an acknowledgement the transmit error counter stops at 128, error passive. */
     chip.can1.ESR = 128u << CAN_ESR_TEC | CAN_ESR_EPVF | CAN_ESR_EWGF;
     can_error_irq();
     can_status(&status);
@@ -119,22 +119,22 @@ static void test_nobody_acknowledges_the_queue_fills_and_no_call_blocks(void)
     TEST_ASSERT_EQUAL_UINT8(128, status.tx_errors);
 }
 
-/* BOFF is set with an interrupt, and ends without one. */
-static void be_off(void)
+/* The controller sets BOFF with an interrupt, and clears it without one. */
+static void bus_off(void)
 {
     chip.can1.ESR = CAN_ESR_BOFF | CAN_ESR_EPVF | CAN_ESR_EWGF | 248u << CAN_ESR_TEC;
     chip.can1.MSR = CAN_MSR_ERRI;
     can_error_irq();
 }
 
-static void be_back(void)
+static void bus_on(void)
 {
     chip.can1.ESR = 0;
     chip.can1.TSR = MAILBOXES_EMPTY;
     can_tx_irq();
 }
 
-static void test_each_bus_off_is_counted_drops_what_waits_and_ends(void)
+static void test_each_bus_off_is_counted_drops_pending_frames_and_ends(void)
 {
     struct hal_can_status status;
     can_status(&status);
@@ -142,29 +142,29 @@ static void test_each_bus_off_is_counted_drops_what_waits_and_ends(void)
     TEST_ASSERT_TRUE((chip.can1.MCR & CAN_MCR_ABOM) != 0);
     for (uint32_t n = 1; n <= 3; n++) {
         can_send(&frame);
-        be_off();
+        bus_off();
         can_status(&status);
         TEST_ASSERT_EQUAL(HAL_CAN_OFF, status.state);
         TEST_ASSERT_EQUAL_UINT32(before + n, status.bus_offs);
         TEST_ASSERT_EQUAL_HEX32(CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2, chip.can1.TSR);
         TEST_ASSERT_EQUAL_HEX32(0, chip.can1.MSR & CAN_MSR_ERRI);
 
-        be_back();
-        TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TX[0].IR); /* nothing stale is sent */
+        bus_on();
+        TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TX[0].IR); /* no old frame is sent */
         can_status(&status);
         TEST_ASSERT_EQUAL(HAL_CAN_ACTIVE, status.state);
     }
 }
 
-static void test_what_is_to_be_sent_while_the_bus_is_off_is_not_sent_later(void)
+static void test_frames_to_send_while_the_bus_is_off_are_not_sent_later(void)
 {
-    be_off();
+    bus_off();
     for (unsigned i = 0; i < 100; i++) {
         chip.can1.TSR = MAILBOXES_EMPTY;
         TEST_ASSERT_TRUE(can_send(&frame));
         can_tx_irq();
     }
-    be_back();
+    bus_on();
     TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TX[0].IR);
     TEST_ASSERT_TRUE(can_send(&frame));
     can_tx_irq();
@@ -203,7 +203,7 @@ static bool never(const reg *r, uint32_t mask, uint32_t value)
     return false;
 }
 
-static void test_a_controller_that_does_not_answer_is_off_and_swallows_frames(void)
+static void test_a_controller_that_does_not_answer_is_off_and_drops_frames(void)
 {
     struct hal_can_status status;
     chip_waits = never;
@@ -213,7 +213,7 @@ static void test_a_controller_that_does_not_answer_is_off_and_swallows_frames(vo
     TEST_ASSERT_EQUAL(HAL_CAN_OFF, status.state);
 }
 
-/* QEMU has no bxCAN; the drive is on its serial line there. */
+/* QEMU has no bxCAN; there the drive uses the serial port. */
 static void test_an_emulator_without_a_controller_is_not_off(void)
 {
     struct hal_can_status status;
@@ -225,17 +225,17 @@ static void test_an_emulator_without_a_controller_is_not_off(void)
     TEST_ASSERT_EQUAL(HAL_CAN_ACTIVE, status.state);
 }
 
-static void test_a_bit_rate_is_changed_when_that_is_asked_for_and_possible(void)
+static void test_a_bit_rate_is_changed_when_it_is_requested_and_possible(void)
 {
     const uint32_t before = chip.can1.BTR;
     chip.can1.TSR = 0;
     TEST_ASSERT_TRUE(can_bitrate(125, false));
     TEST_ASSERT_EQUAL_HEX32(before, chip.can1.BTR);
-    TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TSR); /* nothing that waits is dropped */
+    TEST_ASSERT_EQUAL_HEX32(0, chip.can1.TSR); /* no pending frame is dropped */
     TEST_ASSERT_TRUE(can_bitrate(125, true));
     TEST_ASSERT_NOT_EQUAL_HEX32(before, chip.can1.BTR);
     TEST_ASSERT_FALSE(can_init(800));
-    TEST_ASSERT_TRUE(can_send(&frame)); /* swallowed */
+    TEST_ASSERT_TRUE(can_send(&frame)); /* dropped */
 }
 
 static void test_a_controller_that_comes_to_life_with_another_bit_rate_works(void)
@@ -247,7 +247,7 @@ static void test_a_controller_that_comes_to_life_with_another_bit_rate_works(voi
     chip.can1.FA1R = 0;
     chip.can1.IER = 0;
     TEST_ASSERT_TRUE(can_bitrate(500, true));
-    TEST_ASSERT_EQUAL_HEX32(1, chip.can1.FA1R); /* frames pass, and are told of */
+    TEST_ASSERT_EQUAL_HEX32(1, chip.can1.FA1R); /* the filter is active */
     TEST_ASSERT_TRUE((chip.can1.IER & CAN_IER_FMPIE0) != 0);
     TEST_ASSERT_FALSE(can_receive(&got));
 }
@@ -269,13 +269,13 @@ int main(void)
     RUN_TEST(test_a_remote_frame_is_sent_and_received_as_one);
     RUN_TEST(test_the_filter_lets_data_frames_of_11_bits_pass_only);
     RUN_TEST(test_nobody_acknowledges_the_queue_fills_and_no_call_blocks);
-    RUN_TEST(test_each_bus_off_is_counted_drops_what_waits_and_ends);
-    RUN_TEST(test_what_is_to_be_sent_while_the_bus_is_off_is_not_sent_later);
+    RUN_TEST(test_each_bus_off_is_counted_drops_pending_frames_and_ends);
+    RUN_TEST(test_frames_to_send_while_the_bus_is_off_are_not_sent_later);
     RUN_TEST(test_frames_without_room_are_counted);
     RUN_TEST(test_frames_that_the_controller_had_no_room_for_are_counted);
-    RUN_TEST(test_a_controller_that_does_not_answer_is_off_and_swallows_frames);
+    RUN_TEST(test_a_controller_that_does_not_answer_is_off_and_drops_frames);
     RUN_TEST(test_an_emulator_without_a_controller_is_not_off);
-    RUN_TEST(test_a_bit_rate_is_changed_when_that_is_asked_for_and_possible);
+    RUN_TEST(test_a_bit_rate_is_changed_when_it_is_requested_and_possible);
     RUN_TEST(test_a_controller_that_comes_to_life_with_another_bit_rate_works);
     RUN_TEST(test_a_bus_held_dominant_is_off);
     return UNITY_END();

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The STM32F405's clock tree: 168 MHz with the crystal or without it, and a crystal that stops. */
+/* test_port_clock.c: the clock tree of the STM32F405: 168 MHz
+ * with and without the crystal, and a crystal that stops. */
 #include "chip.h"
 #include "port/stm32f405/clock.h"
 #include "port/stm32f405/output.h"
@@ -62,7 +63,7 @@ static bool was_reset(void)
     return chip.scb.AIRCR == (SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ);
 }
 
-/* At 16 MHz no period and no bit rate would be right. */
+/* At 16 MHz neither control period nor bit rate would be right. */
 static void test_a_chip_without_168_mhz_is_reset(void)
 {
     chip_waits = nothing_starts;

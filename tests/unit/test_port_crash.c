@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The STM32F405's crash record, which outlives a reset, and what it says of the reset. The module itself is part of this
- * program, so that its record can be damaged. */
+/* test_port_crash.c: the saved crash of the STM32F405, which survives a reset, and the cause of a reset. The module
+ * is part of this program, so that its saved crash can be damaged.
+ */
 #include "chip.h"
 #include "port/stm32f405/crash.c"
 #include "unity.h"
@@ -15,7 +16,7 @@ void tearDown(void)
 {
 }
 
-static void push(void)
+static void write_forces(void)
 {
     const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000}, {.full_scale_mN = 100000}};
     const struct hal_drive_out out = {.force_mN = {90000, -90000}, .enable = {true, true}};
@@ -35,7 +36,7 @@ static void crash_at(uint32_t pc)
     crash_record(frame);
 }
 
-/* As at power-on: whatever an earlier test has left is gone. */
+/* Power on, which clears what an earlier test has saved. */
 static void power_on(void)
 {
     enum hal_reset reset;
@@ -49,7 +50,7 @@ static void power_on(void)
 
 static void test_a_hard_fault_makes_outputs_safe_and_resets(void)
 {
-    push();
+    write_forces();
     TEST_ASSERT_TRUE(chip_pin('B', 12));
     crash_at(0x0800BEEE);
     TEST_ASSERT_FALSE(chip_pin('B', 12));
@@ -59,7 +60,7 @@ static void test_a_hard_fault_makes_outputs_safe_and_resets(void)
     TEST_ASSERT_EQUAL_HEX32(SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ, chip.scb.AIRCR);
 }
 
-static void test_the_record_of_a_crash_outlives_the_reset_and_is_told_once(void)
+static void test_a_saved_crash_survives_the_reset_and_is_reported_once(void)
 {
     enum hal_reset reset;
     struct hal_crash crash;
@@ -89,12 +90,13 @@ static void test_the_record_of_a_crash_outlives_the_reset_and_is_told_once(void)
     power_on();
 }
 
-static void test_a_crash_with_the_stack_lost_is_recorded_without_its_place(void)
+static void test_a_crash_with_an_invalid_stack_is_saved_without_its_address(void)
 {
     enum hal_reset reset;
     struct hal_crash crash;
     power_on();
-    const uint32_t *const elsewhere[] = {kontur_stack_top, (const uint32_t *)sizeof(uint32_t)}; /* above, below */
+    const uint32_t *const elsewhere[] = {kontur_stack_top,
+                                         (const uint32_t *)sizeof(uint32_t)}; /* above and below the stack */
     for (unsigned i = 0; i < 2; i++) {
         crash_record(elsewhere[i]);
         crash_read(&reset, &crash);
@@ -104,7 +106,7 @@ static void test_a_crash_with_the_stack_lost_is_recorded_without_its_place(void)
     }
 }
 
-static void test_a_watchdog_reset_is_told(void)
+static void test_a_watchdog_reset_is_reported(void)
 {
     enum hal_reset reset;
     struct hal_crash crash;
@@ -139,7 +141,7 @@ static void test_each_cause_of_a_reset_has_its_name(void)
     TEST_ASSERT_EQUAL(HAL_RESET_UNKNOWN, reset);
 }
 
-/* The supply was away for a moment: what RAM holds is not to be believed. */
+/* After a brown-out the contents of RAM are not reliable. */
 static void test_a_brown_out_forgets_crashes(void)
 {
     enum hal_reset reset;
@@ -159,14 +161,14 @@ static void test_a_supply_that_fails_makes_outputs_safe_and_is_a_brown_out_of_th
     crash_at(0x0800BEEE);
     chip.rcc.CSR = RCC_CSR_SFTRSTF;
     crash_read(&reset_cause, &crash);
-    push();
+    write_forces();
     chip.scb.AIRCR = 0;
     crash_supply();
     TEST_ASSERT_FALSE(chip_pin('B', 12) || chip_pin('C', 8));
     TEST_ASSERT_EQUAL_HEX32(SCB_AIRCR_KEY | SCB_AIRCR_SYSRESETREQ, chip.scb.AIRCR);
     crash_read(&reset_cause, &crash);
     TEST_ASSERT_EQUAL(HAL_RESET_BROWN_OUT, reset_cause);
-    TEST_ASSERT_EQUAL_HEX32(0x0800BEEE, crash.pc); /* the last crash is still that */
+    TEST_ASSERT_EQUAL_HEX32(0x0800BEEE, crash.pc); /* it is still the last crash */
     crash_read(&reset_cause, &crash);
     TEST_ASSERT_EQUAL(HAL_RESET_SOFTWARE, reset_cause);
     power_on();
@@ -175,7 +177,7 @@ static void test_a_supply_that_fails_makes_outputs_safe_and_is_a_brown_out_of_th
     TEST_ASSERT_EQUAL_UINT32(0, crash.count);
 }
 
-static void test_a_record_with_any_bit_flipped_is_none(void)
+static void test_a_saved_crash_with_any_bit_flipped_is_invalid(void)
 {
     for (size_t bit = 0; bit < 8 * sizeof saved; bit++) {
         enum hal_reset reset;
@@ -194,7 +196,7 @@ static void test_a_frame_at_the_very_end_of_the_stack_is_not_read_beyond_it(void
 {
     enum hal_reset reset;
     struct hal_crash crash;
-    kontur_stack_bottom[15] = 0x0800BEEE; /* where pc would be */
+    kontur_stack_bottom[15] = 0x0800BEEE; /* where pc would be read */
     for (unsigned i = 8; i <= 9; i++) {
         power_on();
         crash_record(&kontur_stack_bottom[i]);
@@ -207,13 +209,13 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_a_hard_fault_makes_outputs_safe_and_resets);
-    RUN_TEST(test_the_record_of_a_crash_outlives_the_reset_and_is_told_once);
-    RUN_TEST(test_a_crash_with_the_stack_lost_is_recorded_without_its_place);
-    RUN_TEST(test_a_watchdog_reset_is_told);
+    RUN_TEST(test_a_saved_crash_survives_the_reset_and_is_reported_once);
+    RUN_TEST(test_a_crash_with_an_invalid_stack_is_saved_without_its_address);
+    RUN_TEST(test_a_watchdog_reset_is_reported);
     RUN_TEST(test_each_cause_of_a_reset_has_its_name);
     RUN_TEST(test_a_brown_out_forgets_crashes);
     RUN_TEST(test_a_supply_that_fails_makes_outputs_safe_and_is_a_brown_out_of_the_next_run);
-    RUN_TEST(test_a_record_with_any_bit_flipped_is_none);
+    RUN_TEST(test_a_saved_crash_with_any_bit_flipped_is_invalid);
     RUN_TEST(test_a_frame_at_the_very_end_of_the_stack_is_not_read_beyond_it);
     return UNITY_END();
 }

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Encoder timers of the STM32F405: counting on over 32 bits, the index pulse, and what shows that the count is wrong.
+/* test_port_encoder.c: the encoder timers of the STM32F405: counts
+ * of 32 bits, the index pulse, and the symptoms of a wrong count.
  */
 #include "chip.h"
 #include "port/stm32f405/encoder.h"
 #include "unity.h"
 
-/* x: TIM2, y: TIM5; index at channel 3 (board_kontur.h) */
+/* x has TIM2, y has TIM5, and the index pulse is at channel 3 (board_kontur.h). */
 enum { INDEX_FLAG = TIM_SR_CC1IF << 2, LINES = 1000, COUNTS = 4 * LINES };
 
 static struct hal_drive_in in;
@@ -38,13 +39,13 @@ static void read_at(uint32_t x, uint32_t y)
     encoder_read(&in);
 }
 
-/* Move x to `to` in steps that are movement. */
-static void walk_to(int32_t to)
+/* Move x to `to` in steps that are no jumps. */
+static void move_to(int32_t to)
 {
     int32_t at = (int32_t)chip.tim2.CNT;
     while (at != to) {
-        const int32_t left = to - at;
-        at += left > 400 ? 400 : left < -400 ? -400 : left;
+        const int32_t distance = to - at;
+        at += distance > 400 ? 400 : distance < -400 ? -400 : distance;
         read_at((uint32_t)at, 0);
         TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
     }
@@ -96,26 +97,26 @@ static void test_an_encoder_that_jumps_is_a_fault_of_its_axis_and_of_that_read(v
     TEST_ASSERT_EQUAL_UINT8(HAL_ENCODER_FAULT, in.inputs[AXIS_Y]);
 }
 
-static void test_the_index_pulse_tells_the_count_at_which_it_was(void)
+static void test_the_index_pulse_captures_its_count(void)
 {
-    walk_to(350);
+    move_to(350);
     index_at(340);
     TEST_ASSERT_EQUAL_UINT8(1, in.index_pulses[AXIS_X]);
     TEST_ASSERT_EQUAL_INT32(340, in.index_count[AXIS_X]);
     TEST_ASSERT_EQUAL_UINT8(0, in.index_pulses[AXIS_Y]);
-    walk_to(400);
+    move_to(400);
     TEST_ASSERT_EQUAL_UINT8(1, in.index_pulses[AXIS_X]);
     TEST_ASSERT_EQUAL_INT32(340, in.index_count[AXIS_X]);
 }
 
 static void test_index_pulses_a_revolution_apart_fit_both_ways_within_a_line(void)
 {
-    walk_to(340);
+    move_to(340);
     index_at(340);
-    walk_to(340 + COUNTS);
+    move_to(340 + COUNTS);
     index_at(340 + COUNTS + 3);
     TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
-    walk_to(340 - 2 * COUNTS);
+    move_to(340 - 2 * COUNTS);
     index_at(340 - 2 * COUNTS);
     TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
     TEST_ASSERT_EQUAL_UINT8(3, in.index_pulses[AXIS_X]);
@@ -123,9 +124,9 @@ static void test_index_pulses_a_revolution_apart_fit_both_ways_within_a_line(voi
 
 static void test_lost_counts_show_at_the_next_index_pulse(void)
 {
-    walk_to(340);
+    move_to(340);
     index_at(340);
-    walk_to(340 + COUNTS - 8); /* two lines of the encoder were not counted */
+    move_to(340 + COUNTS - 8); /* two lines of the encoder are not counted */
     index_at(340 + COUNTS - 8);
     TEST_ASSERT_EQUAL_UINT8(HAL_ENCODER_FAULT, in.inputs[AXIS_X]);
 }
@@ -138,9 +139,9 @@ static void test_an_index_pulse_within_a_line_fits_on_either_side_and_beyond_it_
     } pulses[] = {{4, true}, {-4, true}, {5, false}, {-5, false}};
     for (unsigned i = 0; i < sizeof pulses / sizeof pulses[0]; i++) {
         configure(false);
-        walk_to(340);
+        move_to(340);
         index_at(340);
-        walk_to(340 + COUNTS);
+        move_to(340 + COUNTS);
         index_at(340 + COUNTS + pulses[i].off);
         TEST_ASSERT_EQUAL_UINT8(pulses[i].fits ? 0 : HAL_ENCODER_FAULT, in.inputs[AXIS_X]);
     }
@@ -173,9 +174,9 @@ static void test_index_pulses_are_counted_also_where_their_distance_is_not_check
 
 static void test_a_jump_is_a_fault_also_with_an_index_pulse_that_fits(void)
 {
-    walk_to(340);
+    move_to(340);
     index_at(340);
-    walk_to(340 + COUNTS - 600);
+    move_to(340 + COUNTS - 600);
     chip.tim2.CNT += 600;
     index_at(340 + COUNTS);
     TEST_ASSERT_EQUAL_UINT8(HAL_ENCODER_FAULT, in.inputs[AXIS_X]);
@@ -183,10 +184,10 @@ static void test_a_jump_is_a_fault_also_with_an_index_pulse_that_fits(void)
 
 static void test_new_wiring_starts_the_index_check_anew(void)
 {
-    walk_to(340);
+    move_to(340);
     index_at(340);
     configure(false);
-    walk_to(1000);
+    move_to(1000);
     index_at(1000);
     TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
 }
@@ -200,8 +201,8 @@ static void test_in_an_emulator_whose_timers_count_time_the_axes_stand(void)
     TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X]);
 }
 
-/* While the flash is erased nobody reads. */
-static void test_what_moved_while_nobody_read_is_counted_and_no_jump(void)
+/* The encoders are not read while the flash is erased. */
+static void test_movement_between_distant_reads_is_counted_and_is_no_jump(void)
 {
     read_at(0, 0);
     encoder_paused();
@@ -219,7 +220,7 @@ int main(void)
     RUN_TEST(test_counts_follow_both_ways_through_zero);
     RUN_TEST(test_an_inverted_encoder_counts_down);
     RUN_TEST(test_an_encoder_that_jumps_is_a_fault_of_its_axis_and_of_that_read);
-    RUN_TEST(test_the_index_pulse_tells_the_count_at_which_it_was);
+    RUN_TEST(test_the_index_pulse_captures_its_count);
     RUN_TEST(test_index_pulses_a_revolution_apart_fit_both_ways_within_a_line);
     RUN_TEST(test_lost_counts_show_at_the_next_index_pulse);
     RUN_TEST(test_a_jump_is_a_fault_also_with_an_index_pulse_that_fits);
@@ -228,6 +229,6 @@ int main(void)
     RUN_TEST(test_index_pulses_are_counted_also_where_their_distance_is_not_checked);
     RUN_TEST(test_new_wiring_starts_the_index_check_anew);
     RUN_TEST(test_in_an_emulator_whose_timers_count_time_the_axes_stand);
-    RUN_TEST(test_what_moved_while_nobody_read_is_counted_and_no_jump);
+    RUN_TEST(test_movement_between_distant_reads_is_counted_and_is_no_jump);
     return UNITY_END();
 }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The second board (board_feather.h): encoder timers of 16 bits without index pulse, switches that it has no pins for.
- * The modules are part of this program, compiled for it. */
+/* test_port_feather.c: the second board (board_feather.h), with 16-bit encoder timers, no index pulse, and no pins
+ * for some switches. The modules are part of this program, compiled for that board.
+ */
 #define BOARD_HEADER "port/stm32f405/board_feather.h"
 #include "port/stm32f405/encoder.c"
 
@@ -76,7 +77,7 @@ static void test_a_switch_without_a_pin_is_never_active_and_the_others_are(void)
 {
     struct hal_drive_in in = {0};
     for (unsigned i = 0; i < GPIO_PORTS; i++) {
-        chip.gpio[i].IDR = 0xFFFF; /* every wire is open */
+        chip.gpio[i].IDR = 0xFFFF; /* every contact is open */
     }
     for (int i = 0; i < 3; i++) {
         inputs_read(&in);

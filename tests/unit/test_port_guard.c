@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What guards the STM32F405: inputs, watchdog, flash sectors. */
+/* test_port_guard.c: inputs, watchdog and flash sectors of the STM32F405. */
 #include <string.h>
 
 #include "chip.h"
@@ -28,7 +28,7 @@ static uint8_t inputs_of(int axis)
     return in.inputs[axis];
 }
 
-static void all_wires_whole(void)
+static void all_wires_intact(void)
 {
     memset((void *)chip.gpio, 0, sizeof chip.gpio);
     inputs_init();
@@ -36,7 +36,7 @@ static void all_wires_whole(void)
 
 static void test_an_input_is_active_when_its_wire_is_open_for_three_reads(void)
 {
-    all_wires_whole();
+    all_wires_intact();
     TEST_ASSERT_EQUAL_UINT8(0, inputs_of(AXIS_X));
     chip_drive_pin('C', 5, true);
     TEST_ASSERT_EQUAL_UINT8(0, inputs_of(AXIS_X));
@@ -48,7 +48,7 @@ static void test_an_input_is_active_when_its_wire_is_open_for_three_reads(void)
 
 static void test_a_spike_on_a_wire_is_no_input(void)
 {
-    all_wires_whole();
+    all_wires_intact();
     for (int i = 0; i < 30; i++) {
         chip_drive_pin('C', 4, i % 3 != 0);
         TEST_ASSERT_EQUAL_UINT8(0, inputs_of(AXIS_Y));
@@ -68,7 +68,7 @@ static void test_each_wire_is_the_input_of_the_pin_table(void)
     };
     for (unsigned i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         struct hal_drive_in in = {0};
-        all_wires_whole();
+        all_wires_intact();
         chip_drive_pin(rows[i].port, rows[i].pin, true);
         inputs_read(&in);
         inputs_read(&in);
@@ -135,7 +135,7 @@ static void test_words_written_are_read_back_and_the_flash_is_locked_again(void)
     TEST_ASSERT_EQUAL_HEX32(FLASH_CR_LOCK, chip.flash.CR);
 }
 
-static void test_what_is_outside_the_store_is_not_touched(void)
+static void test_memory_outside_the_store_is_not_touched(void)
 {
     const uint32_t words[2] = {0, 0};
     TEST_ASSERT_FALSE(sectors_write(2, 0, words, 8));
@@ -185,7 +185,7 @@ static void test_a_flash_that_stays_busy_is_an_error_after_a_bounded_wait(void)
     const uint32_t word = 0x12345678;
     chip.flash.SR = FLASH_SR_BSY;
     TEST_ASSERT_FALSE(sectors_write(0, 0, &word, 4));
-    TEST_ASSERT_TRUE(was_fed()); /* an erasure takes longer than the watchdog waits */
+    TEST_ASSERT_TRUE(was_fed()); /* an erasure takes longer than the period of the watchdog */
     TEST_ASSERT_EQUAL_HEX32(FLASH_CR_LOCK, chip.flash.CR);
 }
 
@@ -200,7 +200,7 @@ int main(void)
     RUN_TEST(test_the_watchdog_starves_when_the_servo_tick_stands);
     RUN_TEST(test_the_watchdog_starves_when_the_background_does_not_keep_up);
     RUN_TEST(test_words_written_are_read_back_and_the_flash_is_locked_again);
-    RUN_TEST(test_what_is_outside_the_store_is_not_touched);
+    RUN_TEST(test_memory_outside_the_store_is_not_touched);
     RUN_TEST(test_in_an_emulator_the_store_is_in_ram_and_behaves_the_same);
     RUN_TEST(test_a_sector_that_does_not_erase_is_an_error);
     RUN_TEST(test_a_flash_that_stays_busy_is_an_error_after_a_bounded_wait);

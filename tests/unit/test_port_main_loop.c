@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The whole firmware of the STM32F405 on simulated registers: a master at bxCAN's mailboxes, hands at the pins and timers. What
- * goes wrong ends with safe outputs and is told. */
+/* test_port_main_loop.c: the complete firmware of the STM32F405 on simulated registers. The test is the master at the
+ * mailboxes of bxCAN, and it moves pins and timers. Every fault ends with safe outputs and is reported.
+ */
 #include <string.h>
 
 #include "chip.h"
@@ -25,7 +26,8 @@ void tearDown(void)
 {
 }
 
-static void see(const struct can_mailbox *box)
+/* The master receives a frame. */
+static void master_receives(const struct can_mailbox *box)
 {
     const uint32_t id = box->IR >> CAN_IR_STID;
     if (id == 0x581) {
@@ -40,7 +42,7 @@ static void see(const struct can_mailbox *box)
     }
 }
 
-/* The bus takes what is in the mailboxes. */
+/* The bus carries the frames in the mailboxes. */
 static void acknowledge(void)
 {
     for (bool sent = true; sent;) {
@@ -49,7 +51,7 @@ static void acknowledge(void)
         can_tx_irq();
         for (unsigned i = 0; i < 3; i++) {
             if ((chip.can1.TX[i].IR & CAN_IR_TXRQ) != 0) {
-                see(&chip.can1.TX[i]);
+                master_receives(&chip.can1.TX[i]);
                 chip.can1.TX[i].IR = 0;
                 sent = true;
             }
@@ -68,7 +70,8 @@ static void ticks(unsigned n)
     }
 }
 
-static void give(uint32_t id, uint8_t len, uint32_t low, uint32_t high)
+/* The master sends a frame to the drive. */
+static void master_sends(uint32_t id, uint8_t len, uint32_t low, uint32_t high)
 {
     chip.can1.RX[0] = (struct can_mailbox){.IR = id << CAN_IR_STID, .DTR = len, .DLR = low, .DHR = high};
     chip.can1.RF0R = 1;
@@ -79,7 +82,7 @@ static void give(uint32_t id, uint8_t len, uint32_t low, uint32_t high)
 static uint32_t read_object(uint16_t index, uint8_t sub)
 {
     master.sdo_answered = false;
-    give(0x601, 8, 0x40u | (uint32_t)index << 8 | (uint32_t)sub << 24, 0);
+    master_sends(0x601, 8, 0x40u | (uint32_t)index << 8 | (uint32_t)sub << 24, 0);
     ticks(20);
     TEST_ASSERT_TRUE_MESSAGE(master.sdo_answered, "no SDO answer");
     TEST_ASSERT_NOT_EQUAL_HEX8(0x80, master.sdo[0]);
@@ -89,13 +92,13 @@ static uint32_t read_object(uint16_t index, uint8_t sub)
 static void write_object(uint16_t index, uint8_t sub, uint32_t value, unsigned bytes)
 {
     master.sdo_answered = false;
-    give(0x601, 8, (0x23u | (4u - bytes) << 2) | (uint32_t)index << 8 | (uint32_t)sub << 24, value);
+    master_sends(0x601, 8, (0x23u | (4u - bytes) << 2) | (uint32_t)index << 8 | (uint32_t)sub << 24, value);
     ticks(20);
     TEST_ASSERT_TRUE_MESSAGE(master.sdo_answered, "no SDO answer");
     TEST_ASSERT_EQUAL_HEX8(0x60, master.sdo[0]);
 }
 
-static bool told(uint16_t code)
+static bool emcy_received(uint16_t code)
 {
     for (unsigned i = 0; i < master.emcys; i++) {
         if (master.emcy[i] == code) {
@@ -120,16 +123,16 @@ static void expect_safe(void)
 static void expect_fault(uint16_t code)
 {
     expect_safe();
-    give(0, 2, 0x0101, 0); /* NMT start: statuswords come */
+    master_sends(0, 2, 0x0101, 0); /* NMT start, after which the drive sends statuswords */
     ticks(200);
     expect_safe();
-    TEST_ASSERT_TRUE(told(code));
+    TEST_ASSERT_TRUE(emcy_received(code));
     TEST_ASSERT_EQUAL_HEX16(code, read_object(0x603F, 0) & 0xFFFF);
     TEST_ASSERT_EQUAL_HEX8(1, read_object(0x1001, 0) & 1);
     TEST_ASSERT_EQUAL_HEX16(0x08, master.statusword & 0x4F);
 }
 
-/* All wires whole, a crystal, a master on the bus. */
+/* Every input is inactive, the crystal works, and there is a master on the bus. */
 static void power_on(void)
 {
     chip_reset();
@@ -142,7 +145,7 @@ static void start(void)
 {
     main_loop_start();
     chip.can1.MSR = 0;
-    master.statusword = 0xFFFF; /* not told yet */
+    master.statusword = 0xFFFF; /* none received yet */
     ticks(30);
 }
 
@@ -154,9 +157,9 @@ void setUp(void)
 
 static void enable(void)
 {
-    give(0, 2, 0x0101, 0); /* NMT start */
+    master_sends(0, 2, 0x0101, 0); /* NMT start */
     for (uint32_t word = 6; word != 0x1E; word = word == 6 ? 7 : word == 7 ? 0xF : 0x1E) {
-        give(0x201, 4, word | word << 16, 0);
+        master_sends(0x201, 4, word | word << 16, 0);
         ticks(30);
     }
     TEST_ASSERT_TRUE(chip_pin('B', 12));
@@ -202,11 +205,11 @@ static void test_a_crystal_that_does_not_start_is_a_fault_until_it_is_acknowledg
     chip_waits = no_crystal;
     start();
     expect_fault(0x5200);
-    give(0, 2, 0x0101, 0);
-    give(0x201, 4, 0x00800080, 0);
+    master_sends(0, 2, 0x0101, 0);
+    master_sends(0x201, 4, 0x00800080, 0);
     ticks(30);
     TEST_ASSERT_EQUAL_HEX8(0, read_object(0x1001, 0) & 0xFF);
-    enable(); /* 1 % off, but told */
+    enable(); /* the clock is 1 % off, which is acknowledged */
 }
 
 static void test_a_crystal_that_stops_cuts_the_power_at_once(void)
@@ -216,17 +219,17 @@ static void test_a_crystal_that_stops_cuts_the_power_at_once(void)
     clock_failed_irq();
     expect_safe();
     chip.rcc.CIR = 0;
-    for (int i = 0; i < 20; i++) { /* the tick, too, before it knows of it */
+    for (int i = 0; i < 20; i++) { /* the servo tick goes on until it notices */
         ticks(1);
         expect_safe();
     }
     expect_fault(0x5200);
-    give(0x201, 4, 0x00800080, 0);
+    master_sends(0x201, 4, 0x00800080, 0);
     ticks(30);
     enable();
 }
 
-static void test_nobody_acknowledges_and_the_drive_lives_on_and_tells_it_later(void)
+static void test_nobody_acknowledges_and_the_drive_goes_on_and_reports_it_later(void)
 {
     master.listening = false;
     chip.can1.TSR = 0;
@@ -243,17 +246,17 @@ static void test_nobody_acknowledges_and_the_drive_lives_on_and_tells_it_later(v
     TEST_ASSERT_EQUAL_HEX8(0, read_object(0x1001, 0) & 0xFF);
 }
 
-/* Frames pass in neither direction any more, with the axes on. */
-static void test_a_transceiver_that_dies_stops_the_axes_cuts_their_power_and_is_told_later(void)
+/* Frames no longer pass in either direction while the axes are enabled. */
+static void test_a_transceiver_that_dies_stops_the_axes_cuts_their_power_and_is_reported_later(void)
 {
     write_object(0x1016, 1, 0x7F0000 | 500, 4);
-    give(0x77F, 1, 5, 0);
+    master_sends(0x77F, 1, 5, 0);
     enable();
     master.listening = false;
     chip.can1.TSR = 0;
     chip.can1.ESR = 128u << CAN_ESR_TEC | CAN_ESR_EPVF | CAN_ESR_EWGF;
     ticks(4900);
-    TEST_ASSERT_TRUE(enabled()); /* not for a frame or two */
+    TEST_ASSERT_TRUE(enabled()); /* a frame or two may be lost */
     ticks(1000);
     expect_safe();
 
@@ -265,7 +268,7 @@ static void test_a_transceiver_that_dies_stops_the_axes_cuts_their_power_and_is_
     TEST_ASSERT_EQUAL_HEX16(0x8120, read_object(0x1003, 2) & 0xFFFF);
 }
 
-/* What the chip does when nobody feeds its watchdog: all pins are inputs, and the firmware starts anew. */
+/* The watchdog resets the chip, which makes all pins inputs and starts the firmware again. */
 static void expect_watchdog_starved(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, chip.iwdg.KR);
@@ -338,7 +341,7 @@ static void test_a_supply_that_is_low_from_the_start_is_a_fault_and_nothing_is_s
     chip.pwr.CSR = PWR_CSR_PVDO;
     expect_fault(0x5110);
     master.sdo_answered = false;
-    give(0x601, 8, 0x01101023, 0x65766173); /* 1010h:1 "save" */
+    master_sends(0x601, 8, 0x01101023, 0x65766173); /* 1010h:1 "save" */
     ticks(20);
     TEST_ASSERT_TRUE(master.sdo_answered);
     TEST_ASSERT_EQUAL_HEX8(0x80, master.sdo[0]);
@@ -368,7 +371,7 @@ static void test_a_crash_is_a_fault_of_the_next_run(void)
     TEST_ASSERT_EQUAL_UINT32(1, read_object(0x2030, 7)); /* count */
 }
 
-static void test_what_is_saved_is_in_the_flash_and_there_in_the_next_run(void)
+static void test_saved_parameters_are_in_the_flash_and_loaded_in_the_next_run(void)
 {
     write_object(0x1017, 0, 70, 2);
     write_object(0x1010, 1, 0x65766173, 4); /* "save" */
@@ -381,8 +384,8 @@ static void test_what_is_saved_is_in_the_flash_and_there_in_the_next_run(void)
     TEST_ASSERT_EQUAL_UINT32(100, read_object(0x1017, 0) & 0xFFFF);
 }
 
-/* No servo tick reads the encoders while a sector is erased, for 250 ms and more. */
-static void test_a_table_that_is_pushed_while_parameters_are_saved_is_followed(void)
+/* The servo tick does not read the encoders while a sector is erased, for 250 ms or more. */
+static void test_a_table_that_moves_while_parameters_are_saved_is_followed(void)
 {
     const uint32_t before = read_object(0x6064, 0);
     chip.can1.RX[0] = (struct can_mailbox){
@@ -390,7 +393,7 @@ static void test_a_table_that_is_pushed_while_parameters_are_saved_is_followed(v
     chip.can1.RF0R = 1;
     can_rx_irq();
     tick_irq();
-    chip.tim2.CNT += 20000; /* an encoder that jumps, by itself */
+    chip.tim2.CNT += 20000; /* without the save it would be a fault */
     main_loop_pass();
     TEST_ASSERT_NOT_EQUAL_HEX32(0xFFFFFFFF, chip_store[0]);
     ticks(200);
@@ -398,25 +401,25 @@ static void test_a_table_that_is_pushed_while_parameters_are_saved_is_followed(v
     TEST_ASSERT_GREATER_THAN_INT32((int32_t)before + 1000000, (int32_t)read_object(0x6064, 0)); /* nm */
 }
 
-/* 2034h, 1006h. The clock control reads as zero there; here that begins when it has been set up. */
+/* Objects 2034h and 1006h. The test turns the chip into an emulator after start-up. */
 static void test_in_an_emulator_time_passes_with_sync_if_that_is_chosen(void)
 {
     write_object(0x2034, 0, 1, 1);
-    const uint32_t by_itself = read_object(0x2020, 3);
-    TEST_ASSERT_GREATER_THAN_UINT32(by_itself, read_object(0x2020, 3)); /* a chip's does, always */
+    const uint32_t at_first = read_object(0x2020, 3);
+    TEST_ASSERT_GREATER_THAN_UINT32(at_first, read_object(0x2020, 3)); /* the time of a chip always passes */
     chip_emulate();
     ticks(1);
     write_object(0x1006, 0, 2000, 4);
     const uint32_t before = read_object(0x2020, 3);
     ticks(1000);
     TEST_ASSERT_EQUAL_UINT32(before, read_object(0x2020, 3));
-    give(0x80, 0, 0, 0);
+    master_sends(0x80, 0, 0, 0);
     ticks(5);
     TEST_ASSERT_EQUAL_UINT32(before + 2, read_object(0x2020, 3));
-    give(0x81, 0, 0, 0); /* another frame */
+    master_sends(0x81, 0, 0, 0); /* another frame than SYNC */
     chip.can1.RX[0] = (struct can_mailbox){.IR = 0x80u << CAN_IR_STID | CAN_IR_RTR};
     chip.can1.RF0R = 1;
-    can_rx_irq(); /* a request for one */
+    can_rx_irq(); /* a remote frame with the identifier of SYNC */
     ticks(5);
     TEST_ASSERT_EQUAL_UINT32(before + 2, read_object(0x2020, 3));
     write_object(0x2034, 0, 0, 1);
@@ -428,21 +431,21 @@ static void test_ticks_that_take_longer_than_their_period_are_a_fault(void)
     enable();
     chip.scb.ICSR = SCB_ICSR_PENDSTSET;
     ticks(2);
-    chip.scb.ICSR = 0; /* one or two are not */
+    chip.scb.ICSR = 0; /* one or two late ticks are no fault */
     ticks(20);
     TEST_ASSERT_TRUE(enabled());
     chip.scb.ICSR = SCB_ICSR_PENDSTSET;
     for (int i = 0; i < 4; i++) {
         TEST_ASSERT_TRUE(enabled());
-        tick_irq(); /* one after the other: the background gets no time */
+        tick_irq(); /* no time for the background loop between two ticks */
     }
     expect_safe();
     chip.scb.ICSR = 0;
     expect_fault(0x6100);
 }
 
-/* Its time is the host's. */
-static void test_late_ticks_of_an_emulator_say_nothing(void)
+/* The time of an emulator is that of its host. */
+static void test_late_ticks_of_an_emulator_are_no_fault(void)
 {
     enable();
     chip_emulate();
@@ -460,8 +463,8 @@ int main(void)
     RUN_TEST(test_a_stop_of_axes_that_stand_cuts_the_power_within_two_milliseconds);
     RUN_TEST(test_a_crystal_that_does_not_start_is_a_fault_until_it_is_acknowledged);
     RUN_TEST(test_a_crystal_that_stops_cuts_the_power_at_once);
-    RUN_TEST(test_nobody_acknowledges_and_the_drive_lives_on_and_tells_it_later);
-    RUN_TEST(test_a_transceiver_that_dies_stops_the_axes_cuts_their_power_and_is_told_later);
+    RUN_TEST(test_nobody_acknowledges_and_the_drive_goes_on_and_reports_it_later);
+    RUN_TEST(test_a_transceiver_that_dies_stops_the_axes_cuts_their_power_and_is_reported_later);
     RUN_TEST(test_a_servo_tick_that_stands_still_starves_the_watchdog);
     RUN_TEST(test_a_background_that_does_not_run_starves_the_watchdog);
     RUN_TEST(test_a_watchdog_reset_is_a_fault_of_the_next_run);
@@ -469,10 +472,10 @@ int main(void)
     RUN_TEST(test_a_supply_that_fails_cuts_the_power_and_is_a_fault_of_the_next_run);
     RUN_TEST(test_a_supply_that_is_low_from_the_start_is_a_fault_and_nothing_is_stored);
     RUN_TEST(test_a_crash_is_a_fault_of_the_next_run);
-    RUN_TEST(test_what_is_saved_is_in_the_flash_and_there_in_the_next_run);
-    RUN_TEST(test_a_table_that_is_pushed_while_parameters_are_saved_is_followed);
+    RUN_TEST(test_saved_parameters_are_in_the_flash_and_loaded_in_the_next_run);
+    RUN_TEST(test_a_table_that_moves_while_parameters_are_saved_is_followed);
     RUN_TEST(test_in_an_emulator_time_passes_with_sync_if_that_is_chosen);
     RUN_TEST(test_ticks_that_take_longer_than_their_period_are_a_fault);
-    RUN_TEST(test_late_ticks_of_an_emulator_say_nothing);
+    RUN_TEST(test_late_ticks_of_an_emulator_are_no_fault);
     return UNITY_END();
 }

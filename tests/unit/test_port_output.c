@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Force outputs of the STM32F405: what a force becomes as analog command and as PWM, and what a coarse output does to
- * its mean. */
+/* test_port_output.c: the force outputs of the STM32F405: analog command, PWM, and the mean of a coarse output.
+ */
 #include <stdlib.h>
 
 #include "chip.h"
@@ -24,7 +24,7 @@ void tearDown(void)
 {
 }
 
-static void push(int32_t x_mN, int32_t y_mN, bool enable)
+static void write_forces(int32_t x_mN, int32_t y_mN, bool enable)
 {
     const struct hal_drive_out out = {.force_mN = {x_mN, y_mN}, .enable = {enable, enable}};
     output_write(&out);
@@ -51,23 +51,23 @@ static void test_power_on_is_zero_volts_and_not_enabled(void)
 
 static void test_force_is_a_share_of_full_scale_and_saturates(void)
 {
-    push(FULL_mN / 2, -FULL_mN / 4, true);
+    write_forces(FULL_mN / 2, -FULL_mN / 4, true);
     TEST_ASSERT_EQUAL_INT32(1024, dac_x());
     TEST_ASSERT_EQUAL_INT32(-512, dac_y());
-    push(2 * FULL_mN, -2 * FULL_mN, true);
+    write_forces(2 * FULL_mN, -2 * FULL_mN, true);
     TEST_ASSERT_EQUAL_INT32(2047, dac_x());
     TEST_ASSERT_EQUAL_INT32(-2048, dac_y());
-    push(3000000, INT32_MIN + 1, true);
+    write_forces(3000000, INT32_MIN + 1, true);
     TEST_ASSERT_EQUAL_INT32(2047, dac_x());
     TEST_ASSERT_EQUAL_INT32(-2048, dac_y());
 }
 
 static void test_an_axis_that_is_not_enabled_gets_no_force(void)
 {
-    push(FULL_mN, FULL_mN, true);
+    write_forces(FULL_mN, FULL_mN, true);
     TEST_ASSERT_TRUE(chip_pin('B', 12));
     TEST_ASSERT_TRUE(chip_pin('C', 8));
-    push(FULL_mN, FULL_mN, false);
+    write_forces(FULL_mN, FULL_mN, false);
     TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
     TEST_ASSERT_FALSE(chip_pin('B', 12));
     TEST_ASSERT_FALSE(chip_pin('C', 8));
@@ -79,9 +79,9 @@ static void test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step(vo
     static const int32_t forces[] = {1, 100, -100, 146, 147, 12345, -98765, 300001};
     for (unsigned f = 0; f < sizeof forces / sizeof forces[0]; f++) {
         int64_t sum = 0;
-        push(0, 0, false);
+        write_forces(0, 0, false);
         for (int i = 0; i < 10000; i++) {
-            push(forces[f], 0, true);
+            write_forces(forces[f], 0, true);
             TEST_ASSERT_LESS_OR_EQUAL_INT64(FULL_mN, llabs((int64_t)dac_x() * FULL_mN - (int64_t)forces[f] * 2048));
             sum += dac_x();
         }
@@ -89,12 +89,12 @@ static void test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step(vo
     }
 }
 
-static void test_saturation_leaves_nothing_to_be_made_up_for(void)
+static void test_saturation_leaves_no_rounding_error(void)
 {
     for (int i = 0; i < 1000; i++) {
-        push(2 * FULL_mN, 0, true);
+        write_forces(2 * FULL_mN, 0, true);
     }
-    push(0, 0, true);
+    write_forces(0, 0, true);
     TEST_ASSERT_EQUAL_INT32(0, dac_x());
 }
 
@@ -102,14 +102,14 @@ static void test_pwm_is_a_magnitude_and_a_direction_and_leaves_the_analog_comman
 {
     cfg[AXIS_X].output = HAL_OUTPUT_PWM;
     output_configure(cfg);
-    push(FULL_mN / 2, FULL_mN / 2, true);
+    write_forces(FULL_mN / 2, FULL_mN / 2, true);
     TEST_ASSERT_EQUAL_UINT32(2100, chip.tim8.CCR[0]);
     TEST_ASSERT_FALSE(chip_pin('B', 14));
     TEST_ASSERT_EQUAL_INT32(0, dac_x());
     TEST_ASSERT_EQUAL_INT32(1024, dac_y());
     TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.CCR[1]);
-    push(-FULL_mN, 0, true);
-    TEST_ASSERT_EQUAL_UINT32(4200, chip.tim8.CCR[0]); /* more than ARR: always on */
+    write_forces(-FULL_mN, 0, true);
+    TEST_ASSERT_EQUAL_UINT32(4200, chip.tim8.CCR[0]); /* above ARR the output is always on */
     TEST_ASSERT_TRUE(chip_pin('B', 14));
     TEST_ASSERT_EQUAL_UINT32(4199, chip.tim8.ARR);
 }
@@ -118,16 +118,16 @@ static void test_a_direction_turned_round_by_parameter_is_turned_round(void)
 {
     cfg[AXIS_X].invert_force = true;
     output_configure(cfg);
-    push(FULL_mN / 2, FULL_mN / 2, true);
+    write_forces(FULL_mN / 2, FULL_mN / 2, true);
     TEST_ASSERT_EQUAL_INT32(-1024, dac_x());
     TEST_ASSERT_EQUAL_INT32(1024, dac_y());
 }
 
-static void test_safe_is_safe_whatever_was_put_out(void)
+static void test_safe_outputs_are_safe_after_any_output(void)
 {
     cfg[AXIS_Y].output = HAL_OUTPUT_PWM;
     output_configure(cfg);
-    push(FULL_mN, FULL_mN, true);
+    write_forces(FULL_mN, FULL_mN, true);
     output_safe();
     TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
     TEST_ASSERT_FALSE(chip_pin('B', 12));
@@ -136,22 +136,22 @@ static void test_safe_is_safe_whatever_was_put_out(void)
     TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.BDTR & TIM_BDTR_MOE);
 }
 
-/* An NMI comes above the servo tick, which goes on without knowing of it. */
+/* An NMI makes the outputs safe, and the servo tick goes on until it notices. */
 static void test_safe_outputs_stay_so_until_no_axis_is_to_be_enabled(void)
 {
     cfg[AXIS_Y].output = HAL_OUTPUT_PWM;
     output_configure(cfg);
-    push(FULL_mN, FULL_mN, true);
+    write_forces(FULL_mN, FULL_mN, true);
     output_safe();
     for (int i = 0; i < 3; i++) {
-        push(FULL_mN, FULL_mN, true);
+        write_forces(FULL_mN, FULL_mN, true);
         TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
         TEST_ASSERT_FALSE(chip_pin('B', 12) || chip_pin('C', 8));
         TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.CCR[1]);
         TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.BDTR & TIM_BDTR_MOE);
     }
-    push(0, 0, false);
-    push(FULL_mN / 2, FULL_mN / 2, true);
+    write_forces(0, 0, false);
+    write_forces(FULL_mN / 2, FULL_mN / 2, true);
     TEST_ASSERT_TRUE(chip_pin('B', 12) && chip_pin('C', 8));
     TEST_ASSERT_EQUAL_INT32(1024, dac_x());
     TEST_ASSERT_EQUAL_UINT32(2100, chip.tim8.CCR[1]);
@@ -165,10 +165,10 @@ int main(void)
     RUN_TEST(test_force_is_a_share_of_full_scale_and_saturates);
     RUN_TEST(test_an_axis_that_is_not_enabled_gets_no_force);
     RUN_TEST(test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step);
-    RUN_TEST(test_saturation_leaves_nothing_to_be_made_up_for);
+    RUN_TEST(test_saturation_leaves_no_rounding_error);
     RUN_TEST(test_pwm_is_a_magnitude_and_a_direction_and_leaves_the_analog_command_at_zero);
     RUN_TEST(test_a_direction_turned_round_by_parameter_is_turned_round);
-    RUN_TEST(test_safe_is_safe_whatever_was_put_out);
+    RUN_TEST(test_safe_outputs_are_safe_after_any_output);
     RUN_TEST(test_safe_outputs_stay_so_until_no_axis_is_to_be_enabled);
     return UNITY_END();
 }

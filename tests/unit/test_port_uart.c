@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The serial port of the STM32F405: bytes through its two rings, by interrupt as on a chip, and at once as in an
- * emulator, whose USART raises no interrupt for an empty data register. */
+/* test_port_uart.c: the serial port of the STM32F405: bytes pass two rings, by interrupt on a chip, and at once in an
+ * emulator, whose USART raises no interrupt for an empty data register.
+ */
 #include "chip.h"
 #include "port/stm32f405/board.h"
 #include "port/stm32f405/uart.h"
@@ -15,7 +16,7 @@ static bool sending(void)
     return (chip.usart1.CR1 & USART_CR1_TXEIE) != 0;
 }
 
-/* An interrupt with the data register empty; returns the byte that it sends, or NOTHING. */
+/* An interrupt with the data register empty. Returns the byte that it sends, or NOTHING. */
 static unsigned send_one(void)
 {
     chip.usart1.SR = USART_SR_TXE;
@@ -40,7 +41,7 @@ void setUp(void)
 
 void tearDown(void)
 {
-    for (int i = 0; i < ROOM + 1; i++) { /* the ring is the port's own */
+    for (int i = 0; i < ROOM + 1; i++) { /* empty the ring of the driver */
         chip.usart1.CR1 |= USART_CR1_TXEIE;
         (void)send_one();
     }
@@ -53,7 +54,7 @@ static void test_line_is_set_up_for_a_megabaud_and_interrupts_for_what_comes(voi
     TEST_ASSERT_EQUAL_HEX32(1u << (IRQ_USART1 - 32), chip.nvic.ISER[1]);
 }
 
-static void test_bytes_are_taken_in_the_order_in_which_they_come(void)
+static void test_bytes_are_received_in_the_order_in_which_they_come(void)
 {
     char byte;
     TEST_ASSERT_FALSE(uart_get(&byte));
@@ -67,7 +68,7 @@ static void test_bytes_are_taken_in_the_order_in_which_they_come(void)
     TEST_ASSERT_EQUAL_UINT32(lost_before, uart_lost());
 }
 
-static void test_byte_that_overran_another_is_kept_and_the_loss_counted(void)
+static void test_byte_that_overran_another_is_received_and_the_loss_counted(void)
 {
     receive('a', USART_SR_RXNE | USART_SR_ORE);
     char byte;
@@ -90,7 +91,7 @@ static void test_bytes_that_find_no_room_are_lost_and_counted_and_the_older_stay
     TEST_ASSERT_FALSE(uart_get(&byte));
 }
 
-static void test_what_came_before_the_start_is_dropped(void)
+static void test_bytes_from_before_the_start_are_dropped(void)
 {
     receive('a', USART_SR_RXNE);
     uart_init();
@@ -111,12 +112,12 @@ static void test_a_chip_sends_a_byte_each_interrupt_until_there_is_none(void)
     TEST_ASSERT_FALSE(sending());
 }
 
-/* Found in QEMU: an interrupt for a received byte fell between the two halves of the background's sending, and sent the
- * byte that the background was about to send. */
+/* Found in QEMU: an interrupt for a received byte came while the background loop was sending, and sent the byte
+ * that the background loop was about to send. */
 static void test_byte_received_while_the_background_sends_sends_nothing_itself(void)
 {
     (void)uart_put("xy", 2);
-    chip.usart1.CR1 &= ~(uint32_t)USART_CR1_TXEIE; /* as where the background sends */
+    chip.usart1.CR1 &= ~(uint32_t)USART_CR1_TXEIE; /* as while the background loop sends */
     receive('a', USART_SR_RXNE | USART_SR_TXE);
     TEST_ASSERT_EQUAL_UINT('a', chip.usart1.DR);
     chip.usart1.CR1 |= USART_CR1_TXEIE;
@@ -168,10 +169,10 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_line_is_set_up_for_a_megabaud_and_interrupts_for_what_comes);
-    RUN_TEST(test_bytes_are_taken_in_the_order_in_which_they_come);
-    RUN_TEST(test_byte_that_overran_another_is_kept_and_the_loss_counted);
+    RUN_TEST(test_bytes_are_received_in_the_order_in_which_they_come);
+    RUN_TEST(test_byte_that_overran_another_is_received_and_the_loss_counted);
     RUN_TEST(test_bytes_that_find_no_room_are_lost_and_counted_and_the_older_stay);
-    RUN_TEST(test_what_came_before_the_start_is_dropped);
+    RUN_TEST(test_bytes_from_before_the_start_are_dropped);
     RUN_TEST(test_a_chip_sends_a_byte_each_interrupt_until_there_is_none);
     RUN_TEST(test_byte_received_while_the_background_sends_sends_nothing_itself);
     RUN_TEST(test_byte_received_and_byte_sent_share_an_interrupt_on_a_chip);

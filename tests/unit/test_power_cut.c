@@ -4,10 +4,10 @@
  * From each fill level of the flash (0, 1, 2 ... sets, until both sectors have been full and one was erased again): the
  * power is cut in an operation of a save, comes back, and is cut in an operation of the next save. An operation is a word
  * written or a sector erased, and the one that is cut leaves a random part of its work (sim/flash.h). After each cut the
- * drive must find one set whole, the old or the new one; every object that is kept has another value in each. Starting
+ * drive must find one intact set, the old or the new one; every object that is stored has another value in each. Starting
  * only reads the flash, so that a cut while it starts changes nothing.
  *
- * Every single cut is tried. Of the pairs, a part; all of them with POWER_CUT=all in the environment (`make power-cut`).
+ * Every single cut is tried. Of the pairs, a part; all of them with POWER_CUT=all in the environment (preset `power-cut`).
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,8 +22,8 @@ enum {
 }; /* an erase that is cut can leave much: it is tried more often */
 enum { FIRST_STRIDE = 61, SECOND_STRIDE = 41, EDGE = 4, THIRD_SAVE = 61 };
 
-static struct od_data od, whole[SETS]; /* what is found where set i is stored; 0: none */
-static unsigned kept;                  /* objects in a set */
+static struct od_data od, expected[SETS]; /* the dictionary with set i loaded; 0: no set */
+static unsigned stored;                   /* objects in a set */
 static unsigned long singles, pairs, operations;
 static bool every;
 
@@ -36,7 +36,7 @@ static void power_on(void)
     TEST_ASSERT_EQUAL_UINT32_MESSAGE(0, flash.operations, "starting writes the flash");
 }
 
-static bool is_kept(const struct od_entry *e)
+static bool is_stored(const struct od_entry *e)
 {
     const unsigned both = OD_READ | OD_WRITE;
     const bool communication = e->index < 0x2000 && e->index != 0x1003 && e->index != 0x1010 && e->index != 0x1011;
@@ -55,7 +55,7 @@ static int64_t value_of(const struct od_entry *e, unsigned set)
 static bool save(unsigned set)
 {
     for (uint16_t i = 0; i < od_table_len; i++) {
-        if (is_kept(&od_table[i])) {
+        if (is_stored(&od_table[i])) {
             od_write(&od, &od_table[i], value_of(&od_table[i], set));
         }
     }
@@ -64,7 +64,7 @@ static bool save(unsigned set)
 
 static bool found(unsigned set)
 {
-    return memcmp(&od, &whole[set], sizeof od) == 0;
+    return memcmp(&od, &expected[set], sizeof od) == 0;
 }
 
 /* Save a set with the power failing in operation `cut`, in one of several ways, and start again. Returns which is found. */
@@ -92,7 +92,7 @@ static uint32_t ways(const struct sim_flash *before, uint32_t cut)
 /* Whether this cut is one of the pairs' that are tried; those at both ends of a set always are. */
 static bool tried(uint32_t cut, uint32_t phase, uint32_t stride)
 {
-    return every || cut <= EDGE || cut > 2 * kept || (cut + phase) % stride == 0;
+    return every || cut <= EDGE || cut > 2 * stored || (cut + phase) % stride == 0;
 }
 
 static void cut_second(unsigned old, unsigned set, uint32_t phase)
@@ -107,7 +107,7 @@ static void cut_second(unsigned old, unsigned set, uint32_t phase)
             const unsigned now = save_cut(&before, old, set, cut, way, &done);
             count = ways(&before, cut);
             pairs += done ? 0 : 1;
-            if (pairs % THIRD_SAVE == 0) { /* and the next one is no worse off */
+            if (pairs % THIRD_SAVE == 0) { /* the save that follows works as ever */
                 power_on();
                 TEST_ASSERT_TRUE(save(now + 1));
                 power_on();
@@ -134,7 +134,7 @@ static void cut_first(unsigned level)
     }
 }
 
-static void test_power_cut_once_and_twice_leaves_a_whole_set_at_every_fill_level(void)
+static void test_power_cut_once_and_twice_leaves_an_intact_set_at_every_fill_level(void)
 {
     for (unsigned level = 0; level < LEVELS; level++) {
         const struct sim_flash before = flash;
@@ -148,7 +148,7 @@ static void test_power_cut_once_and_twice_leaves_a_whole_set_at_every_fill_level
     TEST_ASSERT_TRUE_MESSAGE(flash.erases >= 3, "no sector has been erased again");
     printf("Power cuts in sets of %u objects, at %u fill levels: %lu operations, each cut: %lu single cuts;"
            " %s: %lu pairs of cuts. Sets mixed or lost: 0.\n",
-           kept, (unsigned)LEVELS, operations, singles, every ? "every pair of operations" : "a part of the pairs",
+           stored, (unsigned)LEVELS, operations, singles, every ? "every pair of operations" : "a part of the pairs",
            pairs);
 }
 
@@ -157,15 +157,15 @@ void setUp(void)
     flash_start();
     const char *how = getenv("POWER_CUT");
     every = how != NULL && strcmp(how, "all") == 0;
-    kept = 0;
+    stored = 0;
     for (unsigned set = 0; set < SETS; set++) {
-        od_init(&whole[set], NODE);
+        od_init(&expected[set], NODE);
     }
     for (uint16_t i = 0; i < od_table_len; i++) {
-        for (unsigned set = 1; set < SETS && is_kept(&od_table[i]); set++) {
-            od_write(&whole[set], &od_table[i], value_of(&od_table[i], set));
+        for (unsigned set = 1; set < SETS && is_stored(&od_table[i]); set++) {
+            od_write(&expected[set], &od_table[i], value_of(&od_table[i], set));
         }
-        kept += is_kept(&od_table[i]) ? 1 : 0;
+        stored += is_stored(&od_table[i]) ? 1 : 0;
     }
     power_on();
     TEST_ASSERT_TRUE(found(0));
@@ -178,6 +178,6 @@ void tearDown(void)
 int main(void)
 {
     UNITY_BEGIN();
-    RUN_TEST(test_power_cut_once_and_twice_leaves_a_whole_set_at_every_fill_level);
+    RUN_TEST(test_power_cut_once_and_twice_leaves_an_intact_set_at_every_fill_level);
     return UNITY_END();
 }

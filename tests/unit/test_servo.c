@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_servo.c: one control period as a whole: change of controllers, limits, and the inputs of observer and models. */
 #include "core/servo.h"
 
 #include "nominal.h"
@@ -12,7 +13,7 @@ static struct servo_out out;
 
 static uint32_t periods;
 
-/* The encoders follow the path `behind_um` behind and `out_um` outside. */
+/* Put the axes `behind_um` behind the reference and `out_um` outside its circle. Returns their angle. */
 static double place(double behind_um, double out_um)
 {
     const double knots = 50 + periods / 10.0, phi = knots * 0.005 - behind_um / 20000;
@@ -21,7 +22,8 @@ static double place(double behind_um, double out_um)
     return phi;
 }
 
-/* 100 mm/s on a circle of 20 mm: 12.5 um/T0^2, 50 N; the axes move with it, 20 um behind and 4 um outside */
+/* The reference moves at 100 mm/s on a circle of 20 mm, which is 12.5 um/T0^2 and 50 N. The axes move with it, 20
+ * um behind and 4 um outside. */
 void setUp(void)
 {
     cfg = nominal();
@@ -45,7 +47,7 @@ static void step(double behind_um, double out_um)
     periods++;
 }
 
-/* What the last period asked for */
+/* The force demand of the last period. */
 static const struct servo_demand *demand(void)
 {
     return &state.demand[state.slot % 2];
@@ -153,7 +155,8 @@ static void test_a_disabled_axis_gets_no_force(void)
     TEST_ASSERT_FALSE(out.saturated);
 }
 
-/* The encoder of x stands still, y is driven: nothing acts on x, and its observer must not be told otherwise. */
+/* The encoder of x stands still while y moves. No force acts
+ * on x, so observer and reference model of x must get none. */
 static void test_an_axis_that_is_disabled_and_rests_is_seen_at_rest(void)
 {
     in.enabled[0] = false;
@@ -164,7 +167,7 @@ static void test_an_axis_that_is_disabled_and_rests_is_seen_at_rest(void)
         in.measured[0] = x;
         servo_step(&cfg, &state, &in, &out);
         TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
-        TEST_ASSERT_EQUAL_DOUBLE(0, val(demand()->model.x)); /* nor its reference model */
+        TEST_ASSERT_EQUAL_DOUBLE(0, val(demand()->model.x));
     }
 }
 
@@ -180,8 +183,8 @@ static void test_enabling_starts_without_an_offset_and_from_where_the_axes_are(v
     TEST_ASSERT_TRUE(state.compensator.q_bar[0] == state.observer[0].pos);
 }
 
-/* Force asked for in period k acts from reading k+1 to reading k+2: the observer predicts with it at k+2. */
-static void test_observer_is_told_the_force_that_has_just_acted(void)
+/* The force demand of period k acts from reading k+1 to reading k+2, so the observer predicts with it at k+2. */
+static void test_observer_gets_the_force_that_has_just_acted(void)
 {
     cfg.plant.coulomb = mk2(0, 0);
     line_ring(&ring, 0, 0, 0, 0, 60);
@@ -212,12 +215,12 @@ static void test_friction_feedforward_does_not_move_the_observer(void)
         in.path = path_at(&ring, 50);
         servo_step(&cfg, &state, &in, &out);
     }
-    /* u = C r' + friction; the observer is told C r' */
+    /* u = C r' + friction, and the observer gets C r' */
     ASSERT_NEAR(VISCOUS_X * 50 + 45.5, val(out.force.x), 60.0);
     ASSERT_NEAR(VISCOUS_X * 50 / 1000, val(state.observer[0].acc), 1.0);
 }
 
-/* The model is driven with what the law asked for two calls ago, less friction and compensation. */
+/* The input of the model is the force demand of two periods ago without friction and compensation. */
 static void test_reference_model_is_driven_by_the_linear_part_of_the_delayed_force(void)
 {
     double linear[3];
@@ -229,7 +232,7 @@ static void test_reference_model_is_driven_by_the_linear_part_of_the_delayed_for
     }
     step(20, 4);
     before = state.compensator.q_bar_dot;
-    step(20, 4); /* the fifth: with that of the third */
+    step(20, 4); /* the fifth step uses the demand of the third */
     const double v0 = val(before.x);
     ASSERT_NEAR(v0 + DT * (linear[2] - VISCOUS_X * v0) / MASS_X, val(state.compensator.q_bar_dot.x), 600.0);
 }
@@ -239,8 +242,8 @@ static void test_reference_model_as_printed_sees_the_friction_term(void)
     cfg.compensator.input_printed = true;
     step(20, 4);
     step(20, 4);
-    const double whole = val(out.smc.u_linear.x) + val(out.smc.u_friction.x);
-    ASSERT_NEAR(whole, val(demand()->model.x), 700.0);
+    const double total = val(out.smc.u_linear.x) + val(out.smc.u_friction.x);
+    ASSERT_NEAR(total, val(demand()->model.x), 700.0);
     cfg.compensator.input_printed = false;
     step(20, 4);
     ASSERT_NEAR(val(out.smc.u_linear.x), val(demand()->model.x), 700.0);
@@ -261,8 +264,8 @@ static void test_reference_model_sees_that_the_force_is_limited(void)
         step(-30, 10);
     }
     TEST_ASSERT_TRUE(out.saturated);
-    const double kept = val(out.force.x) - val(out.smc.u_friction.x) - val(out.compensator.u.x);
-    ASSERT_NEAR(kept, val(demand()->model.x), 600.0);
+    const double limited = val(out.force.x) - val(out.smc.u_friction.x) - val(out.compensator.u.x);
+    ASSERT_NEAR(limited, val(demand()->model.x), 600.0);
 }
 
 static void test_cc_has_no_compensation_and_ccu_has(void)
@@ -278,27 +281,27 @@ static void test_cc_has_no_compensation_and_ccu_has(void)
     TEST_ASSERT_TRUE(fabs(val(out.compensator.u.x)) > 0.1);
 }
 
-/* Friction learned too fast to overlook: 1 % of the compensation a period */
-static void learn_quickly(void)
+/* Adapt so fast that each period adds 1 % of the compensation. */
+static void adapt_quickly(void)
 {
     cfg.feedforward.friction_rate = mk(0.5);
     cfg.feedforward.mass_rate = mk(0.5);
 }
 
-static bool learned_nothing(void)
+static bool nothing_adapted(void)
 {
     const double friction = acc_val(state.feedforward.friction[0]), mass = acc_val(state.feedforward.mass[0]);
     return !(friction < 0 || 0 < friction || mass < 0 || 0 < mass);
 }
 
-static void test_only_ccu_learns_and_only_ccu_uses_what_is_learned(void)
+static void test_only_ccu_adapts_the_feedforward_and_only_ccu_uses_it(void)
 {
-    learn_quickly();
+    adapt_quickly();
     for (int c = 0; c < CONTROLLERS; c++) {
         setUp();
-        learn_quickly();
+        adapt_quickly();
         run((enum controller)c, 20);
-        TEST_ASSERT_EQUAL(c != CONTROLLER_CCU, learned_nothing());
+        TEST_ASSERT_EQUAL(c != CONTROLLER_CCU, nothing_adapted());
         const double x = val(out.force.x);
         setUp();
         state.feedforward.friction[0] = acc_from(mk(10));
@@ -308,29 +311,28 @@ static void test_only_ccu_learns_and_only_ccu_uses_what_is_learned(void)
     }
 }
 
-static void test_what_is_learned_is_added_to_the_force_and_is_no_part_of_the_models_input(void)
+static void test_the_feedforward_is_added_to_the_force_and_is_no_part_of_the_models_input(void)
 {
     state.feedforward.friction[0] = acc_from(mk(10));
     state.feedforward.friction[1] = acc_from(mk(-10));
     state.feedforward.mass[0] = acc_from(mk(0.5));
     state.feedforward.mass[1] = acc_from(mk(0.25));
     step(20, 4);
-    const vec2 feedforward_state = feedforward_force(
+    const vec2 feedforward = feedforward_force(
         &state.feedforward, smc_direction(cfg.smc.friction_speed, out.contour.r_dot), out.contour.r_ddot);
     ASSERT_NEAR(val(out.smc.u_linear.x) + val(out.compensator.u.x), val(demand()->net.x), 1000);
     ASSERT_NEAR(val(out.smc.u_linear.y) + val(out.compensator.u.y), val(demand()->net.y), 1000);
-    ASSERT_NEAR(val(out.smc.u_linear.x) + val(out.smc.u_friction.x) + val(out.compensator.u.x) +
-                    val(feedforward_state.x),
+    ASSERT_NEAR(val(out.smc.u_linear.x) + val(out.smc.u_friction.x) + val(out.compensator.u.x) + val(feedforward.x),
                 val(out.force.x), 1000);
     ASSERT_NEAR(val(out.smc.u_linear.x), val(demand()->model.x), 1000);
     ASSERT_NEAR(val(out.smc.u_linear.y), val(demand()->model.y), 1000);
 }
 
-static void test_a_limited_force_teaches_nothing(void)
+static void test_a_limited_force_does_not_adapt_the_feedforward(void)
 {
-    learn_quickly();
+    adapt_quickly();
     cfg.plant.force_max = mk2(1, 1);
-    step(20, 4); /* what the period before had is not known to be limited */
+    step(20, 4); /* the period before this one was not limited */
     const struct feedforward_state before = state.feedforward;
     run(CONTROLLER_CCU, 20);
     TEST_ASSERT_TRUE(out.saturated);
@@ -338,18 +340,18 @@ static void test_a_limited_force_teaches_nothing(void)
     TEST_ASSERT_EQUAL_DOUBLE(acc_val(before.mass[1]), acc_val(state.feedforward.mass[1]));
 }
 
-static void test_what_is_learned_outlasts_a_change_of_controller_and_a_loss_of_power(void)
+static void test_the_feedforward_persists_over_a_change_of_controller_and_a_loss_of_power(void)
 {
-    learn_quickly();
+    adapt_quickly();
     run(CONTROLLER_CCU, 20);
-    const double feedforward_state = acc_val(state.feedforward.friction[0]);
+    const double friction = acc_val(state.feedforward.friction[0]);
     run(CONTROLLER_CASCADE, 5);
     in.enabled[0] = in.enabled[1] = false;
     run(CONTROLLER_CCU, 5);
-    TEST_ASSERT_FALSE(learned_nothing());
-    TEST_ASSERT_EQUAL_DOUBLE(feedforward_state, acc_val(state.feedforward.friction[0]));
+    TEST_ASSERT_FALSE(nothing_adapted());
+    TEST_ASSERT_EQUAL_DOUBLE(friction, acc_val(state.feedforward.friction[0]));
     servo_reset(&cfg, &state, in.measured);
-    TEST_ASSERT_TRUE(learned_nothing());
+    TEST_ASSERT_TRUE(nothing_adapted());
 }
 
 static void test_track_works_on_the_tracking_error_in_the_axis_frame(void)
@@ -370,7 +372,8 @@ static void test_cc_works_on_the_error_at_the_foot_point(void)
     const struct contour_out *c = &out.contour;
     const double a = 1 + 6 * 0.006 / cosh(1e-3 * val(c->e_n.y));
     ASSERT_NEAR(a * val(c->e_n.y) + val(c->e_n_dot.y), val(out.smc.s_bar.y), 600.0);
-    TEST_ASSERT_DOUBLE_WITHIN(2e-3, -4, val(c->e_n.y)); /* 4 um outside an anticlockwise circle: to the right */
+    TEST_ASSERT_DOUBLE_WITHIN(2e-3, -4,
+                              val(c->e_n.y)); /* outside an anticlockwise circle is to the right of the path */
 }
 
 static void test_cascade_is_coupled_in_ccc_alone(void)
@@ -390,7 +393,7 @@ static void test_velocity_is_that_of_the_encoders(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.1, 500 * cos(phi), val(out.velocity.y));
 }
 
-static void test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_turns(void)
+static void test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_slots(void)
 {
     cfg.smc.zeta = cfg.smc.k_max; /* (16) is its constant rate */
     cfg.compensator.law_printed = true;
@@ -399,10 +402,10 @@ static void test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_
     for (int i = 1; i <= 8; i++) {
         step(20, 4);
         for (int axis = 0; axis < 2; axis++) {
-            const bool turn = i % 4 == axis;
+            const bool slot = i % 4 == axis;
             const double s = axis == 0 ? val(out.compensator.s.x) : val(out.compensator.s.y);
-            k[axis] += turn ? val(cfg.smc.zeta_rate) / ACC_GAIN * 4 * DT : 0;
-            mu[axis] += turn ? val(cfg.compensator.rho) / ACC_GAIN * fabs(s) * 4 * DT : 0;
+            k[axis] += slot ? val(cfg.smc.zeta_rate) / ACC_GAIN * 4 * DT : 0;
+            mu[axis] += slot ? val(cfg.compensator.rho) / ACC_GAIN * fabs(s) * 4 * DT : 0;
             TEST_ASSERT_DOUBLE_WITHIN(1e-6, k[axis], acc_val(state.smc.k_hat[axis]));
             TEST_ASSERT_DOUBLE_WITHIN(1e-6, mu[axis], acc_val(state.compensator.mu[axis]));
         }
@@ -417,7 +420,7 @@ static void test_energy_is_counted_for_both_axes(void)
     TEST_ASSERT_TRUE(state.energy[1].mJ > 10);
     energy_reset(&state.energy[1]);
     state.observer[1].vel = state.observer[1].disturbance = mk(0);
-    for (int i = 0; i < 50; i++) { /* y rests from now on, and nothing acts on it */
+    for (int i = 0; i < 50; i++) { /* y is at rest from now on, without a force */
         const pos_t y = in.measured[1];
         state.demand[0].net.y = state.demand[1].net.y = mk(0);
         place(20, 4);
@@ -441,22 +444,22 @@ int main(void)
     RUN_TEST(test_a_disabled_axis_gets_no_force);
     RUN_TEST(test_an_axis_that_is_disabled_and_rests_is_seen_at_rest);
     RUN_TEST(test_enabling_starts_without_an_offset_and_from_where_the_axes_are);
-    RUN_TEST(test_observer_is_told_the_force_that_has_just_acted);
+    RUN_TEST(test_observer_gets_the_force_that_has_just_acted);
     RUN_TEST(test_friction_feedforward_does_not_move_the_observer);
     RUN_TEST(test_reference_model_is_driven_by_the_linear_part_of_the_delayed_force);
     RUN_TEST(test_reference_model_as_printed_sees_the_friction_term);
     RUN_TEST(test_reference_model_sees_the_switching_offset);
     RUN_TEST(test_reference_model_sees_that_the_force_is_limited);
     RUN_TEST(test_cc_has_no_compensation_and_ccu_has);
-    RUN_TEST(test_only_ccu_learns_and_only_ccu_uses_what_is_learned);
-    RUN_TEST(test_what_is_learned_is_added_to_the_force_and_is_no_part_of_the_models_input);
-    RUN_TEST(test_a_limited_force_teaches_nothing);
-    RUN_TEST(test_what_is_learned_outlasts_a_change_of_controller_and_a_loss_of_power);
+    RUN_TEST(test_only_ccu_adapts_the_feedforward_and_only_ccu_uses_it);
+    RUN_TEST(test_the_feedforward_is_added_to_the_force_and_is_no_part_of_the_models_input);
+    RUN_TEST(test_a_limited_force_does_not_adapt_the_feedforward);
+    RUN_TEST(test_the_feedforward_persists_over_a_change_of_controller_and_a_loss_of_power);
     RUN_TEST(test_track_works_on_the_tracking_error_in_the_axis_frame);
     RUN_TEST(test_cc_works_on_the_error_at_the_foot_point);
     RUN_TEST(test_cascade_is_coupled_in_ccc_alone);
     RUN_TEST(test_velocity_is_that_of_the_encoders);
-    RUN_TEST(test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_turns);
+    RUN_TEST(test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_slots);
     RUN_TEST(test_energy_is_counted_for_both_axes);
     return UNITY_END();
 }

@@ -110,7 +110,7 @@ static void test_services_of_the_configuration_state_have_no_answer_before_it(vo
     TEST_ASSERT_EQUAL_UINT(0, count);
 }
 
-static void test_identity_is_told_part_by_part(void)
+static void test_identity_is_read_part_by_part(void)
 {
     rig.device.od.identity.serial = 0x12345678;
     lss(4, 1, 0);
@@ -499,8 +499,8 @@ static void expect_warning(bool warned)
     }
 }
 
-/* All that writes the store and leaves the parameters as they are stored */
-static void store_the_rest(unsigned which)
+/* What writes a set and retains its parameters: 1010h and 1011h for communication, LSS for 2001h. */
+static void store_other_areas(unsigned which)
 {
     if (which == 0) {
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 2, 4, SAVE));
@@ -524,14 +524,14 @@ static void test_warning_of_the_store_ends_when_the_parameters_are_saved_or_rest
         setUp();
         if (i % 2 == 0) { /* damaged */
             rig.flash.word[0][0] = 0x12345678;
-        } else { /* unfit */
+        } else { /* the parameters do not fit together */
             rig.device.od.smc.k_bar = od_defaults.smc.k_bar * 100;
             TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
         }
         power_on();
         expect_warning(true);
         for (unsigned which = 0; which < 3; which++) {
-            store_the_rest(which);
+            store_other_areas(which);
             expect_warning(true);
         }
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, ends[i / 2].index, ends[i / 2].sub, 4, ends[i / 2].signature));
@@ -539,7 +539,7 @@ static void test_warning_of_the_store_ends_when_the_parameters_are_saved_or_rest
     }
 }
 
-static void test_stored_parameter_out_of_range_is_told_and_the_others_are_used(void)
+static void test_stored_parameter_out_of_range_is_reported_and_the_others_are_used(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x687D, 1, 4, -1234));
     rig.device.od.smc.gamma = UINT32_MAX; /* in range for another firmware */
@@ -553,8 +553,8 @@ static void test_stored_parameter_out_of_range_is_told_and_the_others_are_used(v
     TEST_ASSERT_EQUAL_INT32(-1234, rig.device.od.axis[1].position_limit.min);
 }
 
-/* ... of the node and of communication, too, until what is out of range is replaced. */
-static void test_stored_place_on_the_bus_out_of_range_is_told_until_it_is_replaced(void)
+/* Node id, bit rate and communication objects: the warning lasts until the value that is out of range is replaced. */
+static void test_stored_value_of_another_area_out_of_range_is_reported_until_it_is_replaced(void)
 {
     enum { ID, BIT_RATE, COMMUNICATION, CASES };
     for (unsigned i = 0; i < CASES; i++) {
@@ -574,19 +574,19 @@ static void test_stored_place_on_the_bus_out_of_range_is_told_until_it_is_replac
         TEST_ASSERT_EQUAL_UINT(od_defaults.error_behaviour.communication, rig.device.od.error_behaviour.communication);
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, i == COMMUNICATION ? 3 : 2, 4, SAVE));
         expect_warning(true);
-        store_the_rest(i == COMMUNICATION ? 1 : 2);
+        store_other_areas(i == COMMUNICATION ? 1 : 2);
         expect_warning(false);
     }
 }
 
-/* 2035h: what the description makes of its wear is counted, too */
+/* 2035h. Its description says how often a sector is erased, which is counted, too. */
 static void test_sets_written_are_counted_over_power_off_and_every_way_of_writing(void)
 {
     TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2035, 0));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
     TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2035, 0));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1011, 2, 4, LOAD));
-    store_the_rest(2);
+    store_other_areas(2);
     TEST_ASSERT_EQUAL_UINT32(3, rig_read(&rig, 0x2035, 0));
     rig.flash.broken = true;
     TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_HARDWARE, rig_write(&rig, 0x1010, 1, 4, SAVE));
@@ -608,7 +608,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_services_of_the_configuration_state_have_no_answer_before_it);
-    RUN_TEST(test_identity_is_told_part_by_part);
+    RUN_TEST(test_identity_is_read_part_by_part);
     RUN_TEST(test_only_the_whole_address_in_order_selects);
     RUN_TEST(test_slave_in_the_ranges_identifies_itself);
     RUN_TEST(test_new_node_id_acts_from_reset_communication_on);
@@ -633,8 +633,8 @@ int main(void)
     RUN_TEST(test_stored_parameters_that_do_not_fit_together_are_reported_and_not_used);
     RUN_TEST(test_warning_of_stored_parameters_that_do_not_fit_stays_until_they_are_replaced);
     RUN_TEST(test_warning_of_the_store_ends_when_the_parameters_are_saved_or_restored_and_not_before);
-    RUN_TEST(test_stored_parameter_out_of_range_is_told_and_the_others_are_used);
-    RUN_TEST(test_stored_place_on_the_bus_out_of_range_is_told_until_it_is_replaced);
+    RUN_TEST(test_stored_parameter_out_of_range_is_reported_and_the_others_are_used);
+    RUN_TEST(test_stored_value_of_another_area_out_of_range_is_reported_until_it_is_replaced);
     RUN_TEST(test_sets_written_are_counted_over_power_off_and_every_way_of_writing);
     return UNITY_END();
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The simulator's interface: independence, determinism, time, frames, and a machine that is checked. */
+/* test_sim.c: libkontur's interface: independence, determinism, time, frames, and the check of the machine. */
 #include <math.h>
 #include <string.h>
 
@@ -39,8 +39,8 @@ static void enable(ks *s)
     send(s, 0x201, 4, "\x0F\x00\x0F\x00");
 }
 
-/* Everything s has sent, taken */
-static unsigned take(ks *s, struct ks_frame *frames, unsigned room)
+/* Receive all frames that the drive has sent. Returns their number, of which `room` are stored. */
+static unsigned receive_all(ks *s, struct ks_frame *frames, unsigned room)
 {
     unsigned n = 0;
     struct ks_frame f;
@@ -59,7 +59,7 @@ static bool same_frame(const struct ks_frame *a, const struct ks_frame *b)
            memcmp(a->data, b->data, a->len) == 0;
 }
 
-/* 300 ms of an enabled drive */
+/* 300 ms of an enabled drive. */
 static ks *scenario(uint64_t seed)
 {
     ks *s = ks_new(&machine, seed, 1);
@@ -76,7 +76,7 @@ enum { FRAMES = 2000 };
 static void check_equal(ks *a, ks *b)
 {
     static struct ks_frame fa[FRAMES], fb[FRAMES];
-    const unsigned na = take(a, fa, FRAMES), nb = take(b, fb, FRAMES);
+    const unsigned na = receive_all(a, fa, FRAMES), nb = receive_all(b, fb, FRAMES);
     TEST_ASSERT_TRUE(na > 600 && na < FRAMES);
     TEST_ASSERT_EQUAL_UINT(na, nb);
     for (unsigned i = 0; i < na; i++) {
@@ -113,7 +113,7 @@ static void test_two_drives_side_by_side_do_not_know_of_each_other(void)
     enable(b);
     ks_start_schedule(a);
     ks_record(a, 1);
-    for (int i = 0; i < 3000; i++) { /* turn by turn */
+    for (int i = 0; i < 3000; i++) { /* alternately */
         ks_run(a, 1);
         ks_run(b, 3);
         if (i == 1000) {
@@ -164,7 +164,7 @@ static void test_frame_is_answered_before_send_returns_and_no_time_passes(void)
 {
     struct ks_frame f;
     ks *s = ks_new(&machine, 1, 9);
-    take(s, &f, 1);
+    receive_all(s, &f, 1);
     send(s, 0x609, 8, "\x40\x00\x10\x00\x00\x00\x00\x00"); /* 1000h */
     TEST_ASSERT_EQUAL_UINT64(0, ks_tick(s));
     TEST_ASSERT_EQUAL_INT(1, ks_recv(s, &f));
@@ -183,7 +183,7 @@ static void test_bad_frames_are_refused(void)
     ks_free(s);
 }
 
-static void test_frames_that_nobody_takes_are_lost_and_counted(void)
+static void test_frames_that_nobody_receives_are_lost_and_counted(void)
 {
     static struct ks_frame frames[5000];
     ks *s = ks_new(&machine, 1, 1);
@@ -193,16 +193,16 @@ static void test_frames_that_nobody_takes_are_lost_and_counted(void)
     ks_run(s, 15000);
     const uint32_t lost = ks_overflows(s);
     TEST_ASSERT_TRUE(lost > 1000 && lost < 2000);
-    const unsigned kept = take(s, frames, 5000);
-    TEST_ASSERT_EQUAL_UINT(4096, kept);
-    TEST_ASSERT_EQUAL_HEX32(0x701, frames[0].id); /* the oldest stay */
+    const unsigned received = receive_all(s, frames, 5000);
+    TEST_ASSERT_EQUAL_UINT(4096, received);
+    TEST_ASSERT_EQUAL_HEX32(0x701, frames[0].id); /* the oldest frames stay */
     ks_run(s, 100);
-    TEST_ASSERT_TRUE(take(s, frames, 5000) > 20);
+    TEST_ASSERT_TRUE(receive_all(s, frames, 5000) > 20);
     TEST_ASSERT_EQUAL_UINT32(lost, ks_overflows(s));
     ks_free(s);
 }
 
-static void test_drive_tells_what_it_is(void)
+static void test_drive_identifies_itself(void)
 {
     ks *s = ks_new(&machine, 1, 1);
     TEST_ASSERT_EQUAL_STRING("f32", ks_num(s));
@@ -230,7 +230,7 @@ static void test_truth_is_one_row_a_period_from_the_start_of_recording(void)
     ks_free(s);
 }
 
-static void test_truth_is_where_the_machine_is_and_what_was_asked_of_it(void)
+static void test_truth_is_the_motion_of_the_machine_and_its_force_demand(void)
 {
     machine.start_m[0] = 0.01;
     machine.start_m[1] = -0.02;
@@ -252,7 +252,7 @@ static void test_truth_is_where_the_machine_is_and_what_was_asked_of_it(void)
     ks_free(s);
 }
 
-static void test_friction_schedule_starts_when_told(void)
+static void test_friction_schedule_starts_on_request(void)
 {
     /* noise of 2 N moves an axis without power as soon as there is no friction */
     machine.schedule_scale[1] = 0; /* from 50 ms on */
@@ -352,9 +352,9 @@ static void test_node_id_is_1_to_31(void)
     ks_free(NULL);
 }
 
-/* ---- knots without the wire ---- */
+/* ---- knots without CAN frames ---- */
 
-static void test_pushed_knots_go_the_same_way_as_those_of_frames(void)
+static void test_pushed_knots_are_executed_like_those_of_frames(void)
 {
     struct ks_frame f;
     static int32_t xy[2 * 800];
@@ -366,14 +366,14 @@ static void test_pushed_knots_go_the_same_way_as_those_of_frames(void)
         xy[2 * i] = i < 300 ? 0 : 100;
         xy[2 * i + 1] = 0;
     }
-    take(s, &f, 1);
+    receive_all(s, &f, 1);
     send(s, 0x601, 8, "\x23\x00\x22\x04\x58\x02\x00\x00"); /* total 600 */
-    send(s, 0x601, 8, "\x2F\x00\x22\x01\x01\x00\x00\x00"); /* begin */
+    send(s, 0x601, 8, "\x2F\x00\x22\x01\x01\x00\x00\x00"); /* start */
     TEST_ASSERT_EQUAL_UINT32(400, ks_push_knots(s, xy, 400));
     TEST_ASSERT_EQUAL_UINT32(200, ks_push_knots(s, xy + 800, 400)); /* complete */
     send(s, 0x201, 4, "\x1F\x00\x1F\x00");
     ks_run(s, 6200);
-    take(s, &f, 1);
+    receive_all(s, &f, 1);
     send(s, 0x601, 8, "\x40\x00\x22\x05\x00\x00\x00\x00");
     bool answered = false;
     while (ks_recv(s, &f)) {
@@ -396,13 +396,13 @@ int main(void)
     RUN_TEST(test_run_goes_on_whether_or_not_frames_wait);
     RUN_TEST(test_frame_is_answered_before_send_returns_and_no_time_passes);
     RUN_TEST(test_bad_frames_are_refused);
-    RUN_TEST(test_frames_that_nobody_takes_are_lost_and_counted);
-    RUN_TEST(test_drive_tells_what_it_is);
+    RUN_TEST(test_frames_that_nobody_receives_are_lost_and_counted);
+    RUN_TEST(test_drive_identifies_itself);
     RUN_TEST(test_truth_is_one_row_a_period_from_the_start_of_recording);
-    RUN_TEST(test_truth_is_where_the_machine_is_and_what_was_asked_of_it);
-    RUN_TEST(test_friction_schedule_starts_when_told);
+    RUN_TEST(test_truth_is_the_motion_of_the_machine_and_its_force_demand);
+    RUN_TEST(test_friction_schedule_starts_on_request);
     RUN_TEST(test_check_names_the_first_field_that_is_out_of_range);
     RUN_TEST(test_node_id_is_1_to_31);
-    RUN_TEST(test_pushed_knots_go_the_same_way_as_those_of_frames);
+    RUN_TEST(test_pushed_knots_are_executed_like_those_of_frames);
     return UNITY_END();
 }

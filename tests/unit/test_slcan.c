@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* slcan: the lines of the CAN232 manual, what hosts rely on beyond it, and anything else. */
+/* test_slcan.c: slcan with the lines of the CAN232 manual, with lines that hosts send beyond it, and with random
+ * bytes. */
 #include <stdio.h>
 #include <string.h>
 
@@ -45,7 +46,7 @@ void tearDown(void)
 {
 }
 
-static void test_data_frame_is_taken_and_not_answered(void)
+static void test_data_frame_is_received_and_not_answered(void)
 {
     answered("t1238DEADbeef00017fff\r", "");
     TEST_ASSERT_EQUAL_UINT(1, frame_count);
@@ -99,7 +100,7 @@ static void test_what_python_can_sends_on_opening_is_accepted(void)
     answered("\r", "\r");
 }
 
-static void test_closed_channel_takes_no_frames_and_sends_none(void)
+static void test_closed_channel_receives_no_frames_and_sends_none(void)
 {
     char out[SLCAN_FRAME];
     const struct can_frame frame = {.id = 1};
@@ -109,7 +110,7 @@ static void test_closed_channel_takes_no_frames_and_sends_none(void)
     TEST_ASSERT_EQUAL_UINT(0, slcan_format(&s, &frame, 0, out));
 }
 
-static void test_listen_only_sends_frames_and_takes_none(void)
+static void test_listen_only_sends_frames_and_receives_none(void)
 {
     char out[SLCAN_FRAME];
     const struct can_frame frame = {.id = 1};
@@ -136,7 +137,7 @@ static void test_version_serial_and_acceptance_filter(void)
     answered("M0000000\rmFFFFFFFG\rV1\rN1\r", "\a\a\a\a");
 }
 
-static void test_flags_are_told_once(void)
+static void test_flags_are_reported_once(void)
 {
     s.flags = SLCAN_OVERRUN | SLCAN_BUS_ERROR;
     answered("F0\r", "\a");
@@ -151,7 +152,7 @@ static void test_unknown_commands_change_nothing(void)
     TEST_ASSERT_FALSE(s.listen_only);
 }
 
-static void test_frame_out_is_the_line_that_is_taken_back(void)
+static void test_frame_sent_is_the_line_that_is_parsed_back(void)
 {
     const struct can_frame frame = {.id = 0x5A1, .len = 8, .data = {0, 1, 0x7F, 0x80, 0xFF, 0xA5, 0x5A, 0x10}};
     char out[SLCAN_FRAME + 1];
@@ -180,7 +181,7 @@ static void test_stamps_are_milliseconds_of_a_minute(void)
     TEST_ASSERT_EQUAL_UINT(SLCAN_FRAME - 4, slcan_format(&s, &frame, 0, out));
 }
 
-static void test_overlong_line_is_refused_as_a_whole(void)
+static void test_overlong_line_is_refused_once(void)
 {
     for (unsigned i = 0; i < 1000; i++) {
         type("t00101");
@@ -192,13 +193,13 @@ static void test_overlong_line_is_refused_as_a_whole(void)
     TEST_ASSERT_EQUAL_UINT(1, frame_count);
 }
 
-/* Every line gets one answer or is a valid frame; the next good line is understood. */
+/* Every line gets one answer or is a valid frame, and the next good line is understood. */
 static void test_random_bytes_are_survived(void)
 {
     static const char *const lines[] = {"t1232A5B4\r",  "r7011\r", "O\r", "C\r", "L\r",
                                         "T000001230\r", "Z1\r",    "F\r", "\r\n"};
     uint32_t seed = 12345;
-    unsigned taken = 0;
+    unsigned received = 0;
     const char *at = "";
     for (unsigned i = 0; i < 2000000; i++) {
         seed = seed * 1664525u + 1013904223u;
@@ -216,10 +217,10 @@ static void test_random_bytes_are_survived(void)
         TEST_ASSERT_TRUE(byte == '\r' ? (answer.count > 0) != (event == SLCAN_HAS_FRAME) : answer.count == 0);
         if (event == SLCAN_HAS_FRAME) {
             TEST_ASSERT_TRUE(frame.id <= 0x7FF && frame.len <= 8);
-            taken++;
+            received++;
         }
     }
-    TEST_ASSERT_GREATER_THAN(0, taken);
+    TEST_ASSERT_GREATER_THAN(0, received);
     type("\rO\r");
     answered("t1230\r", "");
     TEST_ASSERT_EQUAL_UINT(1, frame_count);
@@ -228,20 +229,20 @@ static void test_random_bytes_are_survived(void)
 int main(void)
 {
     UNITY_BEGIN();
-    RUN_TEST(test_data_frame_is_taken_and_not_answered);
+    RUN_TEST(test_data_frame_is_received_and_not_answered);
     RUN_TEST(test_frames_of_every_length_back_to_back);
     RUN_TEST(test_remote_frame_has_a_length_and_no_data);
     RUN_TEST(test_bad_frames_are_refused_and_counted);
     RUN_TEST(test_what_python_can_sends_on_opening_is_accepted);
-    RUN_TEST(test_closed_channel_takes_no_frames_and_sends_none);
-    RUN_TEST(test_listen_only_sends_frames_and_takes_none);
+    RUN_TEST(test_closed_channel_receives_no_frames_and_sends_none);
+    RUN_TEST(test_listen_only_sends_frames_and_receives_none);
     RUN_TEST(test_bit_rates_are_accepted_when_closed);
     RUN_TEST(test_version_serial_and_acceptance_filter);
-    RUN_TEST(test_flags_are_told_once);
+    RUN_TEST(test_flags_are_reported_once);
     RUN_TEST(test_unknown_commands_change_nothing);
-    RUN_TEST(test_frame_out_is_the_line_that_is_taken_back);
+    RUN_TEST(test_frame_sent_is_the_line_that_is_parsed_back);
     RUN_TEST(test_stamps_are_milliseconds_of_a_minute);
-    RUN_TEST(test_overlong_line_is_refused_as_a_whole);
+    RUN_TEST(test_overlong_line_is_refused_once);
     RUN_TEST(test_random_bytes_are_survived);
     return UNITY_END();
 }

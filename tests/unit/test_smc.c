@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_smc.c: the sliding mode law, its surface and its adaptive gain. */
 #include "core/smc.h"
 
 #include <math.h>
@@ -12,7 +13,8 @@ static struct smc_state state;
 static struct smc_in in;
 static struct smc_out out;
 
-/* lambda 1, gamma 0.5, beta 6, masses 2 and 4, no viscous friction, no gain, everything at rest in the axis frame */
+/* lambda 1, gamma 0.5, beta 6, masses 2 and 4; no viscous friction, no gain, and no error or motion in the axis
+ * frame. */
 void setUp(void)
 {
     cfg = nominal().smc;
@@ -20,7 +22,7 @@ void setUp(void)
     cfg.gamma = mk(0.5);
     cfg.k_bar = mk(1.0 / 128);
     cfg.e_max = mk(128);
-    cfg.zeta_rate = cfg.xi = mk(0); /* no adaptation but where it is tested */
+    cfg.zeta_rate = cfg.xi = mk(0); /* only the tests of the adaptation have one */
     plant =
         (struct plant_cfg){.mass = mk2(2, 4), .viscous = mk2(0, 0), .coulomb = mk2(10, 20), .force_max = mk2(600, 600)};
     state.k_hat[0] = state.k_hat[1] = acc_from(mk(0));
@@ -37,10 +39,10 @@ static void step(void)
     smc_adapt(&cfg, &state, 1, out.s_bar, mk(DT));
 }
 
-/* What trig_cosh() promises, times gamma beta */
+/* The error that trig_cosh() promises, times gamma beta. */
 #define COSH (1e-5 + NUM_FIXED * 3 * 2e-5)
 
-/* A of (10) at the error e */
+/* A of (10) at the error e. */
 static double slope(double e)
 {
     in.e = mk2(e, 0);
@@ -81,7 +83,7 @@ static void test_psi_is_constant_beyond_e_max(void)
     TEST_ASSERT_DOUBLE_WITHIN(COSH, 1 + 0.5 * 6 / cosh(1), slope(-1000));
 }
 
-/* B from u = -M (A e' + B e): the feedback of (15) with K = 0 */
+/* B from u = -M (A e' + B e), the feedback of (15) with K = 0. */
 static double b_at(double e, double e_dot)
 {
     in.e = mk2(0, e);
@@ -93,7 +95,7 @@ static double b_at(double e, double e_dot)
 
 static void check_b(double e, double e_dot)
 {
-    /* psi = 6 (cosh)^-+1 of k e: derivative by differences in double */
+    /* psi is 6 cosh(k e) or 6 / cosh(k e). Its derivative is computed from differences in double. */
     const double h = 1e-4, x1 = (e + e_dot * h) / 128, x0 = (e - e_dot * h) / 128;
     const double psi_dot =
         cfg.psi_printed ? 6 * (cosh(x1) - cosh(x0)) / (2 * h) : 6 * (1 / cosh(x1) - 1 / cosh(x0)) / (2 * h);
@@ -127,7 +129,7 @@ static void test_adaptive_gain_pulls_against_the_sliding_variable(void)
     ASSERT_NEAR(-4 * (4 * -4 + 0.5 * -4), val(out.u_linear.y), 72.0);
 }
 
-static void test_force_is_mass_times_the_acceleration_asked_for_plus_viscous_friction(void)
+static void test_force_is_mass_times_the_demanded_acceleration_plus_viscous_friction(void)
 {
     plant.viscous = mk2(0.5, 0.25);
     in.a_n = mk2(10, -20);
@@ -172,7 +174,7 @@ static void test_friction_rises_linearly_within_its_boundary_layer(void)
     TEST_ASSERT_EQUAL_DOUBLE(-5, val(out.u_friction.y));
 }
 
-/* K after a step at s_bar = s, from k */
+/* K after a step at s_bar = s that starts from k. */
 static double adapted(double k, double s)
 {
     state.k_hat[0] = state.k_hat[1] = acc_from(mk(k));
@@ -228,7 +230,7 @@ int main(void)
     RUN_TEST(test_b_is_the_rate_of_a);
     RUN_TEST(test_b_is_zero_beyond_e_max_where_a_is_constant);
     RUN_TEST(test_adaptive_gain_pulls_against_the_sliding_variable);
-    RUN_TEST(test_force_is_mass_times_the_acceleration_asked_for_plus_viscous_friction);
+    RUN_TEST(test_force_is_mass_times_the_demanded_acceleration_plus_viscous_friction);
     RUN_TEST(test_the_law_acts_in_the_frame_at_the_foot_point);
     RUN_TEST(test_friction_is_that_of_the_reference_velocity_and_is_returned_apart);
     RUN_TEST(test_friction_rises_linearly_within_its_boundary_layer);

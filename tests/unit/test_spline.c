@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_spline.c: the B-spline of the reference trajectory, path time, and the cache of pieces. */
 #include "core/spline.h"
 
 #include "nominal.h"
@@ -28,10 +29,11 @@ static double um_of(pos_t p)
     return (double)p / (POS_PER_NM * 1e3);
 }
 
-/* Of a position: in fixed point 1/6 is half a step off, times second differences of up to 36 um */
+/* Tolerance of a position. In fixed point 1/6 is half a step
+ * off, which is multiplied by second differences of up to 36 um. */
 #define POS (1e-8 + HALF_STEPS(40))
 
-/* knots 2, 3, 4, 5 of x: 1.5, 3, 7.5, 3 um; of y: minus twice that */
+/* Knots 2, 3, 4, 5 are 1.5, 3, 7.5, 3 um in x, and minus twice that in y. */
 static void four_knots(void)
 {
     const double x[] = {0, 0, 1.5, 3, 7.5, 3, 0};
@@ -72,8 +74,9 @@ static void test_derivatives_are_those_of_the_position_by_finite_differences(voi
         const double h = 0.01;
         const struct spline_point before = at(s - h), p = at(s), after = at(s + h);
         const double dt = 2 * h * 0.2;
-        /* differences: error h^2/6 r''' <= (0.002)^2/6 * 500 (0.125)^2, and two positions of 1e-5 um rounding;
-         * in fixed point half a step of u times 100 um a knot, and 15 and 50 roundings of each derivative */
+        /* The error of the differences is h^2/6 r''' <= (0.002)^2/6 * 500 (0.125)^2,
+         * and two positions of 1e-5 um rounding. In fixed point it is half a step of
+         * u times 100 um a knot, and 15 and 50 roundings of each derivative. */
         TEST_ASSERT_DOUBLE_WITHIN(0.01 + HALF_STEPS(220) / dt, (um_of(after.pos[0]) - um_of(before.pos[0])) / dt,
                                   val(p.d1.x));
         TEST_ASSERT_DOUBLE_WITHIN(0.01 + HALF_STEPS(220) / dt, (um_of(after.pos[1]) - um_of(before.pos[1])) / dt,
@@ -90,7 +93,8 @@ static void test_position_velocity_and_acceleration_are_continuous_across_a_knot
         const struct spline_point before = at(i - 1e-6), after = at(i);
         TEST_ASSERT_DOUBLE_WITHIN(1e-4, um_of(before.pos[0]), um_of(after.pos[0]));
         TEST_ASSERT_DOUBLE_WITHIN(1e-2, val(before.d1.x), val(after.d1.x));
-        TEST_ASSERT_DOUBLE_WITHIN(1e-2, val(before.d2.x), val(after.d2.x)); /* 1e-6 knots of jerk: 4e-3 */
+        TEST_ASSERT_DOUBLE_WITHIN(1e-2, val(before.d2.x),
+                                  val(after.d2.x)); /* the jerk changes it by 4e-3 in 1e-6 knots */
     }
 }
 
@@ -154,15 +158,15 @@ static void test_knots_beyond_the_snapshot_are_not_seen(void)
 static void test_two_metres_out_the_curve_is_the_same_to_the_last_bit(void)
 {
     four_knots();
-    const struct spline_point near = at(3.37);
+    const struct spline_point here = at(3.37);
     for (uint32_t i = 0; i < ring.count; i++) {
         ring.knot[i].nm[0] += 2000000000;
         ring.knot[i].nm[1] -= 2000000000;
     }
     const struct spline_point far = at(3.37);
-    TEST_ASSERT_TRUE(far.pos[0] - near.pos[0] == pos_from_nm(2000000000));
-    TEST_ASSERT_TRUE(far.pos[1] - near.pos[1] == pos_from_nm(-2000000000));
-    TEST_ASSERT_EQUAL_DOUBLE(val(near.d2.x), val(far.d2.x));
+    TEST_ASSERT_TRUE(far.pos[0] - here.pos[0] == pos_from_nm(2000000000));
+    TEST_ASSERT_TRUE(far.pos[1] - here.pos[1] == pos_from_nm(-2000000000));
+    TEST_ASSERT_EQUAL_DOUBLE(val(here.d2.x), val(far.d2.x));
 }
 
 static void test_control_periods_of_10_and_20_khz_are_whole_numbers_of_path_time(void)
@@ -173,13 +177,13 @@ static void test_control_periods_of_10_and_20_khz_are_whole_numbers_of_path_time
 
 static void test_knots_passed_are_those_of_a_division_however_long_the_path(void)
 {
-    static const path_time_t whole[] = {0,         1,          4,          5,          858993458, 858993459,
+    static const path_time_t knots[] = {0,         1,          4,          5,          858993458, 858993459,
                                         858993460, 1717986917, 1717986918, 1717986919, 3435973835};
-    for (unsigned i = 0; i < sizeof whole / sizeof whole[0]; i++) {
+    for (unsigned i = 0; i < sizeof knots / sizeof knots[0]; i++) {
         for (path_time_t part = 0; part < PATH_ONE; part += PATH_ONE - 1) {
-            uint32_t rest = 0;
-            TEST_ASSERT_EQUAL_UINT32(whole[i], path_knots(whole[i] * PATH_ONE + part, &rest));
-            TEST_ASSERT_EQUAL_UINT32(part, rest);
+            uint32_t fraction = 0;
+            TEST_ASSERT_EQUAL_UINT32(knots[i], path_knots(knots[i] * PATH_ONE + part, &fraction));
+            TEST_ASSERT_EQUAL_UINT32(part, fraction);
         }
     }
 }
@@ -187,13 +191,13 @@ static void test_knots_passed_are_those_of_a_division_however_long_the_path(void
 static void test_piece_of_a_ring_that_was_emptied_is_made_anew(void)
 {
     struct spline_cache cache = {0};
-    struct spline_piece rest;
+    struct spline_piece empty;
     four_knots();
     const num before = spline_cached_piece(&cache, &ring, ring.count, 3)->c1.x;
     TEST_ASSERT_TRUE(val(before) != 0);
     TEST_ASSERT_TRUE(spline_cached_piece(&cache, &ring, ring.count, 3)->final);
-    spline_piece(&ring, 0, 3, &rest); /* the background has emptied it, and has not begun the next path yet */
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(rest.c1.x));
+    spline_piece(&ring, 0, 3, &empty); /* the background loop has emptied the ring, and the next path has not started */
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(empty.c1.x));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(spline_cached_piece(&cache, &ring, 0, 3)->c1.x));
 }
 

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The parameter store: what is kept, other layouts, wear, failing flash, and a supply that fails three times. */
+/* The parameter store: what is stored, other layouts, wear, a failing flash, and a power supply that fails three times. */
 #include <string.h>
 
 #include "test_flash.h"
 
 static struct od_data od;
 
-/* Power-on: the dictionary at its defaults, and what is stored put over them. */
+/* Power-on: the dictionary has its defaults, and the stored values over them. */
 static void power_on(void)
 {
     sim_flash_power_on(&flash);
@@ -26,7 +26,7 @@ void tearDown(void)
     TEST_ASSERT_EQUAL_UINT_MESSAGE(0, flash.misuse, "a word was written that was not erased");
 }
 
-/* Set `i` of parameters: each area tells it. */
+/* Set `i` of parameters; a value of each area shows which set it is. */
 static void set_up(struct od_data *to, uint32_t i)
 {
     to->heartbeat_producer = (uint16_t)(100 + i);
@@ -54,7 +54,7 @@ static bool save(uint32_t i)
     return store_write(&store, &od, NODE, ALL, 0);
 }
 
-/* ---- what is kept ---- */
+/* ---- what is stored ---- */
 
 static void test_empty_flash_leaves_the_defaults_and_is_no_damage(void)
 {
@@ -71,10 +71,10 @@ static void test_what_is_saved_is_there_after_power_on(void)
     TEST_ASSERT_TRUE(is_set(&od, 7));
 }
 
-static void test_every_value_that_is_kept_comes_back_whatever_its_type(void)
+static void test_every_value_that_is_stored_comes_back_whatever_its_type(void)
 {
     struct od_data saved;
-    unsigned kept = 0;
+    unsigned stored = 0;
     for (uint16_t i = 0; i < od_table_len; i++) {
         const struct od_entry *e = &od_table[i];
         if ((e->flags & OD_WRITE) != 0 && (e->flags & OD_READ) != 0) {
@@ -89,16 +89,16 @@ static void test_every_value_that_is_kept_comes_back_whatever_its_type(void)
         const bool communication = e->index < 0x2000 && e->index != 0x1003 && e->index != 0x1010 && e->index != 0x1011;
         if ((e->flags & OD_WRITE) != 0 && (e->flags & OD_READ) != 0 && (communication || (e->flags & OD_CONFIG) != 0)) {
             TEST_ASSERT_EQUAL_INT64(od_read(&saved, e), od_read(&od, e));
-            kept++;
+            stored++;
         } else if ((e->flags & (OD_CONST | OD_WRITE)) == 0 && od_size(e) != 0) {
             TEST_ASSERT_EQUAL_INT64(od_read(&saved, e), od_read(&od, e));
         }
     }
-    TEST_ASSERT_TRUE(kept > 80);
+    TEST_ASSERT_TRUE(stored > 80);
     TEST_ASSERT_EQUAL_UINT8(od_defaults.controller.select, od.controller.select); /* no parameter */
 }
 
-static void test_areas_are_taken_kept_and_left_out_each_for_itself(void)
+static void test_areas_are_saved_retained_and_left_out_each_for_itself(void)
 {
     TEST_ASSERT_TRUE(save(1));
     set_up(&od, 2);
@@ -137,7 +137,7 @@ static void test_identifier_at_its_default_follows_a_new_node_id_and_a_chosen_on
     TEST_ASSERT_EQUAL_HEX32(0x40000290, od.tpdo2.cob_id);
 }
 
-static void test_node_without_id_is_kept_as_such(void)
+static void test_node_without_id_is_stored_as_such(void)
 {
     od.node.id = OD_UNCONFIGURED;
     TEST_ASSERT_TRUE(store_write(&store, &od, NODE, ALL, 0));
@@ -179,7 +179,7 @@ static void test_set_of_another_firmware_gives_what_is_known_and_in_range(void)
         0x211002, 0xFFFFFFFF,      /* gamma: too large */
         0x101700, 0x10007,         /* heartbeat: of 16 bits here */
         0x687D01, (uint32_t)-5000, /* position limit of y */
-        0x604000, 0x0F,            /* controlword: not kept */
+        0x604000, 0x0F,            /* controlword: not stored */
         0x606400, 99,              /* position: read only */
     };
     make_set(STORE_MAGIC, pairs, 8);
@@ -199,7 +199,7 @@ static void test_set_of_another_firmware_gives_what_is_known_and_in_range(void)
     TEST_ASSERT_EQUAL_UINT(0, flash.erases);
 }
 
-static void test_what_is_unknown_is_no_loss(void)
+static void test_what_is_unknown_is_no_error(void)
 {
     const uint32_t pairs[] = {0x211001, 123456, 0x5FFF01, 1, 0x211077, 1};
     make_set(STORE_MAGIC, pairs, 3);
@@ -208,7 +208,7 @@ static void test_what_is_unknown_is_no_loss(void)
     TEST_ASSERT_EQUAL_UINT32(123456, od.smc.lambda);
 }
 
-static void test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_keeps_it(void)
+static void test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_leaves_it(void)
 {
     static uint32_t pairs[2 * (HAL_FLASH_BYTES / 8 - 2)];
     for (unsigned i = 0; i < sizeof pairs / sizeof pairs[0]; i += 2) {
@@ -295,7 +295,7 @@ static void test_a_sector_is_erased_once_for_many_sets_and_both_are_used(void)
     TEST_ASSERT_EQUAL_HEX32(STORE_MAGIC, flash.word[1][0]);
 }
 
-static void test_failing_flash_is_told_and_the_old_set_holds(void)
+static void test_failing_flash_is_reported_and_the_old_set_remains(void)
 {
     TEST_ASSERT_TRUE(save(1));
     flash.broken = true;
@@ -308,7 +308,7 @@ static void test_failing_flash_is_told_and_the_old_set_holds(void)
     TEST_ASSERT_TRUE(is_set(&od, 2));
 }
 
-/* A flash that says nothing of a bit that stays 1. */
+/* A flash that does not report a bit that stays 1. */
 static bool bad_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
 {
     const bool ok = sim_flash_write(ctx, sector, offset, data, bytes);
@@ -316,7 +316,7 @@ static bool bad_write(void *ctx, unsigned sector, uint32_t offset, const void *d
     return ok;
 }
 
-static void test_set_that_cannot_be_read_back_is_told(void)
+static void test_set_that_cannot_be_read_back_is_reported(void)
 {
     TEST_ASSERT_TRUE(save(1));
     hal.flash_write = bad_write;
@@ -368,7 +368,7 @@ static void cut_combinations(uint8_t old, uint8_t next, unsigned depth)
     }
 }
 
-static void test_power_cuts_in_three_saves_in_a_row_leave_a_whole_set(void)
+static void test_power_cuts_in_three_saves_in_a_row_leave_an_intact_set(void)
 {
     cut_combinations(0, 1, 2);
     for (unsigned switches = 0; switches < 2;) {
@@ -391,20 +391,20 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_empty_flash_leaves_the_defaults_and_is_no_damage);
     RUN_TEST(test_what_is_saved_is_there_after_power_on);
-    RUN_TEST(test_every_value_that_is_kept_comes_back_whatever_its_type);
-    RUN_TEST(test_areas_are_taken_kept_and_left_out_each_for_itself);
+    RUN_TEST(test_every_value_that_is_stored_comes_back_whatever_its_type);
+    RUN_TEST(test_areas_are_saved_retained_and_left_out_each_for_itself);
     RUN_TEST(test_only_the_areas_asked_for_are_loaded);
     RUN_TEST(test_identifier_at_its_default_follows_a_new_node_id_and_a_chosen_one_does_not);
-    RUN_TEST(test_node_without_id_is_kept_as_such);
+    RUN_TEST(test_node_without_id_is_stored_as_such);
     RUN_TEST(test_set_of_another_firmware_gives_what_is_known_and_in_range);
     RUN_TEST(test_unknown_layout_or_a_wrong_crc_is_damage_and_can_be_saved_over);
     RUN_TEST(test_flash_full_of_nonsense_is_damage);
     RUN_TEST(test_last_sequence_number_is_no_set_since_none_could_be_newer);
     RUN_TEST(test_a_sector_is_erased_once_for_many_sets_and_both_are_used);
-    RUN_TEST(test_failing_flash_is_told_and_the_old_set_holds);
-    RUN_TEST(test_set_that_cannot_be_read_back_is_told);
-    RUN_TEST(test_power_cuts_in_three_saves_in_a_row_leave_a_whole_set);
-    RUN_TEST(test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_keeps_it);
-    RUN_TEST(test_what_is_unknown_is_no_loss);
+    RUN_TEST(test_failing_flash_is_reported_and_the_old_set_remains);
+    RUN_TEST(test_set_that_cannot_be_read_back_is_reported);
+    RUN_TEST(test_power_cuts_in_three_saves_in_a_row_leave_an_intact_set);
+    RUN_TEST(test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_leaves_it);
+    RUN_TEST(test_what_is_unknown_is_no_error);
     return UNITY_END();
 }

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* test_trig.c: cosh and sinh. */
 #include "core/trig.h"
 
 #include <math.h>
@@ -13,7 +14,7 @@ void tearDown(void)
 {
 }
 
-/* The header's promise. */
+/* The error that trig.h promises, relative to cosh x. */
 #define PROMISE (NUM_FIXED ? 2e-5 : 1e-6)
 
 static void test_cosh_and_sinh_are_as_exact_as_promised_over_their_range(void)

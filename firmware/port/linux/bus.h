@@ -29,8 +29,8 @@ struct bus {
 
 /* Open a bus. A bus that cannot be opened ends the process with a message that says what to do. */
 void bus_open_socketcan(struct bus *bus, const char *interface);
-/* `address` is [HOST:]PORT. The default host is 127.0.0.1; port 0 is any free port. One client can connect at a
- * time. */
+/* `address` is [HOST:]PORT. The default host is 127.0.0.1;
+ * port 0 is any free port. One client can connect at a time. */
 void bus_open_slcan_tcp(struct bus *bus, const char *address);
 void bus_open_slcan_pty(struct bus *bus);
 #endif

@@ -205,8 +205,8 @@ static int timer_each_ms(void)
     return fd;
 }
 
-/* A descriptor that becomes readable when a signal asks the process to end. SIGPIPE of a client that has gone is
- * ignored. */
+/* A descriptor that becomes readable when a signal asks the
+ * process to end. SIGPIPE of a client that has gone is ignored. */
 static int end_signals(void)
 {
     sigset_t set;

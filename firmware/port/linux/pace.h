@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* pace.h: how many control periods of device time are due. It is arithmetic alone: the caller reads the clock.
  *
- * By the wall clock, device time follows without drift, because the periods due are counted from a fixed start. A
- * process that did not get the processor catches up by PACE_CATCH_UP_MS at most; time beyond that is lost to the
- * device, and counted.
+ * By the wall clock, device time follows without drift, because the periods due are
+ * counted from a fixed start. A process that did not get the processor catches up
+ * by PACE_CATCH_UP_MS at most; time beyond that is lost to the device, and counted.
  *
  * Context: the loop of the process kontur-sim (main.c) calls it.
  */

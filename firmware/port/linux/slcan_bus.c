@@ -18,8 +18,8 @@
 #include "port/linux/message.h"
 #include "port/slcan.h"
 
-/* OUT_BYTES is one second of telemetry. A client that leaves more unread than this and the kernel's buffer loses
- * frames. */
+/* OUT_BYTES is one second of telemetry. A client that leaves
+ * more unread than this and the kernel's buffer loses frames. */
 enum { IN_BYTES = 4096, OUT_BYTES = 131072, SOCKET_BYTES = 131072 };
 
 struct slcan_bus {

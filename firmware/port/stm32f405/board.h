@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* board.h: the board that the image is built for. A board is one header with its crystal, its pins, and the levels
- * that mean "active". board_kontur.h explains each name. For another pinout, copy it and name the copy in BOARD= of
- * `make firmware`.
+/* board.h: the board that the image is built for. A board is one header with its
+ * crystal, its pins, and the levels that mean "active". board_kontur.h explains each
+ * name. For another pinout, copy it and name the copy in BOARD= of `make firmware`.
  *
  * Context: constants, for the drivers of this folder.
  */

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* board_feather.h: Adafruit's Feather STM32F405 Express on a base board with the levels and drivers of
- * board_kontur.h, which explains the names. It has another crystal, another serial port, 16-bit encoder timers and no
- * index pulse. No PWM pin is accessible (.pwm is PIN_NONE), so axes use the DAC. The comments behind the pins are the
- * names on the board.
+/* board_feather.h: Adafruit's Feather STM32F405 Express on a base board with the levels
+ * and drivers of board_kontur.h, which explains the names. It has another crystal, another
+ * serial port, 16-bit encoder timers and no index pulse. No PWM pin is accessible (.pwm is
+ * PIN_NONE), so axes use the DAC. The comments behind the pins are the names on the board.
  */
 #ifndef KONTUR_BOARD_FEATHER_H
 #define KONTUR_BOARD_FEATHER_H

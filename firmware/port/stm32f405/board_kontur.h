@@ -12,8 +12,8 @@
 #define BOARD_NAME "STM32F405, general"
 #define BOARD_HSE_MHZ 8 /* crystal; 4..26, even */
 
-/* The serial port with slcan. ST's boot loader listens on it, too (AN2606): send nothing to it while flashing by
- * USB. */
+/* The serial port with slcan. ST's boot loader listens on it,
+ * too (AN2606): send nothing to it while flashing by USB. */
 #define BOARD_UART USART1
 #define BOARD_UART_IRQ IRQ_USART1
 #define BOARD_UART_CLOCK() (RCC->APB2ENR |= RCC_APB2ENR_USART1)

@@ -149,13 +149,13 @@ bool can_receive(struct can_frame *frame)
     return pop(&rx, frame);
 }
 
-static void write_mailbox(struct can_mailbox *box, const struct can_frame *f)
+static void write_mailbox(struct can_mailbox *mailbox, const struct can_frame *f)
 {
     const uint8_t *d = f->data;
-    box->DTR = f->len;
-    box->DLR = d[0] | (uint32_t)d[1] << 8 | (uint32_t)d[2] << 16 | (uint32_t)d[3] << 24;
-    box->DHR = d[4] | (uint32_t)d[5] << 8 | (uint32_t)d[6] << 16 | (uint32_t)d[7] << 24;
-    box->IR = (uint32_t)f->id << CAN_IR_STID | (f->rtr ? (uint32_t)CAN_IR_RTR : 0u) | CAN_IR_TXRQ;
+    mailbox->DTR = f->len;
+    mailbox->DLR = d[0] | (uint32_t)d[1] << 8 | (uint32_t)d[2] << 16 | (uint32_t)d[3] << 24;
+    mailbox->DHR = d[4] | (uint32_t)d[5] << 8 | (uint32_t)d[6] << 16 | (uint32_t)d[7] << 24;
+    mailbox->IR = (uint32_t)f->id << CAN_IR_STID | (f->rtr ? (uint32_t)CAN_IR_RTR : 0u) | CAN_IR_TXRQ;
 }
 
 void can_tx_irq(void)
@@ -182,9 +182,9 @@ void can_rx_irq(void)
         atomic_fetch_add(&rx_lost, 1u);
     }
     for (int n = 0; n < 3 && (CAN1->RF0R & CAN_RF0R_FMP) != 0; n++) {
-        const struct can_mailbox *box = &CAN1->RX[0];
-        const uint32_t id = box->IR, low = box->DLR, high = box->DHR;
-        const uint8_t len = (uint8_t)(box->DTR & 15u);
+        const struct can_mailbox *mailbox = &CAN1->RX[0];
+        const uint32_t id = mailbox->IR, low = mailbox->DLR, high = mailbox->DHR;
+        const uint8_t len = (uint8_t)(mailbox->DTR & 15u);
         struct can_frame frame = {
             .id = (uint16_t)(id >> CAN_IR_STID), .len = len < 8 ? len : 8, .rtr = (id & CAN_IR_RTR) != 0};
         for (unsigned i = 0; i < 4; i++) {

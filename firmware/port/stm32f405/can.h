@@ -3,11 +3,10 @@
  * waits for the bus: when nobody acknowledges, the controller repeats the oldest frames and becomes error passive,
  * which can_status() reports; the ring fills, and can_send() returns false.
  *
- * The bit timing comes from the 42 MHz of APB1, with the sample point as near to 87.5 % as that clock allows (CiA
- * 301, 5.3): 85.7 % at 1000 and 500 kbit/s, 87.5 % at 250 and 125. After bus-off the controller returns to the bus by
- * itself after 128 times 11 recessive bits (ISO 11898-1; ABOM, RM0090 32.7.6), and the bus-off is counted. Frames
- * that wait to be sent then, and frames that come until the bus is back, are dropped, since they would be out of
- * date.
+ * The bit timing comes from the 42 MHz of APB1, with the sample point as near to 87.5 % as that clock allows (CiA 301,
+ * 5.3): 85.7 % at 1000 and 500 kbit/s, 87.5 % at 250 and 125. After bus-off the controller returns to the bus by itself
+ * after 128 times 11 recessive bits (ISO 11898-1; ABOM, RM0090 32.7.6), and the bus-off is counted. Frames that wait to
+ * be sent then, and frames that come until the bus is back, are dropped, since they would be out of date.
  *
  * Context: the background loop calls it, except the three interrupt handlers.
  */

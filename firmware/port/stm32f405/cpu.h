@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* cpu.h: interrupt lock, sleep, barrier and interrupt priorities of the core, and the detection of an emulator. On a
- * host, where tests run in one thread, the functions of the core do nothing. The background loop and interrupts call
- * it.
+/* cpu.h: interrupt lock, sleep, barrier and interrupt priorities of the core, and
+ * the detection of an emulator. On a host, where tests run in one thread, the
+ * functions of the core do nothing. The background loop and interrupts call it.
  */
 #ifndef KONTUR_CPU_H
 #define KONTUR_CPU_H
@@ -57,9 +57,8 @@ static inline void cpu_barrier(void)
 #endif
 }
 
-/* Find out whether this is an emulator (QEMU), at start-up before anything is written to RCC_CR. There it is 0; on
- * a chip it is 83h and the calibration (RM0090 7.3.1). QEMU up to 9.1 always reads it as 0, later versions as
- * written. */
+/* Find out whether this is an emulator (QEMU), at start-up before anything is written to RCC_CR. There it is 0; on a
+ * chip it is 83h and the calibration (RM0090 7.3.1). QEMU up to 9.1 always reads it as 0, later versions as written. */
 void cpu_detect_emulator(void);
 /* Whether this is an emulator. */
 bool cpu_emulated(void);
@@ -75,7 +74,6 @@ static inline void clear_flags(reg *r, uint32_t flags)
 }
 
 /* Poll until (*r & mask) == value, `polls` times at most, and once in an emulator, which may lack the register.
- * false: it has not become that value. Tests have their own version (tests/unit/chip.c), which acts as the
- * hardware. */
+ * false: it has not become that value. Tests have their own version (tests/unit/chip.c), which acts as the hardware. */
 bool wait_until(const reg *r, uint32_t mask, uint32_t value, uint32_t polls);
 #endif

@@ -20,8 +20,8 @@
 void encoder_init(void);
 /* Set the wiring; no axis has power. */
 void encoder_configure(const struct hal_axis_cfg cfg[AXES]);
-/* Set `count`, `index_pulses` and `index_count` of both axes, read within 1 us, and add HAL_ENCODER_FAULT to
- * `inputs`. */
+/* Set `count`, `index_pulses` and `index_count` of both axes,
+ * read within 1 us, and add HAL_ENCODER_FAULT to `inputs`. */
 void encoder_read(struct hal_drive_in *in);
 /* There was no servo tick for a while: a jump found by the next read is no fault. It remains a fault of a 16-bit timer,
  * which may have wrapped meanwhile. */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* main_loop.h: the firmware on the chip: start-up, the servo tick and the background loop. main_loop.c is also the
- * HAL of the chip.
+/* main_loop.h: the firmware on the chip: start-up, the servo tick
+ * and the background loop. main_loop.c is also the HAL of the chip.
  *
  * Context: reset_irq() (start.c) calls main_loop_start() once and then main_loop_pass() for ever; the vector table
  * has tick_irq(). A host can run it, too, on the registers of tests/unit/chip.h.

@@ -6,8 +6,7 @@
  * next one (first-order error feedback): the mean of the output is exact, and its steps are noise near the control
  * rate, where the mass of an axis does not respond. RM0090 14 (DAC), 17 (PWM mode).
  *
- * Context: output_write() in the servo tick; output_safe() in any context; the other functions in the background
- * loop.
+ * Context: output_write() in the servo tick; output_safe() in any context; the other functions in the background loop.
  */
 #ifndef KONTUR_OUTPUT_H
 #define KONTUR_OUTPUT_H
@@ -19,8 +18,8 @@ void output_init(void);
 void output_configure(const struct hal_axis_cfg cfg[AXES]);
 /* Put out both forces and both enable signals. */
 void output_write(const struct hal_drive_out *out);
-/* Enable off, DAC to zero volts, PWM off, by direct writes to registers. It works in any state of the firmware.
- * After it output_write() does nothing until the servo tick commands neither axis to be enabled, which shows that
- * the drive has noticed. */
+/* Enable off, DAC to zero volts, PWM off, by direct writes to registers. It works in
+ * any state of the firmware. After it output_write() does nothing until the servo
+ * tick commands neither axis to be enabled, which shows that the drive has noticed. */
 void output_safe(void);
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* ram.h: marks a function that runs from RAM, because the flash cannot be read while it erases or writes
- * (sectors.c). */
+/* ram.h: marks a function that runs from RAM, because the
+ * flash cannot be read while it erases or writes (sectors.c). */
 #ifndef KONTUR_RAM_H
 #define KONTUR_RAM_H
 #ifdef __arm__

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* regs.h: the registers of the STM32F405 that this port uses, and no others. The drivers of this folder use them in
- * every context.
+/* regs.h: the registers of the STM32F405 that this port uses, and
+ * no others. The drivers of this folder use them in every context.
  *
  * Sources: ST, RM0090 "STM32F405/415, STM32F407/417, ... reference manual" (section of each block beside it; numbers
  * of its tables differ from revision to revision) and ARM, "ARMv7-M Architecture Reference Manual" (DDI 0403E) for

@@ -18,8 +18,8 @@ extern const uint32_t kontur_data_load[];
 
 _Noreturn void reset_irq(void);
 
-/* Initialises RAM. Until it has done so, no library function may be called: the compiler must not make one of its
- * loops. */
+/* Initialises RAM. Until it has done so, no library function
+ * may be called: the compiler must not make one of its loops. */
 __attribute__((optimize("no-tree-loop-distribute-patterns"))) _Noreturn void reset_irq(void)
 {
     SCB->CPACR |= SCB_CPACR_FPU;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* supply.h: the chip's voltage detector (RM0090 5.2.3), at 2.8 V nominal (PLS = 110). It is above the 2.7 V that 168
- * MHz with five wait states and writing words to the flash need. Below it the outputs become safe and the chip is
- * reset, which the next run reports as a brown-out. The chip's own brown-out reset (BOR) is an option byte, which is
- * off on a new chip.
+/* supply.h: the chip's voltage detector (RM0090 5.2.3), at 2.8 V nominal (PLS = 110). It is
+ * above the 2.7 V that 168 MHz with five wait states and writing words to the flash need. Below
+ * it the outputs become safe and the chip is reset, which the next run reports as a brown-out.
+ * The chip's own brown-out reset (BOR) is an option byte, which is off on a new chip.
  *
  * Context: supply_start() at power-on, supply_low() in the background loop, supply_irq() in the vector table.
  */

@@ -45,8 +45,8 @@ void uart_irq(void)
             atomic_store(&rx.in, in + 1u);
         }
     }
-    /* Send only while TXEIE is set. In QEMU the background loop sends, and a byte received meanwhile must not
-     * send, too. */
+    /* Send only while TXEIE is set. In QEMU the background loop
+     * sends, and a byte received meanwhile must not send, too. */
     if ((status & USART_SR_TXE) != 0 && (BOARD_UART->CR1 & USART_CR1_TXEIE) != 0) {
         const uint32_t out = atomic_load(&tx.out);
         if (out == atomic_load(&tx.in)) {

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* watchdog.h: the independent watchdog (RM0090 21), 50 ms by its own oscillator (34 to 94 ms: LSI 17..47 kHz,
- * DS8626). It resets the chip, which makes every output an input, so that the board's resistors disable the
- * amplifiers.
+/* watchdog.h: the independent watchdog (RM0090 21), 50 ms by its own oscillator (34 to 94 ms: LSI 17..47 kHz, DS8626).
+ * It resets the chip, which makes every output an input, so that the board's resistors disable the amplifiers.
  *
  * It is fed only when both halves of the firmware are alive: by the background loop, in a pass that has done its own
  * work and finds that the servo tick has advanced since the last feeding. It stops while a debugger halts the core.

@@ -13,8 +13,8 @@ TABLE = Path(__file__).parents[1] / "fault_table.json"
 
 @dataclass(frozen=True)
 class Fault:
-    """A row of firmware/drive/faults.toml. `reaction`: warn, refuse, path stop, quick stop or disable; `captured`: the
-    scope in the drive keeps what led to it; `bit` of it there, None where the CANopen node raises it."""
+    """A row of firmware/supervision/faults.toml. `reaction`: warn, refuse, path stop, quick stop or disable; the scope
+    in the drive keeps what led to it; `bit`: its number there, None where the CANopen node raises it."""
 
     name: str
     fault: str

@@ -35,6 +35,8 @@ from kontur.errors import BusError, DeviceError, NoAnswerError
 
 EDS = Path(__file__).parents[1] / "kontur.eds"
 HEARTBEAT_S = 0.1
+RESEND_S = 0.05
+"""Time after which a command that shows no effect is sent again."""
 _EMCY, _SDO_RESPONSE = 0x80, 0x580
 _DOWNLOAD, _UPLOAD = 1, 2
 _REQUESTS_BY_NAME = (_DOWNLOAD, _UPLOAD)  # command specifiers whose answers name their object
@@ -56,7 +58,7 @@ class Link:
 
     `status` is the latest TPDO1, None before the first, `status_count` how many came; `statuswords` are those that came
     the same twice running, so that one corrupted frame tells nothing; `emergencies` are the EMCY objects received and
-    not yet taken by the caller, as (code, register, data), `reported` the codes of all so far. `astray` are
+    not yet taken by the caller, as (code, register, data), `reported` the codes of all so far. `misdirected` are
     objects, (index, subindex), that the drive says it has set when it was told to set others: the request was
     corrupted.
     """
@@ -69,7 +71,7 @@ class Link:
         self.status: Status | None = None
         self.status_count = 0
         self.statuswords = (0, 0)
-        self.astray: list[tuple[int, int]] = []
+        self.misdirected: list[tuple[int, int]] = []
         self._round_trips_s: deque[float] = deque(maxlen=16)
         self.emergencies: list[tuple[int, int, bytes]] = []
         self.reported: list[int] = []
@@ -88,7 +90,7 @@ class Link:
         self._tick_ids = (wire.TPDO2 + node_id, wire.TPDO3 + node_id)
         self._telemetry_ids = frozenset(cob + node_id for cob in wire.TELEMETRY)
         self._network = canopen.Network(bus)
-        self.node = _PumpedNode(self, node_id, str(eds))
+        self.node = _PolledNode(self, node_id, str(eds))
         self._network.add_node(self.node)
         self._network.subscribe(wire.TPDO1 + node_id, self._on_status)
         self.node.emcy.add_callback(self._on_emergency)
@@ -129,7 +131,7 @@ class Link:
         except can.CanError as error:
             raise BusError(f"{self.bus.channel_info}: sending failed: {error}") from error
 
-    def beat(self) -> None:
+    def send_heartbeat(self) -> None:
         """Send the host's heartbeat now; from now on pump() does so every HEARTBEAT_S, until rest(). Raises BusError.
 
         Who only looks on sends none: it would pass for that of a host that holds the drive, and has died.
@@ -137,24 +139,24 @@ class Link:
         self._next_heartbeat_s = self._clock() + HEARTBEAT_S
         self.send(wire.HEARTBEAT + wire.HOST_NODE_ID, _HEARTBEAT_OPERATIONAL)
 
-    def rest(self) -> None:
+    def stop_heartbeat(self) -> None:
         """Send no heartbeat any more."""
         self._next_heartbeat_s = math.inf
 
-    def pump(self, timeout_s: float) -> bool:
+    def poll(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` for one frame and handle it; False when none came. Raises BusError.
 
         Where time passes with SYNC: let one period pass, and handle the frames of it. Raises NoAnswerError, too.
         """
         now_s = self._clock()
         if now_s >= self._next_heartbeat_s:
-            self.beat()
+            self.send_heartbeat()
         if self._sync_ms:
             self._round()
             return True
-        return self._take(min(timeout_s, self._next_heartbeat_s - now_s))
+        return self._receive(min(timeout_s, self._next_heartbeat_s - now_s))
 
-    def _take(self, timeout_s: float) -> bool:
+    def _receive(self, timeout_s: float) -> bool:
         try:
             message = self.bus.recv(timeout_s)
         except can.CanError as error:
@@ -175,13 +177,13 @@ class Link:
             self._network.notify(message.arbitration_id, message.data, message.timestamp)
         return True
 
-    def catch_up(self) -> None:
+    def handle_pending(self) -> None:
         """Handle the frames that have come already: after a pause of the host they say what was true long ago."""
         drive = simulated(self.bus)
         if self._sync_ms or (drive is not None and not drive.by_clock):
             return  # the drive waits for the host
         end_s = time.monotonic() + HEARTBEAT_S
-        while self._take(0.0) and time.monotonic() < end_s:
+        while self._receive(0.0) and time.monotonic() < end_s:
             pass
 
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
@@ -191,7 +193,7 @@ class Link:
             left_s = end_s - self._clock()
             if left_s <= 0.0:
                 return False
-            self.pump(left_s)
+            self.poll(left_s)
         return True
 
     @property
@@ -211,15 +213,15 @@ class Link:
             left_s = end_s - self.answer_time_s
             if left_s <= 0.0:
                 return False
-            self._take(left_s)
+            self._receive(left_s)
         return True
 
-    def record(self) -> None:
+    def record_telemetry(self) -> None:
         """Keep all telemetry frames from now on, dropping those kept before."""
         self._frames = []
         self._recording = True
 
-    def recorded(self, start_nm: tuple[int, int]) -> Telemetry:
+    def recorded_telemetry(self, start_nm: tuple[int, int]) -> Telemetry:
         """Stop keeping telemetry and unpack it; `start_nm` is a position within 8 mm of the first one recorded."""
         self._recording = False
         function = np.array([f for f, _ in self._frames], dtype=np.int64)
@@ -236,7 +238,7 @@ class Link:
         while self._tick_ms < goal_ms:
             now_s = time.monotonic()
             if now_s < ask_s:
-                self._take(ask_s - now_s)
+                self._receive(ask_s - now_s)
                 continue
             tick_ms = self._ask_tick()
             if tick_ms is None:
@@ -281,7 +283,7 @@ class Link:
                 self.statuswords = self.status.statusword
 
 
-class _PumpedNode(canopen.RemoteNode):  # type: ignore[misc]  # the library is not typed
+class _PolledNode(canopen.RemoteNode):  # type: ignore[misc]  # the library is not typed
     """A remote node whose SDO client pumps the link while it waits."""
 
     def __init__(self, link: Link, node_id: int, eds: str) -> None:
@@ -289,12 +291,12 @@ class _PumpedNode(canopen.RemoteNode):  # type: ignore[misc]  # the library is n
         super().__init__(node_id, eds)
 
     def add_sdo(self, rx_cobid: int, tx_cobid: int) -> Any:
-        client = _PumpedSdoClient(self._link, rx_cobid, tx_cobid, self.object_dictionary)
+        client = _PolledSdoClient(self._link, rx_cobid, tx_cobid, self.object_dictionary)
         self.sdo_channels.append(client)
         return client
 
 
-class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
+class _PolledSdoClient(SdoClient):  # type: ignore[misc]
     def __init__(self, link: Link, rx_cobid: int, tx_cobid: int, od: Any) -> None:
         super().__init__(rx_cobid, tx_cobid, od)
         self._link = link
@@ -316,7 +318,7 @@ class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
             response = self.responses.get_nowait()
             if response[1:4] != sdo_request[1:4]:
                 if response[0] == RESPONSE_DOWNLOAD and sdo_request[0] >> 5 == _DOWNLOAD:
-                    self._link.astray.append((int.from_bytes(response[1:3], "little"), response[3]))
+                    self._link.misdirected.append((int.from_bytes(response[1:3], "little"), response[3]))
             elif response[0] == RESPONSE_ABORTED:
                 raise SdoAbortedError(int.from_bytes(response[4:8], "little"))
             else:

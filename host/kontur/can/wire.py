@@ -21,7 +21,7 @@ M_PER_NM = 1e-9
 TICK_PERIOD_S = 1e-3
 FORCE_N = 0.1
 GAIN_PER_S = 0.1
-UNCERTAINTY_GAIN_MPS2 = 1e-3
+SWITCHING_GAIN_MPS2 = 1e-3
 ENERGY_J = 1e-3
 
 NMT, NMT_START = 0x000, 1
@@ -102,7 +102,7 @@ class Telemetry:
     """Telemetry of a run in SI units, one row a device tick (1 ms). Rows that were lost are absent; see `tick`.
 
     `tick` (n,) unwrapped milliseconds since power-on modulo 2**16 at the first row; `contour_m` (n, 2) tangential and
-    normal error e_n1, e_n2; `position_m` (n, 2); `force_N` (n, 2), `gain_per_s` (n, 2), `uncertainty_gain_mps2` (n, 2),
+    normal error e_n1, e_n2; `position_m` (n, 2); `force_N` (n, 2), `gain_per_s` (n, 2), `switching_gain_mps2` (n, 2),
     `energy_J` (n,): the latest value at or before the row, NaN before the first. `frames_lost`: frames of any of the
     four PDOs missing between the first and the last.
     """
@@ -112,7 +112,7 @@ class Telemetry:
     position_m: Floats
     force_N: Floats
     gain_per_s: Floats
-    uncertainty_gain_mps2: Floats
+    switching_gain_mps2: Floats
     energy_J: Floats
     frames_lost: int
 
@@ -159,7 +159,7 @@ def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], st
     tpdo4 = payload[of[TPDO4]].view("<u2").astype(np.float64)
     force = payload[of[TPDO4]].view("<i2")[:, :2].astype(np.float64)
     tpdo5 = payload[of[TPDO5]]
-    uncertainty = tpdo5.view("<u2")[:, :2].astype(np.float64)
+    switching_gain = tpdo5.view("<u2")[:, :2].astype(np.float64)
     energy = tpdo5.view("<u4")[:, 1].astype(np.float64)
     at4 = np.searchsorted(tick[of[TPDO4]], rows, side="right") - 1
     at5 = np.searchsorted(tick[of[TPDO5]], rows, side="right") - 1
@@ -169,7 +169,7 @@ def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], st
         position_m=position_nm.astype(np.float64) * M_PER_NM,
         force_N=_hold(force * FORCE_N, at4),
         gain_per_s=_hold(tpdo4[:, 2:] * GAIN_PER_S, at4),
-        uncertainty_gain_mps2=_hold(uncertainty * UNCERTAINTY_GAIN_MPS2, at5),
+        switching_gain_mps2=_hold(switching_gain * SWITCHING_GAIN_MPS2, at5),
         energy_J=_hold(energy * ENERGY_J, at5),
         frames_lost=lost,
     )

@@ -8,9 +8,9 @@ from dataclasses import asdict
 import click
 
 from kontur import machine as machines
-from kontur.cli.options import KEY_VALUE, parameter_values, progress_bar, simulation_options
+from kontur.cli.options import CONTROLLER, parameter_option, parameter_values, progress_bar, simulation_options
 from kontur.cli.output import print_json, print_table
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS, described
 from kontur.drive.target import Target
 from kontur.experiments import on_chip
 from kontur.experiments.circles import CASES, paper
@@ -26,9 +26,6 @@ _ESTIMATOR_HEADINGS = {
     "drive_nm": "drive's lag_max nm",
 }
 
-_set_option = click.option(
-    "--set", "parameters", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Set a parameter before."
-)
 _ROBUST_HEADINGS = {
     "unstable": "unstable runs",
     "median_um": "median µm",
@@ -47,12 +44,18 @@ def command() -> None:
 @command.command(name="paper")
 @click.option("--case", "cases", type=click.Choice(list(CASES)), multiple=True, help="Only this circle (default: all).")
 @click.option(
-    "--controller", "controllers", type=click.Choice(CONTROLLERS), multiple=True, help="Only this (default: all)."
+    "--controller",
+    "controllers",
+    type=CONTROLLER,
+    multiple=True,
+    default=["all"],
+    show_default=True,
+    help=f"Controller, by either name: {described()}.",
 )
 @click.option(
     "--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds, from --seed on."
 )
-@_set_option
+@parameter_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulation_options
 def paper_command(
@@ -68,7 +71,7 @@ def paper_command(
 ) -> None:
     """The three circles of docs: 4.488 mm/s r 4 mm (low), 100 mm/s r 20 mm (high), 100 mm/s r 4 mm (high-tight)."""
     target = Target(machine=machines.load(machine), num=num)
-    cases, controllers = cases or tuple(CASES), controllers or CONTROLLERS
+    cases, controllers = cases or tuple(CASES), CONTROLLERS if "all" in controllers else controllers
     done = 0
     with progress_bar("experiment paper") as progress:
 
@@ -126,7 +129,7 @@ def on_chip_command(*, as_json: bool, num: str) -> None:
 @click.option(
     "--seeds", type=click.IntRange(1, 10_000), default=20, show_default=True, help="How many draws, from --seed on."
 )
-@_set_option
+@parameter_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulation_options
 def robust_command(

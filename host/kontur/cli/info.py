@@ -10,7 +10,7 @@ import click
 from kontur.can.emcy import describe_emcy
 from kontur.cli.options import target_options
 from kontur.cli.output import print_json, print_warnings, warnings_json
-from kontur.drive.target import Target, connect
+from kontur.drive.target import Target, open_drive
 
 
 @click.command(name="info")
@@ -18,7 +18,7 @@ from kontur.drive.target import Target, connect
 @target_options
 def command(*, target: Target, as_json: bool) -> None:
     """Tell which drive answers, its firmware, state and position."""
-    with connect(target) as device:
+    with open_drive(target) as device:
         info = device.info()
         bus = str(device.link.bus.channel_info)
     if as_json:

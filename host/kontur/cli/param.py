@@ -66,8 +66,8 @@ def get_command(*, target: Target, names: tuple[str, ...], as_json: bool) -> Non
 @target_options
 def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
     """Set parameters; none is set when one of them cannot be."""
-    with drive_of(target) as device, device.held():
-        device.set_parameters(parameter_values(pairs))
+    with drive_of(target) as device, device.master.held():
+        device.parameters.set(parameter_values(pairs))
 
 
 @command.command(name="dump")
@@ -76,7 +76,7 @@ def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
 def dump_command(*, target: Target, file: Path | None) -> None:
     """Write all parameters to FILE (TOML), or to the terminal."""
     with drive_of(target) as device:
-        text = parameter_file.text(device.dump(), device.parameters)
+        text = parameter_file.text(device.parameters.dump(), device.parameters)
     if file is None:
         click.echo(text, nl=False)
     else:
@@ -89,8 +89,8 @@ def dump_command(*, target: Target, file: Path | None) -> None:
 def load_command(*, target: Target, file: Path) -> None:
     """Set all parameters that are in FILE, as `dump` writes it; none when one of them cannot be set."""
     values = parameter_file.read(file)
-    with drive_of(target) as device, device.held():
-        device.set_parameters(values)
+    with drive_of(target) as device, device.master.held():
+        device.parameters.set(values)
 
 
 _EVERYTHING = click.option("--all", "everything", is_flag=True, help="Communication objects (1000h to 1FFFh), too.")
@@ -101,8 +101,8 @@ _EVERYTHING = click.option("--all", "everything", is_flag=True, help="Communicat
 @target_options
 def save_command(*, target: Target, everything: bool) -> None:
     """Let the drive start with its parameters as they are now; no axis may have power."""
-    with drive_of(target) as device, device.held():
-        device.save_parameters(everything)
+    with drive_of(target) as device, device.master.held():
+        device.parameters.save(everything)
     click.echo("saved: the drive starts with what is set now")
 
 
@@ -111,6 +111,6 @@ def save_command(*, target: Target, everything: bool) -> None:
 @target_options
 def restore_command(*, target: Target, everything: bool) -> None:
     """Let the drive start with the defaults again; its node id and bit rate stay, and no axis may have power."""
-    with drive_of(target) as device, device.held():
-        device.restore_defaults(everything)
+    with drive_of(target) as device, device.master.held():
+        device.parameters.restore(everything)
     click.echo("restored: the defaults are in effect after the drive's next power-on or reset")

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.can import emcy
-from kontur.drive.device import Device, refused_now
+from kontur.drive.device import Device
+from kontur.drive.objects import refused_in_this_state
 from kontur.errors import DeviceError, ParameterError
 
 Floats = NDArray[np.float64]
@@ -179,7 +180,7 @@ def _unless_kept() -> Iterator[None]:
     try:
         yield
     except DeviceError as error:
-        if not refused_now(error):
+        if not refused_in_this_state(error):
             raise
         raise DeviceError(
             "the drive's scope keeps what led to its fault: read it with `kontur scope --last`, then reset the fault "

@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from kontur.can.link import HEARTBEAT_S
-from kontur.drive import stream
-from kontur.drive.device import RUN_PATH, Device
-from kontur.drive.target import Target, connect
+from kontur.drive.device import Device
+from kontur.drive.knot_sender import begin_stream
+from kontur.drive.state_machine import RUN_PATH
+from kontur.drive.stream import stream
+from kontur.drive.target import Target, open_drive
 from kontur.errors import LibraryError
 from kontur.path import shapes
 from kontur.planning.bounds import limits
@@ -64,18 +66,18 @@ def _direct(trajectory: Trajectory, target: Target) -> float:
     with _ready(trajectory, target) as device:
         assert isinstance(device.link.bus, KonturBus)
         sim = device.link.bus.sim
-        stream.begin(device, trajectory.knots_nm)
+        begin_stream(device, trajectory.knots_nm)
         knots_nm, chunk = trajectory.knots_nm, round(HEARTBEAT_S * sim.control_hz)
-        taken = sim.push_knots(knots_nm)
-        device.controlwords(RUN_PATH, RUN_PATH)
+        pushed = sim.push_knots(knots_nm)
+        device.axes.controlwords(RUN_PATH, RUN_PATH)
         begin, begin_s = sim.tick, time.perf_counter()
-        while taken < len(knots_nm):
+        while pushed < len(knots_nm):
             sim.run(chunk)
-            device.link.beat()
-            taken += sim.push_knots(knots_nm[taken:])
+            device.link.send_heartbeat()
+            pushed += sim.push_knots(knots_nm[pushed:])
         rate = (sim.tick - begin) / (time.perf_counter() - begin_s)
         while sim.recv() is not None:
-            pass  # telemetry that nobody has taken
+            pass  # discard the telemetry
         return rate
 
 
@@ -83,7 +85,7 @@ def _over_can(trajectory: Trajectory, target: Target) -> float:
     """The way of every run: knots and telemetry as CAN frames through python-can."""
     with _ready(trajectory, target) as device:
         begin, begin_s = device.link.time_s, time.perf_counter()
-        stream.stream(device, trajectory.knots_nm, before_start=device.link.record)
+        stream(device, trajectory.knots_nm, before_start=device.link.record_telemetry)
         periods = (device.link.time_s - begin) * float(device.read("clock.control_hz"))
         return periods / (time.perf_counter() - begin_s)
 
@@ -91,7 +93,7 @@ def _over_can(trajectory: Trajectory, target: Target) -> float:
 @contextmanager
 def _ready(trajectory: Trajectory, target: Target) -> Iterator[Device]:
     start = target.machine.starting_at(trajectory.program.start_m)
-    with connect(replace(target, bus=None, machine=start)) as device:
+    with open_drive(replace(target, bus=None, machine=start)) as device:
         device.select_controller("ccu")
-        with device.enabled():
+        with device.axes.enabled():
             yield device

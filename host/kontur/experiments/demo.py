@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
+from kontur.drive.stream import Operator
 from kontur.drive.target import Target
 from kontur.errors import FileError
 from kontur.files import write_whole
@@ -17,7 +19,7 @@ from kontur.planning.planner import plan
 from kontur.report.page import write_report
 from kontur.runs import log
 from kontur.runs.log import RunLog
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 from kontur.runs.summary import summary
 
 
@@ -40,9 +42,8 @@ def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float],
     runs = []
     for name in CONTROLLERS:
         command = f"kontur run {file} --controller {name} --seed {target.seed}"
-        runs.append(
-            run(trajectory, name, target, command=command, progress=lambda share, name=name: progress(name, share)).log  # type: ignore[misc]
-        )
+        operator = Operator(progress=partial(progress, name))
+        runs.append(run(trajectory, name, target, RunOptions(command=command), operator).log)
     for i, one in enumerate(runs):
         progress("logs", i / len(runs))
         for suffix in ("csv", "mf4"):

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kontur.drive.device import CONTROLLERS
-from kontur.drive.target import Target, connect
+from kontur.drive.controllers import CONTROLLERS
+from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, ParameterError
 from kontur.experiments import estimator
 from kontur.experiments.circles import CASES
@@ -26,7 +26,7 @@ from kontur.machine import Machine
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs.log import RunLog
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 
 NUMS = ("f32", "fix")
 
@@ -53,11 +53,11 @@ class Variant:
     base: Parameters = ()
 
 
-_STEEP: Parameters = (("asmc.e_max", 40.0), ("asmc.k_bar", 1e5))
-_PSI: Parameters = (("asmc.psi_printed", 1.0),)
-_MU: Parameters = (("uncertainty.mu_0", 0.0), ("uncertainty.law_printed", 1.0), ("uncertainty.rho", 0.5))
-_SIGN: Parameters = (("uncertainty.phi", 1e-6),)
-_WHOLE: Parameters = (("uncertainty.whole_input", 1.0),)
+_STEEP: Parameters = (("smc.e_max", 40.0), ("smc.k_bar", 1e5))
+_PSI: Parameters = (("smc.psi_printed", 1.0),)
+_MU: Parameters = (("compensator.mu_0", 0.0), ("compensator.law_printed", 1.0), ("compensator.rho", 0.5))
+_SIGN: Parameters = (("compensator.phi", 1e-6),)
+_WHOLE: Parameters = (("compensator.input_printed", 1.0),)
 _PLAIN: Parameters = (("contour.newton", 0.0),)
 MU_FROM_0 = "µ from 0, ρ = 0.5 1/s² (25)"
 
@@ -88,7 +88,7 @@ VARIANTS = (
     Variant(
         "sign(s), µ_0 = 1 m/s² (24)",
         "the same with a µ just above the friction: what the sign costs is in force step and energy",
-        (("uncertainty.mu_0", 1.0), *_SIGN),
+        (("compensator.mu_0", 1.0), *_SIGN),
     ),
     Variant(
         "sign(s) and µ from 0 (24), (25)", "the compensator as printed: µ stays too small to chatter", (*_SIGN, *_MU)
@@ -107,25 +107,25 @@ VARIANTS = (
     Variant("all as printed", "all of the above but k̄", (*_PSI, *_MU, *_SIGN, *_WHOLE, *_PLAIN)),
 )
 
-_NO_LEARNING: Parameters = (("learning.friction_rate", 0.0), ("learning.mass_rate", 0.0))
+_NO_LEARNING: Parameters = (("feedforward.friction_rate", 0.0), ("feedforward.mass_rate", 0.0))
 
 NOISE = "force noise σ"
 SENSITIVITIES = (
-    "asmc.epsilon",
-    "asmc.zeta",
-    "asmc.xi",
-    "asmc.k_bar",
-    "asmc.e_max",
-    "asmc.k_0",
-    "uncertainty.phi",
-    "uncertainty.mu_0",
-    "uncertainty.dead_zone",
+    "smc.epsilon",
+    "smc.zeta",
+    "smc.xi",
+    "smc.k_bar",
+    "smc.e_max",
+    "smc.k_0",
+    "compensator.phi",
+    "compensator.mu_0",
+    "compensator.dead_zone",
     "observer.bandwidth",
     "contour.friction_speed",
     NOISE,
 )
 """Parameters for which the paper gives no value, and the plant's noise."""
-_TOGETHER = {"asmc.k_bar": ("asmc.e_max", -1), "uncertainty.mu_0": ("uncertainty.mu_max", 1)}
+_TOGETHER = {"smc.k_bar": ("smc.e_max", -1), "compensator.mu_0": ("compensator.mu_max", 1)}
 """What the drive wants changed along (k̄ e_max <= 4, µ_0 <= µ_max), and by which power of the factor."""
 FACTORS = (0.5, 2.0)
 
@@ -181,8 +181,8 @@ def measure(
     """Run everything; the result does not depend on the number of processors. Raises what plan() and run() raise, but
     for runs that end in a fault: their outcome says so.
     """
-    with connect(target) as device:
-        defaults, build, num = device.dump(), str(device.read("build_id")), str(device.read("num_backend"))
+    with open_drive(target) as device:
+        defaults, build, num = device.parameters.dump(), str(device.read("build_id")), str(device.read("num_backend"))
     logged = {Job(case, name) for case in cases for name in CONTROLLERS}
     logged |= {Job(case, v.controller, v.parameters) for case in cases for v in variants if v.name == MU_FROM_0}
     jobs = dict.fromkeys(_jobs(cases, variants, sensitivities, defaults))
@@ -240,8 +240,10 @@ def _outcome(job: Job, target: Target, keep_log: bool) -> Outcome:
             _trajectory(job.case, machine),
             job.controller,
             dataclasses.replace(target, machine=machine),
-            parameters=dict(job.parameters if job.learning else (*_NO_LEARNING, *job.parameters)),
-            score_from_s=from_s,
+            RunOptions(
+                parameters=dict(job.parameters if job.learning else (*_NO_LEARNING, *job.parameters)),
+                score_from_s=from_s,
+            ),
         )
     except (DeviceError, ParameterError) as error:
         return Outcome(fault=str(error))

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far path time came on a drive that was slowed, held or sped up (firmware/drive/path.h), known from when that was
-asked for. What slows it unasked, want of knots or a fault, is not in it.
+"""How far path time advances on a drive that is slowed, held or sped up: the model of firmware/motion/path_clock.h.
+
+It is computed from the feed overrides and the times at which they were commanded. What slows the drive without a
+command, a lack of knots or a fault, is not in it. Used to find the reference of each row of a log.
 """
 
 from __future__ import annotations
@@ -43,7 +45,7 @@ def curve(wanted: Sequence[tuple[int, float]], end: int, stop_periods: float) ->
 
 
 def _moved(rate: float, slope: float, goal: float, step: float) -> tuple[float, float]:
-    """One control period, `step` stop times long, towards `goal`: moved() of firmware/drive/path.c."""
+    """One control period, `step` stop times long, towards `goal`: moved() of firmware/motion/path_clock.c."""
     gap = goal - rate
     change = _JERK_MAX * step
     landing = math.sqrt(change * change / 4.0 + 2.0 * _JERK_MAX * abs(gap)) - change / 2.0

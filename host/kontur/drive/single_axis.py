@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from kontur.drive.device import ENABLE, RUN_PATH, Device
+from kontur.drive.device import Device
+from kontur.drive.state_machine import ENABLE, RUN_PATH
 from kontur.errors import DeviceError
 
 AXES = ("x", "y")
@@ -49,9 +50,9 @@ def jog(
         undisturbed = True
         while undisturbed and device.link.time_s < end_s:
             device.link.wait(lambda: False, min(_LOOK_S, end_s - device.link.time_s))
-            device.check()
+            device.faults.check()
             blocked = all(
-                device.axis_status(axis) & (_LIMITED | _STANDS) == _LIMITED | _STANDS for axis in velocity_mps
+                device.axes.status(axis) & (_LIMITED | _STANDS) == _LIMITED | _STANDS for axis in velocity_mps
             )
             undisturbed = not stop_requested() and not blocked
     finally:
@@ -59,7 +60,7 @@ def jog(
             device.write(name, 0)
     slowest_s = max(_slowing_s(device, axis, abs(value)) for axis, value in velocity_mps.items())
     device.wait(
-        lambda: all(device.axis_status(axis) & _STANDS for axis in velocity_mps),
+        lambda: all(device.axes.status(axis) & _STANDS for axis in velocity_mps),
         slowest_s + 2.0,
         "does not stop its jog",
     )
@@ -82,8 +83,8 @@ def home(device: Device, axis: str, stop_requested: Callable[[], bool] = lambda:
     try:
         while True:
             device.link.wait(lambda: False, _LOOK_S)
-            device.check()
-            status = device.axis_status(axis)
+            device.faults.check()
+            status = device.axes.status(axis)
             if status & _FAILED:
                 raise DeviceError(
                     f"axis {axis} has found no home point within its travel; check the limit switches and the index "

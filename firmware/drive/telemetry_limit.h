@@ -1,0 +1,27 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* drive/telemetry_limit.h: how a value of the snapshot is made to fit its object. Background; the generated
+ * telemetry_gen.h calls it.
+ */
+#ifndef KONTUR_TELEMETRY_LIMIT_H
+#define KONTUR_TELEMETRY_LIMIT_H
+#include <stdint.h>
+
+static inline int32_t telemetry_limit(int32_t x, int32_t low, int32_t high)
+{
+    return x < low ? low : x > high ? high : x;
+}
+
+/* The low `bits` of x, as a signed number. */
+static inline int32_t telemetry_low_bits(int32_t x, unsigned bits)
+{
+    const uint32_t half = 1u << (bits - 1u);
+    return (int32_t)(((uint32_t)x + half) & (2u * half - 1u)) - (int32_t)half;
+}
+
+/* 0 where the sum is negative. */
+static inline uint32_t telemetry_sum(int32_t one, int32_t other)
+{
+    const int64_t sum = (int64_t)one + other;
+    return sum < 0 ? 0u : (uint32_t)sum;
+}
+#endif
