@@ -326,3 +326,14 @@ const struct servo_snapshot *servo_loop_snapshot(struct servo_loop *loop)
     }
     return &loop->snapshot;
 }
+
+struct path_progress servo_loop_progress(const struct servo_loop *loop)
+{
+    struct path_progress p;
+    p.current = atomic_load(&loop->begun) == atomic_load(&loop->command.begin);
+    p.standing = atomic_load(&loop->standing);
+    p.at_end = atomic_load(&loop->at_end); /* before `executed`, which then is the number of all knots */
+    p.starved = atomic_load(&loop->starved);
+    p.executed = atomic_load(&loop->executed);
+    return p;
+}

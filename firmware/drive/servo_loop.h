@@ -16,7 +16,7 @@
 #define KONTUR_SERVO_LOOP_H
 #include <stdatomic.h>
 
-#include "drive/configuration.h"
+#include "core/servo.h"
 #include "drive/encoder.h"
 #include "drive/telemetry.h"
 #include "hal/hal.h"
@@ -103,6 +103,8 @@ void servo_loop_tick(struct servo_loop *loop);
 void servo_loop_raise(struct servo_loop *loop, enum fault f);
 /* The newest snapshot. Background only. */
 const struct servo_snapshot *servo_loop_snapshot(struct servo_loop *loop);
+/* How far path time has come. Background only. */
+struct path_progress servo_loop_progress(const struct servo_loop *loop);
 /* The tick works on the plant on the chip. Any context. */
 static inline bool servo_loop_simulated(const struct servo_loop *loop)
 {

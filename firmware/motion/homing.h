@@ -37,7 +37,7 @@ struct homing_in {
     int64_t position_nm;
     int64_t reach_nm;
     int32_t switch_umps, zero_umps;
-    bool resting; /* the axis has been told no speed and stands */
+    bool standing; /* the axis stands, and its target velocity is 0 */
 };
 
 struct homing {

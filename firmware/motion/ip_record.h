@@ -18,7 +18,7 @@ struct ip_record {
 };
 
 /* At rest. ms: 1..RECORD_MS_MAX. */
-void record_start(struct ip_record *r, uint8_t ms, struct knot start);
+void ip_record_start(struct ip_record *r, uint8_t ms, struct knot start);
 /* The next knot; each record is given `ms` times. */
-struct knot record_step(struct ip_record *r, struct knot record);
+struct knot ip_record_step(struct ip_record *r, struct knot record);
 #endif

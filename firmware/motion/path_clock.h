@@ -43,6 +43,15 @@ enum path_clock_event {
     PATH_AT_END    /* the last knot of a complete stream has been reached */
 };
 
+/* What the servo tick tells the background of path time. */
+struct path_progress {
+    bool current;      /* path time runs over the knots of the queue as it is; else `standing` alone counts */
+    bool standing;     /* it does not run */
+    bool at_end;       /* it has reached the end of the knots, which may be the end of the path */
+    bool starved;      /* it is slowed for want of knots */
+    uint32_t executed; /* knots passed */
+};
+
 void path_clock_reset(struct path_clock *p);
 /* One control period on. */
 enum path_clock_event path_clock_step(struct path_clock *p, const struct path_clock_in *in);

@@ -67,7 +67,7 @@ int32_t profile_step(struct profile *j, const struct profile_in *in)
     return (int32_t)moving_average_round(moving_average_step(&j->average, j->pos_pm), (int64_t)PROFILE_ROUND * PM);
 }
 
-bool profile_rests(const struct profile *j)
+bool profile_stands(const struct profile *j)
 {
     return j->vel_pmpms == 0 && j->settling == 0;
 }

@@ -36,7 +36,7 @@ void profile_start(struct profile *j, int32_t nm);
 /* The next knot, nm. */
 int32_t profile_step(struct profile *j, const struct profile_in *in);
 /* It stands: the next knot is the last one again, unless a target says otherwise. */
-bool profile_rests(const struct profile *j);
+bool profile_stands(const struct profile *j);
 /* It moves with the target's speed, no more ramping. */
 bool profile_reached(const struct profile *j, int32_t target_umps);
 #endif

@@ -145,7 +145,7 @@ bool queue_end(struct queue *q, uint32_t total)
     return true;
 }
 
-bool queue_rests(const struct queue *q)
+bool queue_ends_standing(const struct queue *q)
 {
     return q->still >= 4; /* the spline between two knots is made of four */
 }
@@ -229,7 +229,7 @@ static enum queue_result take(struct queue *q, struct knot knot)
     s->accepted++;
     q->ring.count = s->accepted;
     update_free(q);
-    return QUEUE_TAKEN;
+    return QUEUE_ACCEPTED;
 }
 
 enum queue_result queue_push(struct queue *q, struct knot knot)
@@ -265,4 +265,38 @@ void queue_executed(struct queue *q, uint32_t n)
     }
     s->checksum = ~crc;
     update_free(q);
+}
+
+/* Path time has run through an open-ended stream as far as it can. */
+static void end_standing(struct queue *q)
+{
+    struct od_stream *s = q->stream;
+    if (queue_ends_standing(q) && s->accepted - s->executed <= 4u) { /* no knot has come meanwhile */
+        queue_executed(q, s->accepted);
+        queue_close(q);
+        s->state = STREAM_DONE;
+    }
+}
+
+void queue_follow(struct queue *q, const struct path_progress *path, bool may_run, bool generated)
+{
+    struct od_stream *s = q->stream;
+    if (!path->current) {
+        return;
+    }
+    queue_executed(q, path->executed);
+    s->underruns += path->starved && !q->starved ? 1u : 0u;
+    q->starved = path->starved;
+    if (s->state == STREAM_IDLE || s->state == STREAM_DONE) {
+        return;
+    }
+    if (path->at_end && q->total == 0 && !generated) {
+        end_standing(q);
+    } else if (path->at_end) {
+        s->state = STREAM_DONE;
+    } else if (!path->standing) {
+        s->state = may_run ? STREAM_RUNNING : STREAM_STOPPING;
+    } else if (s->state != STREAM_FILLING || !q->open) {
+        s->state = STREAM_STOPPED;
+    }
 }

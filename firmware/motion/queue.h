@@ -10,13 +10,14 @@
 #ifndef KONTUR_QUEUE_H
 #define KONTUR_QUEUE_H
 #include "core/spline.h"
+#include "motion/path_clock.h"
 #include "od/od.h"
 
 #define QUEUE_ROOM (SPLINE_RING - SPLINE_PAST) /* knots that can wait */
 
 enum stream_state { STREAM_IDLE, STREAM_FILLING, STREAM_RUNNING, STREAM_STOPPING, STREAM_DONE, STREAM_STOPPED };
 
-enum queue_result { QUEUE_TAKEN, QUEUE_BAD_CRC, QUEUE_OUT_OF_SEQUENCE, QUEUE_FULL, QUEUE_NOT_OPEN, QUEUE_OUTSIDE };
+enum queue_result { QUEUE_ACCEPTED, QUEUE_BAD_CRC, QUEUE_OUT_OF_SEQUENCE, QUEUE_FULL, QUEUE_NOT_OPEN, QUEUE_OUTSIDE };
 
 struct queue {
     struct spline_ring ring;
@@ -26,6 +27,7 @@ struct queue {
     int32_t low_nm[2], high_nm[2]; /* ... when it began or was resumed, and where it stood: no knot beyond is taken */
     int32_t origin_nm[2];          /* user's position less the servo's */
     uint32_t still;                /* knots at the end that are equal */
+    bool starved;                  /* path time was slowed for want of knots when last looked at */
     bool open;                     /* knots are taken */
     bool suspended;                /* closed, but its path may go on */
     bool outside;                  /* one was refused as beyond the soft limits: none is taken any more */
@@ -49,7 +51,7 @@ void queue_limit_acceleration(struct queue *q, uint32_t max_nmpms2);
  * but would end at speed. */
 bool queue_end(struct queue *q, uint32_t total);
 /* An open-ended stream could end here: it stands still in its last knots. */
-bool queue_rests(const struct queue *q);
+bool queue_ends_standing(const struct queue *q);
 /* Positions of the servo in the user's. */
 struct knot queue_user(const struct queue *q, struct knot servo);
 /* Take no more knots. */
@@ -64,6 +66,9 @@ enum queue_result queue_frame(struct queue *q, const struct od_knot *frame);
 enum queue_result queue_push(struct queue *q, struct knot knot);
 /* Path time has passed the first n knots: free their slots, go on with the checksum. */
 void queue_executed(struct queue *q, uint32_t n);
+/* The state of the stream follows path time. may_run: path time may run; generated: the knots are those of
+ * axis_modes_generate(), which says by queue_end() where they end. */
+void queue_follow(struct queue *q, const struct path_progress *path, bool may_run, bool generated);
 /* All knots of the stream are here. */
 bool queue_complete(const struct queue *q);
 /* CRC-8/AUTOSAR over sequence, dx, dy in the order of the wire. */

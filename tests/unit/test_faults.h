@@ -132,7 +132,7 @@ static inline void expect_told(enum row r, bool stops)
 static inline uint32_t capture_word(unsigned i)
 {
     uint8_t b[4];
-    TEST_ASSERT_TRUE(scope_read(&rig.device.drive.loop.scope, 4 * i, b, 4, rig.device.drive.queue.origin_nm));
+    TEST_ASSERT_TRUE(scope_read(&rig.device.drive.loop.scope, 4 * i, b, 4, rig.device.drive.path.queue.origin_nm));
     return b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
 }
 
