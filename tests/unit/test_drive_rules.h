@@ -3,6 +3,7 @@
  * their ranges, no force while off, and an answer to a valid SDO. One rig a program. */
 #ifndef TEST_DRIVE_RULES_H
 #define TEST_DRIVE_RULES_H
+#include "drive/configuration.h"
 #include "test_drive_rig.h"
 
 static struct rig rig;
