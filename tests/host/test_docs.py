@@ -120,8 +120,10 @@ def presets(text: str) -> set[str]:
 
 
 def missing_imports(code: str) -> list[str]:
-    """What the examples in Python import from kontur and is not there."""
-    missing = []
+    """What the examples in Python take from kontur and is not there."""
+    face = importlib.import_module("kontur")
+    used = re.findall(r"(?<![\w/])kontur\.(\w+)", re.sub(r"^from .*", "", code, flags=re.MULTILINE))
+    missing = [f"kontur.{name}" for name in used if "import kontur\n" in code and not hasattr(face, name)]
     for module, names in re.findall(r"^from (kontur[\w.]*) import ([\w, ]+)$", code, re.MULTILINE):
         found = importlib.import_module(module)
         missing += [f"{module}.{name}" for name in re.split(r", *", names) if not hasattr(found, name)]
