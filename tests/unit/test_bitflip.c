@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <stdio.h>
 
-#include "test_drive_rig.h"
+#include "drive_rig.h"
 
 enum { SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, RUN = 0x1F, QUICK_STOP = 0x0B, FAULT_RESET = 0x80 };
 enum { OFF_PERIODS = 40, ON_PERIODS = 200, PARAMETER_PERIODS = 300 }; /* that a trial takes */
