@@ -9,8 +9,10 @@
  * Of a bool only the bit that C gives a meaning is turned, of a 64-bit position not the highest four, of a 64-bit rate not those above 4:
  * there sums and products leave the type, which C leaves undefined (the chip wraps, and so does what the low bits do). Pointers are not: a wrong one ends in a HardFault, which switches the
  * outputs off (port/stm32f405/crash.c), or in memory of this list. */
+#include <math.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "drive_rig.h"
 

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The whole firmware on a simulated machine. Enabling the axes, parameters, the controlword by SDO and the statusword by TPDO 1. */
+#include <math.h>
+
 #include "test_device.h"
 
 static void test_controlwords_lead_both_axes_to_operation_enabled(void)

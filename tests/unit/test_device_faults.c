@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The whole firmware on a simulated machine. Faults on the way, and the way back. */
+#include <math.h>
+
 #include "test_device.h"
 
 static void test_lost_heartbeat_stops_on_the_path_then_faults(void)

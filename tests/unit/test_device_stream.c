@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The whole firmware on a simulated machine. Streams: begin, run, hold, end, and the next one. */
+#include <math.h>
+
 #include "test_device.h"
 
 static void test_begin_is_refused_before_the_axes_are_enabled(void)

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The whole firmware on a simulated machine. Telemetry by TPDOs, and a background that is late. */
+#include <math.h>
+
 #include "test_device.h"
 
 static int32_t i24(const uint8_t *data)

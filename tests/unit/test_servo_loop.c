@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "drive/configuration.h"
 #include "drive/servo_loop.h"
 #include "num_test.h"
 #include "unity.h"
