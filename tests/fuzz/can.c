@@ -4,6 +4,7 @@
  * which the drive begins (enum start). Each state is reached once and copied for each input, so that a few control
  * periods are enough to get anywhere. */
 #include <stddef.h>
+#include <string.h>
 
 #include "bytes.h"
 #include "test_drive_rules.h"

@@ -9,10 +9,12 @@
  * Of a bool only the bit that C gives a meaning is turned, of a 64-bit position not the highest four, of a 64-bit rate not those above 4:
  * there sums and products leave the type, which C leaves undefined (the chip wraps, and so does what the low bits do). Pointers are not: a wrong one ends in a HardFault, which switches the
  * outputs off (port/stm32f405/crash.c), or in memory of this list. */
+#include <math.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <string.h>
 
-#include "test_drive_rig.h"
+#include "drive_rig.h"
 
 enum { SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, RUN = 0x1F, QUICK_STOP = 0x0B, FAULT_RESET = 0x80 };
 enum { OFF_PERIODS = 40, ON_PERIODS = 200, PARAMETER_PERIODS = 300 }; /* that a trial takes */

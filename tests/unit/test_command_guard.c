@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Who may command, and which commands may enable: the whole firmware, frame by frame. */
-#include "test_drive_rig.h"
+#include <math.h>
+
+#include "drive_rig.h"
 
 enum { SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, RUN = 0x1F, QUICK_STOP = 0x0B, FAULT_RESET = 0x80 };
 enum { HOLDER = 1, CLAIM, TICKET, ARM, REFUSED }; /* subs of 2140h */

@@ -4,7 +4,7 @@
 #ifndef TEST_DRIVE_RULES_H
 #define TEST_DRIVE_RULES_H
 #include "drive/configuration.h"
-#include "test_drive_rig.h"
+#include "drive_rig.h"
 
 static struct rig rig;
 static struct can_frame answer; /* the last SDO response, of whatever node id */

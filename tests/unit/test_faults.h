@@ -7,10 +7,11 @@
  * tests/host/test_fault_table.py sees that none is left out. */
 #ifndef TEST_FAULTS_H
 #define TEST_FAULTS_H
+#include <math.h>
 #include <stdio.h>
 
+#include "drive_rig.h"
 #include "supervision/fault_rows.h"
-#include "test_drive_rig.h"
 
 enum { SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, RUN = 0x1F, FAULT_RESET = 0x80 };
 enum { WARNING = 7 };                               /* bit of the statusword */

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Faults of the controller, its store and its bus, refusals, and two faults at once (supervision/faults.toml). */
+#include <math.h>
+#include <string.h>
+
 #include "test_faults.h"
 
 void setUp(void)
