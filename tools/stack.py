@@ -74,6 +74,7 @@ def read(folder: Path, root: Path, elf: Path, tools: str) -> Graph:
     """
     graph = Graph()
     texts = [file.read_text().replace(f"{root}/", "") for file in sorted(folder.rglob("*.ci"))]
+    texts = [text for text in texts if not _of_a_source_that_is_gone(text, root)]
     if not texts:
         raise InputError(f"{folder}: no call graphs (*.ci) there: rm -r {folder}, then make firmware")
     for text in texts:
@@ -91,6 +92,12 @@ def read(folder: Path, root: Path, elf: Path, tools: str) -> Graph:
         graph.frame[name] = library.frame[name]
         graph.calls[name] = library.calls[name] - {name}
     return graph
+
+
+def _of_a_source_that_is_gone(text: str, root: Path) -> bool:
+    """Whether a call graph is left over from a source file that has been moved or deleted since."""
+    title = re.match(r'graph: \{ title: "([^"]*\.c)"', text)
+    return title is not None and not (root / title[1]).exists()
 
 
 def _assigned(root: Path, graph: Graph) -> dict[str, set[str]]:
