@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the firmware costs on the microcontroller: instructions of a servo tick, stack, flash and RAM.
 
-Instructions are counted in QEMU, of programs that `make test-target` builds (tests/target/bench_step.c), by the program's own
-timer and, for each stage of the tick, by a plugin (tests/target/stages.c): each instruction belongs to the innermost
-inlined function whose source file names a stage. The two counts must agree to the instruction.
+Instructions are counted in QEMU, of programs that `make test-target` builds (tests/target/bench_step.c): by the
+program's own timer and, for each stage of the tick, by a plugin (tests/target/stages.c). Each instruction belongs to
+the innermost inlined function whose source file names a stage. The two counts must agree to the instruction.
 """
 
 from __future__ import annotations

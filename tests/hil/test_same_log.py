@@ -96,8 +96,8 @@ def test_another_gain_by_its_smallest_step_gives_another_log(target: Target) -> 
     trajectory, plant = path(CASES["high-tight"], SHORT_S)
     log, on_for_ms = log_of(target, trajectory, plant)
     assert differing(log, log_in_process(trajectory, plant, on_for_ms)) == []
-    assert {"force_x_N", "x_mm"} <= set(differing(log, log_in_process(trajectory, plant, on_for_ms, ONE_STEP)))
+    assert {"force_x_N", "position_x_mm"} <= set(differing(log, log_in_process(trajectory, plant, on_for_ms, ONE_STEP)))
     other_seed = dataclasses.replace(plant, name="noise of another seed")
     options = {"interface": "kontur", "channel": "sim", "pace": "sync", "on_for_ms": on_for_ms}
     other = run(trajectory, "ccu", RunTarget(other_seed, bus=options, seed=SEED + 1)).log
-    assert "x_mm" in differing(log, other)
+    assert "position_x_mm" in differing(log, other)

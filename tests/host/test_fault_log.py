@@ -32,7 +32,7 @@ def test_fault_ends_the_log_and_is_in_it() -> None:
     assert "8400h" in meta["fault"]
     assert 0.02 < columns["time_s"][-1] < 0.3
     before = columns["time_s"] < 0.04
-    assert np.abs(columns["contour_um"][before]).max() < 30.0  # up to the fault, a run like any other
+    assert np.abs(columns["true_contour_error_um"][before]).max() < 30.0  # up to the fault, a run like any other
 
 
 def test_fault_is_raised_where_nobody_asked_for_the_log() -> None:

@@ -160,7 +160,7 @@ def assert_circle_runs(emulator: Emulator, control_hz: int) -> None:
     target = Target(machine, bus=emulator.options(), place_at_start=False)
     log = run(trajectory, "ccu", target, RunOptions(parameters=there)).log
     assert log.meta["frames_lost"] == 0
-    assert np.abs(log.columns["e_n2_um"]).max() < 1.5
+    assert np.abs(log.columns["contour_error_um"]).max() < 1.5
     in_process = run(trajectory, "ccu", Target(machine)).log
     assert len(log.columns["tick"]) == len(in_process.columns["tick"])
     later_mm = 100.0 * (1e-4 - 1.0 / control_hz)

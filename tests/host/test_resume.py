@@ -75,7 +75,9 @@ def expect_the_rest(rest: RunLog, begin_s: float) -> None:
     assert rest.meta["resumed_at_s"] == begin_s
     at_mm = [np.interp(begin_s * 1e3, np.arange(len(CIRCLE.position_m)), CIRCLE.position_m[:, i]) * 1e3 for i in (0, 1)]
     assert math.hypot(columns["reference_x_mm"][0] - at_mm[0], columns["reference_y_mm"][0] - at_mm[1]) < 0.2
-    off_mm = np.hypot(columns["x_mm"] - columns["reference_x_mm"], columns["y_mm"] - columns["reference_y_mm"])
+    off_mm = np.hypot(
+        columns["position_x_mm"] - columns["reference_x_mm"], columns["position_y_mm"] - columns["reference_y_mm"]
+    )
     assert off_mm.max() < 0.2  # 2 ms of the way
     assert rest.meta["accepted"] == len(CIRCLE.knots_nm)
 

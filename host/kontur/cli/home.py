@@ -19,17 +19,17 @@ from kontur.drive.target import Target
 @click.option(
     "--method",
     type=click.Choice(list(single_axis.METHODS)),
-    help="Where the home point is: limit switch at the negative or positive end, index pulse, where the axis stands. "
-    "Default: as the drive's homing_method says.",
+    help="What defines the home point: limit switch at the negative or positive end, an index pulse, or the position. "
+    "Default: the drive's homing_method.",
 )
 @click.option("--offset", type=NumberRange(-2000, 2000), metavar="MM",
-              help="Position that the home point gets. Default: home_offset.")  # fmt: skip
+              help="Position of the home point. Default: the drive's home_offset.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(*, target: Target, axis: str, method: str | None, offset: float | None, as_json: bool) -> None:
     """Home AXIS, so that positions count from its home point. The other axis is held.
 
-    Speeds, acceleration and more: homing_speed, homing_acceleration (`kontur param list`). Ctrl-C stops the axis.
+    Speeds and acceleration are the parameters homing_speed and homing_acceleration. Ctrl-C stops the axis.
     """
     parameters: dict[str, float] = {}
     if method is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur info`: who answers."""
+"""`kontur info`: identity and state of a drive."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kontur.drive.target import Target, open_drive
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(*, target: Target, as_json: bool) -> None:
-    """Tell which drive answers, its firmware, state and position."""
+    """Show which drive answers, its firmware, state, position and warnings."""
     with open_drive(target) as device:
         info = device.info()
         bus = str(device.link.bus.channel_info)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur jog`: move an axis by hand."""
+"""`kontur jog`: move axes at a constant speed."""
 
 from __future__ import annotations
 

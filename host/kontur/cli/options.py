@@ -229,7 +229,7 @@ def _bus_config(
 
 
 def check_output(file: Path | None, *suffixes: str) -> None:
-    """Before anything moves. Raises FileError: another suffix, or no folder to write to."""
+    """Check an output file before anything moves. Raises FileError: another suffix, or its folder does not exist."""
     if file is None:
         return
     if file.suffix.lower() not in suffixes:
@@ -250,14 +250,14 @@ def parameter_values(pairs: tuple[tuple[str, str], ...]) -> dict[str, float]:
 
 @contextmanager
 def drive_of(target: Target) -> Iterator[Device]:
-    """open_drive(); at the end, after an error too, what the drive has warned of is printed to stderr."""
+    """open_drive(); at the end, after an error too, the drive's warnings are printed to stderr."""
     with open_drive(target) as device:
         try:
             yield device
         except (BusError, NoAnswerError):
             raise
         except BaseException:
-            with suppress(KonturError):  # what happened first is what is told
+            with suppress(KonturError):  # the first error is the one to report
                 print_warnings(device.faults.warnings())
             raise
         print_warnings(device.faults.warnings())
@@ -265,7 +265,7 @@ def drive_of(target: Target) -> Iterator[Device]:
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, float], None]]:
-    """A bar on a terminal, nothing when piped; yields a function that takes what is done and the share, 0 to 1."""
+    """A bar on a terminal, nothing when piped; yields a function that takes the name of a step and its share done."""
     if not sys.stderr.isatty():
         yield lambda what, share: None
         return
@@ -291,14 +291,14 @@ def progress_bars() -> Iterator[Callable[[str, float], None]]:
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
-    """The same for one thing to do: the function takes the share alone."""
+    """A progress bar of one step: the function takes the share alone."""
     with progress_bars() as update:
         yield lambda share: update(what, share)
 
 
 @contextmanager
 def held_by_signals() -> Iterator[Callable[[], bool]]:
-    """SIGUSR1 asks for feed hold (the function yielded says so), SIGUSR2 takes it back."""
+    """SIGUSR1 requests feed hold, which the yielded function returns, SIGUSR2 ends it."""
     held = False
 
     def ask(number: int, _frame: FrameType | None) -> None:
@@ -318,7 +318,7 @@ def held_by_signals() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """The first Ctrl-C only asks to stop (the function yielded says so), a second one interrupts at once."""
+    """The first Ctrl-C requests a stop, which the yielded function returns; a second one interrupts immediately."""
     asked = False
 
     def ask(_signal: int, _frame: FrameType | None) -> None:

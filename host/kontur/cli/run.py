@@ -242,7 +242,7 @@ def command(
     recording: Recording,
     target: Target,
 ) -> None:
-    """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and tell the contour error.
+    """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and show the contour error.
 
     SIGUSR1 holds the drive on the path, SIGUSR2 lets it go on. Ctrl-C stops it on the path. So do the faults whose
     reaction is "path stop" (docs/faults.md), and the end of this program. As long as the drive has power and the axes

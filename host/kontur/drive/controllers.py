@@ -26,7 +26,7 @@ _ALL = (
 )
 
 CONTROLLERS = tuple(controller.name for controller in _ALL)
-"""The paper's names, in the order of object 2200h (`controller.select`)."""
+"""The paper's names, in the order in which `controller.select` counts them."""
 
 DESCRIPTIONS = {controller.name: controller.description for controller in _ALL}
 

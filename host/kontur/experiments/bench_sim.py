@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast control periods pass: the NumPy oracle of the tests, the library directly, and over CAN frames."""
+"""Speed of the simulation: the NumPy model (reference/oracle.py), the library, and the library over CAN frames."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _PATH_S = 20.0
 def bench(target: Target) -> dict[str, Any]:
     """Control periods a second of the three, on the same circle (r 20 mm, 100 mm/s) under `ccu`, and their ratios.
 
-    Raises LibraryError: the oracle is not there, because this is not a checkout of the source.
+    Raises LibraryError: there is no oracle, since this is not a checkout of the source.
     """
     program = shapes.circle(0.020, 0.100, duration_s=_PATH_S)
     trajectory = plan(program, limits(target.machine))
@@ -47,7 +47,7 @@ def bench(target: Target) -> dict[str, Any]:
 
 
 def _oracle(trajectory: Trajectory) -> float:
-    """The same loop, servo and plant, stepped in NumPy."""
+    """Servo and plant of the NumPy model, stepped in Python."""
     spec = importlib.util.spec_from_file_location("oracle", ORACLE)
     if not ORACLE.exists() or spec is None or spec.loader is None:
         raise LibraryError(f"{ORACLE}: there is no oracle to compare with; run this in a checkout of the source")
@@ -62,7 +62,7 @@ def _oracle(trajectory: Trajectory) -> float:
 
 
 def _direct(trajectory: Trajectory, target: Target) -> float:
-    """The library, knots handed over by function call, time passing in whole chunks."""
+    """The library: knots by function call, many control periods in each call."""
     with _ready(trajectory, target) as device:
         assert isinstance(device.link.bus, KonturBus)
         sim = device.link.bus.sim
@@ -82,7 +82,7 @@ def _direct(trajectory: Trajectory, target: Target) -> float:
 
 
 def _over_can(trajectory: Trajectory, target: Target) -> float:
-    """The way of every run: knots and telemetry as CAN frames through python-can."""
+    """As in every run: knots and telemetry as CAN frames through python-can."""
     with _ready(trajectory, target) as device:
         begin, begin_s = device.link.time_s, time.perf_counter()
         stream(device, trajectory.knots_nm, before_start=device.link.record_telemetry)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast and how surely knots are streamed: a circle around a point beside where the axes stand."""
+"""Speed and reliability of streaming: a circle next to the position of the axes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def bench(
 
     `lost` are the knots that were not executed; `retransmitted` and `underruns` as counted on the two ends;
     `contour_mean_um`, `contour_max_um`: the contour error that the drive has estimated (2211h).
-    `checksum_ok`: the drive went through these knots, each once and in order; `error`: what it said if not; `warnings`:
+    `checksum_ok`: the drive executed these knots, each once and in order; `error`: the message if not; `warnings`:
     EMCY codes. In process the CPU time is the drive's, too. Raises BusError, DeviceError before the stream has begun;
     KeyboardInterrupt when the stop was requested.
     """
@@ -93,7 +93,7 @@ def _target(target: Target) -> Iterator[Target]:
 
 
 def _circle(target: Target, knots: int) -> NDArray[np.int64]:
-    """Knots relative to the first one; to speed up and to slow down is among them."""
+    """Knots relative to the first one, with acceleration and deceleration."""
     allowed = limits(target.machine)
 
     def path(duration_s: float) -> NDArray[np.int32]:

@@ -12,7 +12,7 @@ from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.stream import Operator
 from kontur.drive.target import Target
 from kontur.errors import FileError
-from kontur.files import write_whole
+from kontur.files import write_atomically
 from kontur.path import programs
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
@@ -26,7 +26,7 @@ from kontur.runs.summary import summary
 def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float], None]) -> list[RunLog]:
     """Run `file` under every controller; writes `out`/report.html, summary.json and the logs as CSV and MF4.
 
-    `progress` is called with what is being done and the share of it, 0 to 1. Raises what plan(), run() and the writers
+    `progress` is called with the name of a step and its share done, 0 to 1. Raises what plan(), run() and the writers
     raise.
     """
     try:
@@ -51,5 +51,5 @@ def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float],
     progress("report", 0.0)
     write_report(out / "report.html", runs, command="make demo")
     figures = {str(one.meta["controller"]): summary(one) for one in runs}
-    write_whole(out / "summary.json", (json.dumps(figures, indent=2) + "\n").encode())
+    write_atomically(out / "summary.json", (json.dumps(figures, indent=2) + "\n").encode())
     return runs

@@ -253,12 +253,13 @@ def _outcome(job: Job, target: Target, keep_log: bool) -> Outcome:
     rows = columns["time_s"] >= from_s
     figures = {name: float(log.meta["score"][name]) for name in ("mean_um", "max_um")}
     figures |= {"force_step_N": log.meta["force_step_N"], "energy_J": float(columns["energy_J"][-1])}
-    for name in ("e_n1", "e_n2"):
-        error_mm = np.abs(columns[f"{name}_um"][rows]) * 1e-3
+    for name, column in (("e_n1", "tangential_error_um"), ("e_n2", "contour_error_um")):
+        error_mm = np.abs(columns[column][rows]) * 1e-3
         figures |= {f"{name}_max_mm": float(np.max(error_mm)), f"{name}_mean_mm": float(np.mean(error_mm))}
-    for name in ("mu_1_mps2", "mu_2_mps2"):
-        known = columns[name][np.isfinite(columns[name])]
-        figures[f"{name}_end"] = float(known[-1]) if known.size else float("nan")
+    for i in (1, 2):
+        gain = columns[f"switching_gain_{i}_mps2"]
+        known = gain[np.isfinite(gain)]
+        figures[f"mu_{i}_mps2_end"] = float(known[-1]) if known.size else float("nan")
     if not keep_log:
         return Outcome(figures)
     at = np.rint(columns["time_s"] * log.meta["control_hz"]).astype(np.int64)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kontur.can import signals
 from kontur.can.simulated import Truth
 from kontur.can.wire import Telemetry
 from kontur.path.geometry import KNOT_S
@@ -17,6 +18,12 @@ from kontur.runs import scoring
 from kontur.runs.clock import RunClock
 
 Floats = NDArray[np.float64]
+
+# From the SI units of the telemetry to the units of the columns
+_SCALE = {
+    **{("m", "um"): 1e6, ("m", "mm"): 1e3},
+    **{(unit, unit): 1.0 for unit in ("N", "1/s", "m/s2", "J")},
+}
 
 
 def columns(telemetry: Telemetry, time_s: Floats, trajectory: Trajectory, clock: RunClock) -> dict[str, Floats]:
@@ -33,17 +40,13 @@ def columns(telemetry: Telemetry, time_s: Floats, trajectory: Trajectory, clock:
         "tick": telemetry.tick[rows].astype(np.float64),
         "time_s": time_s,
         "rapid": scoring.on_rapid(trajectory.program, path_s_m).astype(np.float64),
-        "energy_J": telemetry.energy_J[rows],
     }
     for i, axis in enumerate("xy"):
-        found |= {
-            f"e_n{i + 1}_um": telemetry.contour_m[rows, i] * 1e6,
-            f"{axis}_mm": telemetry.position_m[rows, i] * 1e3,
-            f"reference_{axis}_mm": np.interp(knot, number, trajectory.position_m[:, i]) * 1e3,
-            f"force_{axis}_N": telemetry.force_N[rows, i],
-            f"k_{i + 1}_per_s": telemetry.gain_per_s[rows, i],
-            f"mu_{i + 1}_mps2": telemetry.switching_gain_mps2[rows, i],
-        }
+        found[f"reference_{axis}_mm"] = np.interp(knot, number, trajectory.position_m[:, i]) * 1e3
+    for signal in signals.SIGNALS:
+        if signal.telemetry is not None and signal.column is not None:
+            scale = _SCALE[signal.telemetry.unit, signal.column.unit]
+            found[signal.column.name] = telemetry.values[signal.name][rows] * scale
     return found
 
 
@@ -69,10 +72,10 @@ def add_truth(
     force_max_N, force_step_N = scoring.force_effort(truth.force_N[time_s >= from_s])
     at = np.rint(found["time_s"] * clock.control_hz).astype(np.int64)
     found |= {
-        "true_x_mm": truth.pos_m[at, 0] * 1e3,
-        "true_y_mm": truth.pos_m[at, 1] * 1e3,
-        "contour_um": error.normal_m[at] * 1e6,
-        "tangential_um": error.tangential_m[at] * 1e6,
+        "true_position_x_mm": truth.pos_m[at, 0] * 1e3,
+        "true_position_y_mm": truth.pos_m[at, 1] * 1e3,
+        "true_contour_error_um": error.normal_m[at] * 1e6,
+        "true_tangential_error_um": error.tangential_m[at] * 1e6,
     }
     return {
         "score": dataclasses.asdict(scoring.score(error, time_s, truth.pos_m, from_s)),

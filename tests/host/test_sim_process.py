@@ -206,7 +206,9 @@ def test_circle_over_tcp_is_as_good_as_in_process(machine: Machine) -> None:
     in_process = run(trajectory, "ccu", Target(machine)).log
     assert over_tcp.meta["frames_lost"] == 0
     assert len(over_tcp.columns["tick"]) == len(in_process.columns["tick"])
-    assert np.abs(over_tcp.columns["e_n2_um"]).max() < 2.0 * np.abs(in_process.columns["e_n2_um"]).max()
+    assert (
+        np.abs(over_tcp.columns["contour_error_um"]).max() < 2.0 * np.abs(in_process.columns["contour_error_um"]).max()
+    )
 
 
 def test_two_runs_paced_by_sync_give_equal_bytes(machine: Machine, tmp_path: Path) -> None:
