@@ -641,7 +641,7 @@ class Servo:
         """Force (2,) in N for encoder positions measured_m (2,) at path time t_s.
 
         The force demand of a period acts in the next one: the observer gets the force of two calls ago, and
-        so is the reference model. What was fed forward against friction moves nothing, so the observer's is without it
+        so does the reference model. The observer's is without the feedforward against friction, which moves nothing
         (decision).
         """
         p, s = self.p, self.state

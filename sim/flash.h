@@ -5,7 +5,7 @@
  * work: of a word some bits are written; of a sector each word is old, erased or in between. Later operations do
  * nothing until sim_flash_power_on().
  *
- * Context: a host process. kontur_sim.c and tests of the parameter store call it.
+ * Context: a host process. libkontur.c and tests of the parameter store call it.
  */
 #ifndef SIM_FLASH_H
 #define SIM_FLASH_H

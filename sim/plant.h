@@ -10,7 +10,7 @@
  *   distances.
  * It is integrated with `substeps` steps in a control period (semi-implicit, second order in position).
  *
- * Context: a host process. kontur_sim.c calls it once in a control period, and tests call it directly.
+ * Context: a host process. libkontur.c calls it once in a control period, and tests call it directly.
  */
 #ifndef KONTUR_PLANT_H
 #define KONTUR_PLANT_H

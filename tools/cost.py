@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the firmware costs on the microcontroller: instructions of a servo tick, stack, flash and RAM.
 
-Instructions are counted in QEMU, of programs that `make bench` builds (tests/target/bench_step.c), by the program's own
-timer and, for each stage of the tick, by a plugin (tests/target/stages.c): each instruction belongs to the innermost
-inlined function whose source file names a stage. The two counts must agree to the instruction.
+Instructions are counted in QEMU, of programs that `make test-target` builds (tests/target/bench_step.c): by the
+program's own timer and, for each stage of the tick, by a plugin (tests/target/stages.c). Each instruction belongs to
+the innermost inlined function whose source file names a stage. The two counts must agree to the instruction.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ import click
 import stack
 
 from kontur.cli.output import print_json, print_table
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.errors import InputError, KonturError, SimulatorError
 
 ROOT = Path(__file__).resolve().parents[1]
-IMAGE = ROOT / "build/firmware/kontur-10000"
-PROGRAMS = ROOT / "build/target"
-PLUGIN = PROGRAMS / "libstages.so"
+IMAGE = ROOT / "build/image"  # the trees of these presets
+PROGRAMS = ROOT / "build"
+PLUGIN = PROGRAMS / "host-f32/libstages.so"
 BASELINE = ROOT / "tests/target/cost.json"
 CHANGELOG = ROOT / "CHANGELOG.md"
 PAGE = ROOT / "docs/performance.md"
@@ -65,7 +65,7 @@ def measure() -> dict[str, Any]:
     """
     for file in (PLUGIN, IMAGE / "kontur.elf", DRIVERS, *(PROGRAMS / n / "bench_step.elf" for n in MACHINES)):
         if not file.is_file():
-            raise InputError(f"{file}: not built: run `make bench` in a checkout of the source")
+            raise InputError(f"{file}: not built: run `make test-target` in a checkout of the source")
     with ThreadPoolExecutor(2) as pool:
         ran = dict(zip(MACHINES, pool.map(_instructions, MACHINES), strict=True))
     sections = _sections(IMAGE / "kontur.elf")
@@ -191,7 +191,7 @@ def findings(cost: Cost, before: Cost, changelog: str) -> list[str]:
                 least = before.get(by, {}).get(of, {}).get(figure)
                 limit = max(least or 0, allowed.get(by, {}).get(of, {}).get(figure, 0))
                 if least is None:
-                    found.append(f"{by} {of} {figure}: not in the baseline: run `make cost`")
+                    found.append(f"{by} {of} {figure}: not in the baseline: run `tools/cost.py --write`")
                 elif value > WORSE * limit:
                     worse[figure] = (value, least)
             if worse:
@@ -234,7 +234,7 @@ def write(result: dict[str, Any]) -> None:
     BASELINE.write_text(json.dumps(lower(result["cost"], before), indent=2) + "\n")
     page = PAGE.read_text()
     for name, rows in tables(result).items():
-        begin, end = f"<!-- {name}: made by `make cost` -->\n", f"<!-- {name}: end -->\n"
+        begin, end = f"<!-- {name}: made by `tools/cost.py --write` -->\n", f"<!-- {name}: end -->\n"
         if begin not in page or end not in page:
             raise InputError(f"{PAGE}: the lines {begin.strip()} and {end.strip()} are missing")
         head, rest = page.split(begin)
@@ -294,7 +294,7 @@ def _markdown(rows: Rows) -> str:
 def main(*, as_json: bool, checks: bool, writes: bool) -> None:
     """What the firmware costs on the microcontroller: instructions of a servo tick, stack, flash and RAM.
 
-    Counted in QEMU and read from the image; `make bench` builds what that needs.
+    Counted in QEMU and read from the image; `make test-target` builds what that needs.
     """
     try:
         result = measure()

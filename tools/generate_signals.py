@@ -152,6 +152,7 @@ def si(factor: Decimal, unit: str, name: str) -> tuple[Decimal, str]:
 
 def rows(given: dict[str, Any], objects: _Objects) -> list[Signal]:
     """The one or two signals of a row."""
+    given = (OF_CORE if "core" in given else OTHER) | given
     names = given["name"] if isinstance(given["name"], list) else [given["name"]]
     texts = given["description"] if isinstance(given["description"], list) else [given["description"]] * len(names)
     if not all(re.fullmatch(r"[a-z][a-z0-9_]*", name) for name in names):
@@ -164,6 +165,9 @@ def rows(given: dict[str, Any], objects: _Objects) -> list[Signal]:
     return [_signal(given, i, names, text, objects) for i, text in enumerate(texts)]
 
 
+# What a row of a number of the core need not say, and any other row
+OF_CORE: dict[str, Any] = {"kind": "num", "factor": Decimal("1e-5")}
+OTHER: dict[str, Any] = {"kind": "i32", "factor": Decimal(1)}
 KEYS = {
     *("name", "number", "from", "kind", "unit", "factor", "core", "description"),
     *("object", "telemetry", "wraps", "snapshot", "slow", "sum", "log"),
@@ -171,7 +175,7 @@ KEYS = {
 
 
 def _signal(given: dict[str, Any], i: int, names: list[str], text: str, objects: _Objects) -> Signal:
-    name, kind, factor = names[i], given.get("kind", "i32"), Decimal(given.get("factor", 1))
+    name, kind, factor = names[i], given["kind"], Decimal(given["factor"])
     base, _, member = given.get("from", "out").format(xy="xy"[i], i=i).partition(".")
     if kind not in KINDS or base not in BASES:
         raise SignalsError(f"{name}: kind is one of {', '.join(KINDS)}, from begins with {', '.join(BASES)}")
@@ -191,7 +195,7 @@ def _signal(given: dict[str, Any], i: int, names: list[str], text: str, objects:
 
 
 def _published(given: dict[str, Any], i: int, names: list[str], objects: _Objects) -> Published | None:
-    name, kind, unit = names[i], given.get("kind", "i32"), given["unit"]
+    name, kind, unit = names[i], given["kind"], given["unit"]
     entry = objects.entry(given["object"].format(xy="xy"[i], i=i), name) if "object" in given else None
     telemetry = objects.telemetry(name, given.get("wraps", False)) if given.get("telemetry") else None
     counts = {si(e.factor, e.unit, name) for e in (entry, telemetry and telemetry.entry) if e}
@@ -200,7 +204,7 @@ def _published(given: dict[str, Any], i: int, names: list[str], objects: _Object
     if not counts:
         return None
     count, *others = counts
-    of_scope = si(Decimal(given.get("factor", 1)), unit, name)
+    of_scope = si(Decimal(given["factor"]), unit, name)
     summed = "sum" in given
     if others or count[1] != of_scope[1] or (kind not in ("num", "acc") and not summed and count != of_scope):
         raise SignalsError(f"{name}: all its objects have one factor; that of the signal where kind is not num or acc")

@@ -73,9 +73,9 @@ def read(folder: Path, root: Path, elf: Path, tools: str) -> Graph:
     Raises InputError: there is no call graph, a frame has no bound, or an indirect call cannot be resolved.
     """
     graph = Graph()
-    texts = [file.read_text() for file in sorted(folder.rglob("*.ci"))]
+    texts = [file.read_text().replace(f"{root}/", "") for file in sorted(folder.rglob("*.ci"))]
     if not texts:
-        raise InputError(f"{folder}: no call graphs (*.ci) there: rm -r build/firmware, then make firmware")
+        raise InputError(f"{folder}: no call graphs (*.ci) there: rm -r {folder}, then make firmware")
     for text in texts:
         for title, size, bound in _NODE.findall(text):
             if bound == "dynamic":
@@ -98,7 +98,7 @@ def read(folder: Path, root: Path, elf: Path, tools: str) -> Graph:
 def _assigned(root: Path, graph: Graph) -> dict[str, set[str]]:
     """Functions by the member of a structure that they are assigned to, in what the image is made of."""
     found: dict[str, set[str]] = {}
-    for file in [*root.glob("firmware/*.c"), *root.glob("firmware/*/*.c"), *root.glob("firmware/port/stm32f405/*.c")]:
+    for file in [file for folder in ("", "*/", "port/stm32f405/") for file in root.glob(f"firmware/{folder}*.c")]:
         local = str(file.relative_to(root))
         for member, function in re.findall(r"\.(\w+) = (\w+)\b", file.read_text()):
             for name in (f"{local}:{function}", function):

@@ -1,7 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kontur: host tools of a contouring drive.
+"""Kontur: host tools of a contouring drive. This is the face: what a script needs, by one import.
 
-Rooms, and what each may import; `errors`, `files` and `machine` are for all of them.
+    import kontur
+
+    machine = kontur.load_machine()
+    program = kontur.load_path("examples/part.ngc")
+    trajectory = kontur.plan(program, kontur.limits(machine), travel_m=machine.soft_limits_m)
+    result = kontur.run(trajectory, "ccu", kontur.Target(machine))
+    print(kontur.summary(result.log))
+
+Names are imported when they are first used, so `import kontur` costs nothing. All errors are `kontur.KonturError`s.
+
+The rest is in rooms. Each may import the ground floor (`errors`, `files`, `machine`), and of the others:
 
     path          -
     can           -
@@ -14,6 +24,111 @@ Rooms, and what each may import; `errors`, `files` and `machine` are for all of 
     cli           path, can, planning, sim, drive, runs, report, experiments
 """
 
-from importlib.metadata import version
+from __future__ import annotations
 
-__version__ = version("kontur")
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from kontur.can.bus import open_bus as open_bus
+    from kontur.drive.controllers import CONTROLLERS as CONTROLLERS
+    from kontur.drive.device import Device as Device
+    from kontur.drive.scope import Setup as ScopeSetup
+    from kontur.drive.stream import Operator as Operator
+    from kontur.drive.stream import stream as stream
+    from kontur.drive.target import Target as Target
+    from kontur.drive.target import open_drive as open_drive
+    from kontur.errors import KonturError as KonturError
+    from kontur.machine import Machine as Machine
+    from kontur.machine import load as load_machine
+    from kontur.path import shapes as shapes
+    from kontur.path.programs import load as load_path
+    from kontur.planning.bounds import Limits as Limits
+    from kontur.planning.bounds import limits as limits
+    from kontur.planning.planner import Trajectory as Trajectory
+    from kontur.planning.planner import plan as plan
+    from kontur.report.page import write_report as write_report
+    from kontur.runs.log import RunLog as RunLog
+    from kontur.runs.log import read as read_log
+    from kontur.runs.log import write as write_log
+    from kontur.runs.runner import RunOptions as RunOptions
+    from kontur.runs.runner import RunResult as RunResult
+    from kontur.runs.runner import run as run
+    from kontur.runs.summary import summary as summary
+
+    __version__: str
+
+# Where each name is defined: module, and the name there if it is another one.
+_WHERE = {
+    "CONTROLLERS": "kontur.drive.controllers",
+    "Device": "kontur.drive.device",
+    "KonturError": "kontur.errors",
+    "Limits": "kontur.planning.bounds",
+    "Machine": "kontur.machine",
+    "Operator": "kontur.drive.stream",
+    "RunLog": "kontur.runs.log",
+    "RunOptions": "kontur.runs.runner",
+    "RunResult": "kontur.runs.runner",
+    "ScopeSetup": "kontur.drive.scope:Setup",
+    "Target": "kontur.drive.target",
+    "Trajectory": "kontur.planning.planner",
+    "limits": "kontur.planning.bounds",
+    "load_machine": "kontur.machine:load",
+    "load_path": "kontur.path.programs:load",
+    "open_bus": "kontur.can.bus",
+    "open_drive": "kontur.drive.target",
+    "plan": "kontur.planning.planner",
+    "read_log": "kontur.runs.log:read",
+    "run": "kontur.runs.runner",
+    "shapes": "kontur.path",
+    "stream": "kontur.drive.stream",
+    "summary": "kontur.runs.summary",
+    "write_log": "kontur.runs.log:write",
+    "write_report": "kontur.report.page",
+}
+
+__all__ = [
+    "CONTROLLERS",
+    "Device",
+    "KonturError",
+    "Limits",
+    "Machine",
+    "Operator",
+    "RunLog",
+    "RunOptions",
+    "RunResult",
+    "ScopeSetup",
+    "Target",
+    "Trajectory",
+    "__version__",
+    "limits",
+    "load_machine",
+    "load_path",
+    "open_bus",
+    "open_drive",
+    "plan",
+    "read_log",
+    "run",
+    "shapes",
+    "stream",
+    "summary",
+    "write_log",
+    "write_report",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("kontur")
+    if name not in _WHERE:
+        raise AttributeError(f"module 'kontur' has no attribute {name!r}")
+    module, _, original = _WHERE[name].partition(":")
+    if module == "kontur.path":
+        return importlib.import_module(f"{module}.{name}")
+    return getattr(importlib.import_module(module), original or name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exception tree. A message says what went wrong, where, and what to do next; the CLI prints it, no traceback."""
+"""The exception tree. Every room raises these.
+
+A message says what went wrong, where, and what to do next. The command line prints it, without a traceback.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +57,7 @@ class BusError(KonturError):
 
 
 class DeviceError(KonturError):
-    """The drive answered with an error, or is not in the state that was asked for."""
+    """The drive answered with an error, or does not reach the wanted state."""
 
 
 class NoAnswerError(DeviceError):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files are written whole or not at all: what stood there before stays until the new content is complete."""
+"""Writing files atomically: the old content stays until the new content is complete. All results are written so."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from kontur.errors import FileError
 
 
 def check_folder(path: Path) -> None:
-    """Raise FileError where there is no folder to write `path` to: before the work whose result goes there."""
+    """Raise FileError when the folder of `path` does not exist; called before the work whose result goes there."""
     if not path.parent.is_dir():
-        raise FileError(path, f"there is no folder {path.parent}; make it, or give another one")
+        raise FileError(path, f"the folder {path.parent} does not exist; make it, or name another one")
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write `content` beside `path`, then put it in its place. Raises FileError."""
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write `content` to a file beside `path`, then rename that to `path`. Raises FileError."""
     part = path.parent / f"{path.name}.part"
     try:
         part.write_bytes(content)
@@ -25,4 +25,4 @@ def write_whole(path: Path, content: bytes) -> None:
     except OSError as error:
         with suppress(OSError):
             part.unlink()
-        raise FileError(path, f"cannot be written ({error.strerror}); give another place") from error
+        raise FileError(path, f"cannot be written ({error.strerror}); name another file") from error

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine: what is simulated, what the drive is told of it, what the planner may ask of it. One TOML file, SI."""
+"""A machine, read from one TOML file in SI units.
+
+It gives the simulator its model, the drive its parameters, and the planner its limits.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,8 @@ MODELS = ("full", ON_CHIP)
 class Axis:
     """One axis; units in the names. `travel_m` and `soft_limit_m` are (least, greatest) positions.
 
-    `limit_switch_m`: a limit switch is active so near an end stop; `index_m`: from index pulse to index pulse; 0: none.
+    `limit_switch_m`: distance from an end stop within which its limit switch is active. `index_m`: distance between
+    index pulses; 0: none.
     """
 
     mass_kg: float
@@ -71,7 +75,7 @@ class Machine:
 
     @property
     def soft_limits_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """((x least, x greatest), (y least, y greatest)): where a path may go."""
+        """The allowed positions of a path: ((x least, x greatest), (y least, y greatest))."""
         return (self.x.soft_limit_m, self.y.soft_limit_m)
 
     def starting_at(self, start_m: tuple[float, float]) -> Machine:
@@ -83,7 +87,7 @@ class Machine:
         )
 
     def simulated(self) -> dict[str, list[float]]:
-        """What is simulated: the fields of struct ks_machine (sim/kontur_sim.h) and their values, SI."""
+        """The fields of struct ks_machine (sim/kontur_sim.h) and their values, in SI units, for the simulator."""
         per_axis = (
             "mass_kg",
             "viscous_Nspm",
@@ -137,7 +141,7 @@ class Machine:
             values |= {
                 "onchip_plant.seed": seed,
                 "onchip_plant.simulated": 1,
-            }  # last: it starts with all that stands before
+            }  # last, since the simulation starts with the values set before
         return values
 
 
@@ -169,7 +173,7 @@ def load(file: str | Path = DEFAULT) -> Machine:
         table = tomllib.loads(text)
     except OSError as error:
         raise MachineError(
-            f"{file}: cannot be read ({error.strerror}); machines that come along: {MACHINES}"
+            f"{file}: cannot be read ({error.strerror}); the machines of the package are in {MACHINES}"
         ) from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise MachineError(f"{file}: not a TOML file: {error}") from error
@@ -216,7 +220,7 @@ class _Reader:
         return str(value)
 
     def check_on_chip(self, machine: Machine) -> None:
-        """The drive's own model has less than the simulator's."""
+        """Refuse what the drive's own model does not have."""
         for name, axis in (("x", machine.x), ("y", machine.y)):
             if axis.breakaway != 1.0:
                 raise self.problem(f"{name}.breakaway", f"must be 1 with model {ON_CHIP!r}")

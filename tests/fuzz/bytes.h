@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* bytes.h: the fuzzer's input, taken as numbers. When it is used up, zeros follow. */
+/* bytes.h: reads the input of a fuzzer as numbers. Behind its end it reads zeros. */
 #ifndef FUZZ_BYTES_H
 #define FUZZ_BYTES_H
 #include <stdbool.h>

@@ -7,6 +7,7 @@ run of a fuzzer is a line of build/fuzz/campaign.jsonl. When the campaign is sta
 line, with the programs as they are built then. A finding ends it.
 
 Usage: campaign.py RUNS SEED [SECONDS]   fuzz, for about SECONDS at most
+       campaign.py --short SECONDS SEED  fuzz for SECONDS with each fuzzer, with AddressSanitizer, without the log
        campaign.py --write FILE          write the table of the log between the two marks of a Markdown file
 """
 
@@ -23,12 +24,12 @@ from typing import Any
 
 import corpus
 
-BUILD = Path("build/fuzz")
+BUILD = Path("build/fuzz")  # the programs are in build/fuzz-asan and build/fuzz-ub
 LOG = BUILD / "campaign.jsonl"
 MARKS = ("<!-- fuzz campaign: begin -->", "<!-- fuzz campaign: end -->")
 ROUNDS = 50
 FUZZERS = {"can": 0.05, "sdo": 0.2, "slcan": 0.65, "store": 0.1}  # parts of the executions
-SANITIZERS = {"ub": 0.9, "asan": 0.1}  # folder below build/fuzz, and its part
+SANITIZERS = {"ub": 0.9, "asan": 0.1}  # their parts of the executions
 GCODE_SECONDS = 4.0  # a round
 
 
@@ -45,12 +46,12 @@ def note(**line: Any) -> None:
         log.write(json.dumps(head | line) + "\n")
 
 
-def fuzz(name: str, sanitizers: str, runs: int, seed: int) -> None:
-    """Run a C fuzzer once; SystemExit on a finding."""
+def fuzz(name: str, sanitizers: str, limit: str, seed: int) -> dict[str, Any]:
+    """Run a C fuzzer once, up to a limit in libFuzzer's words; SystemExit on a finding."""
     found, seeds = BUILD / "corpus" / name, BUILD / "seeds" / name
     found.mkdir(parents=True, exist_ok=True)
     corpus.unpack(name, seeds)
-    command = [str(BUILD / sanitizers / name), f"-runs={runs}", f"-seed={seed}", "-max_len=160", "-len_control=0"]
+    command = [f"{BUILD}-{sanitizers}/{name}", limit, f"-seed={seed}", "-max_len=160", "-len_control=0"]
     command += ["-entropic=0", "-detect_leaks=0", "-print_final_stats=1", f"-artifact_prefix={BUILD}/{name}-"]
     command += [str(found), str(seeds)]
     begin = time.monotonic()
@@ -61,7 +62,8 @@ def fuzz(name: str, sanitizers: str, runs: int, seed: int) -> None:
         sys.exit(f"campaign.py: {name}: a finding; run it again: {command[0]} {BUILD}/{name}-crash-...")
     done = [int(n) for n in re.findall(r"number_of_executed_units: (\d+)", run.stderr)]
     edges = [int(n) for n in re.findall(r"DONE +cov: (\d+)", run.stderr)]
-    note(fuzzer=name, sanitizers=sanitizers, seed=seed, executions=done[-1], edges=edges[-1], seconds=round(seconds, 1))
+    result = {"executions": done[-1], "edges": edges[-1], "seconds": round(seconds, 1)}
+    return {"fuzzer": name, "sanitizers": sanitizers, "seed": seed, **result}
 
 
 def fuzz_gcode(seed: int) -> None:
@@ -82,12 +84,22 @@ def campaign(runs: int, seed: int, seconds: float) -> None:
         print(f"round {number}: {total} executions so far", flush=True)
         for name, part in FUZZERS.items():
             for sanitizers, share in SANITIZERS.items():
-                fuzz(name, sanitizers, round(runs / ROUNDS * part * share), seed + number)
+                note(**fuzz(name, sanitizers, f"-runs={round(runs / ROUNDS * part * share)}", seed + number))
                 if time.monotonic() > end:
                     return
         fuzz_gcode(seed + number)
         note(round=number)
         number += 1
+
+
+def short(seconds: int, seed: int) -> None:
+    """Run each fuzzer for some seconds, and print what each has done."""
+    for name in FUZZERS:
+        done = fuzz(name, "asan", f"-max_total_time={seconds}", seed)
+        rate = done["executions"] / done["seconds"]
+        print(f"{name:6} {done['executions']:10} executions {rate:8.0f} a second, no finding", flush=True)
+    command = [sys.executable, "tests/fuzz/gcode.py", str(seconds), str(seed)]
+    sys.exit(subprocess.run(command, check=False).returncode)
 
 
 def table() -> str:
@@ -120,5 +132,7 @@ def write(path: Path) -> None:
 if __name__ == "__main__":
     if sys.argv[1] == "--write":
         write(Path(sys.argv[2]))
+    elif sys.argv[1] == "--short":
+        short(int(sys.argv[2]), int(sys.argv[3]))
     else:
         campaign(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]) if len(sys.argv) > 3 else float("inf"))

@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Frames, inputs and time into the whole firmware on a simulated machine, read from the input as steps (enum step).
- * After each: what test_drive_rules.h says. The first byte of the input says where the drive is when it begins (enum
- * start): that is reached once, and copied for each input, so that a few periods are enough to get anywhere. */
+/* Gives frames, inputs of the drive and time to the whole firmware on a simulated machine. The input is read as steps
+ * (enum step). After each step the rules of test_drive_rules.h hold. The first byte of the input chooses the state in
+ * which the drive begins (enum start). Each state is reached once and copied for each input, so that a few control
+ * periods are enough to get anywhere. */
 #include <stddef.h>
+#include <string.h>
 
 #include "bytes.h"
 #include "test_drive_rules.h"
@@ -52,7 +54,7 @@ enum { STEPS_MAX = 60, PERIODS = 24, PERIODS_LONG = 300, LONG = 0xF8, OPERATIONS
 static struct rig start[STARTS];
 static bool full;
 static unsigned periods_left;
-static uint32_t stored; /* flash operations before the first step */
+static uint32_t operations_before; /* flash operations before the first step */
 
 static bool can_send(void *ctx, const struct can_frame *frame)
 {
@@ -95,7 +97,7 @@ static void enable(void)
     }
 }
 
-/* A stream from where the axes are; the knots are to follow. */
+/* Begin a stream where the axes are. Its knots have to follow. */
 static void begin(void)
 {
     for (uint8_t axis = 0; axis < 2; axis++) {
@@ -141,8 +143,8 @@ static void record(struct bytes *in)
 {
     struct can_frame f = {.id = (uint16_t)(0x400u + node_id()), .len = 8};
     for (unsigned axis = 0; axis < 2; axis++) {
-        const uint32_t near = (uint32_t)((int16_t)bytes_number(in, 2));
-        co_put(&f.data[4 * axis], (uint32_t)rig.device.od.axis[axis].position_actual + near, 4);
+        const uint32_t distance = (uint32_t)((int16_t)bytes_number(in, 2));
+        co_put(&f.data[4 * axis], (uint32_t)rig.device.od.axis[axis].position_actual + distance, 4);
     }
     give(&f);
 }
@@ -154,13 +156,13 @@ static void mode(uint8_t what)
     const int32_t *w = writes[what / 4 % 6];
     const uint8_t size = (uint8_t)w[1];
     for (uint16_t axis = 0; axis < 2; axis++) {
-        if ((what & 3) != 2 + axis) { /* one of them, or both */
+        if ((what & 3) != 2 + axis) { /* one axis, or both */
             request((uint8_t)(0x23 | (4 - size) << 2), (uint16_t)((unsigned)w[0] + 0x800u * axis), 0, (uint32_t)w[2]);
         }
     }
 }
 
-static void take(struct bytes *in)
+static void run_step(struct bytes *in)
 {
     switch (bytes_u8(in) % STEPS) {
     case TIME: let_pass(1u + bytes_u8(in) % 32); break;
@@ -191,7 +193,7 @@ static void take(struct bytes *in)
     case BEGIN: begin(); break;
     case STORE: {
         const bool save = bytes_u8(in) % 2 == 0;
-        if (rig.flash.operations - stored < OPERATIONS) { /* once: it takes longer than all the rest */
+        if (rig.flash.operations - operations_before < OPERATIONS) { /* one save takes longer than all other steps */
             request(0x23, save ? 0x1010 : 0x1011, bytes_u8(in) % 4, save ? 0x65766173 : 0x64616F6C);
         }
         break;
@@ -207,7 +209,7 @@ static void expect_state(enum cia402_state state)
     TEST_ASSERT_EQUAL(state, rig.device.drive.axis[1].state);
 }
 
-/* Both axes in `mode` */
+/* Enable both axes in a mode of operation. */
 static void enable_in(uint8_t mode_of_operation)
 {
     rig_nmt(&rig, 1);
@@ -220,7 +222,7 @@ static void enable_in(uint8_t mode_of_operation)
 
 static void profile(void)
 {
-    enable_in(MODE_VELOCITY);
+    enable_in(MODE_PROFILE_VELOCITY);
     TEST_ASSERT_EQUAL(0, rig_write(&rig, 0x60FF, 0, 4, 20000));
     rig_ms(&rig, 20);
 }
@@ -235,21 +237,21 @@ static void homing(void)
     rig_ms(&rig, 20);
 }
 
-static void go_to(enum start to, struct rig_stream *s)
+static void reach(enum start to, struct rig_stream *s)
 {
     switch (to) {
     case POWER_ON: break;
     case OPERATIONAL: rig_nmt(&rig, 1); break;
     case SWITCHED_ON:
-        enable_in(MODE_PATH);
+        enable_in(MODE_INTERPOLATED_POSITION);
         rig_controlwords(&rig, 0x07, 0x07);
         rig_ms(&rig, 2);
         expect_state(CIA402_SWITCHED_ON);
         break;
     case ENABLED:
-    case RECORDS: enable_in(MODE_PATH); break;
+    case RECORDS: enable_in(MODE_INTERPOLATED_POSITION); break;
     case FILLED:
-        enable_in(MODE_PATH);
+        enable_in(MODE_INTERPOLATED_POSITION);
         TEST_ASSERT_EQUAL(0, rig_begin(&rig, s));
         rig_feed(&rig, s, s->count);
         break;
@@ -258,7 +260,7 @@ static void go_to(enum start to, struct rig_stream *s)
     case STOPPING:
     case STOPPED:
     case FAULT:
-        enable_in(MODE_PATH);
+        enable_in(MODE_INTERPOLATED_POSITION);
         rig_go(&rig, s, 150);
         TEST_ASSERT_EQUAL(STREAM_RUNNING, rig.device.od.stream.state);
         break;
@@ -276,8 +278,8 @@ static void go_to(enum start to, struct rig_stream *s)
     }
 }
 
-/* What follows while it moves */
-static void go_on(enum start to)
+/* The second half of the way to a state, for those that begin with a motion or a request. */
+static void reach_after_start(enum start to)
 {
     if (to == SILENT_HOST) {
         rig.heartbeat_every_ms = 0;
@@ -313,17 +315,17 @@ static void make_starts(void)
     for (unsigned i = 0; i < STARTS; i++) {
         struct rig_stream s = {.count = 400, .length_nm = 20e6};
         rig_start(&rig, &machine);
-        rig.plant.machine.substeps = 1; /* less true, but here only the firmware matters */
+        rig.plant.machine.substeps = 1; /* The machine is less exact then, but only the firmware is tested here. */
         rig.hal.can_send = can_send;
         rig_ms(&rig, 5);
-        go_to((enum start)i, &s);
-        go_on((enum start)i);
+        reach((enum start)i, &s);
+        reach_after_start((enum start)i);
         rig.heartbeat_every_ms = 0;
         start[i] = rig;
     }
 }
 
-/* All but the flash, which few inputs write */
+/* Copy the state. The flash is copied only when an input has written it, which few do. */
 static void restore(const struct rig *from)
 {
     static const struct rig *flash_of;
@@ -346,15 +348,15 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     const uint8_t head = bytes_u8(&in);
     restore(&start[(head & 0x1Fu) % STARTS]);
     full = false;
-    stored = rig.flash.operations;
+    operations_before = rig.flash.operations;
     periods_left = head >= LONG ? PERIODS_LONG : PERIODS;
     for (unsigned i = 0; i < STEPS_MAX && in.left > 0; i++) {
-        take(&in);
+        run_step(&in);
         expect_legal();
     }
     expect_ranges();
     full = false;
-    /* An hour's silence (LSS, bit timing) need not be waited for. */
+    /* LSS can silence the node for long before a new bit timing takes effect: shorten that. */
     rig.device.node.lss.silent_ms = rig.device.node.lss.silent_ms > 3 ? 3 : rig.device.node.lss.silent_ms;
     expect_an_answer();
     TEST_ASSERT_EQUAL_UINT(0, rig.flash.misuse);

@@ -6,7 +6,7 @@ finds go to build/fuzz/corpus/FUZZER. To take those that reach new code, let lib
 
     python tests/fuzz/corpus.py unpack can build/fuzz/seeds/can
     mkdir build/fuzz/merged
-    build/fuzz/asan/can -merge=1 -max_len=160 build/fuzz/merged build/fuzz/seeds/can build/fuzz/corpus/can
+    build/fuzz-asan/can -merge=1 -max_len=160 build/fuzz/merged build/fuzz/seeds/can build/fuzz/corpus/can
     python tests/fuzz/corpus.py pack can build/fuzz/merged
 
 Usage: corpus.py unpack FUZZER FOLDER      write each input of FUZZER.hex to a file of its own in FOLDER

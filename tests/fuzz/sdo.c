@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* SDO requests, in any order, to the bare node: every answer is a legal one, no value leaves its range, what is
- * accepted can be read back, and afterwards the server answers. The input is read as steps (enum step). */
+/* Sends SDO requests in any order to the node alone. Every answer is legal, no value leaves its range, and what was
+ * accepted can be read back. Afterwards the server answers. The input is read as steps (enum step). */
 #include <string.h>
 
 #include "bytes.h"
@@ -24,7 +24,7 @@ static void give(uint8_t command, uint16_t index, uint8_t sub, uint32_t value, u
     }
 }
 
-/* No transfer is under way, and no frame waits. */
+/* End a transfer and send the frames that wait. */
 static void settle(void)
 {
     bus.room = SENT_MAX;
@@ -37,16 +37,16 @@ static const struct od_entry *any_entry(struct bytes *in)
     return &od_table[bytes_number(in, 2) % od_table_len];
 }
 
-/* A valid request: what the server takes is there afterwards. */
+/* A valid request: a value that the server accepts can be read back. */
 static void write_and_read(const struct od_entry *e, uint32_t raw)
 {
     const uint8_t size = od_size(e);
     settle();
     give((uint8_t)(0x23 | (4 - size) << 2), e->index, e->sub, raw, 8);
     TEST_ASSERT_EQUAL_UINT(1, bus.count);
-    const bool taken = bus.sent[0].data[0] == 0x60;
-    TEST_ASSERT_TRUE(taken || bus.sent[0].data[0] == 0x80);
-    if (!taken || (e->flags & OD_READ) == 0 || e->index == 0x1010 || e->index == 0x1011) {
+    const bool accepted = bus.sent[0].data[0] == 0x60;
+    TEST_ASSERT_TRUE(accepted || bus.sent[0].data[0] == 0x80);
+    if (!accepted || (e->flags & OD_READ) == 0 || e->index == 0x1010 || e->index == 0x1011) {
         return;
     }
     uint8_t bytes[4];
@@ -69,7 +69,7 @@ static void read_one(const struct od_entry *e)
     TEST_ASSERT_TRUE(!refused || (e->flags & OD_READ) == 0 || co_get(&bus.sent[0].data[4], 4) == SDO_ABORT_NO_DATA);
 }
 
-/* Some milliseconds, or enough for a transfer that waits to be given up */
+/* Let some milliseconds pass, or enough for the server to abort a transfer that waits. */
 static void let_pass(uint8_t how_long)
 {
     for (unsigned ms = how_long == 0xFF ? CO_SDO_TIMEOUT_MS + 1 : 1 + how_long % 16; ms > 0; ms--) {
@@ -78,7 +78,7 @@ static void let_pass(uint8_t how_long)
     }
 }
 
-static void take(struct bytes *in)
+static void run_step(struct bytes *in)
 {
     const struct od_entry *e;
     uint8_t data[8];
@@ -113,7 +113,7 @@ static void take(struct bytes *in)
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     struct bytes in = {data, size};
-    if (started.room == 0) { /* once: a start would cost more than the input */
+    if (started.room == 0) { /* only once, because a start takes longer than an input */
         bus_start(&bus);
         bus_clear(&bus);
         started = bus;
@@ -122,7 +122,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     memcpy(&bus.node, &started.node, sizeof bus.node);
     bus.room = SENT_MAX;
     for (unsigned i = 0; i < STEPS_MAX && in.left > 0; i++) {
-        take(&in);
+        run_step(&in);
         TEST_ASSERT_TRUE(bus.node.sdo.transfer.phase <= CO_SDO_BLOCK_UPLOAD_END && bus.node.tx.count <= CO_TX_FRAMES);
     }
     for (uint16_t i = 0; i < od_table_len; i++) {

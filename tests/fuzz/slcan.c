@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Any bytes into the slcan codec: frames are valid, answers fit, and what is understood survives the way out and in. */
+/* Feeds any bytes to the slcan codec. Frames are valid and answers fit. A frame that was understood is the same after
+ * it was sent as a line and read back. */
 #include <string.h>
 
 #include "bytes.h"
 #include "port/slcan.h"
 #include "unity.h"
 
-/* A frame, sent as a line and read back, is the same. */
+/* A frame is the same after it was sent as a line and read back. */
 static void expect_round_trip(const struct slcan *sender, const struct can_frame *frame, uint32_t ms)
 {
     char line[SLCAN_FRAME];
@@ -31,7 +32,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     struct slcan s;
     slcan_init(&s, 0x12AB);
-    if (size > 0 && data[0] >= 0x80) { /* most lines mean something when open only */
+    if (size > 0 && data[0] >= 0x80) { /* most lines have a meaning only while the channel is open */
         s.open = true;
     }
     for (size_t i = 0; i < size; i++) {
@@ -49,7 +50,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             expect_round_trip(&s, &frame, (uint32_t)i);
         }
     }
-    /* Whatever came: the next line is understood. */
+    /* After any input the next line is understood. */
     struct can_frame frame;
     struct slcan_answer answer;
     for (const char *c = "\rO\rt1230\r"; *c != '\0'; c++) {
@@ -58,6 +59,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             return 0;
         }
     }
-    TEST_ASSERT_TRUE_MESSAGE(false, "a good frame is not taken");
+    TEST_ASSERT_TRUE_MESSAGE(false, "a good frame is not accepted");
     return 0;
 }

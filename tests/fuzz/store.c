@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Any contents of the parameter flash: what is loaded is in range and fits together, and what is stored over it can be
- * loaded again. The input is read as pieces of the two sectors (enum piece). */
+/* Fills the flash of the parameters with any contents. What is loaded is in range and fits together, and what is stored
+ * over it can be loaded again. The input is read as pieces of the two sectors (enum piece). */
 #include <string.h>
 
 #include "bytes.h"
@@ -52,7 +52,7 @@ static uint32_t crc32(uint32_t crc, uint32_t word)
     return crc;
 }
 
-/* A place in a sector, and the checksum of the set that is being written there. */
+/* A place in a sector, and the checksum of the set that is written there. */
 struct cursor {
     unsigned sector, word;
     uint32_t crc;
@@ -71,7 +71,7 @@ static void put_checked(struct cursor *c, uint32_t word)
     c->crc = crc32(c->crc, word);
 }
 
-/* A set whose checksum is right, mostly; of objects that there are, mostly. */
+/* Write a set. Mostly its checksum is right and its objects exist. */
 static void put_set(struct cursor *c, struct bytes *in)
 {
     const uint8_t how = bytes_u8(in);
@@ -126,7 +126,8 @@ static const struct od_entry *entry(uint16_t index, uint8_t sub)
     return e;
 }
 
-/* What may be saved over the set found: index, sub, what it replaces, whether the values in use are those stored then */
+/* The ways to save over the set that was found. `replaced`: the groups of values that the new set replaces. `same`: the
+ * values in use are then the stored ones. */
 static const struct {
     uint16_t index;
     uint8_t sub;
@@ -150,7 +151,7 @@ static uint32_t save(struct settings *s, unsigned which, uint8_t node_id)
     return settings_command(s, entry(saves[which].index, saves[which].sub), node_id);
 }
 
-/* The first byte of the input says what is saved: often nothing, since that takes longest. */
+/* The first byte of the input chooses what is saved. Often it is nothing, because saving takes longest. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     struct bytes in = {data, size};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* unity.h: the assertions of Unity that the rigs of tests/unit use, for the fuzzers: what does not hold is a crash. */
+/* unity.h: the assertions of Unity that the rigs of tests/unit use. In a fuzzer an assertion that fails is a crash. */
 #ifndef FUZZ_UNITY_H
 #define FUZZ_UNITY_H
 #include <stdio.h>

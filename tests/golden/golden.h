@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* golden.h: the control core on fixed inputs, word for word. It has no files, libm
  * or heap, so it runs on a microcontroller as well as on a host, and must give the
- * same words on both (golden_f32.h and golden_fix.h, made by `make golden`).
+ * same words on both (golden_f32.h and golden_fix.h, made by write.c).
  *
  * Context: tests/unit/test_golden.c and write.c call it.
  */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Words of golden_run() in the back end f32. Made by `make golden`: see README.md. */
+/* Words of golden_run() in the back end f32. Made by write.c: see README.md. */
 #include <stdint.h>
 
 static const uint32_t golden_words[] = {

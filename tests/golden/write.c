@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* write.c: a program that writes the golden vectors of its back end as a C header. `make golden` runs it. */
+/* write.c: a program that writes the golden vectors of its back end as a C header. The target `golden` runs it. */
 #include <stdio.h>
 #include <string.h>
 
@@ -26,7 +26,7 @@ int main(void)
 {
     struct place at = {"", 0};
     printf("/* SPDX-License-Identifier: Apache-2.0 */\n"
-           "/* Words of golden_run() in the back end %s. Made by `make golden`: see README.md. */\n"
+           "/* Words of golden_run() in the back end %s. Made by write.c: see README.md. */\n"
            "#include <stdint.h>\n\nstatic const uint32_t golden_words[] = {\n",
            NUM_NAME);
     golden_run(print, &at);

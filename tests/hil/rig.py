@@ -52,15 +52,15 @@ class Rig:
         self.seen_late = self.drive.truth_m is None and not heartbeat
         if self.seen_late:
             self.note_error()
-            self.link.record()
+            self.link.record_telemetry()
 
     def fall_silent(self) -> None:
         """No heartbeat of the host any more."""
-        self.link.rest()
+        self.link.stop_heartbeat()
 
     def __enter__(self) -> Rig:
         self.reset()
-        self.device.set_parameters(self.drive.parameters if self.drive.simulated else self._safe())
+        self.device.parameters.set(self.drive.parameters if self.drive.simulated else self._safe())
         self.muted = self.drive.simulated and not self.drive.stepped
         if self.muted:
             self._mute_telemetry()
@@ -69,7 +69,7 @@ class Rig:
     def __exit__(self, *raised: object) -> None:
         try:
             if not self.drive.simulated:
-                self.device.disable()  # on the path, if one runs
+                self.device.axes.disable()  # on the path, if one runs
                 self.reset()
         finally:
             self.bus.shutdown()
@@ -111,13 +111,13 @@ class Rig:
         return off
 
     def positions_m(self) -> tuple[Metres, float]:
-        """Positions (n, 2) since the last `link.record()` or before, and the time between two of them: the truth, for
-        which a simulated drive is switched off, or of a real drive what its telemetry says."""
+        """Positions (n, 2) since the last `link.record_telemetry()` or before, and the time between two of them: the
+        truth, for which a simulated drive is switched off, or of a real drive what its telemetry says."""
         if self.drive.truth_m is not None:
             control_s = 1.0 / self.device.read("clock.control_hz")
             return self.drive.truth_m(), control_s
         start_nm = (round(self.centre_m[0] * 1e9 + self.radius_m * 1e9), round(self.centre_m[1] * 1e9))
-        position_m = self.link.recorded(start_nm).position_m
+        position_m = self.link.recorded_telemetry(start_nm).position_m
         return position_m[~np.isnan(position_m).any(axis=1)], 1e-3  # a record may begin within a millisecond
 
     def note_error(self) -> None:

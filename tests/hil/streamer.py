@@ -13,7 +13,7 @@ import numpy as np
 from kontur.can.bus import open_bus
 from kontur.can.link import Link
 from kontur.drive.device import Device
-from kontur.drive.stream import stream
+from kontur.drive.stream import Operator, stream
 
 options, node_id, knots, room = sys.argv[1:]
 with open_bus(json.loads(options)) as bus:
@@ -27,5 +27,5 @@ with open_bus(json.loads(options)) as bus:
             told = True
             print("running", flush=True)
 
-    with device.enabled():
-        stream(device, np.load(knots), progress=tell)
+    with device.axes.enabled():
+        stream(device, np.load(knots), Operator(progress=tell))

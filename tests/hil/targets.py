@@ -157,8 +157,8 @@ class Image(Target):
         with emulator.start(IMAGE) as running:
             # Stored, as on a bare board, so that a reset keeps them.
             with connected(open_bus(running.options()), 1) as device:
-                device.set_parameters(parameters | {"pace_select": int(pace != "clock")})
-                device.save_parameters()
+                device.parameters.set(parameters | {"pace_select": int(pace != "clock")})
+                device.parameters.save()
             yield Drive(running.options(), stepped=pace != "clock", unplug=_hung_up, parameters=parameters)
 
 

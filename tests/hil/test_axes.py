@@ -8,7 +8,7 @@ from rig import Rig
 from targets import Target, needs_clock
 
 from kontur.can import wire
-from kontur.drive.device import DISABLE_VOLTAGE, ENABLE, FAULT_RESET, RUN_PATH, SHUTDOWN, SWITCH_ON
+from kontur.drive.state_machine import DISABLE_VOLTAGE, ENABLE, FAULT_RESET, RUN_PATH, SHUTDOWN, SWITCH_ON
 from kontur.drive.stream import stream
 from kontur.errors import EmcyError
 
@@ -20,15 +20,15 @@ STATE, ENABLED = 0x6F, 0x27  # of a statusword
 
 
 def come_to(rig: Rig, controlword: int, state: str) -> None:
-    rig.device.controlwords(controlword, controlword)
-    rig.device.wait(lambda: rig.device.states() == (state, state), 2.0, f"does not come to {state!r}")
+    rig.device.axes.controlwords(controlword, controlword)
+    rig.device.wait(lambda: rig.device.axes.states() == (state, state), 2.0, f"does not come to {state!r}")
 
 
 def assert_fault(rig: Rig, code: int) -> None:
     """Both axes are in fault without power, and tell the code everywhere; a fault reset ends it."""
     device = rig.device
-    rig.link.wait(lambda: device.states() == ("fault", "fault"), 2.0)
-    assert device.states() == ("fault", "fault")
+    rig.link.wait(lambda: device.axes.states() == ("fault", "fault"), 2.0)
+    assert device.axes.states() == ("fault", "fault")
     assert (device.read("error_code_x"), device.read("error_code_y")) == (code, code)
     assert device.read("error_register") & 1
     history = rig.link.node.sdo[0x1003]
@@ -82,14 +82,14 @@ def test_the_quickest_answer_to_a_statusword_is_taken(target: Target, clock_rig:
 
 def test_enabled_axes_hold_their_position(rig: Rig) -> None:
     before = rig.device.position_nm()
-    with rig.device.enabled():
+    with rig.device.axes.enabled():
         rig.link.wait(lambda: False, 0.3)
-        rig.device.check()
+        rig.device.faults.check()
         assert all(abs(a - b) < 5_000 for a, b in zip(rig.device.position_nm(), before, strict=True))
 
 
 def test_silent_host_is_a_fault_of_both_axes(rig: Rig) -> None:
-    rig.device.enable()
+    rig.device.axes.enable()
     rig.fall_silent()
     with pytest.raises(EmcyError, match="8130h"):
         rig.device.wait(lambda: False, 2.0, "says nothing of the missing heartbeat")
@@ -99,7 +99,7 @@ def test_silent_host_is_a_fault_of_both_axes(rig: Rig) -> None:
 def test_path_out_of_the_position_limit_is_refused_knot_by_knot(rig: Rig) -> None:
     knots_nm = rig.circle(1.0)
     rig.device.write("position_limit_x.min", int(knots_nm[:, 0].min()) + 200_000)
-    rig.device.enable()
+    rig.device.axes.enable()
     with pytest.raises(EmcyError, match="FF11h"):
         stream(rig.device, knots_nm)
     assert_fault(rig, KNOT_OUTSIDE)
@@ -107,20 +107,20 @@ def test_path_out_of_the_position_limit_is_refused_knot_by_knot(rig: Rig) -> Non
 
 def test_axis_that_is_too_fast_loses_its_power(rig: Rig) -> None:
     rig.device.write("limits.velocity", rig.feed_mps / 2)
-    rig.device.enable()
+    rig.device.axes.enable()
     with pytest.raises(EmcyError, match="8400h"):
         stream(rig.device, rig.circle(1.0))
     assert_fault(rig, OVERSPEED)
 
 
 def test_parameters_are_refused_while_an_axis_has_power(rig: Rig) -> None:
-    with rig.device.enabled(), pytest.raises(Exception, match="the drive refuses"):
+    with rig.device.axes.enabled(), pytest.raises(Exception, match="the drive refuses"):
         rig.device.write("plant_x.mass", rig.device.read("plant_x.mass"))
 
 
 def test_path_does_not_start_while_one_axis_is_off(rig: Rig) -> None:
-    with rig.device.enabled():
-        rig.device.controlwords(RUN_PATH, SWITCH_ON)
-        rig.link.wait(lambda: rig.device.states()[1] == "switched on", 1.0)
-        assert rig.device.states() == ("operation enabled", "switched on")
+    with rig.device.axes.enabled():
+        rig.device.axes.controlwords(RUN_PATH, SWITCH_ON)
+        rig.link.wait(lambda: rig.device.axes.states()[1] == "switched on", 1.0)
+        assert rig.device.axes.states() == ("operation enabled", "switched on")
         assert rig.device.read("stream.state") == 0

@@ -35,11 +35,11 @@ def errors_of_circle(target: Target, faults: BusFaults) -> tuple[float, float] |
                 assert rig.link.time_s < START_S
                 rig.link.wait(lambda: rig.link.time_s >= START_S, START_S)
 
-        with rig.device.enabled():
+        with rig.device.axes.enabled():
             result = stream(rig.device, knots_nm, before_start=wait)
             assert result.completed
             assert result.executed == len(knots_nm)
-            assert rig.device.confirmed("stream.checksum") == checksum(knots_nm)
+            assert rig.device.read_stable("stream.checksum") == checksum(knots_nm)
         if faults != BusFaults():
             assert sum(result.rejected.values()) > 0
             assert result.retransmitted > 0
@@ -47,7 +47,7 @@ def errors_of_circle(target: Target, faults: BusFaults) -> tuple[float, float] |
         if not drive.stepped:
             return None
         if drive.truth_m is None:
-            return rig.device.confirmed("path_error.max"), rig.device.confirmed("path_error.mean")
+            return rig.device.read_stable("path_error.max"), rig.device.read_stable("path_error.mean")
         position_m, step_s = rig.positions_m()
         position_m = position_m[round(START_S / step_s) :]
         position_m = position_m[: moving(position_m, step_s)[-1]]  # to the end of the path, whenever power went

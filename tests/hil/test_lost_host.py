@@ -15,11 +15,11 @@ import can
 import numpy as np
 import pytest
 from rig import Knots, Rig
+from stepped_stream import SteppedStream
 from targets import Drive, Target, needs_clock
 
 from kontur.can import wire
 from kontur.can.bad_bus import BadBus
-from kontur.drive.stream import _Sender
 from kontur.errors import KonturError
 
 pytestmark = pytest.mark.motion
@@ -34,7 +34,7 @@ _START_S, _END_S = 90.0, 20.0
 def assert_stopped_and_off(rig: Rig) -> None:
     """The drive has stopped on the path for want of a heartbeat, and told so."""
     fault = ("fault", "fault")
-    assert rig.link.wait(lambda: rig.device.states() == fault, _END_S), f"it is in {rig.device.states()}"
+    assert rig.link.wait(lambda: rig.device.axes.states() == fault, _END_S), f"it is in {rig.device.axes.states()}"
     assert rig.device.info().error_code == (HEARTBEAT_LOST, HEARTBEAT_LOST)
     history = rig.link.node.sdo[0x1003]
     assert HEARTBEAT_LOST in [history[i + 1].raw & 0xFFFF for i in range(history[0].raw)]
@@ -43,16 +43,14 @@ def assert_stopped_and_off(rig: Rig) -> None:
 
 def stream_until(rig: Rig, knots_nm: Knots, share: float) -> None:
     """Start a stream and go on until the drive has taken a `share` of it, and its queue is full."""
-    rig.device.enable()
-    rig.link.record()
-    sender = _Sender(rig.device, knots_nm)
-    sender.fill()
-    rig.device.controlwords(0x1F, 0x1F)
-    while sender.accepted < share * len(knots_nm):
-        sender.advance()
+    rig.device.axes.enable()
+    rig.link.record_telemetry()
+    stream = SteppedStream(rig.device, knots_nm)
+    stream.start()
+    stream.advance_to(share)
     rig.note_error()
     while rig.link.status.free > ROOM:  # type: ignore[union-attr]
-        sender.advance()
+        stream.step()
 
 
 @contextmanager
@@ -100,7 +98,7 @@ def test_killed_host_stops_the_drive_on_the_path(target: Target, tmp_path: Path)
             rig.bus.shutdown()
         else:
             rig.fall_silent()
-        rig.link.record()
+        rig.link.record_telemetry()
         with host(drive, knots_nm, tmp_path) as process:
             process.send_signal(signal.SIGKILL)
             process.wait()

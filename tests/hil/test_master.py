@@ -10,7 +10,7 @@ from targets import Target
 
 from kontur.can.link import Link
 from kontur.drive.device import Device
-from kontur.drive.stream import stream
+from kontur.drive.stream import Operator, stream
 from kontur.errors import HeldError
 
 pytestmark = pytest.mark.motion
@@ -20,7 +20,7 @@ _COMMAND_S = 60.0
 
 def assert_undisturbed(rig: Rig) -> None:
     assert rig.device.read("stream.underruns") == 0
-    assert rig.device.states() == ("operation enabled", "operation enabled")
+    assert rig.device.axes.states() == ("operation enabled", "operation enabled")
 
 
 def test_second_master_is_refused_while_the_first_ones_path_runs_on(rig: Rig) -> None:
@@ -31,11 +31,11 @@ def test_second_master_is_refused_while_the_first_ones_path_runs_on(rig: Rig) ->
         if share > 0.5 and not told:
             other = Device(Link(rig.bus, rig.drive.node_id))
             with pytest.raises(HeldError) as refused:
-                other.enable()
+                other.axes.enable()
             told.append(str(refused.value))
 
-    with rig.device.enabled():
-        result = stream(rig.device, knots_nm, progress=ask)
+    with rig.device.axes.enabled():
+        result = stream(rig.device, knots_nm, Operator(progress=ask))
         assert_undisturbed(rig)
         assert rig.device.read("stream.checksum") == checksum(knots_nm)
     assert result.completed
@@ -57,9 +57,11 @@ def test_second_kontur_is_refused_while_the_first_one_runs(target: Target) -> No
             if share > 0.1 and not others:
                 others.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
 
-        with rig.device.enabled():
+        with rig.device.axes.enabled():
             result = stream(
-                rig.device, knots_nm, progress=ask, stop_requested=lambda: bool(others) and others[0].poll() is not None
+                rig.device,
+                knots_nm,
+                Operator(progress=ask, stop_requested=lambda: bool(others) and others[0].poll() is not None),
             )
             assert result.fault is None
             rig.link.wait(lambda: others[0].poll() is not None, _COMMAND_S)  # however long it takes to start

@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rig import Rig, checksum
+from stepped_stream import SteppedStream
 from targets import Target, needs_clock
 
-from kontur.drive.device import BIT_PATH_RUNS, ENABLE, RUN_PATH
-from kontur.drive.stream import _Sender, stream
+from kontur.drive.state_machine import BIT_PATH_RUNS, ENABLE, RUN_PATH
+from kontur.drive.stream import Operator, stream
 from kontur.errors import KonturError
 
 pytestmark = pytest.mark.motion
@@ -29,22 +30,22 @@ STALL_S, HELD_UP_S = 0.2, 0.1
 
 def test_circle_is_gone_through_from_start_to_end(rig: Rig) -> None:
     knots_nm = rig.circle(2.0)
-    with rig.device.enabled():
-        result = stream(rig.device, knots_nm, before_start=rig.link.record)
+    with rig.device.axes.enabled():
+        result = stream(rig.device, knots_nm, before_start=rig.link.record_telemetry)
         assert result.completed
         assert result.executed == result.accepted == len(knots_nm)
         assert rig.device.read("stream.state") == DONE
         assert rig.device.read("stream.checksum") == checksum(knots_nm)
         assert np.abs(np.array(rig.device.position_nm()) - knots_nm[-1]).max() < 20_000
-    assert rig.device.states() == ("switch on disabled", "switch on disabled")
+    assert rig.device.axes.states() == ("switch on disabled", "switch on disabled")
 
 
 def test_clean_bus_loses_and_repeats_nothing(rig: Rig) -> None:
     if not rig.drive.stepped:
         pytest.skip("a host that shares its processor may lose frames; inproc, and slcan and vcan by SYNC, may not")
-    with rig.device.enabled():
-        result = stream(rig.device, rig.circle(2.0), before_start=rig.link.record)
-        telemetry = rig.link.recorded(rig.device.position_nm())
+    with rig.device.axes.enabled():
+        result = stream(rig.device, rig.circle(2.0), before_start=rig.link.record_telemetry)
+        telemetry = rig.link.recorded_telemetry(rig.device.position_nm())
         assert result.retransmitted == 0
         assert set(result.rejected.values()) == {0}
         assert rig.device.read("stream.underruns") == 0
@@ -55,30 +56,28 @@ def test_clean_bus_loses_and_repeats_nothing(rig: Rig) -> None:
 def test_stop_and_go_on_is_on_the_path_and_loses_no_knot(rig: Rig, controlword: int) -> None:
     device = rig.device
     knots_nm = rig.circle(4.0)
-    device.enable()
-    rig.link.record()
-    sender = _Sender(device, knots_nm)
-    sender.fill()
-    device.controlwords(RUN_PATH, RUN_PATH)
+    device.axes.enable()
+    rig.link.record_telemetry()
+    stepped = SteppedStream(device, knots_nm)
+    stepped.start()
     for share in (0.4, 0.7):
-        while sender.accepted < share * len(knots_nm):
-            sender.advance()
-        device.wait(lambda: device.both_axes(BIT_PATH_RUNS), 1.0, "does not run")
-        device.controlwords(controlword, controlword)
-        device.wait(lambda: device.both_axes(BIT_PATH_RUNS, False), 3.0, "does not stop")
-        assert device.states() == ("operation enabled", "operation enabled")
+        stepped.advance_to(share)
+        device.wait(lambda: device.axes.both(BIT_PATH_RUNS), 1.0, "does not run")
+        device.axes.controlwords(controlword, controlword)
+        device.wait(lambda: device.axes.both(BIT_PATH_RUNS, False), 3.0, "does not stop")
+        assert device.axes.states() == ("operation enabled", "operation enabled")
         stood_nm = np.array(device.position_nm())
         rig.link.wait(lambda: False, 0.2)
         assert np.abs(np.array(device.position_nm()) - stood_nm).max() < 5_000, "it does not stand"
-        device.controlwords(RUN_PATH, RUN_PATH)
-        device.wait(lambda: device.both_axes(BIT_PATH_RUNS), 1.0, "does not go on")
+        device.axes.controlwords(RUN_PATH, RUN_PATH)
+        device.wait(lambda: device.axes.both(BIT_PATH_RUNS), 1.0, "does not go on")
     end_s = rig.link.time_s + 30.0
-    while device.both_axes(BIT_PATH_RUNS):
-        sender.advance() if sender.accepted < len(knots_nm) else rig.link.pump(0.02)
+    while device.axes.both(BIT_PATH_RUNS):
+        stepped.step()
         assert rig.link.time_s < end_s, "it does not come to the end"
     assert device.read("stream.state") == DONE
     assert device.read("stream.checksum") == checksum(knots_nm)
-    device.disable()
+    device.axes.disable()
     count_m = device.read("plant_x.encoder") * 1e-6
     position_m, _ = rig.positions_m()
     assert rig.off_circle_m(position_m).max() < 25e-6 + count_m
@@ -86,7 +85,7 @@ def test_stop_and_go_on_is_on_the_path_and_loses_no_knot(rig: Rig, controlword: 
 
 def test_stop_that_was_asked_for_is_on_the_path(rig: Rig) -> None:
     knots_nm = rig.circle(12.0)
-    rig.device.enable()
+    rig.device.axes.enable()
     asked = False
 
     def stop_requested() -> bool:
@@ -97,7 +96,10 @@ def test_stop_that_was_asked_for_is_on_the_path(rig: Rig) -> None:
         asked = share > 0.6
 
     result = stream(
-        rig.device, knots_nm, before_start=rig.link.record, progress=progress, stop_requested=stop_requested
+        rig.device,
+        knots_nm,
+        Operator(progress=progress, stop_requested=stop_requested),
+        before_start=rig.link.record_telemetry,
     )
     assert not result.completed
     assert result.executed < len(knots_nm)
@@ -125,11 +127,11 @@ def test_host_that_stalls_for_200_ms_is_not_noticed(target: Target, clock_rig: R
     needs_clock(target)
     knots_nm = clock_rig.circle(8.0)
     for attempt in range(3):
-        clock_rig.device.enable()
+        clock_rig.device.axes.enable()
         before = clock_rig.device.read("stream.underruns")
         host = StallingHost()
         try:
-            result = stream(clock_rig.device, knots_nm, progress=host)
+            result = stream(clock_rig.device, knots_nm, Operator(progress=host))
             underruns = clock_rig.device.read("stream.underruns") - before
             if underruns == 0:
                 break
@@ -143,7 +145,7 @@ def test_host_that_stalls_for_200_ms_is_not_noticed(target: Target, clock_rig: R
     assert not host.shares
     assert result.completed
     assert clock_rig.device.read("stream.checksum") == checksum(knots_nm)
-    clock_rig.device.disable()
+    clock_rig.device.axes.disable()
 
 
 def test_ctrl_c_on_the_command_line_stops_on_the_path(target: Target, tmp_path: Path) -> None:

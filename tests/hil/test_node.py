@@ -132,12 +132,12 @@ def test_parameter_keeps_what_was_written_until_reset_node(rig: Rig) -> None:
 
 
 def test_parameter_out_of_range_or_unfit_changes_nothing(rig: Rig) -> None:
-    before = rig.device.dump()
+    before = rig.device.parameters.dump()
     with pytest.raises(ParameterError, match="out of range"):
-        rig.device.set_parameters({"smc.gamma": 2.0, "smc.lambda": 1e6})
+        rig.device.parameters.set({"smc.gamma": 2.0, "smc.lambda": 1e6})
     with pytest.raises(ParameterError, match="does not fit another"):
         rig.device.write("smc.k_0", before["smc.k_max"] + 1.0)
-    assert rig.device.dump() == before
+    assert rig.device.parameters.dump() == before
 
 
 def test_command_that_needs_another_state_is_refused(rig: Rig) -> None:
@@ -149,15 +149,15 @@ def test_axes_come_to_switched_on_and_back_one_after_the_other(rig: Rig) -> None
     """As far as the axes go without power."""
     rig.nmt(START)
     for controlword, state in ((0x06, "ready to switch on"), (0x07, "switched on"), (0x06, "ready to switch on")):
-        rig.device.controlwords(controlword, 0x00)
+        rig.device.axes.controlwords(controlword, 0x00)
         rig.device.wait(
-            lambda state=state: rig.device.states() == (state, "switch on disabled"),  # type: ignore[misc]
+            lambda state=state: rig.device.axes.states() == (state, "switch on disabled"),  # type: ignore[misc]
             1.0,
             f"x does not come to {state!r}",
         )
-    rig.device.controlwords(0x00, 0x06)
+    rig.device.axes.controlwords(0x00, 0x06)
     rig.device.wait(
-        lambda: rig.device.states() == ("switch on disabled", "ready to switch on"), 1.0, "does not change axes"
+        lambda: rig.device.axes.states() == ("switch on disabled", "ready to switch on"), 1.0, "does not change axes"
     )
 
 

@@ -21,7 +21,7 @@ from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs.log import RunLog
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 
 pytestmark = pytest.mark.motion
 
@@ -44,9 +44,9 @@ def log_of(target: Target, trajectory: Trajectory, plant: Machine) -> tuple[RunL
     """The log of a run on `target`, and for how many ms its drive has been on before."""
     with target.power_on() as drive:
         with connected(open_bus(drive.bus_options), drive.node_id) as device:
-            device.set_parameters({"onchip_plant.simulated": 0})
+            device.parameters.set({"onchip_plant.simulated": 0})
             device.link.wait(lambda: False, 0.01)  # so that it starts anew, where it is told to
-            device.set_parameters(plant.parameters(SEED))
+            device.parameters.set(plant.parameters(SEED))
             on_for_ms = device.read("clock.tick")
         over_bus = RunTarget(plant, bus=drive.bus_options, node_id=drive.node_id, place_at_start=False)
         return run(trajectory, "ccu", over_bus).log, on_for_ms
@@ -58,7 +58,7 @@ def log_in_process(
     """The same in this process, on a drive that has been on for as long."""
     options = {"interface": "kontur", "channel": "sim", "pace": "sync", "on_for_ms": on_for_ms}
     in_process = RunTarget(plant, bus=options, seed=SEED)
-    return run(trajectory, "ccu", in_process, parameters=parameters).log
+    return run(trajectory, "ccu", in_process, RunOptions(parameters=parameters)).log
 
 
 def differing(log: RunLog, other: RunLog) -> list[str]:
@@ -96,8 +96,8 @@ def test_another_gain_by_its_smallest_step_gives_another_log(target: Target) -> 
     trajectory, plant = path(CASES["high-tight"], SHORT_S)
     log, on_for_ms = log_of(target, trajectory, plant)
     assert differing(log, log_in_process(trajectory, plant, on_for_ms)) == []
-    assert {"force_x_N", "x_mm"} <= set(differing(log, log_in_process(trajectory, plant, on_for_ms, ONE_STEP)))
+    assert {"force_x_N", "position_x_mm"} <= set(differing(log, log_in_process(trajectory, plant, on_for_ms, ONE_STEP)))
     other_seed = dataclasses.replace(plant, name="noise of another seed")
     options = {"interface": "kontur", "channel": "sim", "pace": "sync", "on_for_ms": on_for_ms}
     other = run(trajectory, "ccu", RunTarget(other_seed, bus=options, seed=SEED + 1)).log
-    assert "x_mm" in differing(log, other)
+    assert "position_x_mm" in differing(log, other)

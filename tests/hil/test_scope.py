@@ -14,7 +14,7 @@ from kontur.errors import EmcyError
 
 
 def test_capture_at_once_is_read_whole(rig: Rig) -> None:
-    scope.arm(rig.device, Setup(("count_x", "count_y"), Trigger("now"), divider=2))
+    scope.arm(rig.device, Setup(("encoder_count_x", "count_y"), Trigger("now"), divider=2))
     assert scope.wait(rig.device, 5.0)
     shares: list[float] = []
     capture = scope.read(rig.device, shares.append)
@@ -28,8 +28,8 @@ def test_capture_at_once_is_read_whole(rig: Rig) -> None:
 @pytest.mark.motion
 def test_fault_leaves_its_capture_to_another_master_until_it_is_reset(rig: Rig) -> None:
     knots_nm = rig.circle(1.0)
-    rig.device.set_parameters({"limits.velocity": 0.8 * rig.feed_mps})
-    rig.device.enable()
+    rig.device.parameters.set({"limits.velocity": 0.8 * rig.feed_mps})
+    rig.device.axes.enable()
     rig.link.wait(lambda: False, 0.6)  # since the reset: there is something to keep
     with pytest.raises(EmcyError, match="8400h"):
         stream(rig.device, knots_nm)
@@ -40,7 +40,7 @@ def test_fault_leaves_its_capture_to_another_master_until_it_is_reset(rig: Rig) 
     assert capture.time_s[0] <= -0.5
     assert np.abs(capture["force_x"][: capture.trigger_frame]).max() > 1.0
     assert capture["force_x"][-1] == capture["force_y"][-1] == 0.0
-    rig.device.set_parameters({"limits.velocity": 5.0 * rig.feed_mps})
-    rig.device.enable()
+    rig.device.parameters.set({"limits.velocity": 5.0 * rig.feed_mps})
+    rig.device.axes.enable()
     assert scope.held(rig.device) is None
-    rig.device.disable()
+    rig.device.axes.disable()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from kontur import machine
 from kontur.can import wire
-from kontur.drive.device import ENABLE, RUN_PATH, SHUTDOWN, SWITCH_ON
+from kontur.drive.state_machine import ENABLE, RUN_PATH, SHUTDOWN, SWITCH_ON
 from kontur.planning.planner import Trajectory
 from kontur.sim.library import Sim
 

@@ -25,23 +25,28 @@ def made_run(controller: str = "ccu", mean_um: float = 0.1, peak_um: float = 2.0
     columns = {
         "tick": 700.0 + np.arange(ROWS),
         "time_s": time_s,
-        "e_n1_um": 0.5 * np.sin(3.0 * angle),
-        "e_n2_um": np.round(error_um, 3),
-        "x_mm": np.round(true_x, 6),
-        "y_mm": np.round(true_y, 6),
+        "tangential_error_um": 0.5 * np.sin(3.0 * angle),
+        "contour_error_um": np.round(error_um, 3),
+        "position_x_mm": np.round(true_x, 6),
+        "position_y_mm": np.round(true_y, 6),
         "reference_x_mm": x,
         "reference_y_mm": y,
         "rapid": np.where(np.arange(ROWS) < 50, 1.0, 0.0),
         "force_x_N": np.where(every[2], -40.0 * np.sin(angle), np.nan),
         "force_y_N": np.where(every[2], 40.0 * np.cos(angle), np.nan),
-        "k_1_per_s": np.where(every[2], 100.0 + time_s, np.nan),
-        "k_2_per_s": np.where(every[2], 100.0 - time_s, np.nan),
-        "mu_1_mps2": np.where(every[20], 1.0 + 0.1 * time_s, np.nan),
-        "mu_2_mps2": np.where(every[20], 1.0, np.nan),
+        "adaptive_gain_1_per_s": np.where(every[2], 100.0 + time_s, np.nan),
+        "adaptive_gain_2_per_s": np.where(every[2], 100.0 - time_s, np.nan),
+        "switching_gain_1_mps2": np.where(every[20], 1.0 + 0.1 * time_s, np.nan),
+        "switching_gain_2_mps2": np.where(every[20], 1.0, np.nan),
         "energy_J": np.where(every[20], 5.0 + 7.0 * time_s, np.nan),
     }
     if truth:
-        columns |= {"true_x_mm": true_x, "true_y_mm": true_y, "contour_um": error_um, "tangential_um": 2.0 + 0.0 * x}
+        columns |= {
+            "true_position_x_mm": true_x,
+            "true_position_y_mm": true_y,
+            "true_contour_error_um": error_um,
+            "true_tangential_error_um": 2.0 + 0.0 * x,
+        }
     head = {
         "program": "circle",
         "controller": controller,

@@ -22,7 +22,7 @@ from source_graph import CFile, CSources, calls, circles, python_arrows
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "architecture.md"
-GENERATORS = {"od": "generate_objects", "scope": "generate_signals", "supervision": "generate_faults"}
+GENERATORS = {"generate_objects": "od", "generate_signals": ".", "generate_faults": "supervision"}  # and their folders
 PARTS = {r"core/num_\w+": "core/num"}  # modules that count as parts of another one
 _NAME = re.compile("`([^`]+)`")
 CONTEXTS = {"tick", "background", "both", "wires"}
@@ -109,10 +109,10 @@ def nothing(found: Iterable[object]) -> None:
 def sources(tmp_path_factory) -> CSources:
     """All C modules, those that are generated among them."""
     generated = tmp_path_factory.mktemp("gen")
-    for room, tool in GENERATORS.items():
-        subprocess.run([sys.executable, ROOT / f"tools/{tool}.py", generated / room], cwd=ROOT, check=True)
-        for table in (generated / room).glob("*.c"):  # a module of its own: its types are of those who use the header
-            table.rename(table.with_suffix(".c.c"))
+    for tool, folder in GENERATORS.items():
+        subprocess.run([sys.executable, ROOT / f"tools/{tool}.py", generated / folder], cwd=ROOT, check=True)
+    for table in generated.rglob("*.c"):  # a module of its own: its types are of those who use the header
+        table.rename(table.with_suffix(".c.c"))
     roots = {ROOT / "firmware": [ROOT / "firmware"], ROOT: [ROOT / "sim"], generated: [generated]}
     supplied = _NAME.findall(section("Firmware").rpartition("leaves")[2])
     return CSources(roots, PARTS, supplied)

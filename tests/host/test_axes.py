@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from kontur import machine
 from kontur.can.link import Link
 from kontur.cli import main
-from kontur.drive import axes
+from kontur.drive import single_axis
 from kontur.drive.device import Device
 from kontur.errors import DeviceError, EmcyError, ParameterError
 from kontur.sim.library import Sim
@@ -31,7 +31,7 @@ def start_m() -> tuple[float, float]:
 def device(start_m: tuple[float, float]) -> Iterator[Device]:
     with can.Bus(interface="kontur", channel="sim", machine=MACHINE.starting_at(start_m), seed=1) as bus:
         drive = Device(Link(bus, 1))
-        drive.set_parameters(MACHINE.parameters())
+        drive.parameters.set(MACHINE.parameters())
         yield drive
 
 
@@ -48,9 +48,9 @@ def true_m(device: Device) -> np.ndarray:
 
 
 def test_jog_moves_its_axis_with_the_speed_asked_for_and_holds_the_other(device: Device) -> None:
-    with device.enabled():
+    with device.axes.enabled():
         sim(device).record(True)
-        assert axes.jog(device, {"x": 0.05}, 0.5)
+        assert single_axis.jog(device, {"x": 0.05}, 0.5)
         truth = sim(device).truth()
     speed = truth.vel_mps[:, 0]
     assert np.median(speed[speed > 0.025]) == pytest.approx(0.05, rel=1e-3)
@@ -64,11 +64,11 @@ def test_jog_moves_its_axis_with_the_speed_asked_for_and_holds_the_other(device:
 
 def test_jog_ends_before_a_soft_limit_without_a_fault(device: Device) -> None:
     device.write("position_limit_x.max", 3_000_000)
-    with device.enabled():
+    with device.axes.enabled():
         sim(device).record(True)
-        assert not axes.jog(device, {"x": 0.1}, 5.0)
+        assert not single_axis.jog(device, {"x": 0.1}, 5.0)
         truth = sim(device).truth()
-        assert device.states() == ("operation enabled", "operation enabled")
+        assert device.axes.states() == ("operation enabled", "operation enabled")
     assert truth.pos_m[-1, 0] == pytest.approx(0.003, abs=1e-6)
     assert truth.pos_m[:, 0].max() < 0.003 + 2e-6
 
@@ -76,16 +76,16 @@ def test_jog_ends_before_a_soft_limit_without_a_fault(device: Device) -> None:
 @pytest.mark.parametrize("start_m", [(0.14, 0.0)])
 def test_jog_ends_on_a_limit_switch_that_comes_before_the_soft_limit(device: Device) -> None:
     device.write("position_limit_x.max", 150_000_000)
-    with device.enabled():
-        assert not axes.jog(device, {"x": 0.02}, 5.0)
+    with device.axes.enabled():
+        assert not single_axis.jog(device, {"x": 0.02}, 5.0)
         assert device.read("digital_inputs_x") == 2
         assert SWITCH_M < true_m(device)[0] < SWITCH_M + 0.001
 
 
 def test_stop_request_ends_the_jog(device: Device) -> None:
     asked = iter([False] * 20 + [True] * 1000)
-    with device.enabled():
-        assert not axes.jog(device, {"x": 0.02, "y": -0.02}, 30.0, lambda: next(asked))
+    with device.axes.enabled():
+        assert not single_axis.jog(device, {"x": 0.02, "y": -0.02}, 30.0, lambda: next(asked))
         at_m = true_m(device)
     assert at_m[0] == pytest.approx(-at_m[1], abs=0.002)
     assert 0.0 < at_m[0] < 0.02
@@ -93,12 +93,12 @@ def test_stop_request_ends_the_jog(device: Device) -> None:
 
 @pytest.mark.parametrize("speed_mps", [float("nan"), float("inf"), 1e9])
 def test_jog_at_no_speed_that_a_drive_can_be_given_is_refused(device: Device, speed_mps: float) -> None:
-    with device.enabled(), pytest.raises(ParameterError, match="target_velocity_x"):
-        axes.jog(device, {"x": speed_mps}, 1.0)
+    with device.axes.enabled(), pytest.raises(ParameterError, match="target_velocity_x"):
+        single_axis.jog(device, {"x": speed_mps}, 1.0)
 
 
 def test_jog_of_a_silent_host_stops(device: Device) -> None:
-    with device.enabled():
+    with device.axes.enabled():
         device.write("mode_x", 3)
         device.link.wait(lambda: False, 0.01)
         device.write("target_velocity_x", 50_000)
@@ -122,28 +122,28 @@ def test_jog_of_a_silent_host_stops(device: Device) -> None:
 def test_home_point_is_the_true_edge_of_the_switch_or_the_index(
     device: Device, axis: str, method: str, home_m: float
 ) -> None:
-    device.set_parameters({f"homing_method_{axis}": axes.METHODS[method], f"home_offset_{axis}": 7_000_000})
-    with device.enabled():
-        assert axes.home(device, axis)
-        i = axes.AXES.index(axis)
+    device.parameters.set({f"homing_method_{axis}": single_axis.METHODS[method], f"home_offset_{axis}": 7_000_000})
+    with device.axes.enabled():
+        assert single_axis.home(device, axis)
+        i = single_axis.AXES.index(axis)
         told_m = device.position_m()[i]
         assert told_m - 0.007 == pytest.approx(true_m(device)[i] - home_m, abs=5 * COUNT_M)
-        assert device.states() == ("operation enabled", "operation enabled")
+        assert device.axes.states() == ("operation enabled", "operation enabled")
     assert device.position_m()[i] == pytest.approx(told_m, abs=2e-6)  # it stays when the power goes
 
 
 def test_homing_that_finds_nothing_is_an_error_that_says_what_to_look_at(device: Device) -> None:
-    device.set_parameters({"homing_method_x": 17, "position_limit_x.min": -1e6, "position_limit_x.max": 1e6})
-    with device.enabled(), pytest.raises(DeviceError, match=r"axis x has found no home point .*digital_inputs_x"):
-        axes.home(device, "x")
+    device.parameters.set({"homing_method_x": 17, "position_limit_x.min": -1e6, "position_limit_x.max": 1e6})
+    with device.axes.enabled(), pytest.raises(DeviceError, match=r"axis x has found no home point .*digital_inputs_x"):
+        single_axis.home(device, "x")
     assert abs(true_m(device)[0]) < 0.004
 
 
 def test_homing_can_be_stopped(device: Device) -> None:
-    device.set_parameters({"homing_method_x": 17})
+    device.parameters.set({"homing_method_x": 17})
     asked = iter([False] * 50 + [True] * 1000)
-    with device.enabled():
-        assert not axes.home(device, "x", lambda: next(asked))
+    with device.axes.enabled():
+        assert not single_axis.home(device, "x", lambda: next(asked))
     assert -0.02 < true_m(device)[0] < -0.001
 
 
@@ -155,7 +155,7 @@ def test_home_and_jog_on_the_command_line() -> None:
         return values
 
     assert kontur("home", "y", "--method", "here", "--offset", "12.5")["position_m"] == pytest.approx(0.0125, abs=1e-6)
-    jogged = kontur("jog", "--x", "10", "--for", "0.2")
-    assert jogged["whole"] is True
+    jogged = kontur("jog", "--x", "10", "--duration", "0.2")
+    assert jogged["completed"] is True
     assert jogged["to_m"][0] == pytest.approx(0.002, abs=2e-4)  # type: ignore[index]
     assert CliRunner().invoke(main, ["jog"]).exit_code == 2

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from kontur import machine
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.target import Target
 from kontur.experiments.circles import CASES, paper
 from kontur.path import programs
@@ -69,7 +69,7 @@ def floats_in(objects: list[Path]) -> list[str]:
 
 @pytest.mark.skipif(shutil.which("objdump") is None, reason="needs objdump: apt-get install binutils")
 def test_fixed_point_firmware_has_no_float_in_it(tmp_path: Path) -> None:
-    objects = sorted((ROOT / "build/lib/fix/firmware").rglob("*.o"))
+    objects = sorted((ROOT / "build/host-fix/firmware").rglob("*.o"))
     assert len(objects) > 20
     assert floats_in(objects) == []
     planted = tmp_path / "planted.c"

@@ -16,8 +16,9 @@ from kontur.can import wire
 from kontur.can.bad_bus import BadBus, BusFaults
 from kontur.can.bus import open_bus
 from kontur.can.link import Link
-from kontur.drive.device import ENABLE, Device
-from kontur.drive.stream import StreamResult, stream
+from kontur.drive.device import Device
+from kontur.drive.state_machine import ENABLE
+from kontur.drive.stream import Operator, StreamResult, stream
 from kontur.errors import EmcyError
 from kontur.path import shapes
 from kontur.planning import planner
@@ -113,7 +114,7 @@ def job(knots_nm: NDArray[np.int32], faults: BusFaults, plant: machine.Machine =
     bus = BadBus(machine=plant, faults=faults)
     inner = bus.inner
     assert isinstance(inner, KonturBus)
-    with drive_on(bus) as device, device.enabled():
+    with drive_on(bus) as device, device.axes.enabled():
 
         def wait_and_record() -> None:
             device.link.wait(lambda: bus.time_s >= START_S, START_S)
@@ -154,21 +155,21 @@ def test_bus_that_goes_off_stops_the_drive_on_the_path_and_the_fault_is_told_tho
     inner = bus.inner
     assert isinstance(inner, KonturBus)
     with drive_on(bus) as device:
-        device.enable()
+        device.axes.enable()
 
         def off(share: float) -> None:
             if share > 0.3 and not bus.to_drive.lost_bus_off and not bus.to_host.lost_bus_off:
                 bus.go_bus_off()
 
         with pytest.raises(EmcyError, match="8130h"):
-            stream(device, knots_nm, before_start=lambda: inner.sim.record(True), progress=off)
-        assert device.states() == ("fault", "fault")
+            stream(device, knots_nm, Operator(progress=off), before_start=lambda: inner.sim.record(True))
+        assert device.axes.states() == ("fault", "fault")
         truth = inner.sim.truth()
         powered = np.flatnonzero(np.abs(truth.force_N).max(axis=1))[-1]  # after it, noise moves the axes
         contour_um = np.abs(np.hypot(*truth.pos_m[:powered].T) - RADIUS_M) * 1e6
         assert contour_um.max() < 4.0
-        device.enable()  # and on again
-        assert device.states() == ("operation enabled", "operation enabled")
+        device.axes.enable()  # and on again
+        assert device.axes.states() == ("operation enabled", "operation enabled")
 
 
 # --- one frame at a time ---
@@ -229,8 +230,8 @@ def test_nmt_command_that_is_lost_is_sent_again_and_one_that_became_reset_undoes
     device.write("smc.lambda", 150.5)
     lose, reset = first(1, has_id(0), lost), first(1, has_id(0), lambda m: flipped(m, 0, 7))
     bus.on_send = lambda m: None if lose(m) is None else reset(m)
-    device.enable()
-    assert device.states() == ("operation enabled", "operation enabled")
+    device.axes.enable()
+    assert device.axes.states() == ("operation enabled", "operation enabled")
     assert device.read("smc.lambda") == 150.5
 
 
@@ -240,23 +241,23 @@ def test_any_corrupted_controlword_ends_in_the_state_asked_for(
     device: Device, bus: HookedBus, byte: int, bit: int
 ) -> None:
     bus.on_send = first(4, has_id(CONTROL), lambda m: flipped(m, byte + bit // 8, bit % 8))
-    device.enable()
-    assert device.states() == ("operation enabled", "operation enabled")
+    device.axes.enable()
+    assert device.axes.states() == ("operation enabled", "operation enabled")
     bus.on_send = first(1, has_id(CONTROL), lambda m: flipped(m, byte + bit // 8, bit % 8))
-    device.disable()
-    assert device.states() == ("switch on disabled", "switch on disabled")
+    device.axes.disable()
+    assert device.axes.states() == ("switch on disabled", "switch on disabled")
 
 
 @pytest.mark.parametrize("fault", [lost, lambda m: flipped(m, 1, 0), lambda m: flipped(m, 0, 4)])
 def test_command_to_run_the_path_is_repeated_until_it_runs(device: Device, bus: HookedBus, fault: Fault) -> None:
-    with device.enabled():
+    with device.axes.enabled():
         bus.on_send = first(2, lambda m: m.arbitration_id == CONTROL and m.data[0] == 0x1F, fault)
         assert stream(device, circle(1.0)).completed
 
 
 def test_end_of_the_path_command_that_is_lost_does_not_hinder_the_next_path(device: Device, bus: HookedBus) -> None:
     knots_nm = circle(0.5)
-    with device.enabled():
+    with device.axes.enabled():
         bus.on_send = first(
             2, lambda m: m.arbitration_id == CONTROL and m.data[0] == ENABLE and device.read("stream.state") == 4, lost
         )
@@ -274,7 +275,7 @@ def test_corrupted_status_frames_change_nothing(bus: HookedBus, bit: int) -> Non
         count += message.arbitration_id == STATUS
         return flipped(message, bit // 8, bit % 8) if message.arbitration_id == STATUS and count % 10 == 0 else message
 
-    with drive_on(bus) as device, device.enabled():
+    with drive_on(bus) as device, device.axes.enabled():
         bus.on_recv = corrupt
         result = stream(device, knots_nm)
         assert result.executed == len(knots_nm)
@@ -282,11 +283,11 @@ def test_corrupted_status_frames_change_nothing(bus: HookedBus, bit: int) -> Non
 
 
 def test_false_emcy_is_not_believed_and_a_lost_one_not_missed(device: Device, bus: HookedBus) -> None:
-    device.enable()
+    device.axes.enable()
     telemetry = first(3, has_id(wire.TPDO2 + 1), lambda m: changed(m, arbitration_id=EMCY))
     bus.on_recv = telemetry
     device.link.wait(lambda: False, 0.1)
-    device.check()
+    device.faults.check()
     bus.on_recv = lambda m: None if m.arbitration_id == EMCY else m
     bus.sim.run(10_000)  # a second in which the host does nothing
     with pytest.raises(EmcyError, match="8130h"):
@@ -305,7 +306,7 @@ def test_knot_whose_identifier_is_corrupted_by_a_bit_does_nothing_else(bus: Hook
         hit = message.arbitration_id == KNOT and count % 25 == 0
         return changed(message, arbitration_id=KNOT ^ 1 << bit) if hit else message
 
-    with drive_on(bus) as device, device.enabled():
+    with drive_on(bus) as device, device.axes.enabled():
         bus.on_send = corrupt
         result = stream(device, knots_nm)
     assert result.executed == len(knots_nm)
@@ -316,7 +317,7 @@ def test_stream_description_corrupted_in_the_drive_is_noticed_before_any_motion(
         return message.arbitration_id == SDO_REQUEST and bytes(message.data[:4]) == bytes([0x23, 0x00, 0x22, 4])
 
     knots_nm = circle(0.5)
-    with device.enabled():
+    with device.axes.enabled():
         bus.on_send = first(1, writes_total, lambda m: flipped(m, 5, 0))
         assert stream(device, knots_nm).executed == len(knots_nm)
 

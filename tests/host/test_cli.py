@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from kontur.cli import main
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.runs import log
 
 CIRCLE = ("run", "circle", "--radius", "5", "--feed", "50")
@@ -155,11 +155,14 @@ PART = "G21 G90 G1 X10 F600\nG1 Y10\n"
         (("run", "circle", "--feed", "50", "--set", "smc.lambda=1e9"), "out of range; it must be 1..2000 1/s"),
         (("run", "circle", "--feed", "50", "--machine", "nowhere.toml"), "nowhere.toml: cannot be read"),
         (("run", "circle", "--feed", "50", "--log", "a.txt"), "a.txt: must end in .csv or .mf4"),
-        (("run", "circle", "--feed", "50", "--log", "nowhere/a.csv"), "nowhere/a.csv: there is no folder"),
+        (
+            ("run", "circle", "--feed", "50", "--log", "nowhere/a.csv"),
+            "nowhere/a.csv: the folder nowhere does not exist",
+        ),
         (("run", "circle", "--feed", "50", "--report", "a.pdf"), "a.pdf: must end in .html"),
-        (("scope", "--trigger", "e_n2>nan"), "trigger 'e_n2>nan': the level is out of range"),
-        (("scope", "--trigger", "e_n2>1e30"), "trigger 'e_n2>1e30': the level is out of range"),
-        (("scope", "--trigger", "e_n2<-inf"), "trigger 'e_n2<-inf': the level is out of range"),
+        (("scope", "--trigger", "contour_error>nan"), "trigger 'contour_error>nan': the level is out of range"),
+        (("scope", "--trigger", "contour_error>1e30"), "trigger 'contour_error>1e30': the level is out of range"),
+        (("scope", "--trigger", "contour_error<-inf"), "trigger 'contour_error<-inf': the level is out of range"),
         (("run", "part.ngc", "--feed", "50"), "part.ngc: the feed of G-code stands in the file"),
         (("run", "bad.ngc"), "bad.ngc:2: G5"),
         (("run", "empty.ngc"), "empty.ngc"),
@@ -202,7 +205,7 @@ def test_mistake_is_one_message_and_exit_code_1(
         ("jog", "--x", "nan"),
         ("jog", "--y", "inf"),
         ("jog", "--x", "1e12"),
-        ("jog", "--x", "1", "--for", "nan"),
+        ("jog", "--x", "1", "--duration", "nan"),
         ("home", "x", "--offset", "nan"),
         ("home", "x", "--offset", "-1e12"),
         ("param", "set", "smc.lambda"),

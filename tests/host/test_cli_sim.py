@@ -92,7 +92,7 @@ def test_folder_that_is_not_there_is_told_at_the_start(tmp_path: Path, option: s
     file = tmp_path / "nowhere" / "file"
     result = CliRunner().invoke(main, ["sim", option, str(file)])
     assert result.exit_code == 1
-    assert result.stderr == f"Error: {file}: there is no folder {file.parent}; make it, or give another one\n"
+    assert result.stderr == f"Error: {file}: the folder {file.parent} does not exist; make it, or name another one\n"
     assert result.stdout == ""
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur bench step`: what may get worse and what may not, and the worst case of a stack."""
+"""`tools/cost.py`: what may get worse and what may not, and the worst case of a stack."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import cost
 import pytest
 import stack
 
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.errors import InputError
 
 BEFORE = {"m4-f32": {"ccu": {"mean": 1000, "worst": 2000}}, "image": {"stack": {"all": 1000}}}
@@ -46,7 +46,9 @@ def test_changelog_allows_what_it_names_and_no_more() -> None:
 
 def test_figure_without_a_baseline_is_a_finding() -> None:
     now = {**one_cost(1000), "m9-f32": {"ccu": {"mean": 1}}}
-    assert cost.findings(now, BEFORE, LOG.format("")) == ["m9-f32 ccu mean: not in the baseline: run `make cost`"]
+    assert cost.findings(now, BEFORE, LOG.format("")) == [
+        "m9-f32 ccu mean: not in the baseline: run `tools/cost.py --write`"
+    ]
 
 
 def test_baseline_is_only_ever_lowered() -> None:
@@ -57,7 +59,9 @@ def test_baseline_is_only_ever_lowered() -> None:
 def test_page_has_every_table_and_the_baseline_every_figure() -> None:
     page = cost.PAGE.read_text()
     for name in ("cost", "stages", "stack", "sections"):
-        assert re.search(rf"<!-- {name}: made by `make cost` -->\n\|(.|\n)*\|\n<!-- {name}: end -->\n", page), name
+        assert re.search(
+            rf"<!-- {name}: made by `tools/cost.py --write` -->\n\|(.|\n)*\|\n<!-- {name}: end -->\n", page
+        ), name
     baseline = json.loads(cost.BASELINE.read_text())
     for target in cost.MACHINES:
         assert set(baseline[target]) == set(CONTROLLERS)

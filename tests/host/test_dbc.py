@@ -66,14 +66,14 @@ def job(tmp_path_factory: pytest.TempPathFactory, knots_nm: np.ndarray) -> tuple
     with LoggedBus(log, machine=machine.load().starting_at((x, y))) as bus:
         link = Link(bus, 1)
         device = Device(link)
-        with device.enabled():
+        with device.axes.enabled():
             start_nm = device.position_nm()
-            link.record()
+            link.record_telemetry()
             stream(device, knots_nm)
-            telemetry = link.recorded(start_nm)
+            telemetry = link.recorded_telemetry(start_nm)
         link.send(0x80, b"")
         link.send(0x80, b"\x01")  # too long: EMCY
-        link.pump(0.1)
+        link.poll(0.1)
     return [m for m in can.LogReader(str(log)) if isinstance(m, can.Message)], telemetry
 
 
@@ -106,22 +106,34 @@ def test_dbc_gives_the_telemetry_that_kontur_unpacks(
     frames, telemetry = job
     assert telemetry.frames_lost == 0
     assert len(telemetry.tick) > 300
-    error = signals(database, frames, "TPDO2", "telemetry_tick", "telemetry_e_n1", "telemetry_e_n2")
+    error = signals(
+        database, frames, "TPDO2", "telemetry_tick", "telemetry_tangential_error", "telemetry_contour_error"
+    )
     first = int(np.flatnonzero(error[:, 0] == telemetry.tick[0])[0])
     rows = slice(first, first + len(telemetry.tick))
     np.testing.assert_array_equal(error[rows, 0], telemetry.tick)
-    np.testing.assert_allclose(error[rows, 1:], telemetry.contour_m, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        error[rows, 1:], telemetry.columns("tangential_error", "contour_error"), rtol=0, atol=1e-15
+    )
     place = signals(database, frames, "TPDO3", "telemetry_position_x", "telemetry_position_y")[rows]
     np.testing.assert_allclose(place, telemetry.position_m, rtol=0, atol=1e-12)  # 24 bits suffice near the origin
 
     force_and_gain = signals(
-        database, frames, "TPDO4", "telemetry_force_x", "telemetry_force_y", "telemetry_k_1", "telemetry_k_2"
+        database,
+        frames,
+        "TPDO4",
+        "telemetry_force_x",
+        "telemetry_force_y",
+        "telemetry_adaptive_gain_1",
+        "telemetry_adaptive_gain_2",
     )
-    ours = np.column_stack([telemetry.force_N, telemetry.gain_per_s])
+    ours = telemetry.columns("force_x", "force_y", "adaptive_gain_1", "adaptive_gain_2")
     ours = ours[~np.isnan(ours).any(axis=1)]
     assert {tuple(row) for row in np.round(ours, 6)} <= {tuple(row) for row in np.round(force_and_gain, 6)}
-    slow = signals(database, frames, "TPDO5", "telemetry_mu_1", "telemetry_mu_2", "telemetry_energy")
-    ours = np.column_stack([telemetry.uncertainty_gain_mps2, telemetry.energy_J])
+    slow = signals(
+        database, frames, "TPDO5", "telemetry_switching_gain_1", "telemetry_switching_gain_2", "telemetry_energy"
+    )
+    ours = telemetry.columns("switching_gain_1", "switching_gain_2", "energy")
     ours = ours[~np.isnan(ours).any(axis=1)]
     assert {tuple(row) for row in np.round(ours, 6)} <= {tuple(row) for row in np.round(slow, 6)}
 

@@ -33,16 +33,16 @@ def test_negative_value_of_four_bytes_survives_the_wire(device: Device) -> None:
 
 def test_machine_is_told_to_the_drive_and_read_back(device: Device) -> None:
     values = machine.load().parameters()
-    device.set_parameters(values)
+    device.parameters.set(values)
     assert {name: device.read(name) for name in values} == pytest.approx(values, rel=1e-12)
 
 
 def test_dump_has_every_parameter_and_sets_back_what_was_changed(device: Device) -> None:
-    before = device.dump()
+    before = device.parameters.dump()
     assert set(before) == set(device.parameters) - {"node.id", "node.bitrate"}
     device.write("compensator.alpha", 33.0)
-    device.set_parameters(before)
-    assert device.dump() == before
+    device.parameters.set(before)
+    assert device.parameters.dump() == before
 
 
 @pytest.mark.parametrize(
@@ -54,10 +54,10 @@ def test_dump_has_every_parameter_and_sets_back_what_was_changed(device: Device)
     ],
 )
 def test_bad_value_is_refused_before_anything_is_set(device: Device, name: str, value: float, message: str) -> None:
-    before = device.dump()
+    before = device.parameters.dump()
     with pytest.raises(ParameterError, match=message):
-        device.set_parameters({"smc.gamma": 2.0, name: value})
-    assert device.dump() == before
+        device.parameters.set({"smc.gamma": 2.0, name: value})
+    assert device.parameters.dump() == before
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_value_that_the_type_of_an_object_does_not_hold_is_refused(
 
 
 def test_parameter_of_an_enabled_axis_is_refused_by_the_drive(device: Device) -> None:
-    with device.enabled(), pytest.raises(DeviceError, match=r"plant_x\.mass: the drive refuses"):
+    with device.axes.enabled(), pytest.raises(DeviceError, match=r"plant_x\.mass: the drive refuses"):
         device.write("plant_x.mass", 50.0)
 
 
@@ -89,7 +89,7 @@ def test_saved_parameters_are_there_after_a_reset(device: Device) -> None:
     reset(device)
     assert device.read("smc.lambda") == 200.0
     device.write("smc.lambda", 150.0)
-    device.save_parameters()
+    device.parameters.save()
     device.write("smc.lambda", 160.0)
     reset(device)
     assert device.read("smc.lambda") == 150.0
@@ -97,8 +97,8 @@ def test_saved_parameters_are_there_after_a_reset(device: Device) -> None:
 
 def test_restored_defaults_are_there_after_a_reset(device: Device) -> None:
     device.write("smc.lambda", 150.0)
-    device.save_parameters()
-    device.restore_defaults()
+    device.parameters.save()
+    device.parameters.restore()
     assert device.read("smc.lambda") == 150.0
     reset(device)
     assert device.read("smc.lambda") == 200.0
@@ -107,47 +107,47 @@ def test_restored_defaults_are_there_after_a_reset(device: Device) -> None:
 def test_communication_objects_are_saved_when_asked_for(device: Device) -> None:
     for everything, kept in ((False, 100.0), (True, 70.0)):
         device.write("heartbeat_producer", 70)
-        device.save_parameters(everything)
+        device.parameters.save(everything)
         reset(device)
         assert device.read("heartbeat_producer") == kept
-    device.restore_defaults(everything=True)
+    device.parameters.restore(all_objects=True)
     reset(device)
     assert device.read("heartbeat_producer") == 100.0
 
 
 def test_parameters_are_not_saved_while_an_axis_has_power(device: Device) -> None:
-    with device.enabled():
-        for keep in (device.save_parameters, device.restore_defaults):
+    with device.axes.enabled():
+        for keep in (device.parameters.save, device.parameters.restore):
             with pytest.raises(DeviceError, match=r"node 1\) stores nothing: an axis has power.* switch the axes off"):
                 keep()
 
 
 def test_both_axes_are_enabled_inside_and_off_afterwards(device: Device) -> None:
-    with device.enabled():
-        assert device.states() == ("operation enabled", "operation enabled")
-    assert device.states() == ("switch on disabled", "switch on disabled")
+    with device.axes.enabled():
+        assert device.axes.states() == ("operation enabled", "operation enabled")
+    assert device.axes.states() == ("switch on disabled", "switch on disabled")
 
 
 def test_axes_are_switched_off_when_something_goes_wrong(device: Device) -> None:
-    with pytest.raises(ZeroDivisionError), device.enabled():
+    with pytest.raises(ZeroDivisionError), device.axes.enabled():
         _ = 1 / 0
-    assert device.states() == ("switch on disabled", "switch on disabled")
+    assert device.axes.states() == ("switch on disabled", "switch on disabled")
 
 
 def test_silent_host_is_reported_and_the_axes_can_be_enabled_again(device: Device) -> None:
-    device.enable()
+    device.axes.enable()
     sim = device.link.bus.sim  # type: ignore[attr-defined]
     sim.run(10_000)  # one second in which the host does nothing
     with pytest.raises(EmcyError, match=r"8130h: the host's heartbeat ceased"):
         device.wait(lambda: False, 0.5, "waits")
-    with device.enabled():
-        assert device.states() == ("operation enabled", "operation enabled")
+    with device.axes.enabled():
+        assert device.axes.states() == ("operation enabled", "operation enabled")
 
 
 def test_host_that_only_waits_keeps_its_heartbeat(device: Device) -> None:
-    with device.enabled():
+    with device.axes.enabled():
         device.link.wait(lambda: False, 3.0)
-        device.check()
+        device.faults.check()
 
 
 def test_info_tells_who_answers(device: Device) -> None:

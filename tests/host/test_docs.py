@@ -84,7 +84,7 @@ def kontur_commands(page: Path) -> list[list[str]]:
 
 
 def unknown_to_cli(words: list[str]) -> str | None:
-    """The first word of a call that the command line does not know: a command, an option or a named choice of one."""
+    """The first word of a call that the command line does not know: a command, an option or the value of one."""
     command: click.Command = main
     rest = list(words)
     while isinstance(command, click.Group) and rest and not rest[0].startswith("-"):
@@ -99,8 +99,12 @@ def unknown_to_cli(words: list[str]) -> str | None:
             continue
         if word not in options:
             return word
-        kind = options[word].type
-        if isinstance(kind, click.Choice) and value not in kind.choices:
+        parameter = options[word]
+        if not isinstance(parameter, click.Option) or parameter.is_flag or isinstance(parameter.type, click.Path):
+            continue
+        try:
+            parameter.type.convert(value, parameter, click.Context(command))
+        except click.BadParameter:
             return f"{word} {value}"
     return None
 
@@ -112,12 +116,14 @@ def make_targets(text: str) -> set[str]:
 
 def presets(text: str) -> set[str]:
     """The CMake presets that a page calls."""
-    return set(re.findall(r"(?:cmake|ctest)[^`\n]* --preset[ =]([\w-]+)", text))
+    return set(re.findall(r"(?:cmake|ctest)[^`\n]* --preset[ =]([a-z][\w-]*)", text))
 
 
 def missing_imports(code: str) -> list[str]:
-    """What the examples in Python import from kontur and is not there."""
-    missing = []
+    """What the examples in Python take from kontur and is not there."""
+    face = importlib.import_module("kontur")
+    used = re.findall(r"(?<![\w/])kontur\.(\w+)", re.sub(r"^from .*", "", code, flags=re.MULTILINE))
+    missing = [f"kontur.{name}" for name in used if "import kontur\n" in code and not hasattr(face, name)]
     for module, names in re.findall(r"^from (kontur[\w.]*) import ([\w, ]+)$", code, re.MULTILINE):
         found = importlib.import_module(module)
         missing += [f"{module}.{name}" for name in re.split(r", *", names) if not hasattr(found, name)]

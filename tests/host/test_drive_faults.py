@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterator
 import can
 import numpy as np
 import pytest
+from stepped_stream import SteppedStream
 
 from kontur import machine
 from kontur.can.link import Link
-from kontur.drive.device import BIT_PATH_RUNS, ENABLE, RUN_PATH, Device
-from kontur.drive.stream import _Sender, stream
+from kontur.drive.device import Device
+from kontur.drive.state_machine import BIT_PATH_RUNS, ENABLE
+from kontur.drive.stream import stream
 from kontur.errors import EmcyError, ParameterError
 from kontur.path import shapes
 from kontur.planning import planner
@@ -32,7 +34,7 @@ CIRCLE = planner.plan(shapes.circle(RADIUS_M, FEED_MPS, duration_s=1.2), limits(
 def device() -> Iterator[Device]:
     with can.Bus(interface="kontur", channel="sim", machine=MACHINE, seed=1) as bus:
         device = Device(Link(bus, 1))
-        device.set_parameters(MACHINE.parameters())
+        device.parameters.set(MACHINE.parameters())
         yield device
 
 
@@ -48,28 +50,28 @@ def test_parameters_that_must_fit_together_may_be_set_in_any_order(device: Devic
         {"smc.k_bar": 40.0, "smc.e_max": 100000.0},
         {"compensator.mu_0": 9.0, "compensator.mu_max": 10.0},
     ):
-        device.set_parameters(dict(list(values.items())[::order]))
+        device.parameters.set(dict(list(values.items())[::order]))
         assert {name: device.read(name) for name in values} == values
 
 
 def test_parameter_that_fits_no_other_is_refused_with_its_name(device: Device) -> None:
     with pytest.raises(ParameterError, match=r"smc\.k_0: the value does not fit another parameter"):
-        device.set_parameters({"smc.gamma": 2.0, "smc.k_0": 401.0})
+        device.parameters.set({"smc.gamma": 2.0, "smc.k_0": 401.0})
     assert device.read("smc.k_0") == 100.0
-    device.enable()
+    device.axes.enable()
 
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_parameters_are_as_before_when_one_of_them_fits_no_other(device: Device, order: int) -> None:
     values = {"smc.gamma": 2.0, "smc.k_0": 600.0, "smc.k_max": 800.0, "compensator.mu_0": 90.0}
-    before = device.dump()
+    before = device.parameters.dump()
     assert values["compensator.mu_0"] > before["compensator.mu_max"]
     with pytest.raises(ParameterError, match=r"compensator\.mu_0: the value does not fit another parameter"):
-        device.set_parameters(dict(list(values.items())[::order]))
-    assert device.dump() == before
-    device.enable()
-    device.disable()
-    assert device.dump() == before
+        device.parameters.set(dict(list(values.items())[::order]))
+    assert device.parameters.dump() == before
+    device.axes.enable()
+    device.axes.disable()
+    assert device.parameters.dump() == before
 
 
 # --- stops, measured by where the machine really was ---
@@ -80,57 +82,45 @@ def contour_um(bus: KonturBus) -> np.ndarray:
     return np.abs(np.hypot(*bus.sim.truth().pos_m.T) - RADIUS_M) * 1e6
 
 
-def start(device: Device) -> _Sender:
-    device.enable()
-    sender = _Sender(device, CIRCLE.knots_nm)
-    sender.fill()
+def start(device: Device) -> SteppedStream:
+    device.axes.enable()
+    stepped = SteppedStream(device, CIRCLE.knots_nm)
     bus = device.link.bus
     assert isinstance(bus, KonturBus)
     bus.sim.start_schedule()
     bus.sim.record(True)
-    device.controlwords(RUN_PATH, RUN_PATH)
-    return sender
+    stepped.start()
+    return stepped
 
 
-def advance(sender: _Sender, duration_s: float) -> None:
-    link = sender.device.link
-    end_s = link.time_s + duration_s
-    while (left_s := end_s - link.time_s) > 1e-9:
-        if sender.accepted < len(CIRCLE.knots_nm):
-            sender.advance()
-        else:
-            link.pump(left_s)
-            sender.device.check()
-
-
-def fall_silent(sender: _Sender) -> None:
+def fall_silent(stepped: SteppedStream) -> None:
     """No heartbeat any more; knots go on."""
-    sender.device.link.rest()
+    stepped.device.link.stop_heartbeat()
     with pytest.raises(EmcyError, match="8130h"):
-        advance(sender, 1.0)
+        stepped.advance(1.0)
 
 
-def bit_4(device: Device, sender: _Sender) -> None:
-    device.controlwords(ENABLE, ENABLE)
+def bit_4(device: Device, stepped: SteppedStream) -> None:
+    device.axes.controlwords(ENABLE, ENABLE)
     device.link.wait(lambda: False, 0.2)
-    assert device.states() == ("operation enabled", "operation enabled")
+    assert device.axes.states() == ("operation enabled", "operation enabled")
     assert device.read("stream.state") == 5
 
 
-def silence(device: Device, sender: _Sender) -> None:
-    fall_silent(sender)
+def silence(device: Device, stepped: SteppedStream) -> None:
+    fall_silent(stepped)
     device.link.wait(lambda: False, 0.2)
-    assert device.states() == ("fault", "fault")
-    assert device.both_axes(BIT_PATH_RUNS, False)
+    assert device.axes.states() == ("fault", "fault")
+    assert device.axes.both(BIT_PATH_RUNS, False)
 
 
 @pytest.fixture(scope="module")
 def undisturbed_max_um() -> float:
     with can.Bus(interface="kontur", channel="sim", machine=MACHINE, seed=1) as bus:
         device = Device(Link(bus, 1))
-        device.set_parameters(MACHINE.parameters())
-        sender = start(device)
-        advance(sender, CIRCLE.duration_s + 0.2)
+        device.parameters.set(MACHINE.parameters())
+        stepped = start(device)
+        stepped.advance(CIRCLE.duration_s + 0.2)
         assert device.read("stream.state") == 4
         return float(contour_um(bus).max())
 
@@ -138,12 +128,12 @@ def undisturbed_max_um() -> float:
 @pytest.mark.parametrize("way", [bit_4, silence])
 @pytest.mark.parametrize("number", range(20))
 def test_stop_leaves_the_circle_no_further_than_the_run_without_it(
-    device: Device, undisturbed_max_um: float, way: Callable[[Device, _Sender], None], number: int
+    device: Device, undisturbed_max_um: float, way: Callable[[Device, SteppedStream], None], number: int
 ) -> None:
     moment_s = np.random.default_rng(number).uniform(0.1, 0.7 if way is silence else 1.2)
-    sender = start(device)
-    advance(sender, moment_s)
-    way(device, sender)
+    stepped = start(device)
+    stepped.advance(moment_s)
+    way(device, stepped)
     bus = device.link.bus
     assert isinstance(bus, KonturBus)
     truth = bus.sim.truth()
@@ -167,48 +157,48 @@ def test_blocked_axis_is_reported_with_its_remedy(frozen_ms: int, message: str) 
     stuck = dataclasses.replace(MACHINE, x=dataclasses.replace(MACHINE.x, coulomb_N=3000.0))
     with can.Bus(interface="kontur", channel="sim", machine=stuck, seed=1) as bus:
         device = Device(Link(bus, 1))
-        device.set_parameters({**MACHINE.parameters(), "fault_delay.frozen": frozen_ms})
-        device.enable()
+        device.parameters.set({**MACHINE.parameters(), "fault_delay.frozen": frozen_ms})
+        device.axes.enable()
         with pytest.raises(EmcyError, match=message):
             stream(device, CIRCLE.knots_nm)
-        device.enable()
-        assert device.states() == ("operation enabled", "operation enabled")
+        device.axes.enable()
+        assert device.axes.states() == ("operation enabled", "operation enabled")
 
 
 def test_axis_that_is_too_fast_is_reported(device: Device) -> None:
     device.write("limits.velocity", 0.05)
-    device.enable()
+    device.axes.enable()
     with pytest.raises(EmcyError, match=r"8400h"):
         stream(device, CIRCLE.knots_nm)
 
 
 def test_knot_outside_the_limits_is_reported_and_the_drive_can_be_enabled_again(device: Device) -> None:
     device.write("position_limit_x.min", -3_000_000)
-    device.enable()
+    device.axes.enable()
     with pytest.raises(EmcyError, match=r"FF11h: a knot lies outside position_limit"):
         stream(device, CIRCLE.knots_nm)
-    device.enable()
-    assert device.states() == ("operation enabled", "operation enabled")
+    device.axes.enable()
+    assert device.axes.states() == ("operation enabled", "operation enabled")
 
 
 def test_drive_is_enabled_again_after_the_host_was_silent(device: Device) -> None:
-    sender = start(device)
-    advance(sender, 0.3)
-    fall_silent(sender)
+    stepped = start(device)
+    stepped.advance(0.3)
+    fall_silent(stepped)
     device.link.wait(lambda: False, 0.2)
     assert device.info().error_code == (0x8130, 0x8130)
-    device.enable()
+    device.axes.enable()
     assert device.info().error_code == (0, 0)
 
 
 def test_reset_node_during_motion_leaves_a_drive_that_works(device: Device) -> None:
-    sender = start(device)
-    advance(sender, 0.3)
+    stepped = start(device)
+    stepped.advance(0.3)
     device.link.send(0x000, bytes([129, 1]))
     bus = device.link.bus
     assert isinstance(bus, KonturBus)
     bus.sim.run(2000)
     assert np.abs(bus.sim.truth().force_N[-1999:]).max() == 0.0
-    device.enable()
+    device.axes.enable()
     assert device.read("stream.state") == 0
-    assert device.states() == ("operation enabled", "operation enabled")
+    assert device.axes.states() == ("operation enabled", "operation enabled")

@@ -15,7 +15,7 @@ from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
 from kontur.runs import log
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 
 TARGET = Target(machine=machine.load())
 TOO_FAST = {"limits.velocity": 0.05}
@@ -23,7 +23,7 @@ TOO_FAST = {"limits.velocity": 0.05}
 
 def test_fault_ends_the_log_and_is_in_it() -> None:
     trajectory = plan(shapes.circle(0.02, 0.1), limits(TARGET.machine))
-    result = run(trajectory, "ccu", TARGET, parameters=TOO_FAST, raise_fault=False)
+    result = run(trajectory, "ccu", TARGET, RunOptions(parameters=TOO_FAST, raise_fault=False))
     assert not result.completed
     assert isinstance(result.fault, EmcyError)
     assert result.fault.code == 0x8400
@@ -32,13 +32,13 @@ def test_fault_ends_the_log_and_is_in_it() -> None:
     assert "8400h" in meta["fault"]
     assert 0.02 < columns["time_s"][-1] < 0.3
     before = columns["time_s"] < 0.04
-    assert np.abs(columns["contour_um"][before]).max() < 30.0  # up to the fault, a run like any other
+    assert np.abs(columns["true_contour_error_um"][before]).max() < 30.0  # up to the fault, a run like any other
 
 
 def test_fault_is_raised_where_nobody_asked_for_the_log() -> None:
     trajectory = plan(shapes.circle(0.02, 0.1), limits(TARGET.machine))
     with pytest.raises(EmcyError, match="8400h"):
-        run(trajectory, "ccu", TARGET, parameters=TOO_FAST)
+        run(trajectory, "ccu", TARGET, RunOptions(parameters=TOO_FAST))
 
 
 def test_command_writes_log_and_report_and_fails_with_the_fault(tmp_path: Path) -> None:

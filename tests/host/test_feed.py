@@ -13,7 +13,7 @@ from kontur import machine
 from kontur.can.link import Link
 from kontur.cli.options import held_by_signals
 from kontur.drive.device import Device
-from kontur.drive.stream import stream
+from kontur.drive.stream import Operator, stream
 from kontur.drive.target import Target
 from kontur.errors import EmcyError, ParameterError, StreamError
 from kontur.path import shapes
@@ -29,7 +29,7 @@ CIRCLE = planner.plan(shapes.circle(0.02, 0.1, duration_s=2.0), limits(MACHINE))
 def device() -> Iterator[Device]:
     with can.Bus(interface="kontur", channel="sim", machine=MACHINE) as bus:
         device = Device(Link(bus, 1))
-        device.enable()
+        device.axes.enable()
         yield device
 
 
@@ -40,7 +40,9 @@ def rate_by_time(device: Device, *changes: tuple[float, float]):  # type: ignore
 
 
 def test_path_that_is_held_and_slowed_is_finished_with_every_knot(device: Device) -> None:
-    result = stream(device, CIRCLE.knots_nm, rate=rate_by_time(device, (1.0, 0.0), (2.0, 0.5), (2.5, 1.2)))
+    result = stream(
+        device, CIRCLE.knots_nm, Operator(feed_override=rate_by_time(device, (1.0, 0.0), (2.0, 0.5), (2.5, 1.2)))
+    )
     assert result.completed  # by the checksum of the executed knots, too
     assert [rate for _, rate in result.rates] == [1.0, 0.0, 0.5, 1.2]
 
@@ -48,7 +50,9 @@ def test_path_that_is_held_and_slowed_is_finished_with_every_knot(device: Device
 def test_held_drive_stops_on_the_path_when_asked_to(device: Device) -> None:
     rate = rate_by_time(device, (1.0, 0.0))
     begin_s = device.link.time_s
-    result = stream(device, CIRCLE.knots_nm, rate=rate, stop_requested=lambda: device.link.time_s - begin_s > 2.0)
+    result = stream(
+        device, CIRCLE.knots_nm, Operator(feed_override=rate, stop_requested=lambda: device.link.time_s - begin_s > 2.0)
+    )
     assert not result.completed
     assert 500 < result.executed < 1000
 
@@ -60,7 +64,7 @@ def test_override_out_of_range_is_refused(device: Device) -> None:
 
 @pytest.mark.parametrize("percent", [50, 120])
 def test_run_under_an_override_takes_its_time_and_is_scored_on_the_path(percent: int) -> None:
-    result = run(CIRCLE, "ccu", Target(machine=MACHINE), rate=lambda: percent / 100)
+    result = run(CIRCLE, "ccu", Target(machine=MACHINE), operator=Operator(feed_override=lambda: percent / 100))
     assert result.completed
     assert result.log.columns["time_s"][-1] == pytest.approx(CIRCLE.duration_s * 100 / percent, abs=2e-3)
     assert result.log.meta["score"]["tangential_mean_um"] < 1.0  # where the drive was when the log says so
@@ -73,12 +77,12 @@ def fall_silent(device: Device) -> EmcyError:
 
     def silence(share: float) -> None:
         if share > 0.75:
-            device.link.rest()
+            device.link.stop_heartbeat()
 
     with pytest.raises(EmcyError, match="8130h") as caught:
-        stream(device, CIRCLE.knots_nm, progress=silence)
-    device.link.wait(lambda: device.states() == ("fault", "fault"), 1.0)
-    device.enable()
+        stream(device, CIRCLE.knots_nm, Operator(progress=silence))
+    device.link.wait(lambda: device.axes.states() == ("fault", "fault"), 1.0)
+    device.axes.enable()
     return caught.value
 
 

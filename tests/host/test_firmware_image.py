@@ -21,7 +21,7 @@ from kontur.drive.target import Target
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 from kontur.sim.emulator import PROGRAM, Emulator, start
 
 ROOT = Path(__file__).parents[2]
@@ -132,7 +132,7 @@ def test_time_passes_with_sync_alone_when_told_to(emulator: Emulator) -> None:
         assert device.link.by_device_time
         before = device.read("clock.tick")
         for _ in range(100):
-            device.link.pump(0.0)
+            device.link.poll(0.0)
         assert device.read("clock.tick") == before + 100
         assert device.read("clock.tick") == before + 100  # and stands
 
@@ -145,7 +145,7 @@ def test_time_passes_with_sync_alone_when_told_to(emulator: Emulator) -> None:
 def test_circle_runs_on_the_simulated_machine_of_the_image(name: str, usart: int, control_hz: int) -> None:
     image = IMAGE.with_name(f"{name}.elf")
     if not image.is_file():
-        pytest.skip(f"{image} is not there: make firmware-all")
+        pytest.skip(f"{image} is not there: make firmware")
     with start(image, usart) as emulator:
         assert talk(emulator, lambda device: device.info().control_hz) == control_hz
         assert_circle_runs(emulator, control_hz)
@@ -158,9 +158,9 @@ def assert_circle_runs(emulator: Emulator, control_hz: int) -> None:
     there = {"onchip_plant.start_x": 0.004, "onchip_plant.simulated": 1}
     trajectory = plan(shapes.circle(0.004, 0.1), limits(machine))
     target = Target(machine, bus=emulator.options(), place_at_start=False)
-    log = run(trajectory, "ccu", target, parameters=there).log
+    log = run(trajectory, "ccu", target, RunOptions(parameters=there)).log
     assert log.meta["frames_lost"] == 0
-    assert np.abs(log.columns["e_n2_um"]).max() < 1.5
+    assert np.abs(log.columns["contour_error_um"]).max() < 1.5
     in_process = run(trajectory, "ccu", Target(machine)).log
     assert len(log.columns["tick"]) == len(in_process.columns["tick"])
     later_mm = 100.0 * (1e-4 - 1.0 / control_hz)

@@ -45,7 +45,7 @@ def test_mf4_is_one_group_with_units_for_any_reader(tmp_path: Path) -> None:
     log.write(made_run(rows=10), tmp_path / "a.mf4")
     with MDF(tmp_path / "a.mf4") as mdf:
         assert len(mdf.groups) == 1
-        assert mdf.get("contour_um").unit == "um"
+        assert mdf.get("true_contour_error_um").unit == "um"
         assert mdf.get("force_x_N").unit == "N"
         assert list(mdf.get("tick").timestamps[:3]) == [0.0, 0.001, 0.002]
 
@@ -78,10 +78,12 @@ def test_an_unknown_value_is_an_empty_cell(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_columns_that_are_not_required_may_be_missing(tmp_path: Path, suffix: str) -> None:
     full = made_run(rows=20)
-    few = log.RunLog(full.meta, {name: full.columns[name] for name in ("time_s", "tick", "e_n2_um", "e_n1_um")})
+    few = log.RunLog(
+        full.meta, {name: full.columns[name] for name in ("time_s", "tick", "contour_error_um", "tangential_error_um")}
+    )
     log.write(few, tmp_path / f"a{suffix}")
     again = log.read(tmp_path / f"a{suffix}")
-    assert list(again.columns) == ["tick", "time_s", "e_n1_um", "e_n2_um"]
+    assert list(again.columns) == ["tick", "time_s", "tangential_error_um", "contour_error_um"]
     assert not again.has_truth
 
 
@@ -98,9 +100,13 @@ def csv_lines() -> list[str]:
         (lambda lines: [*lines[:-1], lines[-1] + ",1"], None, "21 cells where the header row has 20"),
         (lambda lines: [*lines[:-1], lines[-1].replace("704,", "704x,")], None, "not a number"),
         (lambda lines: [*lines, lines[-1]], None, "do not increase"),
-        (lambda lines: [line.replace("contour_um", "contur_um") for line in lines], None, "contur_um is unknown"),
-        (lambda lines: [line.replace("e_n2_um", "x_mm") for line in lines], None, "twice"),
-        (lambda lines: [line for line in lines if "controller" not in line], None, "says controller"),
+        (
+            lambda lines: [line.replace("true_contour_error_um", "contur_um") for line in lines],
+            None,
+            "contur_um is unknown",
+        ),
+        (lambda lines: [line.replace("contour_error_um", "position_x_mm") for line in lines], None, "twice"),
+        (lambda lines: [line for line in lines if "controller" not in line], None, "lacks controller"),
         (lambda lines: [line.replace("interrupted", "late") for line in lines], None, "'late'"),
     ],
 )
@@ -165,9 +171,9 @@ def test_a_log_that_cannot_be_is_refused_when_it_is_made() -> None:
     with pytest.raises(LogError, match="status"):
         log.RunLog({key: value for key, value in run.meta.items() if key != "status"}, run.columns)
     with pytest.raises(LogError, match="length"):
-        log.RunLog(run.meta, {**run.columns, "x_mm": np.zeros(4)})
-    with pytest.raises(LogError, match="e_n2_um"):
-        log.RunLog(run.meta, {name: values for name, values in run.columns.items() if name != "e_n2_um"})
+        log.RunLog(run.meta, {**run.columns, "position_x_mm": np.zeros(4)})
+    with pytest.raises(LogError, match="contour_error_um"):
+        log.RunLog(run.meta, {name: values for name, values in run.columns.items() if name != "contour_error_um"})
 
 
 def test_log_show_says_what_was_run_and_how_large_it_got(tmp_path: Path) -> None:
@@ -180,7 +186,7 @@ def test_log_show_says_what_was_run_and_how_large_it_got(tmp_path: Path) -> None
     result = json.loads(CliRunner().invoke(main, ["log", "show", "--json", str(file)]).output)
     assert result["rows"] == 1500
     assert result["meta"]["controller"] == "ccu"
-    assert result["columns"]["contour_um"]["max"] == 2.0
+    assert result["columns"]["true_contour_error_um"]["max"] == 2.0
     assert result["columns"]["force_x_N"]["rows"] == 750
 
 

@@ -13,7 +13,8 @@ from kontur.can import wire
 from kontur.can.bus import open_bus
 from kontur.can.link import Link
 from kontur.cli import main
-from kontur.drive.device import ENABLE, SHUTDOWN, Device, connected
+from kontur.drive.device import Device, connected
+from kontur.drive.state_machine import ENABLE, SHUTDOWN
 from kontur.errors import DeviceError, EmcyError, HeldError
 from kontur.sim.process import start
 
@@ -53,9 +54,9 @@ def heartbeats(device: Device) -> list[int]:
 
 def test_drive_is_held_inside_and_free_afterwards(device: Device) -> None:
     assert device.read("master.holder") == 0
-    with device.held():
+    with device.master.held():
         assert device.read("master.holder") == wire.HOST_NODE_ID
-        with device.enabled():
+        with device.axes.enabled():
             assert device.read("master.holder") == wire.HOST_NODE_ID
         assert device.read("master.holder") == wire.HOST_NODE_ID
         device.link.wait(lambda: False, 3 * GUARD_S)
@@ -65,69 +66,69 @@ def test_drive_is_held_inside_and_free_afterwards(device: Device) -> None:
 
 @pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt])
 def test_drive_is_released_whatever_happens(device: Device, error: type[BaseException]) -> None:
-    with pytest.raises(error), device.held(), device.enabled():
+    with pytest.raises(error), device.master.held(), device.axes.enabled():
         raise error
     assert device.read("master.holder") == 0
-    assert device.states() == ("switch on disabled", "switch on disabled")
+    assert device.axes.states() == ("switch on disabled", "switch on disabled")
 
 
 def test_second_program_is_refused_and_told_by_whom_though_its_id_is_the_same(device: Device, other: Device) -> None:
-    with device.held():
-        for command in (other.claim, other.enable):
+    with device.master.held():
+        for command in (other.master.claim, other.axes.enable):
             with pytest.raises(HeldError, match=r"drive 1 on .* is held by master 127.*stop that program.* 500 ms"):
                 command()
-        with pytest.raises(HeldError), other.held():
+        with pytest.raises(HeldError), other.master.held():
             raise AssertionError
         assert device.read("master.refused") >= 3
         device.link.wait(lambda: False, 2 * GUARD_S)
-        device.enable()
-        device.disable()
-    with other.enabled():
+        device.axes.enable()
+        device.axes.disable()
+    with other.axes.enabled():
         assert other.read("master.holder") == wire.HOST_NODE_ID
 
 
 def test_second_program_does_not_disturb_the_first_ones_axes(device: Device, other: Device) -> None:
-    with device.enabled():
+    with device.axes.enabled():
         with pytest.raises(HeldError):
-            other.enable()
+            other.axes.enable()
         with pytest.raises(DeviceError):
-            other.release()
+            other.master.release()
         device.link.wait(lambda: False, 2 * GUARD_S)
-        assert device.states() == ("operation enabled", "operation enabled")
-        device.check()
+        assert device.axes.states() == ("operation enabled", "operation enabled")
+        device.faults.check()
 
 
 def test_who_only_looks_on_sends_no_heartbeat_for_a_holder_that_has_died(device: Device, other: Device) -> None:
     sent = heartbeats(other)
-    device.enable()
-    device.link.rest()  # it has died
+    device.axes.enable()
+    device.link.stop_heartbeat()  # it has died
     other.info()
     with pytest.raises(EmcyError, match="8130h"):
         other.wait(lambda: False, 3 * GUARD_S, "waits")
     assert sent == []
-    with other.enabled():
+    with other.axes.enabled():
         assert sent
 
 
 def test_drive_that_somebody_enabled_without_a_claim_is_left_alone(device: Device, other: Device) -> None:
-    device._start_node()
-    device.controlwords(SHUTDOWN, SHUTDOWN)
+    device.axes.start_node()
+    device.axes.controlwords(SHUTDOWN, SHUTDOWN)
     device.link.wait(lambda: False, 0.05)
-    device.controlwords(ENABLE, ENABLE)
+    device.axes.controlwords(ENABLE, ENABLE)
     device.link.wait(lambda: False, 0.05)
-    assert device.states() == ("operation enabled", "operation enabled")
+    assert device.axes.states() == ("operation enabled", "operation enabled")
     with pytest.raises(HeldError, match="has power for a master that has not claimed it: switch it off there"):
-        other.claim()
+        other.master.claim()
     device.link.wait(lambda: False, 0.05)
-    assert device.states() == ("operation enabled", "operation enabled")
+    assert device.axes.states() == ("operation enabled", "operation enabled")
 
 
 def test_claim_that_was_lost_in_a_pause_is_made_again(device: Device) -> None:
-    with device.held():
+    with device.master.held():
         device.link.bus.sim.run(10_000)  # type: ignore[attr-defined]
         assert device.read("master.holder") == 0
-        with device.enabled():
-            assert device.states() == ("operation enabled", "operation enabled")
+        with device.axes.enabled():
+            assert device.axes.states() == ("operation enabled", "operation enabled")
 
 
 def test_claim_whose_answers_are_lost_is_no_second_master(device: Device) -> None:
@@ -143,8 +144,8 @@ def test_claim_whose_answers_are_lost_is_no_second_master(device: Device) -> Non
         return message
 
     bus.recv = lossy  # type: ignore[method-assign]
-    with device.enabled():
-        assert device.states() == ("operation enabled", "operation enabled")
+    with device.axes.enabled():
+        assert device.axes.states() == ("operation enabled", "operation enabled")
     assert lost == 2
     assert device.read("master.refused") == 0
 
@@ -155,7 +156,7 @@ def held_drive() -> Iterator[list[str]]:
     with start(slcan_tcp="0") as sim:
         with connected(open_bus(sim.options()), 1) as device:
             device.link.node.sdo[0x1016][1].raw = wire.HOST_NODE_ID << 16 | 60_000  # ms: it need not live on
-            device.claim()
+            device.master.claim()
         yield ["-i", sim.interface, "-c", sim.channel]
 
 

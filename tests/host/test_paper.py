@@ -11,7 +11,7 @@ from paper import page as paper_page
 from paper_page import main
 
 from kontur import machine
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.target import Target
 from kontur.errors import FileError
 from kontur.experiments import paper

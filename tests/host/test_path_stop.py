@@ -12,7 +12,7 @@ import numpy as np
 from direct_drive import HALT, KNOT, MACHINE, Drive
 from numpy.typing import NDArray
 
-from kontur.drive.device import RUN_PATH
+from kontur.drive.state_machine import RUN_PATH
 from kontur.path import programs, shapes
 from kontur.path.geometry import Program
 from kontur.planning import path_time, planner

@@ -195,7 +195,7 @@ def test_report_command_writes_html_or_a_picture_and_says_how_to_do_it_again(tmp
     [
         ("r.pdf", 1, "r.pdf: must end in .html or .png"),
         (".", 2, "'.' is a directory"),
-        ("no/r.html", 1, "no folder no"),
+        ("no/r.html", 1, "the folder no does not exist"),
     ],
 )
 def test_report_command_refuses_what_it_cannot_write(

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from kontur import machine
+from kontur.drive.stream import Operator
 from kontur.drive.target import Target
 from kontur.errors import DeviceError, NoAnswerError, ParameterError
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs import log
-from kontur.runs.runner import RunResult, run
+from kontur.runs.runner import RunOptions, RunResult, run
 from kontur.runs.summary import summary
 from kontur.sim.bus import KonturBus
 
@@ -46,7 +47,13 @@ def test_log_covers_the_path_row_by_row(trajectory: Trajectory, result: RunResul
 def test_position_in_the_log_is_the_true_position_of_the_same_instant(result: RunResult) -> None:
     """At 100 mm/s a control period more or less would be 10 um."""
     columns = result.log.columns
-    off_nm = np.hypot(columns["x_mm"] - columns["true_x_mm"], columns["y_mm"] - columns["true_y_mm"]) * 1e6
+    off_nm = (
+        np.hypot(
+            columns["position_x_mm"] - columns["true_position_x_mm"],
+            columns["position_y_mm"] - columns["true_position_y_mm"],
+        )
+        * 1e6
+    )
     assert off_nm.max() < 200.0
 
 
@@ -72,7 +79,7 @@ def test_score_is_the_distance_of_the_truth_to_the_circle(result: RunResult) -> 
 def test_estimate_of_the_drive_is_near_the_true_error_while_it_moves(result: RunResult) -> None:
     columns = result.log.columns
     moving = (columns["time_s"] > 0.1) & (columns["time_s"] < 1.2)
-    difference = (columns["e_n2_um"] - columns["contour_um"])[moving]
+    difference = (columns["contour_error_um"] - columns["true_contour_error_um"])[moving]
     assert np.abs(difference).max() < 0.2  # the encoder's count is 0.076
 
 
@@ -80,24 +87,24 @@ def test_same_seed_gives_equal_bytes_and_another_seed_does_not(trajectory: Traje
     again = run(trajectory, "ccu", TARGET)
     other = run(trajectory, "ccu", dataclasses.replace(TARGET, seed=2))
     assert log.csv_text(again.log) == log.csv_text(result.log)
-    assert not np.array_equal(other.log.columns["contour_um"], result.log.columns["contour_um"])
+    assert not np.array_equal(other.log.columns["true_contour_error_um"], result.log.columns["true_contour_error_um"])
 
 
 def test_time_to_speed_up_can_be_left_out_of_the_score(trajectory: Trajectory) -> None:
-    result = run(trajectory, "track", TARGET, score_from_s=0.3)
+    result = run(trajectory, "track", TARGET, RunOptions(score_from_s=0.3))
     assert result.truth is not None
     distance_um = np.abs(np.hypot(*result.truth.pos_m[3000:].T) - 0.02) * 1e6
     assert result.log.meta["score"]["mean_um"] == pytest.approx(distance_um.mean(), rel=1e-6)
 
 
 def test_parameters_are_set_and_logged(trajectory: Trajectory) -> None:
-    result = run(trajectory, "ccu", TARGET, parameters={"compensator.alpha": 40.0})
+    result = run(trajectory, "ccu", TARGET, RunOptions(parameters={"compensator.alpha": 40.0}))
     assert result.log.meta["parameters"]["compensator.alpha"] == 40.0
 
 
 def test_unknown_parameter_is_refused_before_any_motion(trajectory: Trajectory) -> None:
     with pytest.raises(ParameterError, match="no such parameter"):
-        run(trajectory, "ccu", TARGET, parameters={"compensator.alhpa": 40.0})
+        run(trajectory, "ccu", TARGET, RunOptions(parameters={"compensator.alhpa": 40.0}))
 
 
 def test_stopped_run_has_a_complete_log_up_to_standstill(trajectory: Trajectory) -> None:
@@ -108,17 +115,17 @@ def test_stopped_run_has_a_complete_log_up_to_standstill(trajectory: Trajectory)
         asked += 1
         return asked > 2000
 
-    result = run(trajectory, "ccu", TARGET, stop_requested=stop_requested)
+    result = run(trajectory, "ccu", TARGET, operator=Operator(stop_requested=stop_requested))
     columns = result.log.columns
     assert not result.completed
     assert result.log.meta["status"] == "interrupted"
     assert result.log.meta["accepted"] <= len(trajectory.knots_nm)
     assert (np.diff(columns["tick"]) == 1).all()
     assert 0.1 < columns["time_s"][-1] < 1.2
-    last_mm = np.hypot(np.diff(columns["x_mm"])[-1], np.diff(columns["y_mm"])[-1])
+    last_mm = np.hypot(np.diff(columns["position_x_mm"])[-1], np.diff(columns["position_y_mm"])[-1])
     assert last_mm < 2e-3  # in a ms; 0.1 at speed
-    np.testing.assert_allclose(np.hypot(columns["true_x_mm"], columns["true_y_mm"]), 20.0, atol=0.01)
-    assert np.abs(columns["tangential_um"]).max() < 30.0  # the log knows where path time was
+    np.testing.assert_allclose(np.hypot(columns["true_position_x_mm"], columns["true_position_y_mm"]), 20.0, atol=0.01)
+    assert np.abs(columns["true_tangential_error_um"]).max() < 30.0  # the log knows where path time was
 
 
 def test_real_drive_that_stands_elsewhere_is_not_moved(trajectory: Trajectory) -> None:
@@ -130,7 +137,7 @@ def test_real_drive_that_stands_elsewhere_is_not_moved(trajectory: Trajectory) -
 
 def test_real_drive_that_stands_elsewhere_goes_to_the_start_when_allowed(trajectory: Trajectory) -> None:
     at_origin = dataclasses.replace(TARGET, machine=TARGET.machine.starting_at((0.019, 0.0)), place_at_start=False)
-    result = run(trajectory, "ccu", at_origin, approach=limits(TARGET.machine))
+    result = run(trajectory, "ccu", at_origin, RunOptions(approach=limits(TARGET.machine)))
     assert result.completed
     assert result.log.meta["score"]["max_um"] < 10.0
 
@@ -138,7 +145,13 @@ def test_real_drive_that_stands_elsewhere_goes_to_the_start_when_allowed(traject
 def test_stop_on_the_way_to_the_start_ends_the_run(trajectory: Trajectory) -> None:
     elsewhere = dataclasses.replace(TARGET, machine=TARGET.machine.starting_at((0.019, 0.0)), place_at_start=False)
     with pytest.raises(KeyboardInterrupt):
-        run(trajectory, "ccu", elsewhere, approach=limits(TARGET.machine), stop_requested=lambda: True)
+        run(
+            trajectory,
+            "ccu",
+            elsewhere,
+            RunOptions(approach=limits(TARGET.machine)),
+            Operator(stop_requested=lambda: True),
+        )
 
 
 @contextmanager
@@ -174,9 +187,11 @@ def test_run_over_a_bus_in_wall_time_is_complete_and_has_no_truth() -> None:
     columns = result.log.columns
     assert result.log.meta["frames_lost"] == 0
     assert len(result.log) == pytest.approx(len(trajectory.knots_nm), abs=20)
-    assert "contour_um" not in columns
+    assert "true_contour_error_um" not in columns
     # The start is known to a few ms only, at 0.05 mm/ms.
-    late_mm = np.hypot(columns["x_mm"] - columns["reference_x_mm"], columns["y_mm"] - columns["reference_y_mm"])
+    late_mm = np.hypot(
+        columns["position_x_mm"] - columns["reference_x_mm"], columns["position_y_mm"] - columns["reference_y_mm"]
+    )
     assert late_mm.max() < 0.5
     assert summary(result.log)["mean_um"] < 5.0
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from asammdf import MDF
 from click.testing import CliRunner
+from stepped_stream import SteppedStream
 
 from kontur import machine
 from kontur.can.bad_bus import BusFaults
@@ -23,16 +24,16 @@ from kontur.can.bus import open_bus
 from kontur.can.link import Link
 from kontur.cli import main
 from kontur.drive import scope
-from kontur.drive.device import RUN_PATH, Device, connected
+from kontur.drive.device import Device, connected
 from kontur.drive.scope import Capture, Setup, Trigger
-from kontur.drive.stream import _Sender
+from kontur.drive.state_machine import RUN_PATH
 from kontur.drive.target import Target
 from kontur.errors import DeviceError, EmcyError, ParameterError
 from kontur.path import shapes
 from kontur.planning import planner
 from kontur.planning.bounds import limits
 from kontur.report import capture_file
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 from kontur.sim.bus import KonturBus
 from kontur.sim.process import start as start_process
 
@@ -55,35 +56,22 @@ def bus() -> Iterator[KonturBus]:
 @pytest.fixture
 def device(bus: KonturBus) -> Device:
     device = Device(Link(bus, 1))
-    device.set_parameters(MACHINE.parameters())
+    device.parameters.set(MACHINE.parameters())
     return device
 
 
-def start(device: Device, **parameters: float) -> _Sender:
-    """Enabled, the first knots there, and path time running."""
-    device.set_parameters({name.replace("__", "."): value for name, value in parameters.items()})
-    device.enable()
-    sender = _Sender(device, CIRCLE.knots_nm)
-    sender.fill()
-    return sender
-
-
-def advance(sender: _Sender, duration_s: float) -> None:
-    link = sender.device.link
-    end_s = link.time_s + duration_s
-    while link.time_s < end_s:
-        if sender.accepted < len(CIRCLE.knots_nm):
-            sender.advance()
-        else:
-            link.pump(end_s - link.time_s)
-            sender.device.check()
+def start(device: Device, **parameters: float) -> SteppedStream:
+    """Enabled, and the first knots in the queue."""
+    device.parameters.set({name.replace("__", "."): value for name, value in parameters.items()})
+    device.axes.enable()
+    return SteppedStream(device, CIRCLE.knots_nm)
 
 
 def run_into_overspeed(device: Device) -> None:
-    sender = start(device, limits__velocity=0.09)
-    device.controlwords(RUN_PATH, RUN_PATH)
+    stream = start(device, limits__velocity=0.09)
+    device.axes.controlwords(RUN_PATH, RUN_PATH)
     with pytest.raises(EmcyError, match="8400h"):
-        advance(sender, 2.0)
+        stream.advance(2.0)
 
 
 # --- what is committed ---
@@ -113,14 +101,14 @@ def test_signals_can_be_chosen_by_every_number_and_no_other(device: Device) -> N
 
 def test_capture_is_what_the_servo_did_period_by_period(bus: KonturBus, device: Device) -> None:
     """Forces equal the truth to their last count; positions are the encoder's, within what the observer filters."""
-    sender = start(device)
+    stream = start(device)
     bus.sim.start_schedule()
     first = bus.sim.tick
     bus.sim.record(True)
     names = ("force_x", "force_y", "position_x", "position_y")
     scope.arm(device, Setup(names, Trigger("<", "position_x", 19.9), pre=0.5))
-    device.controlwords(RUN_PATH, RUN_PATH)
-    advance(sender, 0.4)
+    device.axes.controlwords(RUN_PATH, RUN_PATH)
+    stream.advance(0.4)
     assert scope.wait(device, 0.0)
     capture = scope.read(device)
     truth = bus.sim.truth()
@@ -139,20 +127,20 @@ def test_capture_is_what_the_servo_did_period_by_period(bus: KonturBus, device: 
 
 
 def test_errors_are_those_of_the_telemetry(device: Device) -> None:
-    sender = start(device)
-    scope.arm(device, Setup(("e_n1", "e_n2"), Trigger("now")))
-    device.link.record()
-    device.controlwords(RUN_PATH, RUN_PATH)
-    advance(sender, 0.3)
+    stream = start(device)
+    scope.arm(device, Setup(("tangential_error", "contour_error"), Trigger("now")))
+    device.link.record_telemetry()
+    device.axes.controlwords(RUN_PATH, RUN_PATH)
+    stream.advance(0.3)
     assert scope.wait(device, 1.0)
-    telemetry = device.link.recorded((int(RADIUS_M * 1e9), 0))
+    telemetry = device.link.recorded_telemetry((int(RADIUS_M * 1e9), 0))
     capture = scope.read(device)
     # the row of tick i ms was taken in control period 10 i - 1, counted from 0
     rows = telemetry.tick * 10 - 1 - capture.first_period
     inside = (rows >= 0) & (rows < len(capture.values))
     assert inside.sum() > 100
-    captured_m = np.column_stack([capture["e_n1"], capture["e_n2"]])[rows[inside]] * 1e-6
-    assert np.abs(captured_m - telemetry.contour_m[inside]).max() <= 0.51e-9
+    captured_m = np.column_stack([capture["tangential_error"], capture["contour_error"]])[rows[inside]] * 1e-6
+    assert np.abs(captured_m - telemetry.columns("tangential_error", "contour_error")[inside]).max() <= 0.51e-9
     assert np.abs(captured_m).max() > 10e-9
 
 
@@ -169,28 +157,34 @@ def test_decimated_capture_spans_as_much_more_time(device: Device) -> None:
 
 
 def test_fault_leaves_the_500_ms_before_it_without_being_asked(bus: KonturBus, device: Device) -> None:
-    sender = start(device)
-    device.controlwords(RUN_PATH, RUN_PATH)
-    advance(sender, 0.7)
-    device.link.rest()  # fall silent
+    stream = start(device)
+    device.axes.controlwords(RUN_PATH, RUN_PATH)
+    stream.advance(0.7)
+    device.link.stop_heartbeat()  # fall silent
     with pytest.raises(EmcyError, match="8130h"):
-        advance(sender, 1.0)
+        stream.advance(1.0)
     capture = scope.held(device)
     assert capture is not None
     assert capture.fault == 0x8130
-    assert [signal.name for signal in capture.signals] == ["e_n2", "e_w_x", "e_w_y", "force_x", "force_y"]
+    assert [signal.name for signal in capture.signals] == [
+        "contour_error",
+        "following_error_x",
+        "following_error_y",
+        "force_x",
+        "force_y",
+    ]
     assert capture.time_s[0] <= -0.5
     assert capture.time_s[-1] >= 0.1
 
 
 def test_overspeed_is_captured_in_the_period_that_cut_the_force(bus: KonturBus, device: Device) -> None:
-    sender = start(device, limits__velocity=0.09)
+    stream = start(device, limits__velocity=0.09)
     scope.arm(device, Setup(("force_x", "force_y", "velocity_x", "velocity_y"), Trigger("fault"), pre=0.5))
     first = bus.sim.tick
     bus.sim.record(True)
-    device.controlwords(RUN_PATH, RUN_PATH)
+    device.axes.controlwords(RUN_PATH, RUN_PATH)
     with pytest.raises(EmcyError, match="8400h"):
-        advance(sender, 2.0)
+        stream.advance(2.0)
     capture = scope.held(device)
     assert capture is not None
     speed = np.abs(np.column_stack([capture["velocity_x"], capture["velocity_y"]])).max(axis=1)
@@ -204,17 +198,17 @@ def test_capture_of_a_fault_stays_until_the_fault_is_reset(device: Device) -> No
     run_into_overspeed(device)
     capture = scope.held(device)
     assert capture is not None
-    device.disable()
+    device.axes.disable()
     device.link.wait(lambda: False, 5.0)
-    for take in (lambda: scope.arm(device, Setup(("sigma",), Trigger("now"))), lambda: scope.release(device)):
-        with pytest.raises(DeviceError, match="keeps what led to its fault: read it with `kontur scope --last`"):
+    for take in (lambda: scope.arm(device, Setup(("path_rate",), Trigger("now"))), lambda: scope.release(device)):
+        with pytest.raises(DeviceError, match="holds the capture of a fault: read it with `kontur scope --last`"):
             take()
     again = scope.held(device)
     assert again is not None
     assert np.array_equal(again.values, capture.values)
     assert again.trigger_period == capture.trigger_period
-    device.set_parameters({"limits.velocity": 0.5})
-    device.enable()  # resets the fault
+    device.parameters.set({"limits.velocity": 0.5})
+    device.axes.enable()  # resets the fault
     assert scope.held(device) is None
     assert device.read("scope.state") == scope.WAITING
     with pytest.raises(DeviceError, match="No data available"):
@@ -223,7 +217,7 @@ def test_capture_of_a_fault_stays_until_the_fault_is_reset(device: Device) -> No
 
 def test_release_arms_for_faults_as_at_power_on(device: Device) -> None:
     before = [device.read(f"scope_channels.entry_{i}") for i in range(1, 9)]
-    scope.arm(device, Setup(("sigma",), Trigger("now")))
+    scope.arm(device, Setup(("path_rate",), Trigger("now")))
     scope.release(device)
     assert [device.read(f"scope_channels.entry_{i}") for i in range(1, 9)] == before
     assert (device.read("scope.state"), device.read("scope.trigger")) == (scope.WAITING, 1)
@@ -239,7 +233,7 @@ def test_capture_comes_whole_over_a_bad_bus() -> None:
     captures = []
     for one in (options, bad):
         with connected(open_bus(one), 1) as device:
-            scope.arm(device, Setup(("count_x", "position_x", "path_time"), Trigger("now")))
+            scope.arm(device, Setup(("encoder_count_x", "position_x", "path_time"), Trigger("now")))
             assert scope.wait(device, 1.0)
             captures.append(scope.read(device))
     assert captures[0].values.shape == captures[1].values.shape == (1365, 3)
@@ -247,7 +241,7 @@ def test_capture_comes_whole_over_a_bad_bus() -> None:
 
 
 def test_reading_is_ended_by_arming_again(device: Device) -> None:
-    scope.arm(device, Setup(("e_n2",), Trigger("now")))
+    scope.arm(device, Setup(("contour_error",), Trigger("now")))
     assert scope.wait(device, 1.0)
     with device.link.node.sdo.open(0x2302, 0, "rb", buffering=0, block_transfer=True) as stream:
         stream.read(7)
@@ -259,25 +253,27 @@ def test_reading_is_ended_by_arming_again(device: Device) -> None:
 # --- what the user sees ---
 
 
-@pytest.mark.parametrize("text", ["", "later", "e_n2", "e_n2>", "e_n2>much", "nothing>3", ">3"])
+@pytest.mark.parametrize(
+    "text", ["", "later", "contour_error", "contour_error>", "contour_error>much", "nothing>3", ">3"]
+)
 def test_trigger_that_makes_no_sense_is_refused(text: str) -> None:
     with pytest.raises(ParameterError):
         scope.trigger(text)
 
 
 def test_trigger_is_read_as_it_is_written() -> None:
-    assert scope.trigger("e_n2>2.5") == Trigger(">", "e_n2", 2.5)
+    assert scope.trigger("contour_error>2.5") == Trigger(">", "contour_error", 2.5)
     assert scope.trigger("force_x < -3e2") == Trigger("<", "force_x", -300.0)
-    assert str(scope.trigger("e_n2>2.5")) == "e_n2>2.5"
+    assert str(scope.trigger("contour_error>2.5")) == "contour_error>2.5"
 
 
 def test_unknown_signal_is_refused_with_those_that_are_near() -> None:
     with pytest.raises(ParameterError, match=r"did you mean .*force_x"):
-        scope.names("e_n2,force_z")
+        scope.names("contour_error,force_z")
 
 
 def made() -> Capture:
-    signals = (scope.SIGNALS["e_n2"], scope.SIGNALS["force_x"])
+    signals = (scope.SIGNALS["contour_error"], scope.SIGNALS["force_x"])
     values = np.column_stack([np.arange(6) * 0.5, np.arange(6) * -100.0])
     return Capture(signals, values, 10_000, 2, 1000, 1005, 3, 0x8611)
 
@@ -288,8 +284,8 @@ def test_files_hold_time_from_the_trigger_values_and_units(tmp_path: Path) -> No
     lines = (tmp_path / "c.csv").read_text().splitlines()
     assert lines[0] == "# kontur scope 1"
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    assert list(rows[0]) == ["period", "time_s", "e_n2_um", "force_x_N"]
-    assert rows[3] == {"period": "1006", "time_s": "0.000100", "e_n2_um": "1.50000", "force_x_N": "-300.0000"}
+    assert list(rows[0]) == ["period", "time_s", "contour_error_um", "force_x_N"]
+    assert rows[3] == {"period": "1006", "time_s": "0.000100", "contour_error_um": "1.50000", "force_x_N": "-300.0000"}
     with MDF(tmp_path / "c.mf4") as mdf:
         force = mdf.get("force_x")
         assert (force.unit, list(force.samples)) == ("N", list(made()["force_x"]))
@@ -299,12 +295,21 @@ def test_files_hold_time_from_the_trigger_values_and_units(tmp_path: Path) -> No
 
 
 def test_command_records_at_once_and_saves(tmp_path: Path) -> None:
-    args = ["scope", "--signals", "e_n2,count_x", "--trigger", "now", "--json", "-o", str(tmp_path / "c.csv")]
+    args = [
+        "scope",
+        "--signals",
+        "contour_error,encoder_count_x",
+        "--trigger",
+        "now",
+        "--json",
+        "-o",
+        str(tmp_path / "c.csv"),
+    ]
     result = CliRunner().invoke(main, args)
     assert result.exit_code == 0, result.output
     told = json.loads(result.output)
     assert told["frames"] == 2048
-    assert [row["signal"] for row in told["signals"]] == ["e_n2", "count_x"]
+    assert [row["signal"] for row in told["signals"]] == ["contour_error", "encoder_count_x"]
     assert len((tmp_path / "c.csv").read_text().splitlines()) > 2048
 
 
@@ -321,19 +326,19 @@ def test_ctrl_c_ends_the_wait_and_leaves_the_drive_armed_for_faults(monkeypatch:
 
     monkeypatch.setattr(scope, "wait", interrupt)
     monkeypatch.setattr(scope, "release", release)
-    result = CliRunner().invoke(main, ["scope", "--trigger", "e_n2>5"])
+    result = CliRunner().invoke(main, ["scope", "--trigger", "contour_error>5"])
     assert result.exit_code == 130
-    assert "Interrupted: the trigger has not come." in result.stderr
+    assert "Interrupted: there was no trigger." in result.stderr
     assert released == [2]
 
 
 def test_command_tells_what_keeps_it(tmp_path: Path) -> None:
     for args, message in (
         (["--last"], "holds no capture"),
-        (["--trigger", "e_n2>50", "--wait", "0.2"], "has not come within 0.2 s"),
+        (["--trigger", "contour_error>50", "--wait", "0.2"], "has come within 0.2 s"),
         (["--signals", "e_n3"], "signal 'e_n3' is unknown"),
         (["-o", str(tmp_path / "c.txt")], "must end in"),
-        (["--signals", ",".join(["e_n1"] * 9)], "9 signals"),
+        (["--signals", ",".join(["tangential_error"] * 9)], "9 signals"),
     ):
         result = CliRunner().invoke(main, ["scope", *args])
         assert result.exit_code == 1, args
@@ -357,7 +362,7 @@ def test_last_capture_outlives_the_master_that_was_there_at_the_fault(tmp_path: 
     with start_process(slcan_tcp="0", pace="sync") as process:
         bus = ["-i", process.interface, "-c", process.channel]
         args = ["run", "circle", "--radius", "20", "--feed", "100", "--approach", "--set", "limits.velocity=0.09", *bus]
-        scope_args = ["--scope", "e_n2,force_x,force_y", "--scope-trigger", "fault", "--scope-pre", "0.25"]
+        scope_args = ["--scope", "contour_error,force_x,force_y", "--scope-trigger", "fault", "--scope-pre", "0.25"]
         result = CliRunner().invoke(main, [*args, *scope_args, "--scope-out", str(tmp_path / "a.csv")])
         assert result.exit_code == 1
         assert "8400h" in result.stderr
@@ -368,7 +373,7 @@ def test_last_capture_outlives_the_master_that_was_there_at_the_fault(tmp_path: 
             result = CliRunner().invoke(main, ["scope", "--last", "--json", "-o", str(path), *bus])
             assert result.exit_code == 0, result.output
             told = json.loads(result.output)
-            assert [row["signal"] for row in told["signals"]] == ["e_n2", "force_x", "force_y"]
+            assert [row["signal"] for row in told["signals"]] == ["contour_error", "force_x", "force_y"]
             assert (told["fault"], told["interval_s"], told["frames"]) == ("8400h", 1e-4, 1365)
             assert told["trigger_frame"] == 341
     assert path.read_bytes().startswith(b"\x89PNG")
@@ -376,7 +381,18 @@ def test_last_capture_outlives_the_master_that_was_there_at_the_fault(tmp_path: 
 
 def test_run_records_around_a_level(tmp_path: Path) -> None:
     path = tmp_path / "c.csv"
-    args = ["run", "circle", "--radius", "20", "--feed", "100", "--scope", "e_n2,velocity_y", "--scope-out", str(path)]
+    args = [
+        "run",
+        "circle",
+        "--radius",
+        "20",
+        "--feed",
+        "100",
+        "--scope",
+        "contour_error,velocity_y",
+        "--scope-out",
+        str(path),
+    ]
     result = CliRunner().invoke(main, [*args, "--scope-trigger", "velocity_y>50", "--scope-pre", "0.25"])
     assert result.exit_code == 0, result.output
     lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
@@ -386,7 +402,10 @@ def test_run_records_around_a_level(tmp_path: Path) -> None:
 
 
 def test_scope_changes_nothing_of_the_run() -> None:
-    runs = [run(CIRCLE, "ccu", TARGET, scope=setup) for setup in (None, Setup(("e_n2",), Trigger("fault")))]
+    runs = [
+        run(CIRCLE, "ccu", TARGET, RunOptions(scope=setup))
+        for setup in (None, Setup(("contour_error",), Trigger("fault")))
+    ]
     means = [result.log.meta["score"]["mean_um"] for result in runs]
     assert means[0] == pytest.approx(means[1], rel=0.05)  # the noise is another one: arming takes time
     assert runs[1].capture is None

@@ -151,7 +151,7 @@ def test_object_refuses_what_is_out_of_its_range_and_keeps_its_value(drive: Link
 def test_no_parameter_is_written_while_an_axis_has_power(link: Link) -> None:
     parameters = [e for thing in OBJECTS for e in thing.entries if e.config]
     assert len(parameters) > 90
-    with Device(link).enabled():
+    with Device(link).axes.enabled():
         for e in parameters:
             before = read(link, e.index, e.sub)
             for value in (e.low, e.high):

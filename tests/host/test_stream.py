@@ -16,7 +16,8 @@ from kontur import machine
 from kontur.can import wire
 from kontur.can.link import Link
 from kontur.drive.device import Device
-from kontur.drive.stream import WINDOW, stream
+from kontur.drive.knot_sender import WINDOW
+from kontur.drive.stream import Operator, stream
 from kontur.errors import DeviceError, EmcyError, StreamError
 from kontur.path import shapes
 from kontur.planning import planner
@@ -61,7 +62,7 @@ def enabled(knots_nm: NDArray[np.int32], kind: type[HookedBus] = HookedBus) -> I
     x, y = (float(v) * 1e-9 for v in knots_nm[0])
     with kind(machine=machine.load().starting_at((x, y))) as bus:
         device = Device(Link(bus, 1))
-        with device.enabled():
+        with device.axes.enabled():
             yield device, bus
 
 
@@ -76,7 +77,7 @@ def knots_nm() -> NDArray[np.int32]:
 def test_drive_goes_the_whole_way_and_stands_at_the_last_knot(knots_nm: NDArray[np.int32]) -> None:
     shares: list[float] = []
     with enabled(knots_nm) as (device, _):
-        result = stream(device, knots_nm, progress=shares.append)
+        result = stream(device, knots_nm, Operator(progress=shares.append))
         position_nm = np.array(device.position_nm())
     assert result.completed
     assert result.executed == len(knots_nm)
@@ -139,7 +140,7 @@ def test_slow_line_that_stalls_gets_no_more_than_it_can_take(knots_nm: NDArray[n
             nonlocal most
             most = max(most, len(bus.waiting))
 
-        result = stream(device, knots_nm, progress=watch)
+        result = stream(device, knots_nm, Operator(progress=watch))
     assert result.completed
     assert result.retransmitted <= 3 * WINDOW
     assert most <= 2 * WINDOW
@@ -151,18 +152,18 @@ def test_lost_telemetry_is_counted_exactly(knots_nm: NDArray[np.int32]) -> None:
 
     def lose(message: can.Message) -> can.Message | None:
         nonlocal lost
-        if message.arbitration_id in TELEMETRY and device.statuswords()[0] & 1 << 12 and draw.random() < 0.01:
+        if message.arbitration_id in TELEMETRY and device.axes.statuswords()[0] & 1 << 12 and draw.random() < 0.01:
             lost += 1
             return None
         return message
 
     with enabled(knots_nm) as (device, bus):
         bus.on_recv = lose
-        stream(device, knots_nm, before_start=device.link.record)
+        stream(device, knots_nm, before_start=device.link.record_telemetry)
         bus.on_recv = lambda m: m
         device.link.wait(lambda: False, 0.05)
         start_nm = (int(knots_nm[0, 0]), int(knots_nm[0, 1]))
-        telemetry = device.link.recorded(start_nm)
+        telemetry = device.link.recorded_telemetry(start_nm)
     assert lost > 20
     assert telemetry.frames_lost == lost
 
@@ -170,7 +171,7 @@ def test_lost_telemetry_is_counted_exactly(knots_nm: NDArray[np.int32]) -> None:
 def test_stop_request_ends_on_the_path_within_the_stop_time(knots_nm: NDArray[np.int32]) -> None:
     with enabled(knots_nm) as (device, bus):
         begin = bus.time_s
-        result = stream(device, knots_nm, stop_requested=lambda: bus.time_s > begin + 0.6)
+        result = stream(device, knots_nm, Operator(stop_requested=lambda: bus.time_s > begin + 0.6))
         stopped_s = bus.time_s
         stop_time_s = device.read("limits.path_stop_time") * 1e-3
         radius_m = np.hypot(*device.position_m())
@@ -192,7 +193,7 @@ def test_silent_stretch_of_the_host_shorter_than_the_queue_is_not_seen(knots_nm:
                 paused = True
                 bus.sim.run(2000)  # 200 ms
 
-        assert stream(device, knots_nm, progress=pause).completed
+        assert stream(device, knots_nm, Operator(progress=pause)).completed
     assert paused
 
 
@@ -214,7 +215,7 @@ def test_host_slower_than_the_path_is_a_stop_on_the_path_and_said(knots_nm: NDAr
 def test_bus_that_loses_every_knot_is_noticed(knots_nm: NDArray[np.int32]) -> None:
     with enabled(knots_nm) as (device, bus):
         bus.on_send = lambda m: None if m.arbitration_id == KNOT else m
-        with pytest.raises(StreamError, match="taken no knot for 2 s"):
+        with pytest.raises(StreamError, match="accepted no knot for 2 s"):
             stream(device, knots_nm)
 
 

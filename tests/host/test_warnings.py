@@ -13,7 +13,8 @@ from kontur.cli import main
 from kontur.cli.options import drive_of
 from kontur.drive import scope
 from kontur.drive.device import Device
-from kontur.drive.target import Target, connect
+from kontur.drive.fault_reports import FaultReports
+from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, NoAnswerError
 from kontur.runs import log
 
@@ -30,7 +31,7 @@ def kontur(*args: str) -> Result:
 
 def refuse_a_parameter(device: Device) -> None:
     """While an axis has power the drive warns of it for a second."""
-    with device.enabled(), pytest.raises(DeviceError, match="refuses"):
+    with device.axes.enabled(), pytest.raises(DeviceError, match="refuses"):
         device.write("smc.k_0", 120.0)
 
 
@@ -58,22 +59,22 @@ def test_tunnel_that_only_warns_leaves_its_capture_beside_the_log(tmp_path: Path
 
 
 def test_warnings_are_those_since_the_connection_and_those_in_effect() -> None:
-    with connect(Target(machine=machine.load())) as device:
-        assert device.warnings() == ()
-        assert device.errors() == ()
+    with open_drive(Target(machine=machine.load())) as device:
+        assert device.faults.warnings() == ()
+        assert device.faults.errors() == ()
         refuse_a_parameter(device)
-        assert device.errors() == (CONFIG_ENABLED,)
+        assert device.faults.errors() == (CONFIG_ENABLED,)
         assert device.info().warnings == (CONFIG_ENABLED,)
         device.link.wait(lambda: False, 1.1)
-        assert device.errors() == ()
-        assert device.warnings() == (CONFIG_ENABLED,)
+        assert device.faults.errors() == ()
+        assert device.faults.warnings() == (CONFIG_ENABLED,)
 
 
 def test_warning_from_before_the_connection_is_told_while_it_lasts() -> None:
-    with connect(Target(machine=machine.load())) as device:
+    with open_drive(Target(machine=machine.load())) as device:
         refuse_a_parameter(device)
         device.link.reported.clear()  # as if another host had been there
-        assert device.warnings() == (CONFIG_ENABLED,)
+        assert device.faults.warnings() == (CONFIG_ENABLED,)
 
 
 @pytest.mark.parametrize(("error", "told"), [(DeviceError, True), (KeyboardInterrupt, True), (NoAnswerError, False)])
@@ -91,7 +92,7 @@ def test_command_that_fails_tells_the_warnings_too_unless_nobody_answers(
 
 
 def test_bench_stream_tells_the_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Device, "warnings", lambda self: (CONFIG_ENABLED,))
+    monkeypatch.setattr(FaultReports, "warnings", lambda self: (CONFIG_ENABLED,))
     result = kontur("bench", "stream", "--knots", "1000", "-i", "kontur", "-c", "sim", "--json")
     text = describe_emcy(CONFIG_ENABLED)
     assert result.stderr == f"Warning: the drive reports {text}.\n"
@@ -99,11 +100,11 @@ def test_bench_stream_tells_the_warnings(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_fault_is_no_warning() -> None:
-    with connect(Target(machine=machine.load())) as device:
+    with open_drive(Target(machine=machine.load())) as device:
         device.link.reported.append(0x8611)
         device.link.reported.append(TUNNEL)  # stops the axes by default
         device.link.reported.append(0x1234)
-        assert device.warnings() == ()
+        assert device.faults.warnings() == ()
 
 
 def test_capture_names_what_triggered_it_though_the_drive_is_not_in_fault() -> None:

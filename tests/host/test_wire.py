@@ -79,12 +79,12 @@ def test_telemetry_is_scaled_to_si() -> None:
     frames.append((wire.TPDO5, struct.pack("<HHI", 1000, 2500, 123456)))
     row = telemetry(frames)
     assert row.tick.tolist() == [7]
-    np.testing.assert_allclose(row.contour_m, [[-1.5e-6, 42e-9]], rtol=1e-12)
+    np.testing.assert_allclose(row.columns("tangential_error", "contour_error"), [[-1.5e-6, 42e-9]], rtol=1e-12)
     np.testing.assert_allclose(row.position_m, [[3e-9, -4e-9]], rtol=1e-12)
-    np.testing.assert_allclose(row.force_N, [[-123.4, 56.7]], rtol=1e-12)
-    np.testing.assert_allclose(row.gain_per_s, [[100.0, 0.1]], rtol=1e-12)
-    np.testing.assert_allclose(row.uncertainty_gain_mps2, [[1.0, 2.5]], rtol=1e-12)
-    np.testing.assert_allclose(row.energy_J, [123.456], rtol=1e-12)
+    np.testing.assert_allclose(row.columns("force_x", "force_y"), [[-123.4, 56.7]], rtol=1e-12)
+    np.testing.assert_allclose(row.columns("adaptive_gain_1", "adaptive_gain_2"), [[100.0, 0.1]], rtol=1e-12)
+    np.testing.assert_allclose(row.columns("switching_gain_1", "switching_gain_2"), [[1.0, 2.5]], rtol=1e-12)
+    np.testing.assert_allclose(row.values["energy"], [123.456], rtol=1e-12)
 
 
 def test_tick_and_position_continue_past_their_wrap() -> None:
@@ -128,9 +128,9 @@ def test_slow_telemetry_is_held_and_unknown_before_it_came() -> None:
     frames.append((wire.TPDO4, struct.pack("<hhHH", 10, 20, 30, 40)))
     frames += millisecond(2, (0, 0), (0, 0))
     run = telemetry(frames)
-    assert np.isnan(run.force_N[0]).all()
-    np.testing.assert_allclose(run.force_N[1:, 0], [1.0, 1.0], rtol=1e-12)
-    assert np.isnan(run.energy_J).all()
+    assert np.isnan(run.columns("force_x", "force_y")[0]).all()
+    np.testing.assert_allclose(run.values["force_x"][1:], [1.0, 1.0], rtol=1e-12)
+    assert np.isnan(run.values["energy"]).all()
 
 
 def test_no_telemetry_gives_an_empty_run() -> None:

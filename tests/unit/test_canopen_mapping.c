@@ -68,11 +68,11 @@ static void test_tpdo_with_another_mapping_sends_it(void)
 {
     open_mapping(TPDO5);
     TEST_ASSERT_EQUAL_HEX32(0, map(TPDO5, 1, 0x10010008)); /* error register */
-    TEST_ASSERT_EQUAL_HEX32(0, map(TPDO5, 2, 0x22100218)); /* e_n1, i24 */
+    TEST_ASSERT_EQUAL_HEX32(0, map(TPDO5, 2, 0x22100218)); /* tangential error, i24 */
     TEST_ASSERT_EQUAL_HEX32(0, map(TPDO5, 3, 0x68410010)); /* statusword y */
     close_mapping(TPDO5, 3);
     bus.od.error_register = 0x11;
-    bus.od.telemetry.e_n1 = -2;
+    bus.od.telemetry.tangential_error = -2;
     bus.od.axis[AXIS_Y].statusword = 0x1234;
     TEST_ASSERT_TRUE(co_tpdo_send(&bus.node, 5));
     bus_expect(&bus, 0, 0x1C5, "11 FE FF FF 34 12");

@@ -113,16 +113,16 @@ static void test_every_tpdo_has_its_identifier_and_layout(void)
     od->stream.free = 511;
     od->stream.accepted16 = 0xFEDC;
     od->telemetry = (struct od_telemetry){.tick = 0x1234,
-                                          .e_n1 = -1,
-                                          .e_n2 = 8388607,
+                                          .tangential_error = -1,
+                                          .contour_error = 8388607,
                                           .position_x = -8388608,
                                           .position_y = 0x010203,
                                           .force_x = -6000,
                                           .force_y = 6000,
-                                          .k_1 = 1000,
-                                          .k_2 = 65535,
-                                          .mu_1 = 4000,
-                                          .mu_2 = 1,
+                                          .adaptive_gain_1 = 1000,
+                                          .adaptive_gain_2 = 65535,
+                                          .switching_gain_1 = 4000,
+                                          .switching_gain_2 = 1,
                                           .energy = 0xDEADBEEF};
     bus_run_ms(&bus, 1);
     TEST_ASSERT_EQUAL_UINT(5, bus.count); /* all are due when operational begins */

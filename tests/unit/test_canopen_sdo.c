@@ -19,7 +19,7 @@ static void test_upload_of_1_2_3_and_4_bytes_is_expedited(void)
 {
     bus_sdo(&bus, "40 18 10 00 00 00 00 00", "4F 18 10 00 04 00 00 00");
     bus_sdo(&bus, "40 17 10 00 00 00 00 00", "4B 17 10 00 64 00 00 00");
-    bus.od.telemetry.e_n2 = -2;
+    bus.od.telemetry.contour_error = -2;
     bus_sdo(&bus, "40 10 22 03 00 00 00 00", "47 10 22 03 FE FF FF 00");
     bus_sdo(&bus, "40 00 10 00 00 00 00 00", "43 00 10 00 92 01 FF FF");
 }

@@ -7,7 +7,7 @@
  * drive must find one intact set, the old or the new one; every object that is stored has another value in each. Starting
  * only reads the flash, so that a cut while it starts changes nothing.
  *
- * Every single cut is tried. Of the pairs, a part; all of them with POWER_CUT=all in the environment (`make power-cut`).
+ * Every single cut is tried. Of the pairs, a part; all of them with POWER_CUT=all in the environment (preset `power-cut`).
  */
 #include <stdio.h>
 #include <stdlib.h>

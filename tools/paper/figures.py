@@ -55,11 +55,13 @@ def _reference(_: Results, logs: Mapping[str, RunLog]) -> Figure:
 
 
 def _tracking(_: Results, logs: Mapping[str, RunLog]) -> Figure:
-    return _rows(logs, "µm", ("e_x", "e_y"), lambda c, i: (c[f"{'xy'[i]}_mm"] - c[f"reference_{'xy'[i]}_mm"]) * 1e3)
+    return _rows(
+        logs, "µm", ("e_x", "e_y"), lambda c, i: (c[f"position_{'xy'[i]}_mm"] - c[f"reference_{'xy'[i]}_mm"]) * 1e3
+    )
 
 
 def _errors(_: Results, logs: Mapping[str, RunLog]) -> Figure:
-    return _rows(logs, "µm", ("e_n1", "e_n2"), lambda c, i: c[f"e_n{i + 1}_um"])
+    return _rows(logs, "µm", ("e_n1", "e_n2"), lambda c, i: c[("tangential_error_um", "contour_error_um")[i]])
 
 
 def _inputs(_: Results, logs: Mapping[str, RunLog]) -> Figure:
@@ -78,7 +80,7 @@ def _gain(results: Results, logs: Mapping[str, RunLog]) -> Figure:
         axes.set_xlabel("time, s")
         for i, colour in enumerate(_AXES if log is not None else ()):
             assert log is not None
-            _line(axes, log.columns["time_s"], log.columns[f"mu_{i + 1}_mps2"], colour, f"µ_{i + 1}")
+            _line(axes, log.columns["time_s"], log.columns[f"switching_gain_{i + 1}_mps2"], colour, f"µ_{i + 1}")
         axes.set_ylim(bottom=0.0)
         axes.legend(loc="lower right", ncols=2)
     panels[0].set_ylabel("m/s²")

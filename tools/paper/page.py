@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
 from kontur.errors import FileError
 from kontur.experiments.circles import CASES
 from kontur.experiments.estimator import BINS, LAG_M, PLANNED_SUFFIX, Cell, worst
@@ -252,7 +252,7 @@ def _length(nm: float) -> str:
 
 def _made(results: Results) -> Iterator[str]:
     yield "## How this page was made\n"
-    yield "- Command: `make paper`, which is `python tools/paper_page.py docs/paper.md`."
+    yield "- Command: `python tools/paper_page.py docs/paper.md`."
     yield f"- Machine: {results.target.machine.name} (`host/kontur/machines`), simulated; seed {results.target.seed}."
     yield f"- Numeric back end: {results.num}; the estimator's table: {', '.join(NUMS)}."
     yield f"- Firmware build: {results.build}\n"

@@ -3,7 +3,7 @@
 
 HEAD = """# The paper, run again
 
-<!-- Made by `make paper`; edit tools/paper/ instead. -->
+<!-- Made by `tools/paper_page.py`; edit tools/paper/ instead. -->
 
 “Adaptive Sliding Mode Contouring Control Design Based on Reference Adjustment and Uncertainty Compensation for Feed
 Drive Systems”, its tables and figures, on the simulated drive: the same firmware, over CAN frames. Every figure that

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bad bus: a python-can bus around any other one that loses, repeats, delays, swaps and corrupts its frames.
 
-`can.Bus(interface="kontur-bad-bus", inner="socketcan", channel="can0", drop=0.02, flip=0.005, seed=1)`: what is not
-named in BusFaults goes to the inner bus. The two directions draw from random streams of their own, so what happens to a
-frame depends on the seed and on the frames before it in its direction, and on nothing else.
+It serves to test how a host and a drive cope with transmission errors. Faults of a drive: see kontur.can.emcy.
+
+    can.Bus(interface="kontur-bad-bus", inner="socketcan", channel="can0", drop=0.02, flip=0.005, seed=1)
+
+Options that are not named in BusFaults go to the inner bus. Each direction has a random stream of its own, so what
+happens to a frame depends on the seed and on the frames before it in its direction alone.
 """
 
 from __future__ import annotations
@@ -20,18 +23,18 @@ from typing import Any
 import can
 
 _ID_BITS, _DLC_BITS = 11, 4
-_SWAP_WAIT_S = 0.01  # a frame waits no longer than that for another one to go first
+_SWAP_WAIT_S = 0.01  # a swapped frame waits no longer than that for the next one
 _FOREVER_S = 3600.0
 
 
 @dataclasses.dataclass(frozen=True)
 class BusFaults:
-    """What befalls each frame, as probabilities 0..1.
+    """What happens to each frame, as probabilities 0..1.
 
-    `drop`: lost. `duplicate`: comes twice. `delay`: comes up to `delay_s` later, others may overtake it. `reorder`:
-    changes places with the next one. `flip`: 1 to `flip_bits` bits of identifier, length or data are inverted, as if
-    the CRC of CAN had not noticed. `burst`: it and the next ones, `burst_frames` in all, are lost. `bus_off`: from it
-    on, nothing passes in either direction for `bus_off_s`. Times are of the target's clock.
+    `drop`: it is lost. `duplicate`: it arrives twice. `delay`: it arrives up to `delay_s` later; others may overtake
+    it. `reorder`: it changes places with the next one. `flip`: 1 to `flip_bits` bits of its identifier, length or data
+    are inverted, as if CAN's CRC had not detected that. `burst`: it is lost, and so are the next ones, `burst_frames`
+    in all. `bus_off`: from it on, no frame passes in either direction for `bus_off_s`. Times are of the target's clock.
     """
 
     drop: float = 0.0
@@ -63,7 +66,7 @@ BUS_FAULT_NAMES = tuple(field.name for field in dataclasses.fields(BusFaults))
 
 @dataclasses.dataclass
 class Counts:
-    """What was done to the frames of one direction; `lost` are those that were dropped one by one, not in bursts."""
+    """Counts of one direction; `lost` are frames that were dropped one by one, not in bursts."""
 
     frames: int = 0
     lost: int = 0
@@ -76,7 +79,7 @@ class Counts:
 
 
 class _Direction:
-    """Faults of one direction: frames go in, those that come out now or later are kept with their times."""
+    """One direction: takes frames in, and delivers them now, later or never."""
 
     def __init__(self, faults: BusFaults, stream: str, clock: Callable[[], float]) -> None:
         self.counts = Counts()
@@ -88,10 +91,10 @@ class _Direction:
         self._burst_left = 0
 
     def put(self, message: can.Message, is_off: bool) -> tuple[list[can.Message], bool]:
-        """The frames that come out at once, in order, and whether the bus goes off with this one."""
+        """The frames that are delivered now, in order, and whether the bus goes off with this one."""
         f, draw, counts = self._faults, self._random.random, self.counts
         counts.frames += 1
-        # Always as many draws, so that one fault more does not change the others.
+        # The number of draws is always the same, so that one more kind of fault does not change the others.
         drop, duplicate, delay, reorder, flip, burst, off = (draw() for _ in range(7))
         if is_off or off < f.bus_off:
             counts.lost_bus_off += 1
@@ -124,7 +127,7 @@ class _Direction:
         return out + self._released(), False
 
     def due(self) -> list[can.Message]:
-        """Frames whose time has come."""
+        """The delayed frames that are due."""
         now_s = self._clock()
         out = [message for due_s, message in self._late if due_s <= now_s]
         if out:
@@ -134,17 +137,17 @@ class _Direction:
         return out
 
     def next_s(self) -> float:
-        """When the next frame is due; far away when none is kept."""
+        """When the next delayed frame is due; infinity when there is none."""
         times = [due_s for due_s, _ in self._late] + ([self._swapped[0]] if self._swapped else [])
         return min(times, default=float("inf"))
 
     @property
-    def keeps(self) -> bool:
-        """Whether any frame is kept."""
+    def has_delayed(self) -> bool:
+        """Whether any frame is delayed or waits to be swapped."""
         return bool(self._late) or self._swapped is not None
 
     def _released(self) -> list[can.Message]:
-        """The frame that has let another one go first."""
+        """The frame that has waited for the next one."""
         swapped, self._swapped = self._swapped, None
         return [swapped[1]] if swapped else []
 
@@ -172,13 +175,13 @@ class _Direction:
 
 
 class BadBus(can.BusABC):
-    """See the module. `inner` is the interface of the bus inside, or a bus, which is then shut down with this one.
+    """A bad bus around `inner`, which is a python-can interface, or a bus; that is shut down with this one.
 
-    Faults are given one by one, by their names, or together as `faults`. The seed among them is that of the faults;
-    where the inner bus takes one, too, give `faults`.
+    Faults are given one by one, by their names, or together as `faults`. Their seed has the same name as an option of
+    the simulated drive's bus; give `faults` where both are needed.
 
-    `to_drive` and `to_host` tell what was done to the frames sent and received. Raises can.CanInitializationError, or
-    what the inner bus raises. Error frames pass as they are.
+    `to_drive` and `to_host` count what happened to the frames sent and received. Raises can.CanInitializationError, or
+    what the inner bus raises. Error frames pass unchanged.
     """
 
     def __init__(
@@ -200,16 +203,14 @@ class BadBus(can.BusABC):
         self.channel_info = f"{self.inner.channel_info}, with faults"
         self._wait_clock = _clock_of(self.inner)
         self.clock = self._wait_clock
-        """Clock of delays and of bus-off; who lets the target's time pass by other rules than the bus sets his own."""
+        """Clock of delays and of bus-off. A link to a drive whose time passes with SYNC sets its own."""
         self._to_drive = _Direction(faults, "to the drive", lambda: self.clock())
         self._to_host = _Direction(faults, "to the host", lambda: self.clock())
         self.to_drive, self.to_host = self._to_drive.counts, self._to_host.counts
         self._bus_off_s = faults.bus_off_s
         self._off_until_s = float("-inf")
         self._arrived: deque[can.Message] = deque()
-        self._lock = (
-            threading.RLock()
-        )  # of what is kept for the drive: recv() may release it while another thread sends
+        self._lock = threading.RLock()  # of the frames to the drive: recv() may release one while another thread sends
         super().__init__(channel=channel, can_filters=can_filters)
 
     @property
@@ -218,13 +219,13 @@ class BadBus(can.BusABC):
         return self.clock()
 
     def go_bus_off(self, duration_s: float | None = None) -> None:
-        """Let nothing pass for `duration_s` of the target's time, `bus_off_s` if not given."""
+        """Let no frame pass for `duration_s` of the target's time, by default `bus_off_s`."""
         self._off_until_s = self.clock() + (self._bus_off_s if duration_s is None else duration_s)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame through the faults; one that is lost raises nothing, as on a bus."""
+        """Send a frame through the faults. A lost one raises nothing, as on a real bus."""
         with self._lock:
-            out = self._to_drive.due() if self._to_drive.keeps else []
+            out = self._to_drive.due() if self._to_drive.has_delayed else []
             now, goes_off = self._to_drive.put(msg, self.clock() < self._off_until_s)
             if goes_off:
                 self.go_bus_off()
@@ -260,15 +261,15 @@ class BadBus(can.BusABC):
         self.inner.shutdown()
 
     def _release(self) -> None:
-        """Pass on the frames whose time has come."""
-        if self._to_drive.keeps:
+        """Pass on the delayed frames that are due."""
+        if self._to_drive.has_delayed:
             with self._lock:
                 for message in self._to_drive.due():
                     self.inner.send(message)
-        if self._to_host.keeps:
+        if self._to_host.has_delayed:
             self._arrived += self._to_host.due()
 
 
 def _clock_of(bus: can.BusABC) -> Callable[[], float]:
-    """The clock that timeouts of `bus` go by: its own `time_s` where it has one, else the wall clock."""
+    """The clock of the timeouts of `bus`: its own `time_s` if it has one, else the wall clock."""
     return (lambda: float(bus.time_s)) if hasattr(bus, "time_s") else time.monotonic

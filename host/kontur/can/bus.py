@@ -17,7 +17,7 @@ _READY_AT_ONCE = ("socket://", "/dev/pts/")
 
 
 def open_bus(options: Mapping[str, Any]) -> can.BusABC:
-    """Open a bus by python-can's options. Raises BusError; of the simulated drive, what kept it from starting."""
+    """Open a bus by python-can's options. Raises BusError; of the simulated drive, the reason why it does not start."""
     named = f"{options.get('inner', options.get('interface', '?'))}:{options.get('channel', '?')}"
     for name in ("interface", "inner"):  # inner: of a bad bus
         if options.get(name) == "slcan":

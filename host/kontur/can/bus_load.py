@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much of the bus the default PDOs take while knots are streamed, if every bit that can be stuffed is.
+"""The share of the bus that the default PDOs take while knots are streamed, in the worst case of bit stuffing.
 
 A data frame with an 11-bit identifier and n bytes has 47 + 8 n bits, the three between frames included; of these
 34 + 8 n are subject to stuffing, at worst one more for each four after the first: (34 + 8 n - 1) / 4. See Davis,
@@ -18,14 +18,14 @@ import canopen
 from kontur.can.link import EDS, HEARTBEAT_S
 
 BITRATE = 1_000_000
-_RPDO, _TPDO = (0x1400, 0x1600), (0x1800, 0x1A00)
-_KNOTS = 0x2201  # an RPDO that carries this object comes once a knot
+_RPDO, _TPDO = (0x1400, 0x1600), (0x1800, 0x1A00)  # CiA 301: first communication and mapping objects
+_KNOTS = "knot"  # an RPDO that carries this object is sent once a knot
 _UNUSED = 1 << 31
 
 
 @dataclass(frozen=True)
 class Load:
-    """One kind of frame: how often it comes, its data bytes, its bits at worst, and the share of the bus it takes."""
+    """One kind of frame: its rate, its data bytes, its bits in the worst case, and its share of the bus."""
 
     name: str
     rate_hz: float
@@ -35,17 +35,17 @@ class Load:
 
 
 def worst_case_bits(data_bytes: int) -> int:
-    """Bits of a frame with an 11-bit identifier, with all stuff bits there can be, and of the gap after it."""
+    """Bits of a frame with an 11-bit identifier, with the most stuff bits possible, and of the gap after it."""
     return 47 + 8 * data_bytes + (34 + 8 * data_bytes - 1) // 4
 
 
 def loads(bitrate: int = BITRATE, eds: str | Path = EDS) -> list[Load]:
-    """Every kind of frame that comes by itself while knots are streamed, by the defaults of the EDS.
+    """Every kind of frame that is sent cyclically while knots are streamed, by the defaults of the EDS.
 
-    SDO, EMCY and the TPDO1 of a change of state come on occasion and are not among them.
+    SDO, EMCY and the TPDO1 of a change of state are not cyclic and not among them.
     """
     dictionary = canopen.import_od(str(eds), 1)
-    knot_hz = 1e6 / dictionary[0x2020][2].default
+    knot_hz = 1e6 / dictionary["clock.knot_us"].default
     found: list[Load] = []
 
     def add(name: str, rate_hz: float, data_bytes: int) -> None:
@@ -61,10 +61,10 @@ def loads(bitrate: int = BITRATE, eds: str | Path = EDS) -> list[Load]:
                 event_ms = _value(dictionary, communication + i, 5)
                 rate_hz = 1000.0 / event_ms if event_ms else 0.0
             else:
-                rate_hz = knot_hz if any(entry >> 16 == _KNOTS for entry in entries) else 0.0
+                rate_hz = knot_hz if any(entry >> 16 == dictionary[_KNOTS].index for entry in entries) else 0.0
             if rate_hz:
                 add(f"{kind}{i + 1}", rate_hz, sum(entry & 0xFF for entry in entries) // 8)
-    add("heartbeat of the drive", 1000.0 / dictionary[0x1017].default, 1)
+    add("heartbeat of the drive", 1000.0 / dictionary["heartbeat_producer"].default, 1)
     add("heartbeat of the host", 1.0 / HEARTBEAT_S, 1)
     return found
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""EMCY codes in words: what is the matter, why, and what to do. The words are the firmware's (docs/faults.md)."""
+"""The drive's faults by EMCY code: what happened, why, and what to do. The text is the firmware's (docs/faults.md)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ TABLE = Path(__file__).parents[1] / "fault_table.json"
 
 @dataclass(frozen=True)
 class Fault:
-    """A row of firmware/supervision/faults.toml. `reaction`: warn, refuse, path stop, quick stop or disable; `captured`:
-    the scope in the drive keeps what led to it; `bit` of it there, None where the CANopen node raises it."""
+    """A row of firmware/supervision/faults.toml. `reaction`: warn, refuse, path stop, quick stop or disable; the scope
+    in the drive keeps what led to it; `bit`: its number there, None where the CANopen node raises it."""
 
     name: str
     fault: str
@@ -26,7 +26,7 @@ class Fault:
 
     @property
     def warns(self) -> bool:
-        """It stops nothing, whatever the options."""
+        """Whether it only warns, whatever the options."""
         return self.reaction in ("warn", "refuse")
 
 
@@ -38,7 +38,7 @@ def faults() -> dict[int, Fault]:
 
 
 def describe_emcy(code: int) -> str:
-    """An EMCY code in words, with cause and remedy."""
+    """The fault of an EMCY code, with cause and remedy."""
     fault = faults().get(code)
     if fault is None:
         return f"{code:04X}h: unknown to this version of kontur; see docs/faults.md of the firmware's version"

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The connection to one drive: python-canopen on a python-can bus, without threads.
+"""The connection to one drive: python-canopen on a python-can bus, without threads. kontur.drive builds on it.
 
-Whoever waits for something pumps the bus meanwhile, so a simulated drive, whose time passes in recv() only, and a real
-one are served by the same code. All times are of the target's clock: device time in the simulator, else the wall clock.
+Every wait receives and handles frames meanwhile. So the same code serves a real drive and a simulated one, whose time
+passes only while frames are received. All times are of the target's clock: the drive's own time in the simulator, else
+the wall clock.
 
-A simulated drive whose time passes with SYNC alone (2020h:4, `kontur sim --pace sync`) is served in rounds, by its own
-time: send SYNC, handle frames until one carries the tick that the SYNC has led to. What comes after it belongs to the
-next round, however fast it arrives, so a run is the same each time. SDO transfers take no time there. Where a frame was
-lost, and every now and then, the drive is asked for its tick: no SYNC is sent twice because an answer was slow.
+The time of a simulated drive may pass with SYNC alone (`clock.pace`, `kontur sim --pace sync`). Then a wait goes in
+rounds. A round sends SYNC and handles frames until one carries the tick that this SYNC leads to. A frame after that one
+belongs to the next round, however fast it arrives, so each run is the same. SDO transfers take no time there. When a
+frame was lost, and every 64 rounds, the drive's tick is read by SDO; so no SYNC is repeated because an answer was slow.
 """
 
 from __future__ import annotations
@@ -35,16 +36,18 @@ from kontur.errors import BusError, DeviceError, NoAnswerError
 
 EDS = Path(__file__).parents[1] / "kontur.eds"
 HEARTBEAT_S = 0.1
+RESEND_S = 0.05
+"""Time after which a command that shows no effect is sent again."""
 _EMCY, _SDO_RESPONSE = 0x80, 0x580
 _DOWNLOAD, _UPLOAD = 1, 2
 _REQUESTS_BY_NAME = (_DOWNLOAD, _UPLOAD)  # command specifiers whose answers name their object
 _HEARTBEAT_OPERATIONAL = b"\x05"
 
-_TICK_OBJECT, _ERROR_REGISTER = (0x2020, 3), (0x1001, 0)
-_ROUND_S = 0.02  # wall clock, after which a round is taken to have lost a frame, and the drive is asked
+_TICK, _ERROR_REGISTER = "clock.tick", "error_register"
+_ROUND_S = 0.02  # wall clock; after it a frame of the round counts as lost, and the drive's tick is read
 _SILENCE_S = 10.0  # wall clock
-_ASK_EACH = 64  # rounds: SYNCs that the bus doubled leave frames behind, which would pile up
-_AHEAD_MS = 1000  # that a drive can be in front of its frames
+_ASK_EACH = 64  # rounds: a SYNC that the bus repeated leaves frames behind, which would accumulate
+_AHEAD_MS = 1000  # greatest lead of a drive's tick over its frames
 
 # Their warnings are about what is raised as an exception here anyway.
 logging.getLogger("canopen").addHandler(logging.NullHandler())
@@ -54,11 +57,11 @@ logging.getLogger("can").addHandler(logging.NullHandler())
 class Link:
     """One drive with `node_id` on `bus`, which stays the caller's to shut down.
 
-    `status` is the latest TPDO1, None before the first, `status_count` how many came; `statuswords` are those that came
-    the same twice running, so that one corrupted frame tells nothing; `emergencies` are the EMCY objects received and
-    not yet taken by the caller, as (code, register, data), `reported` the codes of all so far. `astray` are
-    objects, (index, subindex), that the drive says it has set when it was told to set others: the request was
-    corrupted.
+    `status` is the latest TPDO1, None before the first; `status_count`: number of TPDO1 received. `statuswords` are
+    those that were the same in two TPDO1 in a row, so that one corrupted frame has no effect. `emergencies` are the
+    EMCY objects received since the caller cleared the list, as (code, register, data); `reported`: all codes so far.
+    `misdirected` are objects, (index, subindex), that the drive acknowledged in place of the one that was to be set:
+    the request was corrupted.
     """
 
     def __init__(self, bus: can.BusABC, node_id: int, eds: str | Path = EDS) -> None:
@@ -69,14 +72,14 @@ class Link:
         self.status: Status | None = None
         self.status_count = 0
         self.statuswords = (0, 0)
-        self.astray: list[tuple[int, int]] = []
+        self.misdirected: list[tuple[int, int]] = []
         self._round_trips_s: deque[float] = deque(maxlen=16)
         self.emergencies: list[tuple[int, int, bytes]] = []
         self.reported: list[int] = []
         self._sync_ms = 0  # device time that passes at each SYNC; 0: time passes by itself
         self._tick_ms = 0
         self._rounds = 0
-        # A bus whose time passes by its own rules, in the simulator, says so by having a `time_s`.
+        # A bus with a clock of its own, the simulator's, has a `time_s`.
         self._clock: Callable[[], float] = (lambda: bus.time_s) if hasattr(bus, "time_s") else time.monotonic
         self._next_heartbeat_s = math.inf
         self.frames = 0
@@ -88,7 +91,7 @@ class Link:
         self._tick_ids = (wire.TPDO2 + node_id, wire.TPDO3 + node_id)
         self._telemetry_ids = frozenset(cob + node_id for cob in wire.TELEMETRY)
         self._network = canopen.Network(bus)
-        self.node = _PumpedNode(self, node_id, str(eds))
+        self.node = _PolledNode(self, node_id, str(eds))
         self._network.add_node(self.node)
         self._network.subscribe(wire.TPDO1 + node_id, self._on_status)
         self.node.emcy.add_callback(self._on_emergency)
@@ -104,16 +107,16 @@ class Link:
         return max(self._round_trips_s, default=0.0)
 
     def answered(self, round_trip_s: float) -> None:
-        """An SDO request was answered after `round_trip_s`."""
+        """Note that an SDO request was answered after `round_trip_s`."""
         self._round_trips_s.append(round_trip_s)
 
     @property
     def by_device_time(self) -> bool:
-        """Whether `time_s` is the drive's own time since power-on, which passes as the host asks for it."""
+        """Whether `time_s` is the drive's own time since power-on, which passes only as the host receives."""
         return simulated(self.bus) is not None or self._sync_ms > 0
 
     def follow_sync(self, tick_ms: int, period_ms: int) -> None:
-        """The drive, now at `tick_ms`, lets `period_ms` pass at each SYNC: from now on pump() sends them."""
+        """Let poll() send SYNC from now on: the drive, now at `tick_ms`, lets `period_ms` pass at each."""
         self._tick_ms, self._sync_ms = tick_ms, period_ms
         self._clock = lambda: self._tick_ms * 1e-3
         if isinstance(self.bus, BadBus):
@@ -129,32 +132,32 @@ class Link:
         except can.CanError as error:
             raise BusError(f"{self.bus.channel_info}: sending failed: {error}") from error
 
-    def beat(self) -> None:
-        """Send the host's heartbeat now; from now on pump() does so every HEARTBEAT_S, until rest(). Raises BusError.
+    def send_heartbeat(self) -> None:
+        """Send the host's heartbeat now, and in poll() every HEARTBEAT_S until stop_heartbeat(). Raises BusError.
 
-        Who only looks on sends none: it would pass for that of a host that holds the drive, and has died.
+        A program that only reads sends none: the drive would accept it in place of that of the master that holds it.
         """
         self._next_heartbeat_s = self._clock() + HEARTBEAT_S
         self.send(wire.HEARTBEAT + wire.HOST_NODE_ID, _HEARTBEAT_OPERATIONAL)
 
-    def rest(self) -> None:
-        """Send no heartbeat any more."""
+    def stop_heartbeat(self) -> None:
+        """Send no heartbeat from now on."""
         self._next_heartbeat_s = math.inf
 
-    def pump(self, timeout_s: float) -> bool:
+    def poll(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` for one frame and handle it; False when none came. Raises BusError.
 
-        Where time passes with SYNC: let one period pass, and handle the frames of it. Raises NoAnswerError, too.
+        Where time passes with SYNC, let one period pass and handle its frames; then it raises NoAnswerError, too.
         """
         now_s = self._clock()
         if now_s >= self._next_heartbeat_s:
-            self.beat()
+            self.send_heartbeat()
         if self._sync_ms:
             self._round()
             return True
-        return self._take(min(timeout_s, self._next_heartbeat_s - now_s))
+        return self._receive(min(timeout_s, self._next_heartbeat_s - now_s))
 
-    def _take(self, timeout_s: float) -> bool:
+    def _receive(self, timeout_s: float) -> bool:
         try:
             message = self.bus.recv(timeout_s)
         except can.CanError as error:
@@ -175,30 +178,30 @@ class Link:
             self._network.notify(message.arbitration_id, message.data, message.timestamp)
         return True
 
-    def catch_up(self) -> None:
-        """Handle the frames that have come already: after a pause of the host they say what was true long ago."""
+    def handle_pending(self) -> None:
+        """Handle the frames that have arrived already: after a pause of the host, `status` is an old one until then."""
         drive = simulated(self.bus)
         if self._sync_ms or (drive is not None and not drive.by_clock):
-            return  # the drive waits for the host
+            return  # time does not pass while the host pauses
         end_s = time.monotonic() + HEARTBEAT_S
-        while self._take(0.0) and time.monotonic() < end_s:
+        while self._receive(0.0) and time.monotonic() < end_s:
             pass
 
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Pump until `condition` holds; False when it does not within `timeout_s`."""
+        """Handle frames until `condition` holds; False when it does not within `timeout_s`."""
         end_s = self._clock() + timeout_s
         while not condition():
             left_s = end_s - self._clock()
             if left_s <= 0.0:
                 return False
-            self.pump(left_s)
+            self.poll(left_s)
         return True
 
     @property
     def answer_time_s(self) -> float:
-        """Now, by the clock that counts while an answer to an SDO request is waited for.
+        """Now, by the clock of the timeout of an SDO request.
 
-        Where time passes with SYNC it is the wall clock: the drive answers at once, and its time stands still.
+        Where time passes with SYNC it is the wall clock, since the drive's time does not pass during a transfer.
         """
         return time.monotonic() if self._sync_ms else self._clock()
 
@@ -211,16 +214,16 @@ class Link:
             left_s = end_s - self.answer_time_s
             if left_s <= 0.0:
                 return False
-            self._take(left_s)
+            self._receive(left_s)
         return True
 
-    def record(self) -> None:
-        """Keep all telemetry frames from now on, dropping those kept before."""
+    def record_telemetry(self) -> None:
+        """Record all telemetry frames from now on, and discard those recorded before."""
         self._frames = []
         self._recording = True
 
-    def recorded(self, start_nm: tuple[int, int]) -> Telemetry:
-        """Stop keeping telemetry and unpack it; `start_nm` is a position within 8 mm of the first one recorded."""
+    def recorded_telemetry(self, start_nm: tuple[int, int]) -> Telemetry:
+        """Stop recording and unpack the telemetry; `start_nm` is a position within 8 mm of the first one recorded."""
         self._recording = False
         function = np.array([f for f, _ in self._frames], dtype=np.int64)
         payload = np.frombuffer(b"".join(d for _, d in self._frames), dtype=np.uint8).reshape(-1, 8)
@@ -236,7 +239,7 @@ class Link:
         while self._tick_ms < goal_ms:
             now_s = time.monotonic()
             if now_s < ask_s:
-                self._take(ask_s - now_s)
+                self._receive(ask_s - now_s)
                 continue
             tick_ms = self._ask_tick()
             if tick_ms is None:
@@ -245,7 +248,7 @@ class Link:
                         f"node {self.node_id} on {self.bus.channel_info} is silent, {_SILENCE_S:g} s waited"
                     )
             elif tick_ms < goal_ms:
-                self.send(wire.SYNC, b"")  # the one before was lost
+                self.send(wire.SYNC, b"")  # the SYNC before was lost
             else:
                 self._tick_ms = tick_ms
             ask_s = time.monotonic() + wait_s
@@ -255,18 +258,23 @@ class Link:
             self._tick_ms += self._sync_ms
 
     def _ask_tick(self) -> int | None:
-        """Tick of the drive; None when the answer is lost, or is not to be believed.
+        """Tick of the drive; None when the answer is lost or implausible.
 
-        It is asked twice, with another question in between: a corrupted answer that is believed parts the two clocks.
+        It is read twice, with another object in between, since a corrupted answer would set the two clocks apart.
         """
         try:
-            answers = [self.node.sdo.upload(*address) for address in (_TICK_OBJECT, _ERROR_REGISTER, _TICK_OBJECT)]
+            answers = [self._upload(name) for name in (_TICK, _ERROR_REGISTER, _TICK)]
         except (SdoAbortedError, SdoCommunicationError):
             return None
         if answers[0] != answers[2]:
             return None
         tick_ms = int.from_bytes(answers[0], "little")
         return tick_ms if 0 <= tick_ms - self._tick_ms <= _AHEAD_MS else None
+
+    def _upload(self, name: str) -> bytes:
+        variable = self.node.object_dictionary[name]
+        data: bytes = self.node.sdo.upload(variable.index, variable.subindex)
+        return data
 
     def _on_emergency(self, emcy: Any) -> None:
         self.emergencies.append((emcy.code, emcy.register, bytes(emcy.data)))
@@ -281,20 +289,20 @@ class Link:
                 self.statuswords = self.status.statusword
 
 
-class _PumpedNode(canopen.RemoteNode):  # type: ignore[misc]  # the library is not typed
-    """A remote node whose SDO client pumps the link while it waits."""
+class _PolledNode(canopen.RemoteNode):  # type: ignore[misc]  # the library is not typed
+    """A remote node whose SDO client polls the link while it waits."""
 
     def __init__(self, link: Link, node_id: int, eds: str) -> None:
         self._link = link
         super().__init__(node_id, eds)
 
     def add_sdo(self, rx_cobid: int, tx_cobid: int) -> Any:
-        client = _PumpedSdoClient(self._link, rx_cobid, tx_cobid, self.object_dictionary)
+        client = _PolledSdoClient(self._link, rx_cobid, tx_cobid, self.object_dictionary)
         self.sdo_channels.append(client)
         return client
 
 
-class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
+class _PolledSdoClient(SdoClient):  # type: ignore[misc]
     def __init__(self, link: Link, rx_cobid: int, tx_cobid: int, od: Any) -> None:
         super().__init__(rx_cobid, tx_cobid, od)
         self._link = link
@@ -305,7 +313,7 @@ class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
         return super().read_response()
 
     def request_response(self, sdo_request: Any) -> Any:
-        """An answer about another object is late, repeated or corrupted: the right one is waited for."""
+        """Wait for the answer about the requested object; one about another is late, repeated or corrupted."""
         if sdo_request[0] >> 5 not in _REQUESTS_BY_NAME:
             return super().request_response(sdo_request)
         self.responses: queue.Queue[bytes] = queue.Queue()
@@ -316,7 +324,7 @@ class _PumpedSdoClient(SdoClient):  # type: ignore[misc]
             response = self.responses.get_nowait()
             if response[1:4] != sdo_request[1:4]:
                 if response[0] == RESPONSE_DOWNLOAD and sdo_request[0] >> 5 == _DOWNLOAD:
-                    self._link.astray.append((int.from_bytes(response[1:3], "little"), response[3]))
+                    self._link.misdirected.append((int.from_bytes(response[1:3], "little"), response[3]))
             elif response[0] == RESPONSE_ABORTED:
                 raise SdoAbortedError(int.from_bytes(response[4:8], "little"))
             else:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """python-can's slcan bus, read as fast as the drive sends: `can.Bus(interface="kontur-slcan", ...)`, as slcan.
 
-python-can reads a byte at a time, which takes about 100 us a frame: a host that once fell behind a drive with 2,700
-frames a second hardly catches up, and acts on what was true long ago. Here all that waits is read at once, and recv(0)
-returns what is there.
+python-can reads a byte at a time, which takes about 100 us a frame. A host that has fallen behind a drive with 2,700
+frames a second then hardly catches up, and acts on old statuswords. Here all bytes that have arrived are read together,
+and recv(0) returns a frame that has arrived.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _READ = 65536
 
 
 class SlcanBus(slcanBus):
-    """See the module. Raises what slcanBus raises; CanOperationError when the other end has gone."""
+    """python-can's slcan, but fast. Raises what slcanBus raises; CanOperationError when the other end closes."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self._lines: deque[str] = deque()
         self._rest = b""
         super().__init__(*arguments, **options)
         with suppress(OSError), socket.socket(fileno=os.dup(self.serialPortOrig.fileno())) as connection:
-            # not to hold a frame back, some 40 ms, until the one before is acknowledged; what is no socket does not
+            # so that TCP does not delay a frame by some 40 ms until the one before is acknowledged; serial ports do not
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def _read(self, timeout: float | None) -> str | None:
@@ -57,7 +57,7 @@ class SlcanBus(slcanBus):
             super().close()
 
     def flush(self) -> None:
-        """Forget what has come and was not received."""
+        """Discard what has arrived and was not received."""
         self._lines.clear()
         self._rest = b""
         super().flush()

@@ -1,28 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The integers of the wire and what they mean: the only place where the host scales them (docs/protocol.md).
+"""The integers of the wire and their units: the only place where the host scales them (docs/protocol.md).
 
-Everything works on whole arrays, so that a trajectory is packed and a log is unpacked at once.
+All functions work on arrays, so that a trajectory or the telemetry of a run is converted in one call.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kontur.can import signals
 from kontur.errors import PathError
 
 Floats: TypeAlias = NDArray[np.float64]
 
 M_PER_NM = 1e-9
 TICK_PERIOD_S = 1e-3
-FORCE_N = 0.1
-GAIN_PER_S = 0.1
-UNCERTAINTY_GAIN_MPS2 = 1e-3
-ENERGY_J = 1e-3
 
 NMT, NMT_START = 0x000, 1
 RPDO1, RPDO2 = 0x200, 0x300
@@ -55,7 +53,7 @@ def crc8(data: ArrayLike) -> NDArray[np.uint8]:
 
 
 def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int]) -> bytes:
-    """The knot frames (RPDO2) of a whole trajectory.
+    """The knot frames (RPDO2) of a trajectory.
 
     `knots_nm` (N, 2); `start_nm` is the position that knot 0 is a difference to. Returns N payloads of 8 bytes in one.
     Raises PathError when a step between knots does not fit into the 24 bits of the wire.
@@ -78,7 +76,7 @@ def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int]) -> bytes:
 
 
 def pack_controlwords(x: int, y: int) -> bytes:
-    """RPDO1."""
+    """The frame RPDO1."""
     return struct.pack("<HH", x, y)
 
 
@@ -92,48 +90,55 @@ class Status:
 
 
 def unpack_status(data: bytes) -> Status:
-    """TPDO1. Raises struct.error when `data` is not 8 bytes long."""
+    """Read a TPDO1. Raises struct.error when `data` is not 8 bytes long."""
     x, y, free, accepted = struct.unpack("<HHHH", data)
     return Status((x, y), free, accepted)
 
 
 @dataclass(frozen=True)
 class Telemetry:
-    """Telemetry of a run in SI units, one row a device tick (1 ms). Rows that were lost are absent; see `tick`.
+    """Telemetry of a run, one row a device tick (1 ms). Rows that were lost are absent; see `tick`.
 
-    `tick` (n,) unwrapped milliseconds since power-on modulo 2**16 at the first row; `contour_m` (n, 2) tangential and
-    normal error e_n1, e_n2; `position_m` (n, 2); `force_N` (n, 2), `gain_per_s` (n, 2), `uncertainty_gain_mps2` (n, 2),
-    `energy_J` (n,): the latest value at or before the row, NaN before the first. `frames_lost`: frames of any of the
-    four PDOs missing between the first and the last.
+    `tick` (n,) unwrapped milliseconds since power-on modulo 2**16 at the first row; `values`: a column (n,) for each
+    signal that the TPDOs carry, by name, in SI units (kontur.can.signals). A signal that comes less often has the
+    latest value at or before the row, NaN before the first. `frames_lost`: frames of any of the four PDOs missing
+    between the first and the last.
     """
 
     tick: NDArray[np.int64]
-    contour_m: Floats
-    position_m: Floats
-    force_N: Floats
-    gain_per_s: Floats
-    uncertainty_gain_mps2: Floats
-    energy_J: Floats
+    values: Mapping[str, Floats]
     frames_lost: int
+
+    def columns(self, *names: str) -> Floats:
+        """The signals `names` side by side, (n, len(names))."""
+        return np.column_stack([self.values[name] for name in names])
+
+    @property
+    def position_m(self) -> Floats:
+        """Positions (n, 2)."""
+        return self.columns(*_POSITIONS)
 
 
 _TICK_STEP_MAX, _POSITION_STEP_MAX_NM = 16, 500_000  # ms; nm in a millisecond or two
-_TELEMETRY_PERIOD = {TPDO2: 1, TPDO3: 1, TPDO4: 10, TPDO5: 20}
+_TELEMETRY_PERIOD = {place.cob_id: place.period_ms for place in signals.TELEMETRY.values()}
+_DATED = (TPDO2, TPDO3)  # their first two bytes are the tick
+_POSITIONS = ("position_x", "position_y")  # the low bits of the position, which wrap
 
 
 def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], start_nm: tuple[int, int]) -> Telemetry:
     """Telemetry from frames in the order of their arrival.
 
     `function` (m,) COB-ID without node id, one of TELEMETRY; `payload` (m, 8); `start_nm` is any position within 8 mm
-    of the first one reported, to complete the 24 bits of the wire. Frames that came twice or out of order are put
-    right, those whose tick or position cannot be are taken for corrupted and left out.
+    of the first one reported, to complete the 24 bits of the wire. Frames that arrived twice or out of order are
+    put in order. Frames with an impossible tick or position are corrupted and left out.
     """
-    dated = (function == TPDO2) | (function == TPDO3)
+    dated = np.isin(function, _DATED)
     wrong = np.zeros(len(function), dtype=bool)
     wrong[dated] = _outliers(_ticks(payload[dated]), _TICK_STEP_MAX, 16)
-    for axis in (0, 1):
-        at_position = np.flatnonzero(function == TPDO3)
-        wrong[at_position] |= _outliers(_int24_pairs(payload[at_position])[:, axis], _POSITION_STEP_MAX_NM, 24)
+    for name in _POSITIONS:
+        place = signals.TELEMETRY[name]
+        at = np.flatnonzero(function == place.cob_id)
+        wrong[at] |= _outliers(_counts(payload[at], place), _POSITION_STEP_MAX_NM, place.bits)
     function, payload, dated = function[~wrong], payload[~wrong], dated[~wrong]
     first = int(np.argmax(dated)) if dated.any() else len(function)
     function, payload, dated = function[first:], payload[first:], dated[first:]
@@ -153,26 +158,19 @@ def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], st
     lost = sum(_missing(tick[of[cob]], _TELEMETRY_PERIOD[cob]) for cob in TELEMETRY)
 
     rows, at2, at3 = np.intersect1d(tick[of[TPDO2]], tick[of[TPDO3]], assume_unique=True, return_indices=True)
-    error_nm = _int24_pairs(payload[of[TPDO2]])[at2]
-    position_nm = unwrap_position(_int24_pairs(payload[of[TPDO3]]), start_nm)[at3]
-
-    tpdo4 = payload[of[TPDO4]].view("<u2").astype(np.float64)
-    force = payload[of[TPDO4]].view("<i2")[:, :2].astype(np.float64)
-    tpdo5 = payload[of[TPDO5]]
-    uncertainty = tpdo5.view("<u2")[:, :2].astype(np.float64)
-    energy = tpdo5.view("<u4")[:, 1].astype(np.float64)
-    at4 = np.searchsorted(tick[of[TPDO4]], rows, side="right") - 1
-    at5 = np.searchsorted(tick[of[TPDO5]], rows, side="right") - 1
-    return Telemetry(
-        tick=rows,
-        contour_m=error_nm.astype(np.float64) * M_PER_NM,
-        position_m=position_nm.astype(np.float64) * M_PER_NM,
-        force_N=_hold(force * FORCE_N, at4),
-        gain_per_s=_hold(tpdo4[:, 2:] * GAIN_PER_S, at4),
-        uncertainty_gain_mps2=_hold(uncertainty * UNCERTAINTY_GAIN_MPS2, at5),
-        energy_J=_hold(energy * ENERGY_J, at5),
-        frames_lost=lost,
-    )
+    at_row = {TPDO2: at2, TPDO3: at3}
+    positions = [signals.TELEMETRY[name] for name in _POSITIONS]
+    position = np.column_stack([_counts(payload[of[place.cob_id]], place) for place in positions])
+    unwrapped = dict(zip(_POSITIONS, unwrap_position(position, start_nm).T, strict=True))
+    values: dict[str, Floats] = {}
+    for name, place in signals.TELEMETRY.items():
+        counts = unwrapped[name] if name in unwrapped else _counts(payload[of[place.cob_id]], place)
+        value = counts.astype(np.float64) * place.factor
+        if place.cob_id in at_row:
+            values[name] = value[at_row[place.cob_id]]
+        else:
+            values[name] = _hold(value, np.searchsorted(tick[of[place.cob_id]], rows, side="right") - 1)
+    return Telemetry(tick=rows, values=values, frames_lost=lost)
 
 
 def unwrap_tick(tick: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -187,7 +185,7 @@ def unwrap_position(position_nm: NDArray[np.int64], start_nm: tuple[int, int]) -
     if not len(position_nm):
         return position_nm
     steps = np.diff(position_nm, axis=0, prepend=np.asarray([start_nm], dtype=np.int64))
-    return np.asarray(start_nm, dtype=np.int64) + np.cumsum(_sign24(steps), axis=0)
+    return np.asarray(start_nm, dtype=np.int64) + np.cumsum(_signed(steps, 24), axis=0)
 
 
 def _ticks(payload: NDArray[np.uint8]) -> NDArray[np.int64]:
@@ -197,10 +195,6 @@ def _ticks(payload: NDArray[np.uint8]) -> NDArray[np.int64]:
 def _signed(value: NDArray[np.int64], bits: int) -> NDArray[np.int64]:
     half = 1 << (bits - 1)
     return ((value + half) & (2 * half - 1)) - half
-
-
-def _sign24(value: NDArray[np.int64]) -> NDArray[np.int64]:
-    return _signed(value, 24)
 
 
 def _outliers(value: NDArray[np.int64], step_max: int, bits: int) -> NDArray[np.bool_]:
@@ -213,10 +207,11 @@ def _outliers(value: NDArray[np.int64], step_max: int, bits: int) -> NDArray[np.
     return found
 
 
-def _int24_pairs(payload: NDArray[np.uint8]) -> NDArray[np.int64]:
-    octets = payload.astype(np.int64)
-    pairs = octets[:, [2, 5]] | octets[:, [3, 6]] << 8 | octets[:, [4, 7]] << 16
-    return _sign24(pairs)
+def _counts(payload: NDArray[np.uint8], place: signals.Place) -> NDArray[np.int64]:
+    """The integers (m,) at `place` in the frames `payload` (m, 8)."""
+    octets = payload[:, place.bit // 8 : (place.bit + place.bits) // 8].astype(np.int64)
+    counts = np.asarray(octets @ (1 << 8 * np.arange(place.bits // 8)))
+    return _signed(counts, place.bits) if place.signed else counts
 
 
 def _missing(tick: NDArray[np.int64], period: int) -> int:

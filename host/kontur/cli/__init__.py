@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line: one verb a module, each of which only parses. Each option also has an environment variable."""
+"""The command line: one module for each command, which parses options and prints. The rest is in the other rooms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ EXIT_INTERRUPTED = 130
 
 
 class _Verbs(click.Group):
-    """Imports a verb's module when it is used, and prints what a user can mend as one message."""
+    """Imports a command's module when it is used, and prints an error that the user can correct as one message."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_VERBS)
@@ -44,7 +44,8 @@ class _Verbs(click.Group):
 )
 @click.version_option(__version__)
 def main() -> None:
-    """Send paths to a Kontur drive, real or simulated, and see the contour error.
+    """Run paths on a Kontur drive, real or simulated, and measure the contour error.
 
-    Without bus options (-i, can.conf, CAN_INTERFACE) the drive and its machine are simulated in this process.
+    Without bus options (-i, can.conf, CAN_INTERFACE) the drive and its machine are simulated in this process. Each
+    option can also be given as an environment variable, e.g. KONTUR_RUN_CONTROLLER.
     """

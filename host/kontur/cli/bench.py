@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur bench`: how fast it is here."""
+"""`kontur bench`: speed of simulation and streaming on this machine, and load of the bus."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from kontur.experiments.bench_sim import bench
 
 @click.group(name="bench")
 def command() -> None:
-    """Measure speed on this machine."""
+    """Measure the speed of simulation and streaming on this machine."""
 
 
 @command.command(name="sim")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulation_options
 def sim_command(*, as_json: bool, machine: str, seed: int, num: str) -> None:
-    """Control periods a second of the simulated drive: NumPy oracle, library directly, and over CAN frames."""
+    """Measure control periods a second of the simulated drive: NumPy model, library, and library over CAN frames."""
     result = bench(Target(machine=machines.load(machine), seed=seed, num=num))
     if as_json:
         print_json(result)
@@ -41,15 +41,15 @@ def sim_command(*, as_json: bool, machine: str, seed: int, num: str) -> None:
     type=click.IntRange(bench_stream.KNOTS_MIN, bench_stream.KNOTS_MAX),
     default=100_000,
     show_default=True,
-    help="Knots to stream, one a millisecond of path time.",
+    help="Knots (control points of the path) to stream, one a millisecond of path time.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def stream_command(*, knots: int, as_json: bool, target: Target) -> None:
-    """Stream knots, and tell how many were lost, sent again, and how much of the host that takes.
+    """Stream knots, and measure how many were lost and sent again, and the time that the host needs for it.
 
     The axes move: circles of 4 mm diameter at 20 mm/s, to the left of where they stand. Without bus options the drive
-    is a process of its own on slcan, whose time passes with SYNC; -i kontur -c sim simulates it in this process.
+    is a process of its own on slcan, whose time passes with SYNC. With -i kontur -c sim it is in this process.
     """
     with progress_bar("streaming") as progress, interruptible() as stop_requested:
         result = bench_stream.bench(target, knots, progress, stop_requested)
@@ -76,7 +76,7 @@ def stream_command(*, knots: int, as_json: bool, target: Target) -> None:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def bus_command(*, bitrate: int, as_json: bool) -> None:
-    """Share of the bus that the default PDOs take at worst while knots are streamed; computed from the EDS."""
+    """Compute from the EDS the worst-case share of the bus that the default PDOs take while knots are streamed."""
     loads = bus_load.loads(bitrate)
     total = sum(load.share for load in loads)
     if as_json:

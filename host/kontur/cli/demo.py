@@ -26,4 +26,6 @@ def command(*, file: Path, out: Path, machine: str, seed: int, num: str) -> None
         runs = demo(file, out, target, progress)
     rows = [{"controller": run.meta["controller"], **summary(run)} for run in runs]
     print_table(rows, f"{file}, {runs[0].columns['time_s'][-1]:.1f} s: true contour error")
-    click.echo(f"{out / 'report.html'} shows where and why; figures in {out / 'summary.json'}, logs beside it.")
+    click.echo(
+        f"{out / 'report.html'} shows the runs; {out / 'summary.json'} has the figures, and the logs are beside it."
+    )

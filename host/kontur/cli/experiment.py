@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur experiment`: experiments that are defined here, so that everyone runs the same."""
+"""`kontur experiment`: defined experiments on the simulated drive."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import asdict
 import click
 
 from kontur import machine as machines
-from kontur.cli.options import KEY_VALUE, parameter_values, progress_bar, simulation_options
+from kontur.cli.options import CONTROLLER, parameter_option, parameter_values, progress_bar, simulation_options
 from kontur.cli.output import print_json, print_table
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS, described
 from kontur.drive.target import Target
 from kontur.experiments import on_chip
 from kontur.experiments.circles import CASES, paper
@@ -26,9 +26,6 @@ _ESTIMATOR_HEADINGS = {
     "drive_nm": "drive's lag_max nm",
 }
 
-_set_option = click.option(
-    "--set", "parameters", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Set a parameter before."
-)
 _ROBUST_HEADINGS = {
     "unstable": "unstable runs",
     "median_um": "median µm",
@@ -47,12 +44,18 @@ def command() -> None:
 @command.command(name="paper")
 @click.option("--case", "cases", type=click.Choice(list(CASES)), multiple=True, help="Only this circle (default: all).")
 @click.option(
-    "--controller", "controllers", type=click.Choice(CONTROLLERS), multiple=True, help="Only this (default: all)."
+    "--controller",
+    "controllers",
+    type=CONTROLLER,
+    multiple=True,
+    default=["all"],
+    show_default=True,
+    help=f"Controller, by either name: {described()}.",
 )
 @click.option(
-    "--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds, from --seed on."
+    "--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Number of seeds, from --seed on."
 )
-@_set_option
+@parameter_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulation_options
 def paper_command(
@@ -66,9 +69,9 @@ def paper_command(
     seed: int,
     num: str,
 ) -> None:
-    """The three circles of docs: 4.488 mm/s r 4 mm (low), 100 mm/s r 20 mm (high), 100 mm/s r 4 mm (high-tight)."""
+    """Run the paper's circles: 4.488 mm/s r 4 mm (low), 100 mm/s r 20 mm (high), 100 mm/s r 4 mm (high-tight)."""
     target = Target(machine=machines.load(machine), num=num)
-    cases, controllers = cases or tuple(CASES), controllers or CONTROLLERS
+    cases, controllers = cases or tuple(CASES), CONTROLLERS if "all" in controllers else controllers
     done = 0
     with progress_bar("experiment paper") as progress:
 
@@ -93,7 +96,7 @@ def paper_command(
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulation_options
 def estimator_command(*, stretches: int, as_json: bool, machine: str, seed: int, num: str) -> None:
-    """The drive's estimate of the contour error against the exact one: seven curves, 1 to 200 mm/s, lags up to 1 mm."""
+    """Compare the drive's estimate of the contour error with the exact one, on seven curves, 1 to 200 mm/s."""
     with progress_bar("experiment estimator") as progress:
         head, cells = experiment(machines.load(machine), num, seed=seed, stretches=stretches, progress=progress)
     rows = [asdict(cell) for cell in cells if cell.rows]
@@ -112,7 +115,7 @@ def estimator_command(*, stretches: int, as_json: bool, machine: str, seed: int,
     "--num", type=click.Choice(("f32", "fix")), default="f32", show_default=True, help="Numbers of the drive."
 )
 def on_chip_command(*, as_json: bool, num: str) -> None:
-    """The drive's own machine (object 2103h) against the simulator's: how far apart they are on four circles."""
+    """Compare the machine that the drive simulates (onchip_plant) with the simulator's, on four circles."""
     with progress_bar("experiment on-chip") as progress:
         rows = on_chip.compare(machines.load(MACHINES / "table1_on_chip.toml"), num, progress=progress)
     if as_json:
@@ -124,15 +127,15 @@ def on_chip_command(*, as_json: bool, num: str) -> None:
 
 @command.command(name="robust")
 @click.option(
-    "--seeds", type=click.IntRange(1, 10_000), default=20, show_default=True, help="How many draws, from --seed on."
+    "--seeds", type=click.IntRange(1, 10_000), default=20, show_default=True, help="Number of draws, from --seed on."
 )
-@_set_option
+@parameter_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulation_options
 def robust_command(
     *, seeds: int, parameters: tuple[tuple[str, str], ...], as_json: bool, machine: str, seed: int, num: str
 ) -> None:
-    """ccu, cascade and ccc with default gains on machines the drive is not told of, along curves drawn at random."""
+    """Run ccu, cascade and ccc with default gains on random machines, of which the drive has no parameters."""
     with progress_bar("experiment robust") as progress:
         rows = robust(
             machines.load(machine),

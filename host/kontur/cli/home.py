@@ -10,37 +10,37 @@ import click
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import NumberRange, drive_of, interruptible, target_options
 from kontur.cli.output import print_json
-from kontur.drive import axes
+from kontur.drive import single_axis
 from kontur.drive.target import Target
 
 
 @click.command(name="home")
-@click.argument("axis", type=click.Choice(axes.AXES))
+@click.argument("axis", type=click.Choice(single_axis.AXES))
 @click.option(
     "--method",
-    type=click.Choice(list(axes.METHODS)),
-    help="Where the home point is: limit switch at the negative or positive end, index pulse, where the axis stands. "
-    "Default: as the drive's homing_method says.",
+    type=click.Choice(list(single_axis.METHODS)),
+    help="What defines the home point: limit switch at the negative or positive end, an index pulse, or the position. "
+    "Default: the drive's homing_method.",
 )
 @click.option("--offset", type=NumberRange(-2000, 2000), metavar="MM",
-              help="Position that the home point gets. Default: home_offset.")  # fmt: skip
+              help="Position of the home point. Default: the drive's home_offset.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(*, target: Target, axis: str, method: str | None, offset: float | None, as_json: bool) -> None:
     """Home AXIS, so that positions count from its home point. The other axis is held.
 
-    Speeds, acceleration and more: homing_speed, homing_acceleration (`kontur param list`). Ctrl-C stops the axis.
+    Speeds and acceleration are the parameters homing_speed and homing_acceleration. Ctrl-C stops the axis.
     """
     parameters: dict[str, float] = {}
     if method is not None:
-        parameters[f"homing_method_{axis}"] = axes.METHODS[method]
+        parameters[f"homing_method_{axis}"] = single_axis.METHODS[method]
     if offset is not None:
         parameters[f"home_offset_{axis}"] = offset * 1e6
-    with drive_of(target) as device, device.held():
-        device.set_parameters(parameters)
-        with interruptible() as stop_requested, device.enabled():
-            homed = axes.home(device, axis, stop_requested)
-            position_m = device.position_m()[axes.AXES.index(axis)]
+    with drive_of(target) as device, device.master.held():
+        device.parameters.set(parameters)
+        with interruptible() as stop_requested, device.axes.enabled():
+            homed = single_axis.home(device, axis, stop_requested)
+            position_m = device.position_m()[single_axis.AXES.index(axis)]
     if as_json:
         print_json({"axis": axis, "homed": homed, "position_m": position_m})
     elif homed:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur info`: who answers."""
+"""`kontur info`: identity and state of a drive."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import click
 from kontur.can.emcy import describe_emcy
 from kontur.cli.options import target_options
 from kontur.cli.output import print_json, print_warnings, warnings_json
-from kontur.drive.target import Target, connect
+from kontur.drive.target import Target, open_drive
 
 
 @click.command(name="info")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(*, target: Target, as_json: bool) -> None:
-    """Tell which drive answers, its firmware, state and position."""
-    with connect(target) as device:
+    """Show which drive answers, its firmware, state, position and warnings."""
+    with open_drive(target) as device:
         info = device.info()
         bus = str(device.link.bus.channel_info)
     if as_json:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur jog`: move an axis by hand."""
+"""`kontur jog`: move axes at a constant speed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import NumberRange, drive_of, interruptible, target_options
 from kontur.cli.output import print_json
-from kontur.drive import axes
+from kontur.drive import single_axis
 from kontur.drive.target import Target
 
 DURATION_MAX_S = 60.0
@@ -21,18 +21,18 @@ _SPEED = NumberRange(-10_000, 10_000)  # the most that limits.velocity can be
 @click.option("--x", type=_SPEED, metavar="MM_PER_S", help="Speed of x.")
 @click.option("--y", type=_SPEED, metavar="MM_PER_S", help="Speed of y.")
 @click.option(
-    "--for",
+    "--duration",
     "duration_s",
     type=NumberRange(0.0, DURATION_MAX_S, min_open=True),
     default=1.0,
     show_default=True,
     metavar="SECONDS",
-    help=f"How long, at most {DURATION_MAX_S:g} s.",
+    help=f"How long they move, at most {DURATION_MAX_S:g} s.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(*, target: Target, x: float | None, y: float | None, duration_s: float, as_json: bool) -> None:
-    """Move the axes with constant speed for a time; they end before the soft limits and at a limit switch.
+    """Move the axes with constant speed for a time; they stop before a soft limit and at a limit switch.
 
     Ctrl-C stops them.
     """
@@ -40,17 +40,17 @@ def command(*, target: Target, x: float | None, y: float | None, duration_s: flo
     if not velocity_mps:
         raise click.UsageError("which axis? Give a speed with --x or --y")
     interrupted = False
-    with drive_of(target) as device, interruptible() as stop_requested, device.enabled():
+    with drive_of(target) as device, interruptible() as stop_requested, device.axes.enabled():
         before_m = device.position_m()
-        whole = axes.jog(device, velocity_mps, duration_s, stop_requested)
+        completed = single_axis.jog(device, velocity_mps, duration_s, stop_requested)
         interrupted = stop_requested()
         after_m = device.position_m()
     if as_json:
-        print_json({"from_m": before_m, "to_m": after_m, "whole": whole})
+        print_json({"from_m": before_m, "to_m": after_m, "completed": completed})
     else:
-        for axis, a, b in zip(axes.AXES, before_m, after_m, strict=True):
+        for axis, a, b in zip(single_axis.AXES, before_m, after_m, strict=True):
             click.echo(f"{axis}  {a * 1e3:.6f} mm -> {b * 1e3:.6f} mm")
-        if not whole and not interrupted:
+        if not completed and not interrupted:
             click.echo("Stopped by a soft limit or a limit switch.", err=True)
     if interrupted:
         click.echo("Interrupted: the axes have slowed down.", err=True)

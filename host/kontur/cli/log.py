@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""kontur log: what is in a log, and another format of it."""
+"""`kontur log`: show or convert a log of a run."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _LONG = ("plant", "parameters")  # shown by --json only
 
 @click.group()
 def command() -> None:
-    """Look into a log of a run, or convert it."""
+    """Show or convert a log of a run."""
 
 
 @command.command()
 @click.argument("file", type=click.Path())
-@click.option("--json", "as_json", is_flag=True, help="Everything, for programs.")
+@click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
 def show(file: str, as_json: bool) -> None:
-    """Show what FILE (CSV or MF4) says of its run, and the range of every column."""
+    """Show the run and the range of every column of the log FILE (CSV or MF4)."""
     run = log.read(file)
     columns = _ranges(run)
     if as_json:

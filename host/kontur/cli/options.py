@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import signal
 import sys
@@ -20,8 +21,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from kontur import machine as machines
 from kontur.can.bad_bus import BUS_FAULT_NAMES, BusFaults
 from kontur.cli.output import print_warnings
+from kontur.drive.controllers import named
 from kontur.drive.device import Device
-from kontur.drive.target import Target, connect
+from kontur.drive.target import Target, open_drive
 from kontur.errors import BusError, FileError, KonturError, NoAnswerError, ParameterError
 from kontur.files import check_folder
 from kontur.sim.library import NUMS
@@ -81,86 +83,130 @@ class _BusFaults(click.ParamType[BusFaults]):
 BUS_FAULTS = _BusFaults()
 
 
+class _ControllerName(click.ParamType[str]):
+    """A controller by either name, or "all"; the value is the paper's name."""
+
+    name = "controller"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        return "NAME|all"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if value == "all":
+            return "all"
+        try:
+            return named(str(value))
+        except ParameterError as error:
+            self.fail(str(error), param, ctx)
+
+
+CONTROLLER = _ControllerName()
+
+
+def grouped(name: str, build: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[F], F]:
+    """Give `options` to a verb together: it gets what `build` makes of their values as `name`."""
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def with_group(*args: Any, **kwargs: Any) -> Any:
+            values = {key: kwargs.pop(key) for key in names}
+            return function(*args, **{name: build(**values)}, **kwargs)
+
+        others = list(getattr(function, "__click_params__", []))
+        with_group.__click_params__ = list(others)  # type: ignore[attr-defined]
+        decorated: Any = with_group
+        for option in reversed(options):
+            decorated = option(decorated)
+        names = [str(param.name) for param in decorated.__click_params__[len(others) :]]
+        result: F = decorated
+        return result
+
+    return decorate
+
+
+parameter_option = click.option(
+    "--set",
+    "parameters",
+    type=KEY_VALUE,
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Set a parameter before; `kontur param list` lists all.",
+)
+_SIMULATION = (
+    click.option(
+        "--machine",
+        type=click.Path(dir_okay=False),
+        default=str(machines.DEFAULT),
+        show_default="Table 1 of the paper",
+        help="Machine file (TOML): what is simulated, and the limits that motion is planned for.",
+    ),
+    click.option(
+        "--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Seed of the simulated noise."
+    ),
+    click.option(
+        "--num",
+        type=click.Choice(NUMS),
+        default="f32",
+        show_default=True,
+        help="Numeric back end of the simulated firmware.",
+    ),
+)
+
+
 def simulation_options(function: F) -> F:
     """--machine, --seed, --num."""
-    for option in (
-        click.option(
-            "--num",
-            type=click.Choice(NUMS),
-            default="f32",
-            show_default=True,
-            help="Numeric back end of the simulated firmware.",
-        ),
-        click.option(
-            "--seed",
-            type=click.IntRange(0, 2**63 - 1),
-            default=1,
-            show_default=True,
-            help="Seed of the simulated noise.",
-        ),
-        click.option(
-            "--machine",
-            type=click.Path(dir_okay=False),
-            default=str(machines.DEFAULT),
-            show_default="Table 1 of the paper",
-            help="Machine file (TOML): what is simulated, and the limits that motion is planned for.",
-        ),
-    ):
-        function = option(function)
-    return function
-
-
-def target_options(function: F) -> F:
-    """Bus and simulation options, given to the verb together as `target`, a run.Target."""
-
-    def with_target(
-        *args: Any,
-        interface: str | None,
-        channel: str | None,
-        bitrate: int | None,
-        bus: tuple[tuple[str, str], ...],
-        bus_faults: BusFaults | None,
-        node: int,
-        machine: str,
-        seed: int,
-        num: str,
-        **kwargs: Any,
-    ) -> Any:
-        target = Target(
-            bus=_bus_config(interface, channel, bitrate, bus),
-            node_id=node,
-            machine=machines.load(machine),
-            seed=seed,
-            num=num,
-            faults=bus_faults,
-        )
-        return function(*args, target=target, **kwargs)
-
-    with_target.__name__ = function.__name__
-    with_target.__doc__ = function.__doc__
-    with_target.__click_params__ = getattr(function, "__click_params__", [])  # type: ignore[attr-defined]
-    decorated: Any = simulation_options(with_target)
-    for option in (
-        click.option("--node", type=click.IntRange(1, 31), default=1, show_default=True, help="CANopen node id."),
-        click.option(
-            "--bus-faults",
-            type=BUS_FAULTS,
-            metavar="NAME=VALUE,...",
-            help="Make the bus a bad one: shares of frames to drop, duplicate, delay, reorder or flip bits of, burst, "
-            "bus_off; seed. E.g. drop=0.02,flip=0.005,seed=1.",
-        ),
-        click.option(
-            "--bus", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Any other option of python-can's bus."
-        ),
-        click.option("-b", "--bitrate", type=click.IntRange(min=1), help="Bit rate of the bus, bit/s."),
-        click.option("-c", "--channel", help="python-can's channel, e.g. can0."),
-        click.option(
-            "-i", "--interface", help="python-can's interface, e.g. socketcan, slcan; none: simulate the drive."
-        ),
-    ):
+    decorated: Any = function
+    for option in reversed(_SIMULATION):
         decorated = option(decorated)
     result: F = decorated
     return result
+
+
+def _target(
+    interface: str | None,
+    channel: str | None,
+    bitrate: int | None,
+    bus: tuple[tuple[str, str], ...],
+    bus_faults: BusFaults | None,
+    node: int,
+    machine: str,
+    seed: int,
+    num: str,
+) -> Target:
+    return Target(
+        bus=_bus_config(interface, channel, bitrate, bus),
+        node_id=node,
+        machine=machines.load(machine),
+        seed=seed,
+        num=num,
+        faults=bus_faults,
+    )
+
+
+target_options = grouped(
+    "target",
+    _target,
+    click.option(
+        "-i",
+        "--interface",
+        help="python-can's interface, e.g. socketcan, slcan. Without one the drive is simulated.",
+    ),
+    click.option("-c", "--channel", help="python-can's channel, e.g. can0."),
+    click.option("-b", "--bitrate", type=click.IntRange(min=1), help="Bit rate of the bus, bit/s."),
+    click.option(
+        "--bus", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Any other option of python-can's bus."
+    ),
+    click.option(
+        "--bus-faults",
+        type=BUS_FAULTS,
+        metavar="NAME=VALUE,...",
+        help="Make the bus a bad one. Shares of the frames to drop, duplicate, delay, reorder or flip bits of; burst, "
+        "bus_off; seed. E.g. drop=0.02,flip=0.005,seed=1.",
+    ),
+    click.option("--node", type=click.IntRange(1, 31), default=1, show_default=True, help="CANopen node id."),
+    *_SIMULATION,
+)
+"""Bus and simulation options, given to the verb together as `target`, a kontur.drive.target.Target."""
 
 
 def _bus_config(
@@ -183,7 +229,7 @@ def _bus_config(
 
 
 def check_output(file: Path | None, *suffixes: str) -> None:
-    """Before anything moves. Raises FileError: another suffix, or no folder to write to."""
+    """Check an output file before anything moves. Raises FileError: another suffix, or its folder does not exist."""
     if file is None:
         return
     if file.suffix.lower() not in suffixes:
@@ -204,22 +250,22 @@ def parameter_values(pairs: tuple[tuple[str, str], ...]) -> dict[str, float]:
 
 @contextmanager
 def drive_of(target: Target) -> Iterator[Device]:
-    """connect(); at the end, after an error too, what the drive has warned of is printed to stderr."""
-    with connect(target) as device:
+    """open_drive(); at the end, after an error too, the drive's warnings are printed to stderr."""
+    with open_drive(target) as device:
         try:
             yield device
         except (BusError, NoAnswerError):
             raise
         except BaseException:
-            with suppress(KonturError):  # what happened first is what is told
-                print_warnings(device.warnings())
+            with suppress(KonturError):  # the first error is the one to report
+                print_warnings(device.faults.warnings())
             raise
-        print_warnings(device.warnings())
+        print_warnings(device.faults.warnings())
 
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, float], None]]:
-    """A bar on a terminal, nothing when piped; yields a function that takes what is done and the share, 0 to 1."""
+    """A bar on a terminal, nothing when piped; yields a function that takes the name of a step and its share done."""
     if not sys.stderr.isatty():
         yield lambda what, share: None
         return
@@ -245,14 +291,14 @@ def progress_bars() -> Iterator[Callable[[str, float], None]]:
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
-    """The same for one thing to do: the function takes the share alone."""
+    """A progress bar of one step: the function takes the share alone."""
     with progress_bars() as update:
         yield lambda share: update(what, share)
 
 
 @contextmanager
 def held_by_signals() -> Iterator[Callable[[], bool]]:
-    """SIGUSR1 asks for feed hold (the function yielded says so), SIGUSR2 takes it back."""
+    """SIGUSR1 requests feed hold, which the yielded function returns, SIGUSR2 ends it."""
     held = False
 
     def ask(number: int, _frame: FrameType | None) -> None:
@@ -272,7 +318,7 @@ def held_by_signals() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """The first Ctrl-C only asks to stop (the function yielded says so), a second one interrupts at once."""
+    """The first Ctrl-C requests a stop, which the yielded function returns; a second one interrupts immediately."""
     asked = False
 
     def ask(_signal: int, _frame: FrameType | None) -> None:

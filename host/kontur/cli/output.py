@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the verbs print: tables for people, JSON for programs."""
+"""Output of the commands: tables for people, JSON for programs."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _PIPED_WIDTH = 200
 
 
 def print_json(value: Any) -> None:
-    """JSON on stdout."""
+    """Print JSON on stdout."""
     click.echo(json.dumps(value, indent=2))
 
 
 def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Mapping[str, str] = SUMMARY) -> None:
-    """A table on stdout; keys of the rows are its columns, numbers have four digits."""
+    """Print a table on stdout; keys of the rows are its columns, numbers have four digits."""
     table = Table(title=title or None, title_justify="left", title_style="bold")
     for key in rows[0]:
         number = any(isinstance(row[key], (int, float)) for row in rows)
@@ -41,11 +41,11 @@ def _text(value: Any) -> str:
 
 
 def print_warnings(codes: Iterable[int]) -> None:
-    """What a drive has warned of, EMCY codes, with cause and remedy; to stderr."""
+    """Print the warnings of a drive, EMCY codes, with cause and remedy, to stderr."""
     for code in codes:
         click.echo(f"Warning: the drive reports {describe_emcy(code)}.", err=True)
 
 
 def warnings_json(codes: Iterable[int]) -> list[dict[str, str]]:
-    """The same for print_json()."""
+    """Warnings in the form of print_json()."""
     return [{"code": f"{code:04X}h", "text": describe_emcy(code)} for code in codes]

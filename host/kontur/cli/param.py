@@ -11,14 +11,14 @@ from kontur.cli.options import KEY_VALUE, drive_of, parameter_values, target_opt
 from kontur.cli.output import print_json, print_table
 from kontur.drive import parameter_file
 from kontur.drive.target import Target
-from kontur.files import write_whole
+from kontur.files import write_atomically
 
 
 @click.group(name="param")
 def command() -> None:
-    """List, read and set parameters, and keep them in the drive (docs/objects.md has all of them).
+    """List, read, set and store parameters (docs/objects.md has all of them).
 
-    A simulated drive is new in every command; give it parameters with `kontur run --set NAME=VALUE`.
+    A simulated drive starts with its defaults in every command; set parameters with `kontur run --set NAME=VALUE`.
     """
 
 
@@ -66,8 +66,8 @@ def get_command(*, target: Target, names: tuple[str, ...], as_json: bool) -> Non
 @target_options
 def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
     """Set parameters; none is set when one of them cannot be."""
-    with drive_of(target) as device, device.held():
-        device.set_parameters(parameter_values(pairs))
+    with drive_of(target) as device, device.master.held():
+        device.parameters.set(parameter_values(pairs))
 
 
 @command.command(name="dump")
@@ -76,41 +76,43 @@ def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
 def dump_command(*, target: Target, file: Path | None) -> None:
     """Write all parameters to FILE (TOML), or to the terminal."""
     with drive_of(target) as device:
-        text = parameter_file.text(device.dump(), device.parameters)
+        text = parameter_file.text(device.parameters.dump(), device.parameters)
     if file is None:
         click.echo(text, nl=False)
     else:
-        write_whole(file, text.encode())
+        write_atomically(file, text.encode())
 
 
 @command.command(name="load")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @target_options
 def load_command(*, target: Target, file: Path) -> None:
-    """Set all parameters that are in FILE, as `dump` writes it; none when one of them cannot be set."""
+    """Set all parameters of FILE, as `dump` writes it; none is set when one of them cannot be."""
     values = parameter_file.read(file)
-    with drive_of(target) as device, device.held():
-        device.set_parameters(values)
+    with drive_of(target) as device, device.master.held():
+        device.parameters.set(values)
 
 
-_EVERYTHING = click.option("--all", "everything", is_flag=True, help="Communication objects (1000h to 1FFFh), too.")
+_ALL_OBJECTS = click.option(
+    "--all", "all_objects", is_flag=True, help="Include the communication objects (1000h to 1FFFh)."
+)
 
 
 @command.command(name="save")
-@_EVERYTHING
+@_ALL_OBJECTS
 @target_options
-def save_command(*, target: Target, everything: bool) -> None:
-    """Let the drive start with its parameters as they are now; no axis may have power."""
-    with drive_of(target) as device, device.held():
-        device.save_parameters(everything)
+def save_command(*, target: Target, all_objects: bool) -> None:
+    """Store the parameters in the drive as they are now. No axis may have power."""
+    with drive_of(target) as device, device.master.held():
+        device.parameters.save(all_objects)
     click.echo("saved: the drive starts with what is set now")
 
 
 @command.command(name="restore")
-@_EVERYTHING
+@_ALL_OBJECTS
 @target_options
-def restore_command(*, target: Target, everything: bool) -> None:
-    """Let the drive start with the defaults again; its node id and bit rate stay, and no axis may have power."""
-    with drive_of(target) as device, device.held():
-        device.restore_defaults(everything)
+def restore_command(*, target: Target, all_objects: bool) -> None:
+    """Let the drive start with the defaults again; node id and bit rate stay. No axis may have power."""
+    with drive_of(target) as device, device.master.held():
+        device.parameters.restore(all_objects)
     click.echo("restored: the defaults are in effect after the drive's next power-on or reset")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""kontur report: one HTML file, or one picture, from logs."""
+"""`kontur report`: one HTML file, or one picture, from logs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def command(logs: tuple[str, ...], output: Path, title: str | None) -> None:
     A report needs no network and no other file. With -o NAME.png a picture of the answer is written instead.
     """
     check_output(output, ".html", ".png")
-    from kontur.report import page  # takes a second: only who draws pays
+    from kontur.report import page  # importing it takes a second
 
     runs = [log.read(name) for name in logs]
     if output.suffix.lower() == ".png":

@@ -6,6 +6,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,35 +15,37 @@ from click.core import ParameterSource
 
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import (
-    KEY_VALUE,
+    CONTROLLER,
     POSITIVE,
     NumberRange,
     check_output,
+    grouped,
     held_by_signals,
     interruptible,
+    parameter_option,
     parameter_values,
     progress_bar,
     target_options,
 )
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
 from kontur.drive import scope as scopes
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS, described
 from kontur.drive.scope import Setup
+from kontur.drive.stream import Operator
 from kontur.drive.target import Target
 from kontur.errors import FileError
 from kontur.path import programs, shapes
 from kontur.path.geometry import Program
 from kontur.planning.bounds import limits
-from kontur.planning.planner import plan
+from kontur.planning.planner import Trajectory, plan
 from kontur.report import capture_file
 from kontur.runs import log as logs
-from kontur.runs.log import RunLog
-from kontur.runs.runner import RunResult, run
+from kontur.runs.runner import RunOptions, RunResult, run
 from kontur.runs.summary import summary
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# Options of each shape, in mm (laps: turns), and what they are when not given.
+# Options of each shape, in mm (laps: turns), and their defaults.
 SHAPES: dict[str, dict[str, float]] = {
     "circle": {"radius": 20.0, "laps": 1.0},
     "ellipse": {"half_width": 30.0, "half_height": 15.0, "laps": 1.0},
@@ -54,6 +57,35 @@ _MAY_BE_0 = ("corner_radius", "inner")
 _NOT_IN_COMMAND = ("log", "report", "as_json", "controller", "scope_out")
 
 
+@dataclass(frozen=True)
+class Motion:
+    """How the path is run: limits in place of the machine's, parameters, feed override in %, and from where."""
+
+    accel: float | None
+    jerk: float | None
+    parameters: tuple[tuple[str, str], ...]
+    override: float
+    approach: bool
+    resume: bool
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where the result goes."""
+
+    log: Path | None
+    report: Path | None
+    as_json: bool
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What the drive's scope records, and where that goes."""
+
+    setup: Setup | None
+    out: Path | None
+
+
 def _shape_option(name: str, text: str) -> Callable[[F], F]:
     shapes_with = [f"{shape} {defaults[name]:g}" for shape, defaults in SHAPES.items() if name in defaults]
     unit = "" if name == "laps" else ", mm"
@@ -63,8 +95,9 @@ def _shape_option(name: str, text: str) -> Callable[[F], F]:
     )
 
 
-def _program(source: str, feed_mm_s: float | None, sizes: dict[str, float | None]) -> Program:
-    feed_mps = None if feed_mm_s is None else feed_mm_s * 1e-3
+def _program(source: str, feed: float | None, **sizes: float | None) -> Program:
+    """The program of FILE, or of a shape with its `sizes` in mm at `feed` mm/s."""
+    feed_mps = None if feed is None else feed * 1e-3
     given = {name: value for name, value in sizes.items() if value is not None}
     fitting = SHAPES.get(source, {})
     for name in given:
@@ -84,6 +117,225 @@ def _program(source: str, feed_mm_s: float | None, sizes: dict[str, float | None
     return program
 
 
+def _output(log: Path | None, report: Path | None, as_json: bool) -> Output:
+    check_output(log, ".csv", ".mf4")
+    check_output(report, ".html")
+    return Output(log, report, as_json)
+
+
+def _recording(
+    scope_signals: str | None, scope_trigger: str | None, scope_pre: float, scope_divider: int, scope_out: Path | None
+) -> Recording:
+    """Raises ParameterError; UsageError when only one of --scope and --scope-out is there."""
+    check_output(scope_out, *capture_file.SUFFIXES)
+    if (scope_signals is None) != (scope_out is None):
+        raise click.UsageError("--scope says what to record and --scope-out where it goes: give both")
+    if scope_signals is None:
+        if scope_trigger is not None:
+            raise click.UsageError("--scope-trigger is for what --scope records: give it, too")
+        return Recording(None, None)
+    trigger = scopes.trigger(scope_trigger or "now")
+    return Recording(Setup(scopes.names(scope_signals), trigger, scope_pre, scope_divider), scope_out)
+
+
+_program_options = grouped(
+    "program",
+    _program,
+    click.argument("source", metavar=f"FILE|{'|'.join(SHAPES)}"),
+    click.option("--feed", type=POSITIVE, metavar="MM_PER_S", help="Speed along a shape or a CSV path of x,y."),
+    _shape_option("radius", "Radius"),
+    _shape_option("half_width", "Half axis along x"),
+    _shape_option("half_height", "Half axis along y"),
+    _shape_option("size", "Width"),
+    _shape_option("side", "Side"),
+    _shape_option("corner_radius", "Radius of the corners"),
+    _shape_option("inner", "Inner radius"),
+    _shape_option("outer", "Outer radius"),
+    _shape_option("pitch", "Distance from turn to turn"),
+    _shape_option("laps", "Laps"),
+)
+_motion_options = grouped(
+    "motion",
+    Motion,
+    click.option(
+        "--accel", type=POSITIVE, metavar="M_PER_S2", help="Acceleration limit of both axes instead of the machine's."
+    ),
+    click.option("--jerk", type=POSITIVE, metavar="M_PER_S3", help="Jerk limit of both axes instead of the machine's."),
+    parameter_option,
+    click.option(
+        "--override",
+        type=NumberRange(0.1, 120.0),
+        default=100.0,
+        show_default=True,
+        metavar="PERCENT",
+        help="Feed override, at most 120. Above 100 the accelerations grow with its square, beyond the planned ones.",
+    ),
+    click.option(
+        "--approach", is_flag=True, help="Let a real drive go to the start of the path first, in a straight line."
+    ),
+    click.option(
+        "--resume", is_flag=True, help="Go on with this path where a fault, or Ctrl-C, stopped the drive on it."
+    ),
+)
+_scope_options = grouped(
+    "recording",
+    _recording,
+    click.option(
+        "--scope",
+        "scope_signals",
+        metavar="NAME,...",
+        help="Record these signals in the drive; `kontur scope --list` lists all.",
+    ),
+    click.option(
+        "--scope-trigger",
+        metavar="now|fault|NAME>LEVEL|NAME<LEVEL",
+        help="What the recording is around (default: now, the start of the path).",
+    ),
+    click.option(
+        "--scope-pre", type=float, default=0.5, show_default=True, help="Share of the recording before the trigger."
+    ),
+    click.option(
+        "--scope-divider",
+        type=click.IntRange(1, 10_000),
+        default=1,
+        show_default=True,
+        help="Control periods from one recorded frame to the next.",
+    ),
+    click.option(
+        "--scope-out",
+        type=click.Path(dir_okay=False, path_type=Path),
+        help="Save the recording to this .png, .svg, .csv or .mf4 file.",
+    ),
+)
+_output_options = grouped(
+    "output",
+    _output,
+    click.option("--log", type=click.Path(dir_okay=False, path_type=Path), help="Log to this .csv or .mf4 file."),
+    click.option("--report", type=click.Path(dir_okay=False, path_type=Path), help="Write an HTML report here."),
+    click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
+)
+
+
+@click.command(name="run")
+@_program_options
+@click.option(
+    "--controller",
+    type=CONTROLLER,
+    multiple=True,
+    default=["ccu"],
+    show_default=True,
+    help=f"Controller, by the paper's name or by the longer one: {described()}. Repeat the option for several runs.",
+)
+@_motion_options
+@_output_options
+@_scope_options
+@target_options
+@click.pass_context
+def command(
+    ctx: click.Context,
+    /,
+    *,
+    program: Program,
+    controller: tuple[str, ...],
+    motion: Motion,
+    output: Output,
+    recording: Recording,
+    target: Target,
+) -> None:
+    """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and show the contour error.
+
+    SIGUSR1 holds the drive on the path, SIGUSR2 lets it go on. Ctrl-C stops it on the path. So do the faults whose
+    reaction is "path stop" (docs/faults.md), and the end of this program. As long as the drive has power and the axes
+    are not moved, the same command with --resume goes on from there.
+
+    The log is complete up to where the drive stopped, also when a fault ends the run. The drive records the 500 ms
+    before a fault; that is saved beside the log as LOG-fault.csv and .png. Warnings of the drive are printed at the
+    end, with their remedies. Where a warning is recorded too (contour tunnel), that is saved as LOG-warning.csv and
+    .png.
+    """
+    names = CONTROLLERS if "all" in controller else tuple(dict.fromkeys(controller))
+    if motion.resume and (target.in_process or len(names) > 1):
+        raise click.UsageError(
+            "--resume goes on with the one path on which a drive stopped: name its bus (-i, -c), and one controller"
+        )
+    trajectory, options = _plan(program, motion, recording, target)
+    results: list[RunResult] = []
+    for name in names:
+        options_of = RunOptions(**(vars(options) | {"command": _command(ctx, name)}))
+        result = _run(trajectory, name, target, options_of, motion.override)
+        results.append(result)
+        _save(result, name, len(names) > 1, output, recording)
+        if not result.completed:
+            break
+    if output.report is not None:
+        from kontur.report.page import write_report
+
+        write_report(output.report, [result.log for result in results])
+    _print(program, trajectory, results, output.as_json)
+    last = results[-1]
+    if last.fault is not None:
+        raise last.fault
+    if not last.completed:
+        more = "" if target.in_process else " The same command with --resume goes on from there."
+        click.echo(f"Interrupted: the drive stopped on the path.{more}", err=True)
+        sys.exit(EXIT_INTERRUPTED)
+
+
+def _plan(program: Program, motion: Motion, recording: Recording, target: Target) -> tuple[Trajectory, RunOptions]:
+    """The trajectory, and the options that all runs of it have in common."""
+    values = parameter_values(motion.parameters)
+    bounds = limits(target.machine, motion.accel, motion.jerk)
+    with progress_bar("planning") as progress:
+        trajectory = plan(program, bounds, progress, travel_m=target.machine.soft_limits_m)
+    return trajectory, RunOptions(
+        parameters=values,
+        approach=bounds if motion.approach else None,
+        raise_fault=False,
+        scope=recording.setup,
+        resume=motion.resume,
+    )
+
+
+def _run(trajectory: Trajectory, name: str, target: Target, options: RunOptions, override: float) -> RunResult:
+    """One run with a progress bar, which Ctrl-C stops and signals hold."""
+    with progress_bar(name) as progress, interruptible() as stop_requested, held_by_signals() as held:
+        operator = Operator(progress, stop_requested, lambda: 0.0 if held() else override / 100.0)
+        return run(trajectory, name, target, options, operator)
+
+
+def _save(result: RunResult, controller: str, several: bool, output: Output, recording: Recording) -> None:
+    """Log and capture: the capture where it was asked for, or beside the log where a fault or a warning triggered."""
+    if output.log is not None:
+        logs.write(result.log, log_path(output.log, controller, several))
+    if result.capture is None:
+        if recording.out is not None:
+            click.echo("The scope has not been triggered in the run.", err=True)
+    elif recording.out is not None:
+        capture_file.save(result.capture, log_path(recording.out, controller, several))
+    elif output.log is not None:
+        beside = log_path(output.log, controller, several)
+        what = "fault" if result.fault is not None else "warning"
+        for suffix in (".csv", ".png"):
+            capture_file.save(result.capture, beside.with_name(f"{beside.stem}-{what}{suffix}"))
+
+
+def log_path(path: Path, controller: str, several: bool) -> Path:
+    """Where the log of one of several controllers goes: its name is put before the suffix."""
+    return path.with_name(f"{path.stem}-{controller}{path.suffix}") if several else path
+
+
+def _print(program: Program, trajectory: Trajectory, results: list[RunResult], as_json: bool) -> None:
+    """The figures of all runs, and each warning once, whichever runs it came in."""
+    rows = [{"controller": result.log.meta["controller"], **summary(result.log)} for result in results]
+    warnings = dict.fromkeys(code for result in results for code in result.warnings)
+    if as_json:
+        print_json({"program": program.name, "duration_s": trajectory.duration_s, "runs": rows,
+                    "warnings": warnings_json(warnings)})  # fmt: skip
+    else:
+        print_table(rows, f"{program.name}, {trajectory.duration_s:.2f} s: contour error")
+    print_warnings(warnings)
+
+
 def _command(ctx: click.Context, controller: str) -> str:
     """The command that makes one run again: what was given, without where its output went."""
     words = ["kontur", "run", str(ctx.params["source"]), "--controller", controller]
@@ -100,184 +352,3 @@ def _command(ctx: click.Context, controller: str) -> str:
         for one in value if param.multiple else [value]:
             words += [param.opts[-1], "=".join(one) if isinstance(one, tuple) else str(one)]
     return shlex.join(words)
-
-
-def log_path(path: Path, controller: str, several: bool) -> Path:
-    """Where the log of one of several controllers goes: its name is put before the suffix."""
-    return path.with_name(f"{path.stem}-{controller}{path.suffix}") if several else path
-
-
-def _scope_setup(signals: str | None, trigger: str | None, pre: float, divider: int, out: Path | None) -> Setup | None:
-    """Raises ParameterError; UsageError when only one of --scope and --scope-out is there."""
-    if (signals is None) != (out is None):
-        raise click.UsageError("--scope says what to record and --scope-out where it goes: give both")
-    if signals is None:
-        if trigger is not None:
-            raise click.UsageError("--scope-trigger is for what --scope records: give it, too")
-        return None
-    return Setup(scopes.names(signals), scopes.trigger(trigger or "now"), pre, divider)
-
-
-def _save_capture(result: RunResult, controller: str, several: bool, log: Path | None, out: Path | None) -> None:
-    """To where it was asked for, or beside the log where a fault or a warning left it."""
-    if result.capture is None:
-        if out is not None:
-            click.echo("The scope has not been triggered in the run.", err=True)
-        return
-    if out is not None:
-        capture_file.save(result.capture, log_path(out, controller, several))
-    elif log is not None:
-        beside = log_path(log, controller, several)
-        what = "fault" if result.fault is not None else "warning"
-        for suffix in (".csv", ".png"):
-            capture_file.save(result.capture, beside.with_name(f"{beside.stem}-{what}{suffix}"))
-
-
-@click.command(name="run")
-@click.argument("source", metavar=f"FILE|{'|'.join(SHAPES)}")
-@click.option("--feed", type=POSITIVE, metavar="MM_PER_S", help="Speed along a shape or a CSV path of x,y.")
-@_shape_option("radius", "Radius")
-@_shape_option("half_width", "Half axis along x")
-@_shape_option("half_height", "Half axis along y")
-@_shape_option("size", "Width")
-@_shape_option("side", "Side")
-@_shape_option("corner_radius", "Radius of the corners")
-@_shape_option("inner", "Inner radius")
-@_shape_option("outer", "Outer radius")
-@_shape_option("pitch", "Distance from turn to turn")
-@_shape_option("laps", "Laps")
-@click.option(
-    "--controller",
-    type=click.Choice([*CONTROLLERS, "all"]),
-    multiple=True,
-    default=["ccu"],
-    show_default=True,
-    help="Controller; several options, several runs.",
-)
-@click.option(
-    "--accel", type=POSITIVE, metavar="M_PER_S2", help="Acceleration limit of both axes instead of the machine's."
-)
-@click.option("--jerk", type=POSITIVE, metavar="M_PER_S3", help="Jerk limit of both axes instead of the machine's.")
-@click.option(
-    "--set", "parameters", type=KEY_VALUE, multiple=True, metavar="NAME=VALUE", help="Set a parameter before."
-)
-@click.option(
-    "--override",
-    type=NumberRange(0.1, 120.0),
-    default=100.0,
-    show_default=True,
-    metavar="PERCENT",
-    help="Feed override, to 120; above 100 accelerations grow with its square, beyond what was planned.",
-)
-@click.option(
-    "--approach", is_flag=True, help="Let a real drive go to the start of the path first, in a straight line."
-)
-@click.option("--resume", is_flag=True, help="Go on with this path where a fault, or Ctrl-C, stopped the drive on it.")
-@click.option("--log", type=click.Path(dir_okay=False, path_type=Path), help="Log to this .csv or .mf4 file.")
-@click.option("--report", type=click.Path(dir_okay=False, path_type=Path), help="Write an HTML report to this file.")
-@click.option(
-    "--scope", "scope_signals", metavar="NAME,...", help="Record these signals of the servo (see kontur scope)."
-)
-@click.option("--scope-trigger", metavar="now|fault|NAME>LEVEL|NAME<LEVEL",
-              help="Around what (default: now, the start of the path).")  # fmt: skip
-@click.option("--scope-pre", type=float, default=0.5, show_default=True, help="Share of it before the trigger.")
-@click.option("--scope-divider", type=click.IntRange(1, 10_000), default=1, show_default=True,
-              help="Control periods from frame to frame.")  # fmt: skip
-@click.option("--scope-out", type=click.Path(dir_okay=False, path_type=Path),
-              help="Save what was recorded to this .png, .svg, .csv or .mf4 file.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@target_options
-@click.pass_context
-def command(
-    ctx: click.Context,
-    /,
-    *,
-    target: Target,
-    source: str,
-    feed: float | None,
-    controller: tuple[str, ...],
-    accel: float | None,
-    jerk: float | None,
-    parameters: tuple[tuple[str, str], ...],
-    override: float,
-    approach: bool,
-    resume: bool,
-    log: Path | None,
-    report: Path | None,
-    scope_signals: str | None,
-    scope_trigger: str | None,
-    scope_pre: float,
-    scope_divider: int,
-    scope_out: Path | None,
-    as_json: bool,
-    **sizes: float | None,
-) -> None:
-    """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and tell the contour error.
-
-    SIGUSR1 holds the drive on the path, SIGUSR2 lets it go on. Ctrl-C stops it there; so do the faults of the kind
-    "path stop" (docs/faults.md), and the end of this program. As long as the drive has power and the axes are not
-    moved, the same command with --resume goes on from there. The log is complete up to where it stopped,
-    and so it is when a fault ends the run: what the drive recorded of the 500 ms before is put beside the log then
-    (LOG-fault.csv, .png). What the drive warns of is told at the end, with its remedy; where it captures that
-    (contour tunnel), too, it is put there as LOG-warning.
-    """
-    if resume and (target.in_process or len(controller) > 1 or "all" in controller):
-        raise click.UsageError(
-            "--resume goes on with the one path that a drive has left: name its bus (-i, -c), and one controller"
-        )
-    check_output(log, ".csv", ".mf4")
-    check_output(report, ".html")
-    check_output(scope_out, *capture_file.SUFFIXES)
-    setup = _scope_setup(scope_signals, scope_trigger, scope_pre, scope_divider, scope_out)
-    values = parameter_values(parameters)
-    program = _program(source, feed, sizes)
-    motion = limits(target.machine, accel, jerk)
-    with progress_bar("planning") as progress:
-        trajectory = plan(program, motion, progress, travel_m=target.machine.soft_limits_m)
-
-    controllers = CONTROLLERS if "all" in controller else tuple(dict.fromkeys(controller))
-    runs: list[RunLog] = []
-    completed, fault = True, None
-    warnings: dict[int, None] = {}  # each once, whichever runs it came in
-    for name in controllers:
-        with progress_bar(name) as progress, interruptible() as stop_requested, held_by_signals() as held:
-            result = run(
-                trajectory,
-                name,
-                target,
-                parameters=values,
-                command=_command(ctx, name),
-                approach=motion if approach else None,
-                progress=progress,
-                stop_requested=stop_requested,
-                rate=lambda held=held: 0.0 if held() else override / 100.0,  # type: ignore[misc]
-                raise_fault=False,
-                scope=setup,
-                resume=resume,
-            )
-        runs.append(result.log)
-        if log is not None:
-            logs.write(result.log, log_path(log, name, len(controllers) > 1))
-        _save_capture(result, name, len(controllers) > 1, log, scope_out)
-        warnings |= dict.fromkeys(result.warnings)
-        completed, fault = result.completed, result.fault
-        if not completed:
-            break
-    if report is not None:
-        from kontur.report.page import write_report
-
-        write_report(report, runs)
-
-    rows = [{"controller": run_log.meta["controller"], **summary(run_log)} for run_log in runs]
-    if as_json:
-        print_json({"program": program.name, "duration_s": trajectory.duration_s, "runs": rows,
-                    "warnings": warnings_json(warnings)})  # fmt: skip
-    else:
-        print_table(rows, f"{program.name}, {trajectory.duration_s:.2f} s: contour error")
-    print_warnings(warnings)
-    if fault is not None:
-        raise fault
-    if not completed:
-        more = "" if target.in_process else " The same command with --resume goes on from there."
-        click.echo(f"Interrupted: the drive stopped on the path.{more}", err=True)
-        sys.exit(EXIT_INTERRUPTED)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur scope`: signals of the servo at the control rate, around a trigger, out of the drive's memory."""
+"""`kontur scope`: record signals of the servo at the control rate in the drive, around a trigger, and read them."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from kontur.report import capture_file
 
 @click.command(name="scope")
 @click.option("--signals", default=",".join(scope.DEFAULT_SIGNALS), show_default=True, metavar="NAME,...",
-              help=f"What to record, {scope.CHANNELS} at most; --list tells what there is.")  # fmt: skip
+              help=f"What to record, {scope.CHANNELS} at most; --list shows all signals.")  # fmt: skip
 @click.option("--trigger", default="fault", show_default=True, metavar="now|fault|NAME>LEVEL|NAME<LEVEL",
-              help="What the capture is around; LEVEL in the signal's unit. A fault triggers always.")  # fmt: skip
+              help="What triggers the capture; LEVEL in the signal's unit. A fault always triggers.")  # fmt: skip
 @click.option("--pre", type=float, default=0.5, show_default=True, help="Share of the capture before the trigger.")
 @click.option("--divider", type=click.IntRange(1, 10_000), default=1, show_default=True,
-              help="Control periods from frame to frame.")  # fmt: skip
+              help="Control periods from one frame to the next.")  # fmt: skip
 @click.option("--wait", "wait_s", type=NumberRange(min=0.0), default=60.0, show_default=True, metavar="SECONDS",
               help="How long to wait for the trigger.")  # fmt: skip
-@click.option("--last", is_flag=True, help="Arm nothing: read the capture that the drive holds, e.g. of a fault.")
+@click.option("--last", is_flag=True, help="Read the capture that the drive holds, e.g. of a fault, without arming it.")
 @click.option("-o", "--output", "outputs", multiple=True, type=click.Path(dir_okay=False, path_type=Path),
-              help="Save as picture (.png, .svg) or table (.csv, .mf4); may be given several times.")  # fmt: skip
+              help="Save as picture (.png, .svg) or table (.csv, .mf4). Can be repeated.")  # fmt: skip
 @click.option("--list", "list_signals", is_flag=True, help="List all signals.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
@@ -54,7 +54,7 @@ def command(
 ) -> None:
     """Record signals of the servo at the control rate around a trigger, read them out, save and show them.
 
-    The drive keeps what led to a fault until the fault is reset: --last reads that. To record during a run, use
+    The capture of a fault stays in the drive until the fault is reset; --last reads it. To record during a run, use
     `kontur run --scope`.
     """
     if list_signals:
@@ -73,11 +73,11 @@ def command(
 
 @contextmanager
 def _armed_at_the_end(device: Device) -> Iterator[None]:
-    """For faults, as at power-on; but a fault that is there keeps its capture."""
+    """Arm the scope for faults at the end, as at power-on, unless it holds the capture of a fault."""
     try:
         yield
     finally:
-        with suppress(KonturError):  # what happened first is what is told
+        with suppress(KonturError):  # the first error is the one to report
             if not device.read("error_code_x"):
                 scope.release(device)
 
@@ -97,18 +97,18 @@ def _record(device: Device, setup: Setup, wait_s: float) -> Capture:
     with interruptible() as stop_requested:
         done = scope.wait(device, wait_s, stop_requested)
         if not done and stop_requested():
-            click.echo("Interrupted: the trigger has not come.", err=True)
+            click.echo("Interrupted: there was no trigger.", err=True)
             sys.exit(EXIT_INTERRUPTED)
     if not done:
         raise DeviceError(
-            f"the trigger ({setup.trigger}) has not come within {wait_s:g} s; wait longer (--wait), or check the level"
+            f"no trigger ({setup.trigger}) has come within {wait_s:g} s; wait longer (--wait), or check the level"
         )
     with progress_bar("reading") as progress:
         return scope.read(device, progress)
 
 
 def show(capture: Capture, as_json: bool) -> None:
-    """The range of each signal, and where the trigger was."""
+    """Print the range of each signal, and its value at the trigger."""
     at = min(capture.trigger_frame, len(capture.values) - 1)
     rows: list[dict[str, Any]] = [
         {

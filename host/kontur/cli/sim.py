@@ -13,7 +13,7 @@ import click
 from kontur.cli.options import simulation_options
 from kontur.sim import process as sim_process
 
-_LOOK_S = 0.2
+_POLL_S = 0.2
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> None:
@@ -21,28 +21,30 @@ def _interrupt(_signal: int, _frame: FrameType | None) -> None:
 
 
 @click.command(name="sim")
-@click.option("--can", metavar="INTERFACE", help="On a SocketCAN interface: vcan0, can0 ...")
+@click.option("--can", metavar="INTERFACE", help="Answer on a SocketCAN interface, e.g. vcan0 or can0.")
 @click.option(
-    "--slcan-tcp", metavar="[HOST:]PORT", help="slcan over TCP; port 0: any that is free. The default, with 0."
+    "--slcan-tcp",
+    metavar="[HOST:]PORT",
+    help="Answer on slcan over TCP; port 0: any free one. This is the default, with port 0.",
 )
-@click.option("--slcan-pty", is_flag=True, help="slcan over a pseudo-terminal.")
+@click.option("--slcan-pty", is_flag=True, help="Answer on slcan over a pseudo-terminal.")
 @click.option(
     "--pace",
     type=click.Choice(["clock", "sync"]),
     default="clock",
     show_default=True,
-    help="Time of the drive: the wall clock's, or 1006h at each SYNC, which is the same in every run.",
+    help="How the drive's time passes: with the wall clock, or with SYNC, which makes every run the same.",
 )
 @click.option("--node", type=click.IntRange(1, 31), default=1, show_default=True, help="CANopen node id.")
 @click.option(
     "--record",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write the truth (struct ks_truth, each control period) to this file at the end.",
+    help="Write the true positions (struct ks_truth, each control period) to this file at the end.",
 )
 @click.option(
     "--store",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Keep what the drive stores (object 1010h) in this file, from run to run.",
+    help="File of the flash: what the drive stores (1010h) is there again in the next run.",
 )
 @simulation_options
 def command(
@@ -80,13 +82,13 @@ def command(
         store=store,
     ) as sim:
         try:
-            _tell(sim, node)
+            _announce(sim, node)
             _wait(sim)
         except KeyboardInterrupt:
             pass
 
 
-def _tell(sim: sim_process.SimProcess, node: int) -> None:
+def _announce(sim: sim_process.SimProcess, node: int) -> None:
     bus = f"-i {sim.interface} -c {sim.channel}" + (f" --node {node}" if node != 1 else "")
     click.echo(f"A drive answers on {sim.interface} {sim.channel}, node {node}. In another terminal:")
     click.echo(f"  kontur info {bus}")
@@ -95,16 +97,18 @@ def _tell(sim: sim_process.SimProcess, node: int) -> None:
 
 
 def _wait(sim: sim_process.SimProcess) -> None:
-    """Until the process ends; pass on what it has to say."""
-    told = 0
+    """Wait until the process ends, and print its messages."""
+    printed = 0
     ended = False
     while not ended:
         try:
-            sim.process.wait(_LOOK_S)
+            sim.process.wait(_POLL_S)
             ended = True
         except subprocess.TimeoutExpired:
             pass
-        said = sim.messages()
-        if not ended and len(said) > told:  # the last ones of a process that has failed are its error
-            click.echo(said[told:], nl=False, err=True)
-            told = len(said)
+        messages = sim.messages()
+        if (
+            not ended and len(messages) > printed
+        ):  # the last messages of a process that has failed are raised as its error
+            click.echo(messages[printed:], nl=False, err=True)
+            printed = len(messages)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from kontur.drive.device import Parameter
+from kontur.drive.objects import Parameter
 from kontur.errors import FileError
 
 if sys.version_info >= (3, 11):

@@ -1,72 +1,53 @@
 # SPDX-License-Identifier: Apache-2.0
 """The scope inside the drive: up to eight of its signals at the control rate, around a trigger (docs/scope.md).
 
-The drive is armed for faults from power-on, so that what led to one can be read (`held`) until the fault is reset.
-Another setup is armed by `arm`, waited for by `wait`, read by `read`; `release` arms the drive for faults again.
+From power-on the scope is armed for faults. The capture of a fault can be read by `held` until the fault is reset.
+`arm` arms the scope with another setup, `wait` waits for its trigger, `read` reads the capture, and `release` arms the
+scope for faults again.
 """
 
 from __future__ import annotations
 
-import json
 import re
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kontur.can import emcy
-from kontur.drive.device import Device, refused_now
+from kontur.can import emcy, signals
+from kontur.can.signals import Signal
+from kontur.drive.device import Device
+from kontur.drive.objects import refused_in_this_state
 from kontur.errors import DeviceError, ParameterError
 
 Floats = NDArray[np.float64]
 
 CHANNELS = 8
-DEFAULT_SIGNALS = ("e_n2", "force_x", "force_y")
+DEFAULT_SIGNALS = ("contour_error", "force_x", "force_y")
 OFF, WAITING, TRIGGERED, DONE = range(4)
 
 _ARM, _DEFAULTS = 1, 2
 _NOW, _FAULT, _RISING, _FALLING = range(4)
 _POLL_S = 0.02
-_AFTER_S = 10.0  # more than the frames after a trigger take, but for very long intervals
+_AFTER_S = 10.0  # longer than the recording after a trigger takes, except at very long intervals
 _LEVEL_MAX = 2**31 - 1  # counts of a signal
 _VERSION, _HEADER = 1, struct.Struct("<BBHIIIII8s")
 _LEVEL = re.compile(r"\s*(\w+)\s*([<>])\s*([^<>\s]+)\s*")
 
 
-@dataclass(frozen=True)
-class Signal:
-    """A signal by its number in object 2301h; one count on the wire is `factor` `unit`s."""
+SIGNALS = {signal.name: signal for signal in signals.SIGNALS if signal.number is not None}
+"""The signals that the scope can record, by name."""
 
-    number: int
-    name: str
-    unit: str
-    factor: float
-    description: str
-
-    @property
-    def column(self) -> str:
-        """Name and unit, as a column is called."""
-        unit = self.unit.replace("/", "_per_")
-        return f"{self.name}_{unit}" if unit else self.name
-
-
-_ROWS = json.loads((Path(__file__).parents[1] / "signals.json").read_text("ascii"))
-SIGNALS = {
-    row["name"]: Signal(row["number"], row["name"], row["unit"], row["factor"], row["description"])
-    for row in _ROWS
-    if "number" in row
-}
 _BY_NUMBER = {signal.number: signal for signal in SIGNALS.values()}
 
 
 @dataclass(frozen=True)
 class Trigger:
-    """Where the capture is around: 'now', 'fault', or where `source` crosses `level` (in its unit), rising or not."""
+    """What the capture is around: 'now', 'fault', or `source` crossing (> up, < down) `level`, in its unit."""
 
     kind: str = "fault"
     source: str = ""
@@ -77,7 +58,7 @@ class Trigger:
 
 
 def trigger(text: str) -> Trigger:
-    """'now', 'fault', 'NAME>LEVEL' or 'NAME<LEVEL'. Raises ParameterError."""
+    """The trigger of a text: 'now', 'fault', 'NAME>LEVEL' or 'NAME<LEVEL'. Raises ParameterError."""
     if text in ("now", "fault"):
         return Trigger(text)
     match = _LEVEL.fullmatch(text)
@@ -92,12 +73,12 @@ def trigger(text: str) -> Trigger:
             )
     except ValueError:
         pass
-    raise ParameterError(f"trigger {text!r}: it is now, fault, NAME>LEVEL or NAME<LEVEL, e.g. 'e_n2>5'")
+    raise ParameterError(f"trigger {text!r}: it is now, fault, NAME>LEVEL or NAME<LEVEL, e.g. 'contour_error>5'")
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What is to be recorded. `pre`: share of the frames before the trigger; `divider`: control periods a frame."""
+    """What to record. `pre`: share of the frames before the trigger; `divider`: control periods from frame to frame."""
 
     signals: tuple[str, ...] = DEFAULT_SIGNALS
     trigger: Trigger = Trigger()
@@ -120,7 +101,7 @@ def names(text: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Capture:
-    """What the scope recorded: `values` (frames, signals) in their units, one frame each `periods` control periods.
+    """What the scope recorded: `values` (frames, signals) in their units, one frame every `periods` control periods.
 
     `first_period`, `trigger_period`: control periods since power-on, of the first frame and of the trigger;
     `trigger_frame` is the first frame at or after the trigger; `fault`: EMCY code of the fault or warning that
@@ -148,47 +129,47 @@ class Capture:
 
 
 def arm(device: Device, setup: Setup) -> None:
-    """Let the drive wait for the trigger of `setup`; what its scope held is gone.
+    """Let the drive wait for the trigger of `setup`; a capture that its scope held is discarded.
 
-    Raises ParameterError; DeviceError where the drive keeps what led to a fault.
+    Raises ParameterError; DeviceError while the drive holds the capture of a fault.
     """
     interval_us = -(-setup.divider * 1_000_000 // int(device.read("clock.control_hz")))
     kind = {"now": _NOW, "fault": _FAULT, ">": _RISING, "<": _FALLING}[setup.trigger.kind]
-    with _unless_kept():
+    with _unless_fault_held():
         for i in range(CHANNELS):
-            number = _signal(setup.signals[i]).number if i < len(setup.signals) else 0
+            number = _number(setup.signals[i]) if i < len(setup.signals) else 0
             device.write(f"scope_channels.entry_{i + 1}", number)
         device.write("scope.interval", interval_us)
         device.write("scope.pre", setup.pre)
         device.write("scope.trigger", kind)
         if setup.trigger.source:
             source = _signal(setup.trigger.source)
-            device.write("scope.source", source.number)
+            device.write("scope.source", _number(source.name))
             device.write("scope.level", setup.trigger.level / source.factor)
         device.write("scope.command", _ARM)
 
 
 def release(device: Device) -> None:
-    """Arm the drive for faults, as at power-on; what its scope held is gone. Raises DeviceError as `arm` does."""
-    with _unless_kept():
+    """Arm the drive for faults, as at power-on; its capture is discarded. Raises DeviceError as `arm` does."""
+    with _unless_fault_held():
         device.write("scope.command", _DEFAULTS)
 
 
 @contextmanager
-def _unless_kept() -> Iterator[None]:
+def _unless_fault_held() -> Iterator[None]:
     try:
         yield
     except DeviceError as error:
-        if not refused_now(error):
+        if not refused_in_this_state(error):
             raise
         raise DeviceError(
-            "the drive's scope keeps what led to its fault: read it with `kontur scope --last`, then reset the fault "
+            "the drive's scope holds the capture of a fault: read it with `kontur scope --last`, then reset the fault "
             "(the next `kontur run`, `jog` or `home` does)"
         ) from error
 
 
 def wait(device: Device, timeout_s: float, stop_requested: Callable[[], bool] = lambda: False) -> bool:
-    """Wait for the capture; False when the trigger does not come within `timeout_s` or `stop_requested` says so."""
+    """Wait for the capture; False when no trigger comes within `timeout_s`, or when `stop_requested` returns True."""
     end_s = device.link.time_s + timeout_s
     while True:
         state = int(device.read("scope.state"))
@@ -202,7 +183,7 @@ def wait(device: Device, timeout_s: float, stop_requested: Callable[[], bool] = 
 
 
 def held(device: Device, progress: Callable[[float], None] = lambda share: None) -> Capture | None:
-    """The capture that the drive holds, or is about to; None when its scope has not been triggered."""
+    """The capture that the drive holds or is recording; None when its scope has not been triggered."""
     if int(device.read("scope.state")) in (OFF, WAITING) or not wait(device, 0.0):
         return None
     return read(device, progress)
@@ -229,7 +210,7 @@ def read(device: Device, progress: Callable[[float], None] = lambda share: None)
 
 
 def _cause(device: Device, bits: int) -> int:
-    """EMCY code of what triggered: of several at once the one that the drive names in 603Fh."""
+    """EMCY code of the trigger; of several faults, the one that the drive names (`error_code_x`, `error_code_y`)."""
     codes = [code for code, fault in emcy.faults().items() if fault.bit is not None and bits >> fault.bit & 1]
     named = int(device.read("error_code_x") or device.read("error_code_y"))
     return named if named in codes or (bits and not codes) else next(iter(codes), 0)
@@ -239,6 +220,12 @@ def _signal(name: str) -> Signal:
     if name not in SIGNALS:
         raise ParameterError(_unknown(name))
     return SIGNALS[name]
+
+
+def _number(name: str) -> int:
+    number = _signal(name).number
+    assert number is not None  # SIGNALS has no other
+    return number
 
 
 def _unknown(name: str, known: Sequence[str] = tuple(SIGNALS)) -> str:

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from kontur.can.bad_bus import BusFaults
 from kontur.can.bus import open_bus
 from kontur.can.simulated import simulated
 from kontur.drive.device import Device, connected
-from kontur.machine import Machine
+from kontur.machine import Machine, load
 
 SIMULATED = "kontur"
 BAD_BUS = "kontur-bad-bus"
@@ -20,14 +20,14 @@ BAD_BUS = "kontur-bad-bus"
 
 @dataclass(frozen=True)
 class Target:
-    """Which drive: `bus` are python-can's options, None for a simulated one, which takes machine, seed and num.
+    """Which drive. `bus` are python-can's options; None: a drive that is simulated in this process.
 
-    `faults`: what happens to frames on their way.
-
-    `place_at_start`: a simulated machine stands where the path starts, instead of where its file says.
+    `machine` is what is simulated, or what motion of a real drive is planned for; `seed` and `num`: noise and numeric
+    back end of the simulation. `place_at_start`: the simulated axes stand where the path starts, instead of where the
+    machine's file says. `faults`: what happens to frames on their way, see kontur.can.bad_bus.
     """
 
-    machine: Machine
+    machine: Machine = field(default_factory=load)
     bus: Mapping[str, Any] | None = None
     node_id: int = 1
     seed: int = 1
@@ -37,7 +37,7 @@ class Target:
 
     @property
     def in_process(self) -> bool:
-        """The drive is simulated here, and gone when the bus is closed."""
+        """Whether the drive is simulated in this process, and gone when the bus is closed."""
         options = self.options()
         return bool(options.get("inner", options["interface"]) == SIMULATED)
 
@@ -52,12 +52,12 @@ class Target:
 
 
 @contextmanager
-def connect(target: Target) -> Iterator[Device]:
-    """The drive of `target`; a simulated one is told of the machine that it moves.
+def open_drive(target: Target) -> Iterator[Device]:
+    """The drive of `target`, until the `with` ends. A simulated one gets the parameters of the machine that it moves.
 
     Raises BusError, NoAnswerError, ParameterError.
     """
     with connected(open_bus(target.options()), target.node_id) as device:
         if simulated(device.link.bus):
-            device.set_parameters(target.machine.parameters(target.seed))
+            device.parameters.set(target.machine.parameters(target.seed))
         yield device

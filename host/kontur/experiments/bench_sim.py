@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast control periods pass: the NumPy oracle of the tests, the library directly, and over CAN frames."""
+"""Speed of the simulation: the NumPy model (reference/oracle.py), the library, and the library over CAN frames."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from kontur.can.link import HEARTBEAT_S
-from kontur.drive import stream
-from kontur.drive.device import RUN_PATH, Device
-from kontur.drive.target import Target, connect
+from kontur.drive.device import Device
+from kontur.drive.knot_sender import begin_stream
+from kontur.drive.state_machine import RUN_PATH
+from kontur.drive.stream import stream
+from kontur.drive.target import Target, open_drive
 from kontur.errors import LibraryError
 from kontur.path import shapes
 from kontur.planning.bounds import limits
@@ -30,7 +32,7 @@ _PATH_S = 20.0
 def bench(target: Target) -> dict[str, Any]:
     """Control periods a second of the three, on the same circle (r 20 mm, 100 mm/s) under `ccu`, and their ratios.
 
-    Raises LibraryError: the oracle is not there, because this is not a checkout of the source.
+    Raises LibraryError: there is no oracle, since this is not a checkout of the source.
     """
     program = shapes.circle(0.020, 0.100, duration_s=_PATH_S)
     trajectory = plan(program, limits(target.machine))
@@ -45,7 +47,7 @@ def bench(target: Target) -> dict[str, Any]:
 
 
 def _oracle(trajectory: Trajectory) -> float:
-    """The same loop, servo and plant, stepped in NumPy."""
+    """Servo and plant of the NumPy model, stepped in Python."""
     spec = importlib.util.spec_from_file_location("oracle", ORACLE)
     if not ORACLE.exists() or spec is None or spec.loader is None:
         raise LibraryError(f"{ORACLE}: there is no oracle to compare with; run this in a checkout of the source")
@@ -60,30 +62,30 @@ def _oracle(trajectory: Trajectory) -> float:
 
 
 def _direct(trajectory: Trajectory, target: Target) -> float:
-    """The library, knots handed over by function call, time passing in whole chunks."""
+    """The library: knots by function call, many control periods in each call."""
     with _ready(trajectory, target) as device:
         assert isinstance(device.link.bus, KonturBus)
         sim = device.link.bus.sim
-        stream.begin(device, trajectory.knots_nm)
+        begin_stream(device, trajectory.knots_nm)
         knots_nm, chunk = trajectory.knots_nm, round(HEARTBEAT_S * sim.control_hz)
-        taken = sim.push_knots(knots_nm)
-        device.controlwords(RUN_PATH, RUN_PATH)
+        pushed = sim.push_knots(knots_nm)
+        device.axes.controlwords(RUN_PATH, RUN_PATH)
         begin, begin_s = sim.tick, time.perf_counter()
-        while taken < len(knots_nm):
+        while pushed < len(knots_nm):
             sim.run(chunk)
-            device.link.beat()
-            taken += sim.push_knots(knots_nm[taken:])
+            device.link.send_heartbeat()
+            pushed += sim.push_knots(knots_nm[pushed:])
         rate = (sim.tick - begin) / (time.perf_counter() - begin_s)
         while sim.recv() is not None:
-            pass  # telemetry that nobody has taken
+            pass  # discard the telemetry
         return rate
 
 
 def _over_can(trajectory: Trajectory, target: Target) -> float:
-    """The way of every run: knots and telemetry as CAN frames through python-can."""
+    """As in every run: knots and telemetry as CAN frames through python-can."""
     with _ready(trajectory, target) as device:
         begin, begin_s = device.link.time_s, time.perf_counter()
-        stream.stream(device, trajectory.knots_nm, before_start=device.link.record)
+        stream(device, trajectory.knots_nm, before_start=device.link.record_telemetry)
         periods = (device.link.time_s - begin) * float(device.read("clock.control_hz"))
         return periods / (time.perf_counter() - begin_s)
 
@@ -91,7 +93,7 @@ def _over_can(trajectory: Trajectory, target: Target) -> float:
 @contextmanager
 def _ready(trajectory: Trajectory, target: Target) -> Iterator[Device]:
     start = target.machine.starting_at(trajectory.program.start_m)
-    with connect(replace(target, bus=None, machine=start)) as device:
+    with open_drive(replace(target, bus=None, machine=start)) as device:
         device.select_controller("ccu")
-        with device.enabled():
+        with device.axes.enabled():
             yield device

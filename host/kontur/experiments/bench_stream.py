@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast and how surely knots are streamed: a circle around a point beside where the axes stand."""
+"""Speed and reliability of streaming: a circle next to the position of the axes."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from kontur.can.bad_bus import BadBus
 from kontur.drive.device import Device
-from kontur.drive.stream import stream
-from kontur.drive.target import Target, connect
+from kontur.drive.stream import Operator, stream
+from kontur.drive.target import Target, open_drive
 from kontur.errors import EmcyError, StreamError
 from kontur.path import shapes
 from kontur.planning.bounds import limits
@@ -37,18 +37,18 @@ def bench(
 
     `lost` are the knots that were not executed; `retransmitted` and `underruns` as counted on the two ends;
     `contour_mean_um`, `contour_max_um`: the contour error that the drive has estimated (2211h).
-    `checksum_ok`: the drive went through these knots, each once and in order; `error`: what it said if not; `warnings`:
+    `checksum_ok`: the drive executed these knots, each once and in order; `error`: the message if not; `warnings`:
     EMCY codes. In process the CPU time is the drive's, too. Raises BusError, DeviceError before the stream has begun;
     KeyboardInterrupt when the stop was requested.
     """
-    with _target(target) as target, connect(target) as device, device.enabled():
+    with _target(target) as target, open_drive(target) as device, device.axes.enabled():
         here_nm = np.array(device.position_nm())
         knots_nm = _circle(target, knots) + here_nm
         knots_nm = knots_nm.astype(np.int32)
         frames, cpu_s, begin_s = device.link.frames, time.process_time(), time.perf_counter()
         error, retransmitted = None, 0
         try:
-            result = stream(device, knots_nm, progress=progress, stop_requested=stop_requested)
+            result = stream(device, knots_nm, Operator(progress=progress, stop_requested=stop_requested))
             retransmitted = result.retransmitted
             if not result.completed:
                 raise KeyboardInterrupt
@@ -59,18 +59,18 @@ def bench(
         return {
             "bus": ":".join(str(target.options().get(name, "")) for name in ("interface", "channel")),
             "knots": len(knots_nm),
-            "lost": len(knots_nm) - int(device.confirmed("stream.executed")),
+            "lost": len(knots_nm) - int(device.read_stable("stream.executed")),
             "retransmitted": retransmitted,
-            "underruns": int(device.confirmed("stream.underruns")),
-            "checksum_ok": device.confirmed("stream.checksum") == zlib.crc32(knots_nm.astype("<i4").tobytes()),
-            "contour_mean_um": device.confirmed("path_error.mean") * 1e6,
-            "contour_max_um": device.confirmed("path_error.max") * 1e6,
+            "underruns": int(device.read_stable("stream.underruns")),
+            "checksum_ok": device.read_stable("stream.checksum") == zlib.crc32(knots_nm.astype("<i4").tobytes()),
+            "contour_mean_um": device.read_stable("path_error.mean") * 1e6,
+            "contour_max_um": device.read_stable("path_error.max") * 1e6,
             "seconds": seconds,
             "knots_per_s": len(knots_nm) / seconds,
             "frames": frames,
             "host_cpu_us_per_frame": cpu_s / frames * 1e6,
             "faults": _faults(device),
-            "warnings": device.warnings(),
+            "warnings": device.faults.warnings(),
             "error": error,
         }
 
@@ -93,7 +93,7 @@ def _target(target: Target) -> Iterator[Target]:
 
 
 def _circle(target: Target, knots: int) -> NDArray[np.int64]:
-    """Knots relative to the first one; to speed up and to slow down is among them."""
+    """Knots relative to the first one, with acceleration and deceleration."""
     allowed = limits(target.machine)
 
     def path(duration_s: float) -> NDArray[np.int32]:

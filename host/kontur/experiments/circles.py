@@ -16,7 +16,7 @@ from kontur.path import shapes
 from kontur.path.geometry import Program
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 
 LAP_S = 5.6
 
@@ -63,8 +63,7 @@ def paper(
                     trajectory,
                     controller,
                     replace(target, seed=seed),
-                    parameters=parameters,
-                    score_from_s=case.score_from_s,
+                    RunOptions(parameters=parameters or {}, score_from_s=case.score_from_s),
                 ).log
                 score = log.meta["score"]
                 progress()

@@ -5,26 +5,28 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-from kontur.drive.device import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS
+from kontur.drive.stream import Operator
 from kontur.drive.target import Target
 from kontur.errors import FileError
-from kontur.files import write_whole
+from kontur.files import write_atomically
 from kontur.path import programs
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
 from kontur.report.page import write_report
 from kontur.runs import log
 from kontur.runs.log import RunLog
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 from kontur.runs.summary import summary
 
 
 def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float], None]) -> list[RunLog]:
     """Run `file` under every controller; writes `out`/report.html, summary.json and the logs as CSV and MF4.
 
-    `progress` is called with what is being done and the share of it, 0 to 1. Raises what plan(), run() and the writers
+    `progress` is called with the name of a step and its share done, 0 to 1. Raises what plan(), run() and the writers
     raise.
     """
     try:
@@ -40,9 +42,8 @@ def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float],
     runs = []
     for name in CONTROLLERS:
         command = f"kontur run {file} --controller {name} --seed {target.seed}"
-        runs.append(
-            run(trajectory, name, target, command=command, progress=lambda share, name=name: progress(name, share)).log  # type: ignore[misc]
-        )
+        operator = Operator(progress=partial(progress, name))
+        runs.append(run(trajectory, name, target, RunOptions(command=command), operator).log)
     for i, one in enumerate(runs):
         progress("logs", i / len(runs))
         for suffix in ("csv", "mf4"):
@@ -50,5 +51,5 @@ def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float],
     progress("report", 0.0)
     write_report(out / "report.html", runs, command="make demo")
     figures = {str(one.meta["controller"]): summary(one) for one in runs}
-    write_whole(out / "summary.json", (json.dumps(figures, indent=2) + "\n").encode())
+    write_atomically(out / "summary.json", (json.dumps(figures, indent=2) + "\n").encode())
     return runs

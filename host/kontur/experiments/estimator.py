@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from kontur.drive.target import Target, connect
+from kontur.drive.target import Target, open_drive
 from kontur.machine import Machine
 from kontur.path import shapes
 from kontur.path.geometry import KNOT_S, Arc, Curve, FloatArray, Move, Program, Segment
@@ -104,7 +104,7 @@ def experiment(
 
     Half of the places are random, half where the curve bends most or the speed changes. Raises LibraryError.
     """
-    with connect(Target(machine=machine, num=num)) as device:
+    with open_drive(Target(machine=machine, num=num)) as device:
         head = {name: device.read(name) for name in ("build_id", "num_backend", "contour.lag_max")}
     drive_ms = round(head["contour.lag_max"])
     named = curves()

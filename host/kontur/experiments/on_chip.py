@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The machine that the drive simulates by itself (object 2103h) beside the simulator's: the same runs, no noise."""
+"""The machine that the drive itself simulates (`onchip_plant`), compared with the simulator's in runs without noise."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def compare(
     circles: Sequence[tuple[float, float]] = CIRCLES,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[dict[str, Any]]:
-    """How far apart the true positions are at the control rate, on one lap of each circle under `ccu`: a row each.
+    """Distance of the true positions at the control rate, on one lap of each circle under `ccu`: a row each.
 
     `machine` is one with the model "on_chip"; its force noise is left out, as it is drawn differently.
     """
@@ -58,5 +58,5 @@ def _positions(machine: Machine, num: str, radius_m: float, feed_mps: float) -> 
     target = Target(machine, num=num)
     truth = run(plan(shapes.circle(radius_m, feed_mps), limits(machine)), "ccu", target).truth
     if truth is None:
-        raise SimulatorError("the simulator tells no true positions")
+        raise SimulatorError("the bus does not offer the true positions")
     return truth.pos_m

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kontur.drive.device import CONTROLLERS
-from kontur.drive.target import Target, connect
+from kontur.drive.controllers import CONTROLLERS
+from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, ParameterError
 from kontur.experiments import estimator
 from kontur.experiments.circles import CASES
@@ -26,7 +26,7 @@ from kontur.machine import Machine
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs.log import RunLog
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 
 NUMS = ("f32", "fix")
 
@@ -181,8 +181,8 @@ def measure(
     """Run everything; the result does not depend on the number of processors. Raises what plan() and run() raise, but
     for runs that end in a fault: their outcome says so.
     """
-    with connect(target) as device:
-        defaults, build, num = device.dump(), str(device.read("build_id")), str(device.read("num_backend"))
+    with open_drive(target) as device:
+        defaults, build, num = device.parameters.dump(), str(device.read("build_id")), str(device.read("num_backend"))
     logged = {Job(case, name) for case in cases for name in CONTROLLERS}
     logged |= {Job(case, v.controller, v.parameters) for case in cases for v in variants if v.name == MU_FROM_0}
     jobs = dict.fromkeys(_jobs(cases, variants, sensitivities, defaults))
@@ -240,8 +240,10 @@ def _outcome(job: Job, target: Target, keep_log: bool) -> Outcome:
             _trajectory(job.case, machine),
             job.controller,
             dataclasses.replace(target, machine=machine),
-            parameters=dict(job.parameters if job.learning else (*_NO_LEARNING, *job.parameters)),
-            score_from_s=from_s,
+            RunOptions(
+                parameters=dict(job.parameters if job.learning else (*_NO_LEARNING, *job.parameters)),
+                score_from_s=from_s,
+            ),
         )
     except (DeviceError, ParameterError) as error:
         return Outcome(fault=str(error))
@@ -251,12 +253,13 @@ def _outcome(job: Job, target: Target, keep_log: bool) -> Outcome:
     rows = columns["time_s"] >= from_s
     figures = {name: float(log.meta["score"][name]) for name in ("mean_um", "max_um")}
     figures |= {"force_step_N": log.meta["force_step_N"], "energy_J": float(columns["energy_J"][-1])}
-    for name in ("e_n1", "e_n2"):
-        error_mm = np.abs(columns[f"{name}_um"][rows]) * 1e-3
+    for name, column in (("e_n1", "tangential_error_um"), ("e_n2", "contour_error_um")):
+        error_mm = np.abs(columns[column][rows]) * 1e-3
         figures |= {f"{name}_max_mm": float(np.max(error_mm)), f"{name}_mean_mm": float(np.mean(error_mm))}
-    for name in ("mu_1_mps2", "mu_2_mps2"):
-        known = columns[name][np.isfinite(columns[name])]
-        figures[f"{name}_end"] = float(known[-1]) if known.size else float("nan")
+    for i in (1, 2):
+        gain = columns[f"switching_gain_{i}_mps2"]
+        known = gain[np.isfinite(gain)]
+        figures[f"mu_{i}_mps2_end"] = float(known[-1]) if known.size else float("nan")
     if not keep_log:
         return Outcome(figures)
     at = np.rint(columns["time_s"] * log.meta["control_hz"]).astype(np.int64)

@@ -25,7 +25,7 @@ from kontur.path import shapes
 from kontur.path.geometry import Program
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Limits, Trajectory, plan
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 
 CONTROLLERS = ("ccu", "cascade", "ccc")
 DURATION_S = 2.0
@@ -208,7 +208,7 @@ def _with_force_limits(machine: Machine, trajectory: Trajectory) -> Machine:
 
 def _score(trajectory: Trajectory, controller: str, target: Target, parameters: dict[str, float]) -> dict[str, Any]:
     try:
-        log = run(trajectory, controller, target, parameters=parameters).log
+        log = run(trajectory, controller, target, RunOptions(parameters=parameters)).log
     except DeviceError as error:  # the drive tripped
         return {"mean_um": None, "max_um": None, "force_step_N": None, "unstable": str(error)}
     score, step_N = log.meta["score"], float(log.meta["force_step_N"])

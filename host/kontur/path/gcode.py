@@ -2,8 +2,8 @@
 """G-code to a program: the two-axis subset of RS-274 (LinuxCNC's reading of it), one block a line.
 
 Words: G0 G1 G2 G3 (X Y, I J or R, F), G4 P (seconds), G17, G20 G21, G61, G90 G91, G90.1 G91.1, M2 M30, N; comments in
-( ) and after `;`; `%` around the program. Upper or lower case, spaces anywhere. Whatever else there is is refused: a
-word that is skipped would cut another part than the one that was meant.
+( ) and after `;`; `%` around the program. Letters may be upper or lower case, and spaces may stand anywhere.
+Every other word is refused, since a program with a word skipped would cut another part.
 
 At the start: G17 G21 G61 G90 G91.1, no motion mode, no feed. F is in units (mm or inch) per minute. G0 goes on a
 straight line as fast as the machine may. An arc's start and end radii may differ by 0.005 mm or 0.1 % of the radius,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Read a program from a file, by its suffix."""
+"""Reads a program from a file, G-code or a table of points by its suffix. The command line and scripts use it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How fast each piece of a path may be followed so that both axes stay within their limits."""
+"""Limits of the axes, and the bounds of speed, acceleration and jerk for each piece of a path that follow from them."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from kontur.path.geometry import KNOT_S, Arc, Curve, Dwell, FloatArray, Line, Mo
 
 CORNER_RAD = 2e-3  # a change of direction beyond this is a corner, where the motion stops
 
-# Shares of the limits that are planned with: room for the spline's answer to jumps, and for rounding.
+# Shares of the limits that are planned with. They leave room for the spline's response to jumps, and for rounding.
 _VELOCITY_SHARE = 0.999
 _ACCELERATION_SHARE = 0.98
 _JERK_SHARE = 0.95
-_STEP_SHARE = 0.35  # of the acceleration may come at once, where curvature or direction jumps
-_BUILD_UP_S = 4.0 * KNOT_S  # the acceleration is not built up faster, which knots could not follow
+_STEP_SHARE = 0.35  # of the acceleration limit: greatest step, where curvature or direction jumps
+_BUILD_UP_S = 4.0 * KNOT_S  # shortest time to build up the acceleration: knots could not follow a shorter one
 _CENTRIPETAL_SHARE = 0.8  # of the acceleration may be centripetal; the rest is left for changes of speed
 _BEND_SHARE = 0.7  # of the jerk may come from following the bend at constant speed
 _TANGENTIAL_SHARES = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98)
-_KNOT_RAD = 0.2  # the path turns no more from one knot to the next
-_CELL_M = 2e-4  # samples of a curve are this far apart, or nearer where it turns more than _CELL_RAD between them
+_KNOT_RAD = 0.2  # greatest turn of the path from one knot to the next
+_CELL_M = 2e-4  # samples of a curve are this far apart, or closer where it turns more than _CELL_RAD between them
 _CELL_RAD = 0.05
 _CELLS_MAX = 1 << 17
 _RADIUS_MIN_M = 2e-6

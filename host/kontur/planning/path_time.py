@@ -23,8 +23,8 @@ _RATE_SMALL, _SLOPE_SMALL = 5e-6, 1.0 / 128.0
 def curve(wanted: Sequence[tuple[int, float]], end: int, stop_periods: float) -> tuple[_Floats, _Floats]:
     """Points (n,) of path time over time, both in control periods, from 0 to `end`; straight between them.
 
-    `wanted`: from which period on which rate was asked for, 0 to RATE_MAX, in order, the first one from period 0; 0
-    before the motion has begun is not meant. `stop_periods`: path_stop_time.
+    `wanted`: the commanded rates, 0 to RATE_MAX, each with the period from which on it holds, in order, the first one
+    from period 0 and above 0. `stop_periods`: path_stop_time.
     """
     rate, slope, path = wanted[0][1], 0.0, 0.0
     time, paths = [0], [0.0]
@@ -45,7 +45,7 @@ def curve(wanted: Sequence[tuple[int, float]], end: int, stop_periods: float) ->
 
 
 def _moved(rate: float, slope: float, goal: float, step: float) -> tuple[float, float]:
-    """One control period, `step` stop times long, towards `goal`: moved() of firmware/motion/path_clock.c."""
+    """One control period, `step` stop times long, towards `goal`; the same as in firmware/motion/path_clock.c."""
     gap = goal - rate
     change = _JERK_MAX * step
     landing = math.sqrt(change * change / 4.0 + 2.0 * _JERK_MAX * abs(gap)) - change / 2.0

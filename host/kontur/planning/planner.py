@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When to be where on the path: jerk-limited motion along a program, one spline knot a millisecond.
+"""The planner: jerk-limited motion along a program, one spline knot a millisecond.
 
 The path is cut at its corners, where the motion stops. Each stretch between stops is cut into pieces with constant
 bounds of speed, tangential acceleration and tangential jerk, tight enough that both axes stay within their limits
@@ -33,8 +33,8 @@ from kontur.planning.knots import POSITION_RANGE_M
 
 __all__ = ["Limits", "PlannerError", "Trajectory", "plan"]
 
-_HOLD_S = 2.0 * KNOT_S  # a stop: three equal control points in a row, so that the spline is at rest there
-_RING = 16  # knots over which the spline's answer to a step in acceleration dies down to nothing
+_STOP_S = 2.0 * KNOT_S  # a stop: three equal control points in a row, so that the spline is at rest there
+_RING = 16  # knots after which the spline's response to a step in acceleration has decayed
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _distance(program: Program, pieces: list[Piece], report: Callable[[float], N
     zero = np.zeros_like(j)
     duration = np.stack([zero, up, up_hold, up, cruise, down, down_hold, down], axis=1)
     jerk = np.stack([zero, j, zero, -j, zero, -j, zero, j], axis=1)
-    _rest(duration, np.flatnonzero(v0 == 0.0), rest)
+    _add_stops(duration, np.flatnonzero(v0 == 0.0), rest)
     total = float(np.sum(duration))
     if total > DURATION_MAX_S:
         raise PathError(
@@ -191,12 +191,12 @@ def _advanced(state: FloatArray, t: FloatArray, jerk: FloatArray) -> FloatArray:
     return np.stack([s + t * (v + t * (a + t * jerk / 3.0) / 2.0), v + t * (a + t * jerk / 2.0), a + t * jerk], axis=1)
 
 
-def _rest(duration: FloatArray, stops: npt.NDArray[np.intp], rest: FloatArray) -> None:
-    """Fill in the rest before each piece that starts with a stop, so that all stops end on a whole millisecond."""
+def _add_stops(duration: FloatArray, stops: npt.NDArray[np.intp], rest: FloatArray) -> None:
+    """Fill in the time of the stop before each piece that starts with one; all stops end at a multiple of 1 ms."""
     moving = np.add.reduceat(np.sum(duration, axis=1), stops)
     moving_before = np.append(0.0, moving[:-1]) / KNOT_S
     pad = np.ceil(moving_before - 1e-9) - moving_before
-    duration[stops, 0] = (np.ceil(rest[stops] / KNOT_S - 1e-9) + pad) * KNOT_S + _HOLD_S
+    duration[stops, 0] = (np.ceil(rest[stops] / KNOT_S - 1e-9) + pad) * KNOT_S + _STOP_S
 
 
 def _positions(moves: tuple[Move, ...], s: FloatArray, report: Callable[[float], None]) -> FloatArray:
@@ -214,7 +214,7 @@ def _positions(moves: tuple[Move, ...], s: FloatArray, report: Callable[[float],
 
 
 def _scheduled(program: Program) -> tuple[FloatArray, FloatArray]:
-    """Distances (n,) and points (n, 2) of a program that is one move with its own time law, with rests around it."""
+    """Distances (n,) and points (n, 2) of a program that is one move with its own time law, with stops around it."""
     if len(program.items) != 1 or program.moves[0].schedule is None:
         raise PathError(f"{program.name}: a move with a time law of its own must stand alone in its program")
     move = program.moves[0]
@@ -279,7 +279,7 @@ def _motion(control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _check(limits: Limits, control: FloatArray, s: FloatArray, pieces: list[Piece]) -> None:
-    """The planned motion, whatever the planner believes, is within the limits."""
+    """Check the planned motion against the limits, independently of the planner."""
     speed, acceleration, jerk = _motion(control)
     edge = np.cumsum([piece.length for piece in pieces])[:-1]
     jumps = np.searchsorted(s, edge[[piece.jump for piece in pieces[1:]]])

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from kontur.drive.scope import Capture, Signal
+from kontur.can.signals import Signal
+from kontur.drive.scope import Capture
 from kontur.errors import FileError
-from kontur.files import write_whole
+from kontur.files import write_atomically
 from kontur.runs.log import Mf4Channel, mf4_bytes
 
 SUFFIXES = (".png", ".svg", ".csv", ".mf4")
@@ -23,19 +24,19 @@ def save(capture: Capture, path: Path) -> None:
     if suffix not in SUFFIXES:
         raise FileError(path, f"must end in {', '.join(SUFFIXES)}")
     if suffix == ".csv":
-        write_whole(path, csv_text(capture).encode())
+        write_atomically(path, csv_text(capture).encode())
     elif suffix == ".mf4":
-        write_whole(path, _mf4_bytes(capture))
+        write_atomically(path, _mf4_bytes(capture))
     else:
         from kontur.report.scope_figure import picture  # brings matplotlib along
 
-        write_whole(path, picture(capture, suffix[1:]))
+        write_atomically(path, picture(capture, suffix[1:]))
 
 
 def csv_text(capture: Capture) -> str:
     """`# key: JSON` lines, a header row, one row a frame; time from the trigger."""
     head = ["# kontur scope 1", *(f"# {key}: {json.dumps(value)}" for key, value in _meta(capture).items())]
-    head.append(",".join(["period", "time_s", *(signal.column for signal in capture.signals)]))
+    head.append(",".join(["period", "time_s", *(signal.column_name for signal in capture.signals)]))
     period = capture.first_period + capture.periods * np.arange(len(capture.values))
     formats = ["%d", "%.6f", *(_number_format(signal) for signal in capture.signals)]
     out = io.StringIO()

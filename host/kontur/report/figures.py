@@ -85,16 +85,16 @@ class Entry:
     @property
     def error_um(self) -> Array:
         """True contour error, or the drive's estimate where the truth is not known."""
-        return self.log.columns["contour_um" if self.summary.truth else "e_n2_um"]
+        return self.log.columns["true_contour_error_um" if self.summary.truth else "contour_error_um"]
 
 
 def looks(controllers: Sequence[str]) -> list[tuple[str, str]]:
     """Colour and marker for each of `controllers`; a controller keeps its own, a second run of it gets another."""
-    spare = [*_MORE_LOOKS, *(look for name, look in _LOOKS.items() if name not in controllers)]
+    unused = [*_MORE_LOOKS, *(look for name, look in _LOOKS.items() if name not in controllers)]
     out: list[tuple[str, str]] = []
     for i, name in enumerate(controllers):
         fresh = name in _LOOKS and name not in controllers[:i]
-        out.append(_LOOKS[name] if fresh else spare[len(out) % len(spare)])
+        out.append(_LOOKS[name] if fresh else unused[len(out) % len(unused)])
     return out
 
 
@@ -181,17 +181,17 @@ def magnified(entries: Sequence[Entry]) -> Figure:
     """Two rows of pictures of the path with the error drawn on it along the normal: all at the scale of the worst
     controller, and each at a scale of its own. The scale stands over each picture."""
     rows = 1 if len(entries) == 1 else 2
-    whole = _longest(entries)
-    size = _extent(whole)
+    longest = _longest(entries)
+    size = _extent(longest)
     ratio = (size[1] + 0.5 * max(size)) / (size[0] + 0.3 * max(size))
     height = min(11.2 / len(entries) * ratio, 4.2 if rows == 1 else 3.4)
     figure = Figure(figsize=(11.2, rows * (height + 0.3)), layout="constrained")
     grid = figure.subplots(rows, len(entries), squeeze=False)
     common = _scale(entries, size)
     for axes, entry in zip(grid[0], entries, strict=True):
-        _magnified_panel(axes, entry, whole, common)
+        _magnified_panel(axes, entry, longest, common)
     for axes, entry in zip(grid[-1], entries, strict=True):
-        _magnified_panel(axes, entry, whole, _scale([entry], size))
+        _magnified_panel(axes, entry, longest, _scale([entry], size))
     return figure
 
 
@@ -256,8 +256,8 @@ def forces(entries: Sequence[Entry]) -> Figure | None:
 def gains(entries: Sequence[Entry]) -> Figure | None:
     """Adaptive gains over time, of the controllers that use them. None: of no run here."""
     quantities = (
-        ("k_{}_per_s", "contouring gain k̂, 1/s", ("track", "cc", "ccu")),
-        ("mu_{}_mps2", "uncertainty gain µ, m/s²", ("ccu",)),
+        ("adaptive_gain_{}_per_s", "adaptive gain k̂, 1/s", ("track", "cc", "ccu")),
+        ("switching_gain_{}_mps2", "switching gain µ, m/s²", ("ccu",)),
     )
     shown = []
     for name, text, users in quantities:
@@ -318,14 +318,14 @@ def overview(entries: Sequence[Entry]) -> Figure:
     best = entries[0]
     other = next((e for e in entries if e.log.meta["controller"] == "cascade"), entries[-1])
     shown = [best] if other is best else [other, best]
-    whole = _longest(entries)
-    scale = _scale(shown, _extent(whole))
+    longest = _longest(entries)
+    scale = _scale(shown, _extent(longest))
     figure = Figure(figsize=(11.2, 3.6), layout="constrained")
     panels = figure.subplots(1, 1 + len(shown), width_ratios=[1.2, *([1.0] * len(shown))])
     _draw_sizes(panels[0], entries)
     panels[0].set_xlabel(f"{_error_name(entries)}, µm (log): marker mean, bar 95 %, tip max")
     for axes, entry in zip(panels[1:], shown, strict=True):
-        _magnified_panel(axes, entry, whole, scale)
+        _magnified_panel(axes, entry, longest, scale)
     return figure
 
 
@@ -345,10 +345,9 @@ def thinned(time_s: Array, values: Array) -> NDArray[np.intp]:
     return np.unique(np.array(keep, dtype=np.intp))
 
 
-def _magnified_panel(axes: Any, entry: Entry, whole: RunLog, scale: int) -> None:
-    """The path of the log `whole` and on it the error, `scale` times, with a bar that says how long an error of so many
-    µm is drawn."""
-    _path(axes, whole, color=PATH, lw=1.4)
+def _magnified_panel(axes: Any, entry: Entry, longest: RunLog, scale: int) -> None:
+    """The path of the log `longest`, the error on it, magnified `scale` times, and a bar that shows the scale in µm."""
+    _path(axes, longest, color=PATH, lw=1.4)
     columns = entry.log.columns
     x, y = columns["reference_x_mm"], columns["reference_y_mm"]
     drawn = (columns["time_s"] >= entry.summary.from_s) & ~_rapid(entry.log)
@@ -358,8 +357,8 @@ def _magnified_panel(axes: Any, entry: Entry, whole: RunLog, scale: int) -> None
     away = scale * error * 1e-3
     axes.plot((x + away * normal[0])[keep], (y + away * normal[1])[keep], color=entry.colour, lw=0.8)
 
-    x, y = whole.columns["reference_x_mm"], whole.columns["reference_y_mm"]
-    size = max(_extent(whole))
+    x, y = longest.columns["reference_x_mm"], longest.columns["reference_y_mm"]
+    size = max(_extent(longest))
     left, low = float(np.min(x)), float(np.min(y))
     bar_um = _nice(0.25 * size * 1e3 / scale)
     bar_y = low - 0.27 * size

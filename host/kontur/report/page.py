@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from kontur.errors import LogError
-from kontur.files import write_whole
+from kontur.files import write_atomically
 from kontur.report import figures
 from kontur.report.figures import Entry, number
 from kontur.runs.log import RunLog
@@ -47,7 +47,7 @@ def write_report(
     """
     entries = _entries(runs)
     title = title or f"Contour report: {entries[0].log.meta['program']}"
-    write_whole(Path(path), _page(entries, title, command).encode())
+    write_atomically(Path(path), _page(entries, title, command).encode())
 
 
 def commands_of(runs: Sequence[RunLog]) -> list[str]:
@@ -64,7 +64,7 @@ def picture(path: str | Path, runs: Sequence[RunLog]) -> None:
     with figures.style():
         out = io.BytesIO()
         figures.overview(entries).savefig(out, format="png", dpi=160, metadata={"Software": None})
-    write_whole(Path(path), out.getvalue())
+    write_atomically(Path(path), out.getvalue())
 
 
 def _entries(runs: Sequence[RunLog]) -> list[Entry]:
@@ -217,7 +217,7 @@ def _name_cell(entry: Entry, best: bool) -> str:
 _NOTES = {
     "truth": "The true error is the distance of the simulated machine's true position to the programmed path, which "
     "neither the encoder nor the drive sees.",
-    "estimate": "There is no truth on a real drive: the error is the drive's own estimate e_n2 from its encoders, "
+    "estimate": "There is no truth on a real drive: the error is the drive's own estimate from its encoders, "
     "which does not see what the encoders do not see.",
     "mixed": "True errors and the drive's own estimates stand side by side here; the latter are marked and do not "
     "see what the encoders do not see.",

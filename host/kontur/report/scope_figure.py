@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from kontur.can.emcy import faults
-from kontur.drive.scope import Capture, Signal
+from kontur.can.signals import Signal
+from kontur.drive.scope import Capture
 from kontur.report.figures import FAINT, INK, style
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8a9099")

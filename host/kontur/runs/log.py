@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log of one run: what was run (`meta`) and one row a telemetry tick (`columns`), as CSV or MF4.
 
-`COLUMNS` is the only place where names, units and digits of the columns stand, `META` the same for what stands on top.
-A log holds no wall clock, so equal runs give equal files, byte for byte. CSV carries the digits of the table, MF4 the
-doubles themselves. A file appears under its name when it is whole, never before.
+`COLUMNS` has names, units and digits of all columns; those of the telemetry are the signals' (kontur.can.signals).
+`META` has the keys of `meta`. A log holds no wall clock, so equal runs give equal files, byte for byte. CSV carries the
+digits of the table, MF4 the doubles themselves. Files are written atomically.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kontur.can import signals
 from kontur.errors import FileError, LogError
-from kontur.files import write_whole
+from kontur.files import write_atomically
 
 if TYPE_CHECKING:
     from asammdf import MDF
@@ -44,34 +45,37 @@ class Column:
     required: bool = False
 
 
+_REQUIRED = ("tangential_error", "contour_error")
+
+
+def _measured(fast: bool) -> tuple[Column, ...]:
+    """The columns of the signals that the telemetry brings each millisecond, or less often."""
+    return tuple(
+        Column(s.column.name, s.column.unit, s.column.digits, s.description, required=s.name in _REQUIRED)
+        for s in signals.SIGNALS
+        if s.column is not None and s.telemetry is not None and (s.telemetry.period_ms == 1) == fast
+    )
+
+
 COLUMNS = (
     Column("tick", "ms", 0, "device tick (1 ms), unwrapped; a gap is a lost frame", required=True),
     Column("time_s", "s", 6, "time since the path began", required=True),
-    Column("e_n1_um", "um", 3, "drive's estimate: error along the path", required=True),
-    Column("e_n2_um", "um", 3, "drive's estimate: contour error, left of the path positive", required=True),
-    Column("x_mm", "mm", 6, "position by the encoder, x"),
-    Column("y_mm", "mm", 6, "position by the encoder, y"),
+    *_measured(fast=True),
     Column("reference_x_mm", "mm", 6, "trajectory at this time, x"),
     Column("reference_y_mm", "mm", 6, "trajectory at this time, y"),
     Column("rapid", "1", 0, "1 on a rapid move (G0), 0 on a feed move"),
-    Column("force_x_N", "N", 1, "force asked for, x"),
-    Column("force_y_N", "N", 1, "force asked for, y"),
-    Column("k_1_per_s", "1/s", 1, "adaptive contouring gain along the path"),
-    Column("k_2_per_s", "1/s", 1, "adaptive contouring gain across the path"),
-    Column("mu_1_mps2", "m/s^2", 3, "uncertainty gain along the path"),
-    Column("mu_2_mps2", "m/s^2", 3, "uncertainty gain across the path"),
-    Column("energy_J", "J", 3, "energy of both axes since power-on"),
-    Column("true_x_mm", "mm", 9, "true position of the simulated machine, x"),
-    Column("true_y_mm", "mm", 9, "true position of the simulated machine, y"),
-    Column("contour_um", "um", 6, "true contour error: distance to the programmed path, left of it positive"),
-    Column("tangential_um", "um", 6, "true error along the programmed path, behind is negative"),
+    *_measured(fast=False),
+    Column("true_position_x_mm", "mm", 9, "true position of the simulated machine, x"),
+    Column("true_position_y_mm", "mm", 9, "true position of the simulated machine, y"),
+    Column("true_contour_error_um", "um", 6, "true distance to the programmed path, positive on its left"),
+    Column("true_tangential_error_um", "um", 6, "true error along the programmed path, negative behind"),
 )
 
 META = {
     "program": "name of the part program or shape",
     "controller": "track, cc, ccu, cascade or ccc",
-    "status": "complete, interrupted, or fault: the rows end where the run did",
-    "fault": "what ended it",
+    "status": "complete, interrupted or fault: why the rows end",
+    "fault": "message of the fault that ended the run",
     "trajectory": "SHA-256 of the knots",
     "machine": "name of the machine, or of the bus of a real drive",
     "plant": "the simulated machine's values",
@@ -81,10 +85,10 @@ META = {
     "control_hz": "control periods a second",
     "parameters": "the drive's parameters, name to value",
     "frames_lost": "telemetry frames that did not arrive",
-    "accepted": "knots the drive took",
-    "rejected": "knot frames the drive did not take, by reason",
+    "accepted": "knots that the drive accepted",
+    "rejected": "knot frames that the drive rejected, by reason",
     "command": "the command that makes this run again",
-    "score": "scoring.Score of the whole run at the control rate, by field",
+    "score": "kontur.runs.scoring.Score of the run at the control rate, by field",
     "force_max_N": "greatest force of an axis at the control rate",
     "force_step_N": "mean change of force from one control period to the next",
 }
@@ -124,14 +128,14 @@ class RunLog:
     @property
     def has_truth(self) -> bool:
         """Whether the true contour error is known, that is, the machine was simulated."""
-        return "contour_um" in self.columns
+        return "true_contour_error_um" in self.columns
 
 
 def write(run: RunLog, path: str | Path) -> None:
     """Write CSV or MF4, by the suffix of `path`. Raises LogError: another suffix; FileError."""
     path = Path(path)
     content = _mf4_bytes(run) if _suffix(path) == ".mf4" else csv_text(run).encode()
-    write_whole(path, content)
+    write_atomically(path, content)
 
 
 def read(path: str | Path) -> RunLog:
@@ -208,7 +212,7 @@ class Mf4Channel:
 
 def mf4_bytes(kind: str, meta: Mapping[str, Any], group: str, time_s: Array, channels: Sequence[Mf4Channel]) -> bytes:
     """An MF4 file of one group of `channels` over `time_s`; `meta` is its comment. Equal contents give equal bytes."""
-    from asammdf import MDF, Signal  # takes half a second: only who uses MF4 pays
+    from asammdf import MDF, Signal  # importing it takes half a second
     from asammdf.blocks.v4_blocks import FileHistory
 
     mdf = MDF(version="4.10")
@@ -234,7 +238,7 @@ def mf4_bytes(kind: str, meta: Mapping[str, Any], group: str, time_s: Array, cha
 def _parse_mf4(content: bytes, path: Path) -> RunLog:
     mdf = _open_mf4(content)
     if mdf is None:
-        raise FileError(path, "is not an MF4 file, or not a whole one")
+        raise FileError(path, "is not an MF4 file, or an incomplete one")
     try:
         meta = json.loads(mdf.header.description)
         signals = [mdf.get(name, group=0) for name in mdf.channels_db if name in _BY_NAME and name != "tick"]
@@ -251,9 +255,9 @@ def _open_mf4(content: bytes) -> MDF | None:
     from asammdf import MDF
 
     mdf = None
-    with suppress(Exception):  # whatever its parsing meets
+    with suppress(Exception):  # its parser raises many kinds
         mdf = MDF(io.BytesIO(content))
-    if mdf is None:  # its destructor stumbles over what its constructor could not read, and would print that
+    if mdf is None:  # the destructor fails on a file that the constructor could not read, and would print that
         hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
         gc.collect()
         sys.unraisablehook = hook
@@ -269,10 +273,10 @@ def _checked(meta: dict[str, Any], columns: dict[str, Array], path: Path, line: 
 
 def _meta_problem(meta: object) -> str | None:
     if not isinstance(meta, Mapping):
-        return "nothing says what was run"
+        return "there is no head that describes the run"
     missing = [key for key in REQUIRED_META if key not in meta]
     if missing:
-        return f"nothing says {', '.join(missing)} of the run"
+        return f"the head lacks {', '.join(missing)}"
     if meta["status"] not in STATUS:
         return f"status is {meta['status']!r}, not one of {', '.join(STATUS)}"
     return None

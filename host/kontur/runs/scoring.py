@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Truth scoring: how far the machine really was from the programmed path.
+"""Scoring: the true distance of a simulated machine from the programmed path.
 
 Measured against the lines, arcs and ideal shapes of the program itself, in double precision. Nothing here comes from
-the firmware, the planner or its spline: what they get wrong shows up in the score.
+the firmware, the planner or its spline, so their errors show in the score.
 
-The foot point of a true position q is the nearest point of the path *near the expected path position s*, so that the
-other branch of a crossing or the lap before is not taken for the present one. With d = |q - c(s)| the foot is at most
+The foot point of a true position q is the closest point of the path in a neighbourhood of the expected path position s,
+so that it is not on the other branch of a crossing or on the lap before. With d = |q - c(s)| the foot is at most
 2 d away from c(s); the search covers 4 d of path on either side, which allows for bends up to an arc of twice its chord
 without a distance to be chosen by anyone.
 """
@@ -83,16 +83,16 @@ def contour_error(program: Program, position_m: Array, path_s_m: Array) -> Conto
         while True:
             inside = (piece >= 0) & (piece < len(pieces.end_s))
             rows, piece = rows[inside], piece[inside]
-            near = (pieces.start_s[piece] <= high_s[rows]) & (pieces.end_s[piece] >= low_s[rows])
-            near |= piece == home[rows]
-            rows, piece = rows[near], piece[near]
+            reached = (pieces.start_s[piece] <= high_s[rows]) & (pieces.end_s[piece] >= low_s[rows])
+            reached |= piece == home[rows]
+            rows, piece = rows[reached], piece[reached]
             if not rows.size:
                 break
             start_s = pieces.start_s[piece]
             low = np.clip(low_s[rows] - start_s, 0.0, pieces.length[piece])
             high = np.clip(high_s[rows] - start_s, 0.0, pieces.length[piece])
-            near_s = np.clip(expected_s[rows] - start_s, low, high)
-            foot = pieces.foot(piece, position_m[rows], low, high, near_s)
+            guess_s = np.clip(expected_s[rows] - start_s, low, high)
+            foot = pieces.foot(piece, position_m[rows], low, high, guess_s)
             best.offer(rows, position_m[rows], pieces, piece, foot)
             piece = piece + step
     return ContourError(best.normal, best.foot_s - expected_s, best.foot_s)
@@ -184,15 +184,15 @@ class _Pieces:
             point[rows], tangent[rows], _ = curve.evaluate(s[rows])
         return point, tangent
 
-    def foot(self, piece: Index, q_m: Array, low: Array, high: Array, near: Array) -> Array:
-        """Foot points of `q_m` (n, 2) on `piece` between `low` and `high`, for an arc within half a lap of `near`."""
-        point, tangent = self.evaluate(piece, near)
+    def foot(self, piece: Index, q_m: Array, low: Array, high: Array, guess: Array) -> Array:
+        """Foot points of `q_m` (n, 2) on `piece` between `low` and `high`, for an arc within half a lap of `guess`."""
+        point, tangent = self.evaluate(piece, guess)
         bend = self.bend[piece]
         along = np.sum((q_m - point) * tangent, axis=1)
         angle = np.arctan2(bend * along, 1.0 - bend * _cross(tangent, q_m - point))
-        foot = near + np.divide(angle, bend, out=along, where=bend != 0.0)
+        foot = guess + np.divide(angle, bend, out=along, where=bend != 0.0)
         for rows, curve in self._curved(piece):
-            foot[rows] = curve.foot(q_m[rows], low[rows], high[rows], near[rows])
+            foot[rows] = curve.foot(q_m[rows], low[rows], high[rows], guess[rows])
         return np.asarray(np.clip(foot, low, high))
 
     def side_tangent(self, piece: Index, s: Array, tangent: Array) -> Array:
@@ -227,9 +227,9 @@ class _FastCurve:
         speed = np.maximum(_length(first), np.finfo(float).tiny)
         return point, first / speed[:, None], _cross(first, second) / speed**3
 
-    def foot(self, q_m: Array, low: Array, high: Array, near: Array) -> Array:
-        """Root of (q - c(s)) . c'(s) by Newton from `near`, kept between `low` and `high` by bisection."""
-        s, low, high = near.copy(), low.copy(), high.copy()
+    def foot(self, q_m: Array, low: Array, high: Array, guess: Array) -> Array:
+        """Root of (q - c(s)) . c'(s) by Newton from `guess`, confined between `low` and `high` by bisection."""
+        s, low, high = guess.copy(), low.copy(), high.copy()
         active = np.arange(s.size)
         for turn in range(_NEWTON_MAX):
             now = s[active]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run comes to, computed from its log: the figures that are printed, kept and compared."""
+"""The summary of a run, computed from its log: mean, RMS and greatest contour error, energy, forces."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ SUMMARY = {
     "force_step_N": "step N",
     "frames_lost": "lost",
 }
-"""The figures of a run that are printed and kept, with the headings of their columns."""
+"""The figures of a run that are printed and saved, with the headings of their columns."""
 
 _SCORES = ("mean_um", "rms_um", "max_um", "tangential_mean_um")  # as in the `score` of a log
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run comes to. `truth`: errors are distances of the true position to the programmed path; otherwise the
+    """The figures of a run. `truth`: errors are distances of the true position to the programmed path; otherwise the
     drive's own estimates. None: not known. `worst_*` is where the greatest error was; scored from `from_s`."""
 
     mean_um: float
@@ -47,16 +47,20 @@ class Summary:
 
 
 def summarise(run: RunLog) -> Summary:
-    """What a run comes to: its `score` at the control rate if the log carries one, else from the rows of the log; the
-    drive's own estimate if there is no truth. Raises LogError: no row with a known error."""
+    """The figures of a run: its `score` at the control rate if the log has one, else from the rows of the log.
+
+    Without truth they are of the drive's own estimate. Raises LogError: no row with a known error.
+    """
     columns, meta = run.columns, run.meta
-    error = columns["contour_um" if run.has_truth else "e_n2_um"]
-    along = columns.get("tangential_um", columns["e_n1_um"]) if run.has_truth else columns["e_n1_um"]
+    error = columns["true_contour_error_um" if run.has_truth else "contour_error_um"]
+    along = columns["tangential_error_um"]
+    if run.has_truth:
+        along = columns.get("true_tangential_error_um", along)
     known = np.flatnonzero(np.isfinite(error))
     if not known.size:
         raise LogError(f"{meta['program']}, {meta['controller']}: no row of the log has a contour error")
     worst = known[np.argmax(np.abs(error[known]))]
-    x, y = (_at(columns.get(f"reference_{axis}_mm", columns.get(f"{axis}_mm")), worst) for axis in "xy")
+    x, y = (_at(columns.get(f"reference_{axis}_mm", columns.get(f"position_{axis}_mm")), worst) for axis in "xy")
     score: dict[str, Any] = {
         "mean_um": float(np.mean(np.abs(error[known]))),
         "rms_um": float(np.sqrt(np.mean(error[known] ** 2))),
@@ -87,7 +91,7 @@ def summarise(run: RunLog) -> Summary:
 
 
 def summary(log: RunLog) -> dict[str, Any]:
-    """The figures of a run that are printed and kept: SUMMARY, name to value, None where not known."""
+    """The figures of SUMMARY of a run, name to value; None where not known."""
     values = summarise(log)
     return {name: getattr(values, name) for name in SUMMARY}
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated drive as a python-can bus: `can.Bus(interface="kontur", channel="sim", seed=1)`.
 
-Time of the device passes inside recv() only, by as much as its timeout allows ("lockstep"), so that a run needs no
-thread and is the same each time. Clients that receive in a thread of their own (can.Notifier) want `pace="clock"`:
-then the device's time passes in recv() too, but never faster than the wall clock. With `pace="sync"` it passes with
-SYNC alone, as that of `kontur sim --pace sync` and of the image in an emulator does (docs/protocol.md, Time).
+With `pace="lockstep"`, the default, the drive's time passes inside recv() only, by as much as its timeout allows. So a
+run needs no thread and is the same each time. Clients that receive in a thread of their own (can.Notifier) need
+`pace="clock"`: the drive's time passes in recv() too, but never faster than the wall clock. With `pace="sync"` it
+passes with SYNC alone, like that of `kontur sim --pace sync` and of the image in QEMU (docs/protocol.md, Time).
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ from kontur.machine import Machine
 from kontur.sim.library import Sim
 
 PATIENCE_S = 3600.0
-"""Device time after which a recv() without timeout gives up."""
+"""Time of the drive after which a recv() without timeout returns None."""
 
 PACES = ("lockstep", "clock", "sync")
 
 _CLOCK_SLICE_S = 1e-3
-_WIRE_S = 2e-4  # that a frame, and one that it answers, take at 1 Mbit/s
+_WIRE_S = 2e-4  # that a frame and its answer take at 1 Mbit/s
 
 
 class KonturBus(SimulatedBus):
-    """See the module. `machine` is a Machine or the name of a file; `sim` gives the truth that no frame carries; the
-    drive has been on for `on_for_ms` when the host comes.
+    """A bus to a simulated drive. `machine` is a Machine or the name of a file; `sim` is the simulated drive itself.
+
+    The drive has been on for `on_for_ms` when the bus is opened.
 
     Raises can.CanInitializationError when the simulator cannot be started.
     """
@@ -65,19 +66,19 @@ class KonturBus(SimulatedBus):
         self._wire_free_s = 0.0
         self._by_sync = pace == "sync"
         self.sim.run(on_for_ms * self.sim.control_hz // 1000)
-        while on_for_ms and self.sim.recv() is not None:  # nobody was there to hear it
+        while on_for_ms and self.sim.recv() is not None:  # frames of the time before the bus was opened
             pass
         self.sim.set_paced(self._by_sync)
         super().__init__(channel=channel, can_filters=can_filters)
 
     @property
     def time_s(self) -> float:
-        """Time of the device since power-on."""
+        """Time of the drive since power-on."""
         return self.sim.tick / self.sim.control_hz
 
     @property
     def by_clock(self) -> bool:
-        """Whether the device's time keeps up with the wall clock, whatever the host does."""
+        """Whether the drive's time follows the wall clock, whatever the host does."""
         return self._clock_start_s is not None
 
     def start_recording(self) -> int:
@@ -92,19 +93,19 @@ class KonturBus(SimulatedBus):
         return self.sim.truth()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Hand a frame to the device, which handles it at once; by the wall clock, after its time on a wire."""
+        """Send a frame, which the drive handles in this call; with pace "clock", after its time on a wire."""
         with self._lock:
             if self.by_clock:
-                self._take_wire_time()
+                self._wait_for_wire()
             if msg.is_extended_id or msg.is_fd or not self.sim.send(msg.arbitration_id, msg.data, msg.is_remote_frame):
                 raise can.CanOperationError("the simulated drive takes classic frames with 11-bit identifiers only")
             if self._by_sync and not msg.is_remote_frame:
                 self.sim.run(self.sim.periods_of(msg.arbitration_id))
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The oldest frame; without one, the device's time passes until a frame comes or `timeout` is over.
+        """The oldest frame; without one, the drive's time passes until a frame comes or `timeout` is over.
 
-        Where time passes with SYNC none can come while this waits: None at once.
+        With pace "sync" no frame can come in this call, so it returns None without waiting.
         """
         patience_s = 0.0 if self._by_sync else PATIENCE_S if timeout is None else max(0.0, timeout)
         end_tick = self.sim.tick + math.ceil(patience_s * self.sim.control_hz)
@@ -134,8 +135,8 @@ class KonturBus(SimulatedBus):
         super().shutdown()
         self.sim.close()
 
-    def _take_wire_time(self) -> None:
-        """Not sooner after the last frame, either way, than it would come on a wire, and in the drive's time of now."""
+    def _wait_for_wire(self) -> None:
+        """Wait until a wire would be free after the last frame, and let the drive's time pass until now."""
         time.sleep(max(0.0, self._wire_free_s - time.monotonic()))
         self.sim.run(self._periods_to(self.sim.tick + self.sim.control_hz))
         self._note_frame(self.sim.tick)

@@ -4,8 +4,8 @@
     with start(IMAGE) as emulator, open_bus(emulator.options()) as bus:
         ...
 
-QEMU ends with the block. It has no CAN controller, no DAC and no watchdog, and its timers know no encoders: there the
-drive's axes stand at zero, unless the machine is simulated on the drive (object 2103h).
+QEMU ends with the block. It has no CAN controller, no DAC and no watchdog, and its timers read no encoders. So the
+axes stand at zero, unless the machine is simulated on the drive (`onchip_plant`).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Emulator:
         return {"interface": "slcan", "channel": f"socket://127.0.0.1:{self.port}", "sleep_after_open": 0}
 
     def messages(self) -> str:
-        """What QEMU has had to say so far."""
+        """The messages of QEMU so far."""
         self._stderr.seek(0)
         return self._stderr.read().decode(errors="replace").strip()
 
@@ -55,7 +55,7 @@ def _listening(stack: ExitStack) -> socket.socket:
 
 
 def _wait_for(port: int) -> None:
-    """Until the image answers an empty line. What comes before its serial port is set up is lost."""
+    """Wait until the image answers an empty line. Bytes before its serial port is set up are lost."""
     end_s = time.monotonic() + _START_S
     with socket.create_connection(("127.0.0.1", port), _START_S) as serial:
         serial.settimeout(_ANSWER_S)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The in-process target: firmware and simulated machine as a shared library, made by `make lib` (sim/kontur_sim.h)."""
+"""Firmware and simulated machine as a shared library, made by `make lib` (sim/kontur_sim.h).
+
+kontur.sim.bus makes a python-can bus of it. Experiments that need no bus use it directly.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ def truth_of(rows: Any) -> Truth:
 
 @dataclass(frozen=True)
 class Frame:
-    """A frame that the device sent at control period `tick` since power-on."""
+    """A frame that the drive sent at control period `tick` since power-on."""
 
     id: int
     data: bytes
@@ -74,7 +77,7 @@ class Sim:
         self._ks = self._lib.ks_new(c_machine, seed, node_id)
         if self._ks == self._ffi.NULL:
             raise LibraryError(
-                f"the simulator does not start: node id {node_id} must be 1..31, and memory must suffice"
+                f"the simulator does not start: node id {node_id} must be 1..31, and there must be enough memory"
             )
         self._frame = self._ffi.new("struct ks_frame *")
         self._data = self._ffi.buffer(self._ffi.addressof(self._frame, "data"), 8)
@@ -96,12 +99,12 @@ class Sim:
         return tick
 
     def send(self, can_id: int, data: bytes | bytearray, rtr: bool = False) -> bool:
-        """Give the device a frame; False when it is not a classic frame with an 11-bit id."""
+        """Send the drive a frame; False when it is not a classic frame with an 11-bit identifier."""
         accepted: bool = self._lib.ks_send(self._ks, can_id, rtr, len(data), bytes(data)) == 0
         return accepted
 
     def recv(self) -> Frame | None:
-        """Take the oldest frame the device has sent, None when there is none."""
+        """The oldest frame that the drive has sent, None when there is none."""
         frame = self._frame
         if not self._lib.ks_recv(self._ks, frame):
             return None
@@ -117,7 +120,7 @@ class Sim:
         self._lib.ks_run(self._ks, periods)
 
     def set_paced(self, by_sync: bool) -> None:
-        """Let the drive tell (2020h:4) whether its time passes with SYNC, which is then the caller's to do."""
+        """Set `clock.pace` of the drive: whether its time passes with SYNC. The caller then runs it at each SYNC."""
         self._lib.ks_set_paced(self._ks, by_sync)
 
     def periods_of(self, can_id: int) -> int:
@@ -131,7 +134,7 @@ class Sim:
         self._lib.ks_start_schedule(self._ks)
 
     def record(self, on: bool) -> None:
-        """Take the truth of each period from now on, dropping what was taken before; or stop taking it."""
+        """Record the truth of each period from now on, discarding an older record; or stop recording."""
         self._lib.ks_record(self._ks, on)
 
     def truth(self) -> Truth:
@@ -141,10 +144,10 @@ class Sim:
         return truth_of(self._ffi.buffer(data, count * _DOUBLES_PER_ROW * 8) if count else b"")
 
     def push_knots(self, knots_nm: NDArray[np.int32]) -> int:
-        """Hand knots (n, 2) to the queue without the wire; returns how many were taken."""
+        """Put knots (n, 2) into the queue without the bus; returns how many were accepted."""
         knots = np.ascontiguousarray(knots_nm, dtype=np.int32)
-        taken: int = self._lib.ks_push_knots(self._ks, self._ffi.from_buffer("int32_t *", knots), len(knots))
-        return taken
+        accepted: int = self._lib.ks_push_knots(self._ks, self._ffi.from_buffer("int32_t *", knots), len(knots))
+        return accepted
 
     def _text(self, pointer: Any) -> str:
         return bytes(self._ffi.string(pointer)).decode()
@@ -184,6 +187,6 @@ def estimate(
     doubles = [ffi.from_buffer("double *", array) for array in (time_s, position, e_n_m)]
     if lib.ks_estimate(ffi.from_buffer("int32_t *", knots), len(knots), newton, lag_max_ms, time_s.size, *doubles):
         raise ValueError(
-            f"{len(knots)} knots, lag up to {lag_max_ms} ms; 1 to 1024 knots and 1 to 1000 ms can be taken"
+            f"{len(knots)} knots, lag up to {lag_max_ms} ms; there must be 1 to 1024 knots, and 1 to 1000 ms"
         )
     return e_n_m

@@ -34,7 +34,7 @@ _END_S = 30.0
 
 @dataclass
 class SimProcess:
-    """A simulated drive that answers; `interface` and `channel` are python-can's."""
+    """A simulated drive that is ready; `interface` and `channel` are python-can's."""
 
     process: subprocess.Popen[bytes]
     interface: str
@@ -47,7 +47,7 @@ class SimProcess:
         return options | ({"sleep_after_open": 0} if self.interface == "slcan" else {})
 
     def messages(self) -> str:
-        """What the process has had to say so far."""
+        """The messages of the process so far."""
         return _text(self._stderr)
 
     def end(self) -> None:
@@ -104,7 +104,7 @@ def start(
         with process:
             try:
                 assert process.stdin is not None
-                with suppress(BrokenPipeError), process.stdin as stdin:  # it has ended: its message says why
+                with suppress(BrokenPipeError), process.stdin as stdin:  # it has ended; its message says why
                     stdin.write(plain_machine(plant).encode())
                 interface, channel = _ready(process, stderr)
                 sim = SimProcess(process, interface, channel, stderr)
@@ -120,7 +120,7 @@ def plain_machine(machine: Machine) -> str:
 
 
 def read_record(file: Path) -> Truth:
-    """What `record` wrote: row i is of control period i since power-on. Raises FileError."""
+    """The truth that `record` wrote: row i is of control period i since power-on. Raises FileError."""
     try:
         return truth_of(file.read_bytes())
     except (OSError, ValueError) as error:
@@ -128,7 +128,7 @@ def read_record(file: Path) -> Truth:
 
 
 def _ready(process: subprocess.Popen[bytes], stderr: IO[bytes]) -> tuple[str, str]:
-    """Interface and channel that the process says it answers on."""
+    """Interface and channel on which the process is ready, as it prints them."""
     assert process.stdout is not None
     with selectors.DefaultSelector() as selector:
         selector.register(process.stdout, selectors.EVENT_READ)
@@ -143,5 +143,5 @@ def _ready(process: subprocess.Popen[bytes], stderr: IO[bytes]) -> tuple[str, st
 
 
 def _text(file: IO[bytes]) -> str:
-    # The process writes through the same file description: its place is not to be moved.
+    # The process writes through the same file description, whose position must not move.
     return os.pread(file.fileno(), os.fstat(file.fileno()).st_size, 0).decode(errors="replace")

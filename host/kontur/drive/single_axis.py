@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One axis at a time: jogging (profile velocity) and homing of an enabled drive, as CiA 402 has them."""
+"""Jogging (profile velocity mode) and homing of an enabled drive, as CiA 402 defines them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from kontur.drive.device import ENABLE, RUN_PATH, Device
+from kontur.drive.device import Device
+from kontur.drive.state_machine import ENABLE, RUN_PATH
 from kontur.errors import DeviceError
 
 AXES = ("x", "y")
@@ -22,11 +23,11 @@ METHODS = {
 index pulse off it; the next index pulse in negative or positive direction."""
 
 _VELOCITY, _HOMING = 3, 6
-_STANDS = _ATTAINED = 1 << 12
+_STANDS = _ATTAINED = 1 << 12  # of the statusword: in profile velocity mode, and in homing mode
 _FAILED = 1 << 13
 _LIMITED = 1 << 11
 _MODE_TIMEOUT_S = 2.0
-_LOOK_S = 0.005
+_POLL_S = 0.005
 
 
 def jog(
@@ -37,33 +38,33 @@ def jog(
 ) -> bool:
     """Move the axes named in `velocity_mps` for `duration_s`, then let them slow down; returns when they stand.
 
-    They stop before, when `stop_requested` returns True, or at a soft limit or limit switch: the result is False then.
+    Returns False when they stopped before: at a soft limit or limit switch, or since `stop_requested` returned True.
     The drive must be enabled. Raises DeviceError (NoAnswerError, EmcyError), ParameterError.
     """
     targets = {f"target_velocity_{axis}": value * 1e6 for axis, value in velocity_mps.items()}
-    _take_mode(device, velocity_mps, _VELOCITY)
+    _change_mode(device, velocity_mps, _VELOCITY)
     try:
         for name, value in targets.items():
             device.write(name, value)
         end_s = device.link.time_s + duration_s
-        undisturbed = True
-        while undisturbed and device.link.time_s < end_s:
-            device.link.wait(lambda: False, min(_LOOK_S, end_s - device.link.time_s))
-            device.check()
+        moving_freely = True
+        while moving_freely and device.link.time_s < end_s:
+            device.link.wait(lambda: False, min(_POLL_S, end_s - device.link.time_s))
+            device.faults.check()
             blocked = all(
-                device.axis_status(axis) & (_LIMITED | _STANDS) == _LIMITED | _STANDS for axis in velocity_mps
+                device.axes.status(axis) & (_LIMITED | _STANDS) == _LIMITED | _STANDS for axis in velocity_mps
             )
-            undisturbed = not stop_requested() and not blocked
+            moving_freely = not stop_requested() and not blocked
     finally:
         for name in targets:
             device.write(name, 0)
-    slowest_s = max(_slowing_s(device, axis, abs(value)) for axis, value in velocity_mps.items())
+    slowest_s = max(_deceleration_time_s(device, axis, abs(value)) for axis, value in velocity_mps.items())
     device.wait(
-        lambda: all(device.axis_status(axis) & _STANDS for axis in velocity_mps),
+        lambda: all(device.axes.status(axis) & _STANDS for axis in velocity_mps),
         slowest_s + 2.0,
-        "does not stop its jog",
+        "does not stop jogging",
     )
-    return undisturbed
+    return moving_freely
 
 
 def home(device: Device, axis: str, stop_requested: Callable[[], bool] = lambda: False) -> bool:
@@ -76,14 +77,14 @@ def home(device: Device, axis: str, stop_requested: Callable[[], bool] = lambda:
     speed = {which: device.read(f"homing_speed_{axis}.{which}") * 1e3 for which in ("search", "zero")}  # nm/s
     reach_nm = limit["max"] - limit["min"]
     longest_s = 10.0 + reach_nm / speed["search"] + 2.0 * reach_nm / speed["zero"]
-    _take_mode(device, (axis,), _HOMING)
+    _change_mode(device, (axis,), _HOMING)
     device.write(f"controlword_{axis}", RUN_PATH)
     end_s = device.link.time_s + longest_s
     try:
         while True:
-            device.link.wait(lambda: False, _LOOK_S)
-            device.check()
-            status = device.axis_status(axis)
+            device.link.wait(lambda: False, _POLL_S)
+            device.faults.check()
+            status = device.axes.status(axis)
             if status & _FAILED:
                 raise DeviceError(
                     f"axis {axis} has found no home point within its travel; check the limit switches and the index "
@@ -99,17 +100,17 @@ def home(device: Device, axis: str, stop_requested: Callable[[], bool] = lambda:
         device.write(f"controlword_{axis}", ENABLE)
 
 
-def _take_mode(device: Device, axes: Mapping[str, float] | tuple[str, ...], mode: int) -> None:
+def _change_mode(device: Device, axes: Mapping[str, float] | tuple[str, ...], mode: int) -> None:
     for axis in axes:
         device.write(f"mode_{axis}", mode)
     end_s = device.link.time_s + _MODE_TIMEOUT_S
     while any(device.read(f"mode_display_{axis}") != mode for axis in axes):
         if device.link.time_s > end_s:
-            raise DeviceError(f"the drive does not change to mode {mode}; it does so at standstill only")
-        device.link.wait(lambda: False, _LOOK_S)
-    device.link.wait(lambda: False, 2 * _LOOK_S)  # until the statuswords are those of the mode
+            raise DeviceError(f"the drive does not change to mode {mode}; it changes at standstill only")
+        device.link.wait(lambda: False, _POLL_S)
+    device.link.wait(lambda: False, 2 * _POLL_S)  # until the statuswords are those of the mode
 
 
-def _slowing_s(device: Device, axis: str, speed_mps: float) -> float:
+def _deceleration_time_s(device: Device, axis: str, speed_mps: float) -> float:
     deceleration_mps2: float = device.read(f"profile_deceleration_{axis}") * 1e-6
     return speed_mps / deceleration_mps2

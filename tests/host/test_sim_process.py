@@ -18,7 +18,7 @@ from kontur import machine as machines
 from kontur.can import link, wire
 from kontur.can.bus import open_bus
 from kontur.drive.device import Device, connected
-from kontur.drive.stream import stream
+from kontur.drive.stream import Operator, stream
 from kontur.drive.target import Target
 from kontur.errors import DeviceError, LibraryError, NoAnswerError, SimulatorError
 from kontur.machine import Machine
@@ -27,7 +27,7 @@ from kontur.path.geometry import Line, Move, Program
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
 from kontur.runs import log
-from kontur.runs.runner import run
+from kontur.runs.runner import RunOptions, run
 from kontur.sim import process as sim_process
 from kontur.sim.library import Sim
 from kontur.sim.process import PROGRAM, SimProcess, plain_machine, start
@@ -153,7 +153,7 @@ def test_short_path_by_the_wall_clock(sim: SimProcess, machine: Machine) -> None
         device.link.node.sdo[0x1016][1].raw = (
             wire.HOST_NODE_ID << 16 | 60_000
         )  # ms that a busy machine may be silent for
-        with device.enabled():
+        with device.axes.enabled():
             assert stream(device, plan(there, limits(machine)).knots_nm).completed
 
 
@@ -166,7 +166,7 @@ def by_sync() -> Iterator[SimProcess]:
 def test_time_stands_still_without_sync_and_sdos_take_none(by_sync: SimProcess) -> None:
     with connected(open_bus(by_sync.options()), 1) as device:
         assert device.link.by_device_time
-        device.dump()
+        device.parameters.dump()
         assert device.read("clock.tick") == 0
         device.link.wait(lambda: False, 0.25)
         assert device.read("clock.tick") == 250
@@ -186,9 +186,9 @@ def test_each_sync_lets_the_communication_cycle_pass(by_sync: SimProcess) -> Non
 def test_longer_cycles_are_followed(by_sync: SimProcess) -> None:
     with connected(open_bus(by_sync.options()), 1) as device:
         device.write("sync_period", 10_000)
-    with connected(open_bus(by_sync.options()), 1) as device, device.enabled():
+    with connected(open_bus(by_sync.options()), 1) as device, device.axes.enabled():
         before_s = device.link.time_s
-        device.link.pump(0.0)
+        device.link.poll(0.0)
         assert device.link.time_s == pytest.approx(before_s + 0.01)
 
 
@@ -206,7 +206,9 @@ def test_circle_over_tcp_is_as_good_as_in_process(machine: Machine) -> None:
     in_process = run(trajectory, "ccu", Target(machine)).log
     assert over_tcp.meta["frames_lost"] == 0
     assert len(over_tcp.columns["tick"]) == len(in_process.columns["tick"])
-    assert np.abs(over_tcp.columns["e_n2_um"]).max() < 2.0 * np.abs(in_process.columns["e_n2_um"]).max()
+    assert (
+        np.abs(over_tcp.columns["contour_error_um"]).max() < 2.0 * np.abs(in_process.columns["contour_error_um"]).max()
+    )
 
 
 def test_two_runs_paced_by_sync_give_equal_bytes(machine: Machine, tmp_path: Path) -> None:
@@ -216,7 +218,9 @@ def test_two_runs_paced_by_sync_give_equal_bytes(machine: Machine, tmp_path: Pat
         with start(slcan_tcp=port, pace="sync", record=tmp_path / f"{name}.truth") as process:
             port = process.channel.rpartition(":")[2]  # the log has the name of the channel
             target = Target(machine, bus=process.options())
-            log.write(run(trajectory, "ccu", target, approach=limits(machine)).log, tmp_path / f"{name}.csv")
+            log.write(
+                run(trajectory, "ccu", target, RunOptions(approach=limits(machine))).log, tmp_path / f"{name}.csv"
+            )
         logs.append((tmp_path / f"{name}.csv").read_bytes())
         truths.append((tmp_path / f"{name}.truth").read_bytes())
     assert logs[0] == logs[1]
@@ -256,11 +260,11 @@ def test_sync_rounds_hold_on_a_bad_bus(by_sync: SimProcess, machine: Machine) ->
     with connected(open_bus(by_sync.options()), 1) as device:
         bus = _BadBus(device.link.bus)
         late_ms: list[int] = []
-        with device.enabled():
+        with device.axes.enabled():
             streamed = stream(
                 device,
                 plan(there, limits(machine)).knots_nm,
-                progress=lambda share: late_ms.append(bus.syncs - round(device.link.time_s * 1e3)),
+                Operator(progress=lambda share: late_ms.append(bus.syncs - round(device.link.time_s * 1e3))),
             )
         assert streamed.completed
         assert 0 < max(late_ms) < 20
@@ -271,22 +275,17 @@ def test_silence_of_a_drive_paced_by_sync_is_an_error(by_sync: SimProcess, monke
     with connected(open_bus(by_sync.options()), 1) as device:
         monkeypatch.setattr(device.link.bus, "recv", lambda timeout: None)
         with pytest.raises(NoAnswerError, match="is silent"):
-            device.link.pump(1.0)
+            device.link.poll(1.0)
 
 
 HOST_THAT_IS_KILLED = """
 import sys
-from kontur import machine, shapes
-from kontur.planner import plan
-from kontur.run import Target, limits, run
+import kontur
 
-table = machine.load()
-run(
-    plan(shapes.circle(0.005, 0.01), limits(table)),
-    "ccu",
-    Target(table, bus={"interface": "slcan", "channel": sys.argv[1]}),
-    progress=lambda share: share > 0.6 and print("half way", flush=True),
-)
+table = kontur.load_machine()
+operator = kontur.Operator(progress=lambda share: share > 0.6 and print("half way", flush=True))
+circle = kontur.plan(kontur.shapes.circle(0.005, 0.01), kontur.limits(table))
+kontur.run(circle, "ccu", kontur.Target(table, bus={"interface": "slcan", "channel": sys.argv[1]}), operator=operator)
 """
 
 
@@ -314,9 +313,9 @@ def test_host_killed_on_the_way_stops_the_drive_on_the_path(machine: Machine, tm
 
 def test_drive_notices_by_the_heartbeat_that_its_client_has_gone(sim: SimProcess) -> None:
     with connected(open_bus(sim.options()), 1) as device:
-        device.enable()
+        device.axes.enable()
     with connected(open_bus(sim.options()), 1) as device:
-        device.link.rest()  # this client sends none
+        device.link.stop_heartbeat()  # this client sends none
         assert device.link.wait(lambda: device.read("error_code_x") == 0x8130, TIMEOUT_S)
 
 
@@ -364,7 +363,7 @@ def test_port_in_use_is_said_with_the_remedy(sim: SimProcess) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--num", "f64"], "there are f32, fix and chk"),
+        (["--num", "f64"], "choose f32, fix or chk"),
         (["--node", "32"], "--node 32: must be a whole number 1..31"),
         (["--seed", "-1"], "--seed -1: must be a whole number"),
         (["--slcan-tcp", "70000"], "--slcan-tcp 70000: must be"),

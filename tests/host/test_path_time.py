@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from direct_drive import FEED_OVERRIDE, HALT, KNOT, MACHINE, Drive
 
-from kontur.drive.device import RUN_PATH
+from kontur.drive.state_machine import RUN_PATH
 from kontur.path import shapes
 from kontur.planning import path_time, planner
 from kontur.planning.bounds import limits

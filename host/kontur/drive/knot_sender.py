@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sender of a stream: go-back-N with credit, so that a bus that loses frames loses no knot.
+
+docs/protocol.md, Streaming knots, has the rules. The drive reports in TPDO1 how many knots it has accepted and how many
+more it has room for. A knot that was sent and is not accepted within the time of flight counts as lost, and everything
+from it on is sent again. kontur.drive.stream uses it; tests drive it step by step.
+
+TPDO1 has no checksum beyond that of CAN, so no decision depends on a single one. A wrong count is corrected by the next
+one, and the state is read by SDO before anything is done about it.
+"""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kontur.can import wire
+from kontur.drive.device import Device
+from kontur.errors import DeviceError, StreamError
+
+FLIGHT_MAX_S, FLIGHT_MIN_S = 0.02, 0.002
+"""Bounds of the time of flight: from the sending of a knot to the TPDO1 that acknowledges it, when neither is lost.
+Between them it follows from the SDO round trips. A line that is slower than the host adds the time for which knots have
+been seen to wait before it."""
+
+WINDOW = 63
+"""Greatest number of knots on their way. Their numbers are modulo 256. A corrupted count in TPDO1 can release as many
+knots as are on their way. It takes four such counts in a row until two knots on their way have equal numbers."""
+
+IDLE, FILLING, RUNNING, STOPPING, DONE, STOPPED = range(6)
+"""States of a stream (`stream.state`)."""
+
+_NUMBERS = 256
+_BURST = 16
+_QUEUED_MAX_S = 0.5  # half of what the drive's queue holds
+_SILENCE_S = 2.0  # a bus that is off recovers sooner, and then the drive reports what happened meanwhile
+_BEGIN, _ABORT, _RESUME = 1, 2, 3
+_BEGIN_ATTEMPTS = 5
+
+
+def begin_stream(device: Device, knots_nm: NDArray[np.int32]) -> None:
+    """Open the drive's queue for a stream of `knots_nm` (N, 2), and read back that it is open for these.
+
+    Raises DeviceError when the drive does not stand at the first.
+    """
+    x, y = start_nm(knots_nm)
+    if device.read_stable("stream.state") not in (IDLE, DONE):
+        device.write("stream.command", _ABORT)  # a stream that was stopped, or is another master's
+    for _ in range(_BEGIN_ATTEMPTS):
+        device.write("stream.total", len(knots_nm))
+        device.write("stream.start_x", x)
+        device.write("stream.start_y", y)
+        try:
+            device.write("stream.command", _BEGIN)
+        except DeviceError:
+            device.faults.check()  # where a fault is the reason, its message says more
+            raise
+        state, accepted, *end = (
+            device.read_stable(f"stream.{name}") for name in ("state", "accepted", "end_x", "end_y")
+        )
+        if state == FILLING and accepted == 0 and end == [x, y]:
+            return
+    raise StreamError("the drive does not open its queue for the path; does the bus corrupt frames?")
+
+
+def resume_stream(device: Device, knots_nm: NDArray[np.int32]) -> int:
+    """Open the drive's queue again for the rest of `knots_nm` (N, 2); returns how many knots it has.
+
+    Raises StreamError: the drive stopped on another path, or cannot resume.
+    """
+    if device.read_stable("stream.state") != STOPPED:
+        raise StreamError(
+            "the drive cannot go on with the path: it did not stop on it, or the axes were moved since; plan anew from "
+            "where they stand"
+        )
+    accepted, executed = (int(device.read_stable(f"stream.{name}")) for name in ("accepted", "executed"))
+    total, checksum = (int(device.read_stable(f"stream.{name}")) for name in ("total", "checksum"))
+    known = zlib.crc32(np.ascontiguousarray(knots_nm[:executed], dtype="<i4").tobytes())
+    if total != len(knots_nm) or accepted > total or checksum != known:
+        raise StreamError(f"the drive has left another path than this one, at knot {executed} of {total}")
+    device.write("stream.command", _RESUME)
+    return accepted
+
+
+def start_nm(knots_nm: NDArray[np.int32]) -> tuple[int, int]:
+    """The position that a stream of `knots_nm` (N, 2) starts from."""
+    return (int(knots_nm[0, 0]), int(knots_nm[0, 1]))
+
+
+class KnotSender:
+    """Keeps the drive's queue filled with `knots_nm` (N, 2), of a new stream or of one that is resumed.
+
+    `accepted`: knots that the drive is known to have accepted, of `total`; `retransmitted`: knot frames sent again.
+    """
+
+    def __init__(self, device: Device, knots_nm: NDArray[np.int32], resume: bool = False) -> None:
+        self.device = device
+        self.accepted = resume_stream(device, knots_nm) if resume else 0
+        self.retransmitted = 0
+        self._knots_nm = knots_nm
+        self._frames = wire.pack_knots(knots_nm, start_nm(knots_nm))
+        self.total = len(knots_nm)
+        self._sent = self._ever_sent = self.accepted  # the next knot to send, and the greatest one that was sent
+        self._sent_s = [0.0] * _NUMBERS  # of the knots on their way, by number
+        self._sent_once = self.accepted  # from this knot on, each was sent once only
+        self._end_checked = False
+        self._cob_id = wire.RPDO2 + device.link.node_id
+        if not resume:
+            begin_stream(device, knots_nm)
+        self._room = int(device.read_stable("stream.free"))
+        self._credit = self.accepted + min(self._room, WINDOW)
+        self._flight_s = min(FLIGHT_MAX_S, FLIGHT_MIN_S + 2.0 * device.link.round_trip_s)
+        self._queued_s = 0.0
+        self._seen = device.link.status_count
+        self._heard_s = self._accepted_s = device.link.time_s
+
+    def fill(self) -> None:
+        """Send until the queue is full, or has the last knot. Raises StreamError when the drive accepts no knot."""
+        goal = min(self.accepted + self._room, self.total)
+        while self.accepted < goal:
+            self.advance()
+            if self.device.link.time_s - self._accepted_s > _SILENCE_S:
+                raise StreamError(
+                    f"the drive has accepted no knot for {_SILENCE_S:g} s: does the bus lose all frames to it?"
+                )
+
+    def advance(self) -> None:
+        """Send what there is credit for, at most one burst, then wait a little for the drive's answer.
+
+        Raises EmcyError when the drive reports a fault, StreamError when it has fallen silent.
+        """
+        link, device = self.device.link, self.device
+        now_s = link.time_s
+        limit = min(self._credit, self.total)
+        for i in range(self._sent, min(self._sent + _BURST, limit)):
+            link.send(self._cob_id, self._frames[8 * i : 8 * i + 8])
+            self._sent_s[i % _NUMBERS] = now_s
+            self._sent = i + 1
+        self._ever_sent = max(self._ever_sent, self._sent)
+        link.poll(1e-3 if self._sent < limit else FLIGHT_MAX_S)
+        link.handle_pending()  # by an old status, knots would seem lost that have arrived meanwhile
+        device.faults.check()
+        if link.status_count != self._seen:
+            self._seen = link.status_count
+            before_s, self._heard_s = self._heard_s, link.time_s
+            self._handle_status(before_s)
+        elif link.time_s - self._heard_s > _SILENCE_S:
+            raise StreamError(f"the drive has sent no status for {_SILENCE_S:g} s: is the bus still there?")
+
+    def _handle_status(self, before_s: float) -> None:
+        """Acknowledge knots by the latest TPDO1, and go back if one was lost. The one before came at `before_s`."""
+        status = self.device.link.status
+        assert status is not None
+        newly = (status.accepted - self.accepted + 0x8000 & 0xFFFF) - 0x8000
+        if not -WINDOW <= newly <= self._ever_sent - self.accepted:
+            return  # corrupted, or not of this stream
+        self.accepted += newly  # negative if the count before was corrupted
+        if newly > 0:
+            self._accepted_s = self._heard_s
+            if self.accepted > self._sent_once:  # the last of them was still on its way at `before_s`
+                queued_s = before_s - self._sent_s[(self.accepted - 1) % _NUMBERS]
+                self._queued_s = min(max(queued_s, 0.0), _QUEUED_MAX_S)
+        self._sent = max(self._sent, self.accepted)
+        self._credit = self.accepted + min(status.free, WINDOW)
+        if newly <= 0 and self.accepted < self._sent:
+            # What is sent again waits before a slow line, too. Four times that wait, so that it does not count as lost.
+            way_s = self._flight_s + 4.0 * self._queued_s
+            if self._heard_s - self._sent_s[self.accepted % _NUMBERS] > way_s:
+                self.retransmitted += self._sent - self.accepted
+                self._sent_once = max(self._sent_once, self._sent)
+                self._sent = self.accepted
+        if self.accepted == self.total and not self._end_checked:
+            self._check_last_knot()
+
+    def _check_last_knot(self) -> None:
+        self.accepted = int(self.device.read_stable("stream.accepted"))
+        if self.accepted != self.total:
+            return
+        self._end_checked = True
+        got = (self.device.read_stable("stream.end_x"), self.device.read_stable("stream.end_y"))
+        want = (int(self._knots_nm[-1, 0]), int(self._knots_nm[-1, 1]))
+        if got != want:
+            self.device.axes.stop_path()
+            raise StreamError(f"the drive's last knot is {got} nm instead of {want} nm: the stream was corrupted")
