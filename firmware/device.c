@@ -12,7 +12,7 @@
 #define KONTUR_VERSION "0.0.0"
 #endif
 
-enum { MOST_BEHIND_MS = 5000 }; /* more than writing the flash takes */
+enum { MOST_BEHIND_MS = 5000 }; /* writing the flash is quicker */
 
 static void report(struct device *device, const struct servo_snapshot *s)
 {
@@ -23,7 +23,7 @@ static void report(struct device *device, const struct servo_snapshot *s)
     }
 }
 
-_Static_assert(FAULTS + CO_ERRORS_OF_NODE <= CO_ERRORS, "an error that has no room is not told");
+_Static_assert(FAULTS + CO_ERRORS_OF_NODE <= CO_ERRORS, "there must be room for every error");
 
 static void announce_fault(struct device *device, unsigned f, bool in_effect)
 {
@@ -56,7 +56,7 @@ static void announce(struct device *device)
     }
 }
 
-/* What is new about the controller's own state is a fault; resetting it takes notice of it. */
+/* A condition of the microcontroller itself is a fault when it is new; after a reset it is not new any more. */
 static void check_health(struct device *device)
 {
     static const struct {
@@ -193,7 +193,7 @@ static bool store_node(void *ctx)
 static void on_heartbeat_lost(void *ctx)
 {
     struct device *device = ctx;
-    command_guard_lost(&device->drive.command_guard);
+    command_guard_holder_silent(&device->drive.command_guard);
     if (drive_powered(&device->drive)) {
         drive_fault(&device->drive, FAULT_HEARTBEAT);
         step(device, 0);
@@ -269,7 +269,7 @@ void device_poll(struct device *device)
         command_guard_drained(&device->drive.command_guard, drive_now(&device->drive));
     }
     const uint32_t published = atomic_load(&device->drive.loop.published);
-    if (published - device->ms > MOST_BEHIND_MS) { /* no background is so late: the count has changed by itself */
+    if (published - device->ms > MOST_BEHIND_MS) { /* the background is never so late: a bit has flipped */
         servo_loop_raise(&device->drive.loop, FAULT_MEMORY);
         device->ms = published - 1u;
     }
@@ -278,8 +278,8 @@ void device_poll(struct device *device)
         report(device, servo_loop_snapshot(&device->drive.loop));
         check_health(device);
         step(device, 0);
-        if (command_guard_ended(&device->drive.command_guard, drive_powered(&device->drive),
-                                drive_now(&device->drive))) {
+        if (command_guard_expire(&device->drive.command_guard, drive_powered(&device->drive),
+                                 drive_now(&device->drive))) {
             co_watch_heartbeat(&device->node, 0);
         }
         co_tick_ms(&device->node);

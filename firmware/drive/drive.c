@@ -123,7 +123,7 @@ static bool command_intact(const struct drive *d)
 {
     const struct servo_loop_command *c = &d->loop.command;
     bool intact = atomic_load(&c->controller) == d->od->controller.select &&
-                  atomic_load(&c->configured) == d->configured && atomic_load(&c->begin) == d->path.begin;
+                  atomic_load(&c->configured) == d->configured && atomic_load(&c->stream) == d->path.stream;
     for (int i = 0; i < 2; i++) {
         intact = intact && atomic_load(&c->powered[i]) == (d->powered[i] ? SERVO_LOOP_ON : SERVO_LOOP_OFF) &&
                  (!d->powered[i] || servo_loop_simulated(&d->loop) == cfg_in_use(d)->onchip_plant.simulated);
@@ -172,9 +172,9 @@ static void restore_memory(struct drive *d)
         atomic_store(&d->loop.command.powered[i], SERVO_LOOP_OFF);
     }
     atomic_store(&d->loop.command.controller, d->od->controller.select);
-    atomic_store(&d->loop.command.begin, d->path.begin);
+    atomic_store(&d->loop.command.stream, d->path.stream);
     d->faults = 0; /* they may have been the bit */
-    if (!d->integrity.lost) {
+    if (!d->integrity.corrupt) {
         drive_configure(d, false);
     }
 }
@@ -194,11 +194,11 @@ static uint32_t find_faults(struct drive *d, const struct drive_in *in)
     const struct fault_monitor_in monitor = {.od = d->od,
                                              .snapshot = &d->loop.snapshot,
                                              .powered = d->powered,
-                                             .refused = d->enable_refused,
-                                             .store_lost = in->parameters_invalid};
+                                             .enable_refused = d->enable_refused,
+                                             .parameters_invalid = in->parameters_invalid};
     return fault_monitor_step(&d->fault_monitor, &monitor) | atomic_load(&d->loop.faults) |
            (queue->open && queue->outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u) |
-           (queue->open && queue->sharp ? FAULT_BIT(FAULT_KNOT_ACCELERATION) : 0u) |
+           (queue->open && queue->over_acceleration ? FAULT_BIT(FAULT_KNOT_ACCELERATION) : 0u) |
            (stream_on_switch(d) ? FAULT_BIT(FAULT_LIMIT_SWITCH) : 0u);
 }
 

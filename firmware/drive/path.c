@@ -50,9 +50,9 @@ static void restart(struct path *p)
 {
     struct servo_loop_command *c = &p->loop->command;
     atomic_store(&c->complete, false);
-    atomic_store(&c->rest, false);
-    p->begin++;
-    atomic_store(&c->begin, p->begin);
+    atomic_store(&c->may_end, false);
+    p->stream++;
+    atomic_store(&c->stream, p->stream);
     p->progress.current = false;
 }
 
@@ -234,7 +234,7 @@ uint32_t path_command(struct path *p, const struct od_data *od, const struct pat
 static void report_end(struct path *p)
 {
     const bool complete = queue_complete(&p->queue);
-    atomic_store(&p->loop->command.rest, !complete && p->queue.total == 0 && queue_ends_standing(&p->queue));
+    atomic_store(&p->loop->command.may_end, !complete && p->queue.total == 0 && queue_ends_standing(&p->queue));
     if (complete) {
         atomic_store(&p->loop->command.complete, true);
     }

@@ -3,7 +3,7 @@
  *
  * The knots of a path come from the master, as knot frames (2201h) or interpolation data records (60C1h), or from the
  * profiles of the modes of operation (motion/axis_modes.h). This module begins, suspends and ends the path, and writes the
- * command words of the tick that belong to it: begin, complete, rest, origin_nm.
+ * command words of the tick that belong to it: stream, complete, may_end, origin_nm.
  *
  * Context: background. drive.c calls it in drive_step() and for requests of the master; device.c hands knots over.
  */
@@ -19,7 +19,7 @@ struct path {
     struct axis_modes modes;
     struct servo_loop *loop;
     struct path_progress progress; /* as read last */
-    uint32_t begin;                /* loop->command.begin as it is to be */
+    uint32_t stream;               /* loop->command.stream as it is to be */
     struct knot suspended_at;      /* where a suspended path stands */
 };
 

@@ -31,7 +31,7 @@ void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const st
     for (uint16_t i = 0; i < od_table_len; i++) {
         m->parameters = add_entry(m->parameters, od, &od_table[i]);
     }
-    m->lost = m->lost && !all;
+    m->corrupt = m->corrupt && !all;
 }
 
 bool integrity_intact(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od)
@@ -41,9 +41,9 @@ bool integrity_intact(struct integrity *m, const void *cfg, size_t bytes, const 
         m->at++;
     }
     if (m->at >= od_table_len) {
-        m->lost = m->lost || m->sum != m->parameters;
+        m->corrupt = m->corrupt || m->sum != m->parameters;
         m->sum = 0;
         m->at = 0;
     }
-    return !m->lost && sum_of(cfg, bytes) == m->cfg;
+    return !m->corrupt && sum_of(cfg, bytes) == m->cfg;
 }

@@ -17,7 +17,7 @@ struct integrity {
     uint32_t cfg, parameters; /* checksums when they were set */
     uint32_t sum;             /* of the parameters before od_table[at] */
     uint16_t at;
-    bool lost; /* a parameter has changed by itself: until all of them are set anew */
+    bool corrupt; /* a parameter has changed by itself: until all of them are set anew */
 };
 
 /* Configuration (cfg, `bytes` of it, a multiple of 4) and parameters have just been set. all: every parameter has, by a

@@ -371,7 +371,7 @@ static void test_stream_does_not_end_at_speed(void)
         give(0, x / 2, y / 2);
         TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(1, x, y));
         TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(2, x, y));
-        TEST_ASSERT_TRUE(queue.sharp && !queue_complete(&queue));
+        TEST_ASSERT_TRUE(queue.over_acceleration && !queue_complete(&queue));
         TEST_ASSERT_EQUAL_UINT32(1, stream.rejected_range);
         queue_begin(&queue, origin, 3);
         queue_limit_acceleration(&queue, 100);
