@@ -162,10 +162,10 @@ static struct axis_mode_in axis_mode_in(const struct path *p, const struct path_
 void path_step_modes(struct path *p, struct od_data *od, const struct path_axis axis[2], bool may_run)
 {
     const bool powered[2] = {axis[0].powered, axis[1].powered};
-    const struct axis_modes_in in = {.od = od,
-                                     .path = &p->progress,
-                                     .path_may_run = may_run,
-                                     .axis = {axis_mode_in(p, &axis[0], 0), axis_mode_in(p, &axis[1], 1)}};
+    struct axis_modes_in in = {.od = od, .path = &p->progress, .path_may_run = may_run};
+    for (int i = 0; i < 2; i++) {
+        in.axis[i] = axis_mode_in(p, &axis[i], i);
+    }
     struct axis_modes_out out;
     axis_modes_step(&p->modes, &in, &out);
     if (out.hold) {
