@@ -3,6 +3,8 @@
 
 #include <stddef.h>
 
+#include "drive/configuration.h"
+
 #ifndef KONTUR_BUILD_ID
 #define KONTUR_BUILD_ID "unknown"
 #endif
@@ -10,18 +12,18 @@
 #define KONTUR_VERSION "0.0.0"
 #endif
 
-enum { MOST_BEHIND_MS = 5000 }; /* more than writing the flash takes */
+enum { MOST_BEHIND_MS = 5000 }; /* writing the flash is quicker */
 
 static void report(struct device *device, const struct servo_snapshot *s)
 {
     struct od_data *od = &device->od;
-    telemetry_report(od, s, drive_position(&device->drive).nm);
+    telemetry_report(od, s, path_position(&device->drive.path).nm);
     for (int i = 0; i < 2; i++) {
         od->axis[i].ip_buffer.position = (uint16_t)(od->stream.accepted - od->stream.executed);
     }
 }
 
-_Static_assert(FAULTS + CO_ERRORS_OF_NODE <= CO_ERRORS, "an error that has no room is not told");
+_Static_assert(FAULTS + CO_ERRORS_OF_NODE <= CO_ERRORS, "there must be room for every error");
 
 static void announce_fault(struct device *device, unsigned f, bool in_effect)
 {
@@ -54,7 +56,7 @@ static void announce(struct device *device)
     }
 }
 
-/* What is new about the controller's own state is a fault; resetting it takes notice of it. */
+/* A condition of the microcontroller itself is a fault when it is new; after a reset it is not new any more. */
 static void check_health(struct device *device)
 {
     static const struct {
@@ -83,33 +85,36 @@ static void check_health(struct device *device)
     device->od.crash.count = h.crash.count;
 }
 
-static void follow(struct device *device)
+/* One step of the drive, and what it changes for the master. Bit 0, 1 of `received`: a controlword of axis 0, 1 has come. */
+static void step(struct device *device, unsigned received)
 {
-    device->drive.store_lost = settings_invalid(&device->settings);
-    device->drive.node_warns = co_emcy_of_node(&device->node);
-    drive_poll(&device->drive);
+    const struct drive_in in = {.received = received,
+                                .parameters_invalid = settings_invalid(&device->settings),
+                                .node_warns = co_emcy_of_node(&device->node)};
+    drive_step(&device->drive, &in);
     announce(device);
 }
+
+/* ---- PDOs ---- */
 
 static void on_rpdo(void *ctx, unsigned number)
 {
     struct device *device = ctx;
-    const unsigned received = (co_rpdo_carries(&device->node, number, 0x6040) ? 1u : 0u) |
-                              (co_rpdo_carries(&device->node, number, 0x6840) ? 2u : 0u);
+    const struct od_axis *axis = device->od.axis;
+    const unsigned received = (co_rpdo_carries(&device->node, number, OBJ_CONTROLWORD_X) ? 1u : 0u) |
+                              (co_rpdo_carries(&device->node, number, OBJ_CONTROLWORD_Y) ? 2u : 0u);
     if (received != 0) {
-        drive_command(&device->drive, received);
-        follow(device);
+        step(device, received);
     }
-    if (co_rpdo_carries(&device->node, number, 0x2201)) {
-        const enum queue_result result = drive_knot(&device->drive, &device->od.knot);
-        if (result != QUEUE_TAKEN && result != QUEUE_NOT_OPEN) {
-            co_tpdo_send(&device->node, 1); /* tell at once what is expected next */
+    if (co_rpdo_carries(&device->node, number, OBJ_KNOT)) {
+        const enum queue_result result = path_knot(&device->drive.path, &device->od.knot);
+        if (result != QUEUE_ACCEPTED && result != QUEUE_NOT_OPEN) {
+            co_tpdo_send(&device->node, 1); /* it says which knot is expected next */
         }
     }
-    if (co_rpdo_carries(&device->node, number, 0x68C1)) {
-        const struct od_axis *axis = device->od.axis;
-        if (axis_modes_record(&device->drive,
-                              (struct knot){{axis[0].ip_record.position, axis[1].ip_record.position}}) != 0) {
+    if (co_rpdo_carries(&device->node, number, OBJ_IP_RECORD_Y)) {
+        const struct knot record = {{axis[0].ip_record.position, axis[1].ip_record.position}};
+        if (drive_record(&device->drive, record) != SDO_OK) {
             co_tpdo_send(&device->node, 1);
         }
     }
@@ -119,82 +124,40 @@ static void on_tpdo(void *ctx, unsigned number)
 {
     struct device *device = ctx;
     for (int i = 0; i < 2; i++) {
-        if (co_tpdo_carries(&device->node, number, (uint16_t)(0x6041 + i * 0x800))) {
-            drive_told(&device->drive, i);
+        if (co_tpdo_carries(&device->node, number, i == 0 ? OBJ_STATUSWORD_X : OBJ_STATUSWORD_Y)) {
+            drive_statusword_sent(&device->drive, i);
         }
     }
 }
 
-/* Whether the parameters would still fit together with this one changed */
-static uint32_t fits(struct od_data *od, const struct od_entry *entry, int64_t value)
+/* ---- objects by SDO ---- */
+
+static uint32_t before_write(void *ctx, const struct od_entry *entry, int64_t value)
 {
-    const int64_t now = od_read(od, entry);
-    od_write(od, entry, value);
-    const bool fit = configuration_fits(od);
-    od_write(od, entry, now);
-    return fit ? SDO_OK : SDO_ABORT_INCOMPATIBLE;
+    const struct device *device = ctx;
+    return device_objects_before_write(&device->objects, entry, value);
 }
 
-static uint32_t check_settings(struct device *device, const struct od_entry *entry, int64_t value)
+static void on_write(void *ctx, const struct od_entry *entry)
 {
-    if (drive_powered(&device->drive)) {
-        fault_monitor_event(&device->drive.fault_monitor, FAULT_CONFIG_ENABLED);
-        return SDO_ABORT_STATE;
+    struct device *device = ctx;
+    unsigned received = 0;
+    if (device_objects_written(&device->objects, entry, &received)) {
+        step(device, received);
     }
-    const uint32_t code = settings_check(&device->settings, entry, value);
-    return code != SDO_OK ? code : settings_command(&device->settings, entry, device->node.config.node_id);
 }
 
-/* 2140h: the drive is held by the heartbeat that is watched meanwhile. */
-static uint32_t check_claim(struct device *device, uint32_t value)
+static void before_read(void *ctx, const struct od_entry *entry)
 {
-    struct command_guard *command_guard = &device->drive.command_guard;
-    const uint8_t id = (uint8_t)value;
-    const uint8_t before = command_guard->holder;
-    if (id > 127u) {
-        return SDO_ABORT_VALUE;
-    }
-    if (!command_guard_claim(command_guard, id, value >> 8, drive_powered(&device->drive))) {
-        device->od.master.refused++;
-        fault_monitor_event(&device->drive.fault_monitor, FAULT_SECOND_MASTER);
-        return SDO_ABORT_STATE;
-    }
-    if (id != before) {
-        co_watch_heartbeat(&device->node, id);
-    }
-    return SDO_OK;
+    const struct device *device = ctx;
+    device_objects_before_read(&device->objects, entry);
 }
 
-static uint32_t check_master(struct device *device, const struct od_entry *entry, int64_t value)
-{
-    if (entry->sub == 2) {
-        return check_claim(device, (uint32_t)value);
-    }
-    return command_guard_arm(&device->drive.command_guard, (uint32_t)value, drive_now(&device->drive))
-               ? SDO_OK
-               : SDO_ABORT_STATE;
-}
-
-static bool is_signal(uint32_t number)
-{
-    return number < SIGNALS && (number == 0 || scope_signals[number].kind != SCOPE_NONE);
-}
-
-static uint32_t check_scope(struct device *device, const struct od_entry *entry, int64_t value)
-{
-    if (device->drive.faults != 0 && scope_holds_fault(&device->drive.loop.scope)) {
-        return SDO_ABORT_STATE; /* what led to the fault would be gone, or the scope armed otherwise for the next one */
-    }
-    if (entry->index == 0x2301 || entry->sub == 5) {
-        return is_signal((uint32_t)value) ? SDO_OK : SDO_ABORT_VALUE;
-    }
-    return entry->sub == 1 ? drive_scope_command(&device->drive, (uint8_t)value) : SDO_OK;
-}
-
+/* There is one domain: 2302h. */
 static uint32_t domain_size(void *ctx, const struct od_entry *entry)
 {
     struct device *device = ctx;
-    (void)entry; /* there is one */
+    (void)entry;
     return scope_size(&device->drive.loop.scope);
 }
 
@@ -202,88 +165,10 @@ static bool domain_read(void *ctx, const struct od_entry *entry, uint32_t at, ui
 {
     const struct device *device = ctx;
     (void)entry;
-    return scope_read(&device->drive.loop.scope, at, to, count, device->drive.queue.origin_nm);
+    return scope_read(&device->drive.loop.scope, at, to, count, device->drive.path.queue.origin_nm);
 }
 
-static void before_read(void *ctx, const struct od_entry *entry)
-{
-    struct device *device = ctx;
-    if (entry->index == 0x2300) {
-        scope_report(&device->drive.loop.scope, &device->od);
-    } else if (entry->index == 0x2033) {
-        for (unsigned i = 0; i < sizeof device->od.errors / sizeof device->od.errors[0]; i++) {
-            device->od.errors[i] = co_emcy_code(&device->node, i);
-        }
-    } else if (entry->index == 0x2140) {
-        device->od.master.holder = device->drive.command_guard.holder;
-        if (entry->sub == 3) {
-            device->od.master.ticket = command_guard_draw(&device->drive.command_guard, drive_now(&device->drive));
-        }
-    } else if (entry->index == 0x6041 || entry->index == 0x6841) {
-        drive_told(&device->drive, entry->index == 0x6041 ? 0 : 1);
-    }
-}
-
-/* Parameters, and who is watched while the axes move, and what follows from his silence: 1016h, 1029h */
-static bool needs_power_off(const struct od_entry *entry)
-{
-    return (entry->flags & OD_CONFIG) != 0 || entry->index == 0x1016 || entry->index == 0x1029;
-}
-
-static uint32_t before_write(void *ctx, const struct od_entry *entry, int64_t value)
-{
-    struct device *device = ctx;
-    if (entry->index == 0x2300 || entry->index == 0x2301) {
-        return check_scope(device, entry, value);
-    }
-    if (entry->index == 0x1010 || entry->index == 0x1011 || entry->index == 0x2001) {
-        return check_settings(device, entry, value);
-    }
-    if (entry->index == 0x2140) {
-        return check_master(device, entry, value);
-    }
-    const uint32_t code = axis_modes_check_write(&device->drive, entry, value);
-    if (code != SDO_OK) {
-        return code;
-    }
-    if (needs_power_off(entry)) {
-        if (drive_powered(&device->drive)) {
-            fault_monitor_event(&device->drive.fault_monitor, FAULT_CONFIG_ENABLED);
-            return SDO_ABORT_STATE;
-        }
-        return fits(&device->od, entry, value);
-    }
-    if (entry->index == 0x2200 && entry->sub == 1) {
-        return drive_stream_command(&device->drive, (uint8_t)value);
-    }
-    if (entry->index == 0x2200 && entry->sub == 4) {
-        return drive_stream_total(&device->drive, (uint32_t)value);
-    }
-    return SDO_OK;
-}
-
-static void on_write(void *ctx, const struct od_entry *entry)
-{
-    struct device *device = ctx;
-    if ((entry->flags & OD_CONFIG) != 0) {
-        drive_configure(&device->drive, false);
-    }
-    switch (entry->index) {
-    case 0x1010:
-    case 0x1011: /* a command; what is read tells what can be done */
-        od_write(&device->od, entry, od_read(&od_defaults, entry));
-        break;
-    case 0x6040:
-    case 0x6840:
-        drive_command(&device->drive, entry->index == 0x6040 ? 1u : 2u);
-        follow(device);
-        break;
-    case 0x2131: follow(device); break;
-    case 0x2000: atomic_store(&device->drive.loop.command.controller, device->od.controller.select); break;
-    case 0x2220: atomic_store(&device->drive.loop.command.energy_reset, true); break;
-    default: break;
-    }
-}
+/* ---- NMT, resets, store ---- */
 
 static void on_nmt(void *ctx, enum co_state state)
 {
@@ -308,10 +193,10 @@ static bool store_node(void *ctx)
 static void on_heartbeat_lost(void *ctx)
 {
     struct device *device = ctx;
-    command_guard_lost(&device->drive.command_guard);
+    command_guard_holder_silent(&device->drive.command_guard);
     if (drive_powered(&device->drive)) {
         drive_fault(&device->drive, FAULT_HEARTBEAT);
-        follow(device);
+        step(device, 0);
     }
 }
 
@@ -338,6 +223,8 @@ static void on_reset(void *ctx, bool communication_only)
 void device_init(struct device *device, const struct hal *hal, uint8_t node_id)
 {
     *device = (struct device){.hal = hal};
+    device->objects = (struct device_objects){
+        .od = &device->od, .node = &device->node, .drive = &device->drive, .settings = &device->settings};
     od_init(&device->od, node_id);
     set_build(&device->od);
     const uint8_t used_id = settings_init(&device->settings, &device->od, hal, node_id, configuration_fits);
@@ -382,7 +269,7 @@ void device_poll(struct device *device)
         command_guard_drained(&device->drive.command_guard, drive_now(&device->drive));
     }
     const uint32_t published = atomic_load(&device->drive.loop.published);
-    if (published - device->ms > MOST_BEHIND_MS) { /* no background is so late: the count has changed by itself */
+    if (published - device->ms > MOST_BEHIND_MS) { /* the background is never so late: a bit has flipped */
         servo_loop_raise(&device->drive.loop, FAULT_MEMORY);
         device->ms = published - 1u;
     }
@@ -390,9 +277,9 @@ void device_poll(struct device *device)
         device->ms++;
         report(device, servo_loop_snapshot(&device->drive.loop));
         check_health(device);
-        follow(device);
-        if (command_guard_ended(&device->drive.command_guard, drive_powered(&device->drive),
-                                drive_now(&device->drive))) {
+        step(device, 0);
+        if (command_guard_expire(&device->drive.command_guard, drive_powered(&device->drive),
+                                 drive_now(&device->drive))) {
             co_watch_heartbeat(&device->node, 0);
         }
         co_tick_ms(&device->node);

@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* device.h: the firmware as one object: object dictionary, CANopen node, drive. A port calls
- *   device_init() once, device_tick() in the servo interrupt (CONTROL_HZ), device_poll() in the background loop.
+/* device.h: the firmware as one object: object dictionary, CANopen node, drive.
+ *
+ * A port calls device_init() once, device_tick() in the servo interrupt (CONTROL_HZ), and device_poll() in the background
+ * loop. The two contexts meet in the drive's servo loop only (drive/servo_loop.h).
  */
 #ifndef KONTUR_DEVICE_H
 #define KONTUR_DEVICE_H
 #include "canopen/node.h"
+#include "device_objects.h"
 #include "drive/drive.h"
 #include "od/settings.h"
 
@@ -13,15 +16,18 @@ struct device {
     struct co_node node;
     struct drive drive;
     struct settings settings;
+    struct device_objects objects;
     const struct hal *hal;
     uint32_t ms;            /* snapshots handled */
-    uint16_t statusword[2]; /* last sent */
-    uint32_t announced;     /* FAULT_BIT()s told by EMCY */
+    uint16_t statusword[2]; /* sent last */
+    uint32_t announced;     /* FAULT_BIT()s that an EMCY has reported */
     uint8_t health;         /* enum hal_health_bit, last seen */
 };
 
-/* node_id: 1..31, where none is stored. The boot-up message is sent. */
+/* Power-on; sends the boot-up message. node_id: 1..31, in use where none is stored. The caller must not move *device: its
+ * parts point to each other. */
 void device_init(struct device *device, const struct hal *hal, uint8_t node_id);
+/* One control period: servo_loop_tick(). */
 void device_tick(struct device *device);
 /* Handle the frames received, and what is due each millisecond. Bounded: one pass over what is there. */
 void device_poll(struct device *device);

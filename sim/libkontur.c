@@ -354,7 +354,7 @@ uint32_t ks_push_knots(ks *s, const int32_t *xy_nm, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) {
         const struct knot knot = {{xy_nm[2 * i], xy_nm[2 * i + 1]}};
-        if (drive_push(&s->device.drive, knot) != QUEUE_TAKEN) {
+        if (path_push(&s->device.drive.path, knot) != QUEUE_ACCEPTED) {
             return i;
         }
     }

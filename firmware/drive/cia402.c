@@ -1,159 +1,186 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "drive/cia402.h"
 
+#include <stddef.h>
+
+enum event {
+    DISABLE_VOLTAGE, /* commands of the controlword */
+    QUICK_STOP,
+    SHUTDOWN,
+    SWITCH_ON, /* in operation enabled: disable operation */
+    ENABLE_OPERATION,
+    FAULT_RESET, /* rising edge of bit 7 */
+    STOP,        /* cia402_stop() */
+    PATH_STOP    /* a fault with which the axes stop on the path first */
+};
+
+enum condition { ALWAYS, OFF_AT_ONCE, OPTION_STAYS, STAYS };
+
+#define SOD CIA402_SWITCH_ON_DISABLED
+#define RTSO CIA402_READY_TO_SWITCH_ON
+#define SO CIA402_SWITCHED_ON
+#define OE CIA402_OPERATION_ENABLED
+#define QSA CIA402_QUICK_STOP_ACTIVE
+#define FRA CIA402_FAULT_REACTION_ACTIVE
+#define FLT CIA402_FAULT
+
+/* The first row with the present state and the event whose condition holds is taken. `next` at once, `standing` once the
+ * axis stands. The numbers are those of the transitions in CiA 402-2. */
+static const struct transition {
+    enum cia402_state state;
+    enum event event;
+    enum condition condition;
+    enum cia402_state next, standing;
+} transitions[] = {
+    {SOD, SHUTDOWN, ALWAYS, RTSO, RTSO},       /* 2 */
+    {RTSO, SWITCH_ON, ALWAYS, SO, SO},         /* 3 */
+    {RTSO, ENABLE_OPERATION, ALWAYS, OE, OE},  /* 3, 4 */
+    {SO, ENABLE_OPERATION, ALWAYS, OE, OE},    /* 4 */
+    {OE, SWITCH_ON, ALWAYS, OE, SO},           /* 5 */
+    {SO, SHUTDOWN, ALWAYS, RTSO, RTSO},        /* 6 */
+    {RTSO, DISABLE_VOLTAGE, ALWAYS, SOD, SOD}, /* 7 */
+    {RTSO, QUICK_STOP, ALWAYS, SOD, SOD},      /* 7 */
+    {RTSO, STOP, ALWAYS, SOD, SOD},            /* 7 */
+    {OE, SHUTDOWN, ALWAYS, OE, RTSO},          /* 8 */
+    {OE, DISABLE_VOLTAGE, ALWAYS, SOD, SOD},   /* 9 */
+    {OE, QUICK_STOP, OFF_AT_ONCE, SOD, SOD},   /* 9 */
+    {SO, DISABLE_VOLTAGE, ALWAYS, SOD, SOD},   /* 10 */
+    {SO, QUICK_STOP, ALWAYS, SOD, SOD},        /* 10 */
+    {SO, STOP, ALWAYS, SOD, SOD},              /* 10 */
+    {OE, QUICK_STOP, OPTION_STAYS, QSA, QSA},  /* 11 */
+    {OE, QUICK_STOP, ALWAYS, QSA, SOD},        /* 11, 12 */
+    {OE, STOP, ALWAYS, QSA, SOD},              /* 11, 12 */
+    {QSA, STOP, ALWAYS, QSA, SOD},             /* 12 */
+    {QSA, DISABLE_VOLTAGE, ALWAYS, SOD, SOD},  /* 12 */
+    {OE, PATH_STOP, ALWAYS, FRA, FLT},         /* 13, 14 */
+    {QSA, PATH_STOP, ALWAYS, FRA, FLT},        /* 13, 14 */
+    {FRA, PATH_STOP, ALWAYS, FRA, FLT},        /* 14 */
+    {FLT, FAULT_RESET, ALWAYS, SOD, SOD},      /* 15 */
+    {QSA, ENABLE_OPERATION, STAYS, OE, OE},    /* 16 */
+};
+
 static uint32_t complement(const struct cia402 *c)
 {
-    return ~((uint32_t)c->state | (uint32_t)c->leave_to << 8);
+    return ~((uint32_t)c->state | (uint32_t)c->standing << 8);
 }
 
 bool cia402_intact(const struct cia402 *c)
 {
-    return c->not_state == complement(c) && c->state <= CIA402_FAULT && c->leave_to <= CIA402_FAULT;
+    return c->not_state == complement(c) && c->state <= FLT && c->standing <= FLT;
 }
 
-static void enter(struct cia402 *c, enum cia402_state state, enum cia402_state leave_to)
+static void enter(struct cia402 *c, enum cia402_state state, enum cia402_state standing)
 {
     c->changes += c->state != state ? 1u : 0u;
     c->state = state;
-    c->leave_to = leave_to;
+    c->standing = standing;
     c->not_state = complement(c);
-}
-
-static void go(struct cia402 *c, enum cia402_state state)
-{
-    enter(c, state, CIA402_OPERATION_ENABLED);
 }
 
 void cia402_init(struct cia402 *c)
 {
     const uint32_t changes = c->changes + 1u;
     *c = (struct cia402){.changes = changes, .quick_stop = 2};
-    go(c, CIA402_SWITCH_ON_DISABLED);
+    enter(c, SOD, SOD);
 }
 
-/* From operation enabled, once the path stands; otherwise now. */
-static void leave(struct cia402 *c, enum cia402_state state)
+static bool holds(const struct cia402 *c, enum condition condition)
 {
-    if (c->state == CIA402_OPERATION_ENABLED) {
-        enter(c, c->state, state);
-    } else if (c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON) {
-        go(c, state);
+    switch (condition) {
+    case OFF_AT_ONCE: return c->quick_stop == 0;
+    case OPTION_STAYS: return c->quick_stop >= 5;
+    case STAYS: return c->standing == c->state;
+    default: return true;
     }
 }
 
-/* What "enable operation" is taken in */
-static bool leads_to_enabled(const struct cia402 *c)
+/* NULL: the event changes nothing. */
+static const struct transition *find(const struct cia402 *c, enum event event)
 {
-    return c->state == CIA402_READY_TO_SWITCH_ON || c->state == CIA402_SWITCHED_ON ||
-           (c->state == CIA402_QUICK_STOP_ACTIVE && c->leave_to == CIA402_QUICK_STOP_ACTIVE);
+    for (size_t i = 0; i < sizeof transitions / sizeof transitions[0]; i++) {
+        const struct transition *t = &transitions[i];
+        if (t->state == c->state && t->event == event && holds(c, t->condition)) {
+            return t;
+        }
+    }
+    return NULL;
 }
 
-void cia402_stop(struct cia402 *c)
+/* false: nothing has changed. */
+static bool handle(struct cia402 *c, enum event event)
 {
-    if (!cia402_intact(c)) {
-        return;
+    const struct transition *t = cia402_intact(c) ? find(c, event) : NULL;
+    if (t != NULL) {
+        enter(c, t->next, t->standing);
     }
-    if (c->state == CIA402_OPERATION_ENABLED || c->state == CIA402_QUICK_STOP_ACTIVE) {
-        enter(c, CIA402_QUICK_STOP_ACTIVE, CIA402_SWITCH_ON_DISABLED);
-    } else {
-        leave(c, CIA402_SWITCH_ON_DISABLED);
+    return t != NULL;
+}
+
+static enum event command_of(uint16_t controlword)
+{
+    if ((controlword & CW_ENABLE_VOLTAGE) == 0) {
+        return DISABLE_VOLTAGE;
     }
+    if ((controlword & CW_QUICK_STOP) == 0) {
+        return QUICK_STOP;
+    }
+    if ((controlword & CW_SWITCH_ON) == 0) {
+        return SHUTDOWN;
+    }
+    return (controlword & CW_ENABLE_OPERATION) == 0 ? SWITCH_ON : ENABLE_OPERATION;
 }
 
 void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable)
 {
     const bool reset_edge = (controlword & CW_FAULT_RESET) != 0 && (c->controlword & CW_FAULT_RESET) == 0;
+    const enum event command = command_of(controlword);
     c->controlword = controlword;
-
-    if (!cia402_intact(c)) {
+    if (reset_edge && handle(c, FAULT_RESET)) {
         return;
     }
-    if (c->state == CIA402_FAULT) {
-        if (reset_edge) {
-            go(c, CIA402_SWITCH_ON_DISABLED);
-        }
-        return;
-    }
-    if (c->state == CIA402_FAULT_REACTION_ACTIVE) {
-        return;
-    }
-    if ((controlword & CW_ENABLE_VOLTAGE) == 0) {
-        go(c, CIA402_SWITCH_ON_DISABLED); /* transitions 7, 9, 10, 12 */
-    } else if ((controlword & CW_QUICK_STOP) == 0) {
-        if (c->state == CIA402_OPERATION_ENABLED && c->quick_stop == 0) {
-            go(c, CIA402_SWITCH_ON_DISABLED); /* 9 */
-        } else if (c->state == CIA402_OPERATION_ENABLED) {
-            enter(c, CIA402_QUICK_STOP_ACTIVE, /* 11 */
-                  c->quick_stop < 5 ? CIA402_SWITCH_ON_DISABLED : CIA402_QUICK_STOP_ACTIVE);
-        } else {
-            leave(c, CIA402_SWITCH_ON_DISABLED); /* 7, 10 */
-        }
-    } else if ((controlword & CW_SWITCH_ON) == 0) {
-        if (c->state == CIA402_SWITCH_ON_DISABLED) {
-            go(c, CIA402_READY_TO_SWITCH_ON); /* 2 */
-        } else {
-            leave(c, CIA402_READY_TO_SWITCH_ON); /* 6, 8 */
-        }
-    } else if ((controlword & CW_ENABLE_OPERATION) == 0) {
-        if (c->state == CIA402_READY_TO_SWITCH_ON) {
-            go(c, CIA402_SWITCHED_ON); /* 3 */
-        } else {
-            leave(c, CIA402_SWITCHED_ON); /* 5 */
-        }
-    } else if (may_enable && leads_to_enabled(c)) {
-        go(c, CIA402_OPERATION_ENABLED); /* 3 and 4, 16 */
+    if (command != ENABLE_OPERATION || may_enable) {
+        (void)handle(c, command);
     }
 }
 
-void cia402_poll(struct cia402 *c, bool standing)
+void cia402_stop(struct cia402 *c)
 {
-    if (!standing || !cia402_intact(c)) {
-        return;
-    }
-    if (c->state == CIA402_QUICK_STOP_ACTIVE && c->leave_to != CIA402_QUICK_STOP_ACTIVE) {
-        go(c, c->leave_to); /* 12 */
-    } else if (c->state == CIA402_FAULT_REACTION_ACTIVE) {
-        go(c, CIA402_FAULT); /* 14 */
-    } else if (c->state == CIA402_OPERATION_ENABLED && c->leave_to != CIA402_OPERATION_ENABLED) {
-        go(c, c->leave_to); /* 5, 8 */
+    (void)handle(c, STOP);
+}
+
+void cia402_standstill(struct cia402 *c)
+{
+    if (cia402_intact(c)) {
+        enter(c, c->standing, c->standing);
     }
 }
 
 void cia402_fault(struct cia402 *c, bool stop_first)
 {
-    if (cia402_intact(c) && c->state == CIA402_FAULT) {
-        return;
+    if (!stop_first || !handle(c, PATH_STOP)) {
+        enter(c, FLT, FLT);
     }
-    go(c, stop_first && cia402_powered(c) ? CIA402_FAULT_REACTION_ACTIVE : CIA402_FAULT);
 }
 
 bool cia402_powered(const struct cia402 *c)
 {
-    return cia402_intact(c) && (c->state == CIA402_OPERATION_ENABLED || c->state == CIA402_QUICK_STOP_ACTIVE ||
-                                c->state == CIA402_FAULT_REACTION_ACTIVE);
+    return cia402_intact(c) && (c->state == OE || c->state == QSA || c->state == FRA);
 }
 
 bool cia402_enabled(const struct cia402 *c)
 {
-    return cia402_intact(c) && c->state == CIA402_OPERATION_ENABLED && c->leave_to == CIA402_OPERATION_ENABLED;
+    return cia402_intact(c) && c->state == OE && c->standing == OE;
 }
 
-bool cia402_waits(const struct cia402 *c)
+bool cia402_enable_pending(const struct cia402 *c)
 {
-    const unsigned enable = CW_SWITCH_ON | CW_ENABLE_VOLTAGE | CW_QUICK_STOP | CW_ENABLE_OPERATION;
-    return (c->controlword & enable) == enable && leads_to_enabled(c);
+    return command_of(c->controlword) == ENABLE_OPERATION && find(c, ENABLE_OPERATION) != NULL;
 }
 
 uint16_t cia402_statusword(const struct cia402 *c)
 {
     static const uint16_t bits[] = {
-        [CIA402_SWITCH_ON_DISABLED] = 0x0040,
-        [CIA402_READY_TO_SWITCH_ON] = 0x0021,
-        [CIA402_SWITCHED_ON] = 0x0023,
-        [CIA402_OPERATION_ENABLED] = 0x0027,
-        [CIA402_QUICK_STOP_ACTIVE] = 0x0007,
-        [CIA402_FAULT_REACTION_ACTIVE] = 0x000F,
-        [CIA402_FAULT] = 0x0008,
+        [SOD] = 0x0040, [RTSO] = 0x0021, [SO] = 0x0023, [OE] = 0x0027, [QSA] = 0x0007, [FRA] = 0x000F, [FLT] = 0x0008,
     };
-    return (uint16_t)(bits[cia402_intact(c) ? c->state : CIA402_FAULT] | 0x0210u);
+    return (uint16_t)(bits[cia402_intact(c) ? c->state : FLT] | 0x0210u);
 }

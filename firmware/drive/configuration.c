@@ -160,3 +160,45 @@ struct onchip_plant_cfg configuration_onchip_plant(const struct od_data *od)
     onchip_plant_design(&cfg);
     return cfg;
 }
+
+/* Four times the speed that FAULT_OVERSPEED trips at is no movement. Coarse speeds get 100 counts more. */
+static uint32_t jump_counts(const struct od_data *od, const struct od_axis *a)
+{
+    const uint64_t jump = (uint64_t)od->limits.velocity * 4u * 100000000u / CONTROL_HZ / a->plant.encoder;
+    return jump + 100u < INT32_MAX ? (uint32_t)jump + 100u : INT32_MAX;
+}
+
+struct servo_loop_cfg configuration_servo_loop(const struct od_data *od)
+{
+    struct servo_loop_cfg c = {.servo = configuration_servo(od),
+                               .onchip_plant = configuration_onchip_plant(od),
+                               .speed_max = n_ratio(od->limits.velocity, 200),
+                               .stop_time = n_ratio(od->limits.path_stop_time, 1),
+                               .cut = fault_mask(od, REACT_DISABLE),
+                               .stop = fault_mask(od, REACT_PATH_STOP)};
+    for (int i = 0; i < 2; i++) {
+        const struct od_axis *a = &od->axis[i];
+        c.encoder_10fm[i] = a->plant.encoder;
+        c.following_max[i] = n_ratio(a->following_window, 1000);
+        c.following_ticks[i] = a->following_timeout * (CONTROL_HZ / 1000u);
+        c.min_nm[i] = a->position_limit.min;
+        c.max_nm[i] = a->position_limit.max;
+        c.jump_counts[i] = jump_counts(od, a);
+    }
+    return c;
+}
+
+void configuration_hal(const struct od_data *od, struct hal_axis_cfg cfg[AXES])
+{
+    for (int i = 0; i < AXES; i++) {
+        const struct od_axis *a = &od->axis[i];
+        cfg[i] = (struct hal_axis_cfg){
+            .output = a->wiring.output != 0 ? HAL_OUTPUT_PWM : HAL_OUTPUT_DAC,
+            .full_scale_mN = a->wiring.full_scale,
+            .invert_force = a->wiring.invert_force != 0,
+            .invert_encoder = a->wiring.invert_encoder != 0,
+            .index_counts = a->wiring.index_counts,
+            .jump_counts = jump_counts(od, a),
+        };
+    }
+}

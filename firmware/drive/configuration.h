@@ -1,16 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* drive/configuration.h: from the object dictionary (integers in wire units) to the servo's configuration (core units). */
-#ifndef KONTUR_PARAMS_H
-#define KONTUR_PARAMS_H
-#include "core/servo.h"
+/* drive/configuration.h: from the object dictionary (integers in wire units) to the configuration of the servo tick (core
+ * units) and of the machine.
+ *
+ * Context: background. drive.c calls it when parameters have changed, and device.c before one is written. All functions
+ * are pure.
+ */
+#ifndef KONTUR_CONFIGURATION_H
+#define KONTUR_CONFIGURATION_H
+#include "drive/servo_loop.h"
 #include "hal/hal.h"
 #include "od/od.h"
-#include "onchip/onchip_plant.h"
 
 /* Whether parameters fit together, each within the dictionary's range: k_bar e_max <= 4, k_0 <= k_max, mu_0 <= mu_max,
- * 607Dh min <= max, and viscous friction of the simulated machine that does not stop it within a control period. */
+ * 607Dh min <= max, and viscous friction of the plant on the chip that does not stop it within a control period. */
 bool configuration_fits(const struct od_data *od);
-/* The configuration that parameters which fit make. */
+/* The configurations that parameters which fit make: of the law, of the plant on the chip, of the tick with both, and
+ * of the machine's wiring. */
 struct servo_cfg configuration_servo(const struct od_data *od);
 struct onchip_plant_cfg configuration_onchip_plant(const struct od_data *od);
+struct servo_loop_cfg configuration_servo_loop(const struct od_data *od);
+void configuration_hal(const struct od_data *od, struct hal_axis_cfg cfg[AXES]);
 #endif

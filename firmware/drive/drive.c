@@ -3,6 +3,8 @@
 
 #include <stddef.h>
 
+#include "drive/configuration.h"
+
 static bool both_enabled(const struct drive *d)
 {
     return cia402_enabled(&d->axis[0]) && cia402_enabled(&d->axis[1]);
@@ -11,6 +13,11 @@ static bool both_enabled(const struct drive *d)
 bool drive_powered(const struct drive *d)
 {
     return cia402_powered(&d->axis[0]) || cia402_powered(&d->axis[1]);
+}
+
+uint32_t drive_now(const struct drive *d)
+{
+    return atomic_load(&d->loop.ticks);
 }
 
 void drive_fault(struct drive *d, enum fault f)
@@ -26,172 +33,21 @@ void drive_fault(struct drive *d, enum fault f)
     }
 }
 
-struct knot drive_position(struct drive *d)
-{
-    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
-    return queue_user(&d->queue, (struct knot){{s->position_nm[0], s->position_nm[1]}});
-}
+/* ---- the step ---- */
 
-struct knot drive_reference(struct drive *d)
-{
-    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
-    const struct knot at = {{s->reference_nm[0], s->reference_nm[1]}};
-    return queue_user(&d->queue, d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at);
-}
-
-/* Path time starts anew, on other knots. */
-static void restart(struct drive *d)
-{
-    atomic_store(&d->loop.command.complete, false);
-    atomic_store(&d->loop.command.rest, false);
-    d->begun++;
-    atomic_store(&d->loop.command.begin, d->begun);
-}
-
-void drive_hold(struct drive *d)
-{
-    struct knot start = drive_reference(d);
-    for (int i = 0; i < 2; i++) {
-        if (!d->powered[i]) {
-            start.nm[i] = drive_position(d).nm[i];
-        }
-    }
-    queue_hold(&d->queue, start);
-    restart(d);
-}
-
-void drive_begin(struct drive *d, struct knot start, uint32_t total)
-{
-    queue_begin(&d->queue, start, total);
-    restart(d);
-}
-
-void drive_shift_origin(struct drive *d, int axis, int32_t origin_nm)
-{
-    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
-    const struct knot at = {{s->reference_nm[0], s->reference_nm[1]}};
-    const struct knot servo = d->queue.stream->state == STREAM_IDLE ? d->queue.ring.start : at;
-    d->queue.origin_nm[axis] = origin_nm;
-    atomic_store(&d->loop.command.origin_nm[axis], origin_nm);
-    queue_hold(&d->queue, queue_user(&d->queue, servo));
-    d->od->axis[axis].position_actual = drive_position(d).nm[axis]; /* what was told before is no more */
-    restart(d);
-}
-
-uint32_t drive_scope_command(struct drive *d, uint8_t command)
-{
-    if (command == SCOPE_COMMAND_OFF) {
-        scope_off(&d->loop.scope);
-        return SDO_OK;
-    }
-    if (command == SCOPE_COMMAND_DEFAULTS) {
-        od_restore(d->od, 0, 0x2300, 0x2301);
-    }
-    return scope_arm(&d->loop.scope, d->od, d->queue.origin_nm) ? SDO_OK : SDO_ABORT_INCOMPATIBLE;
-}
-
-bool drive_in_step(const struct drive *d)
-{
-    return atomic_load(&d->loop.begun) == atomic_load(&d->loop.command.begin);
-}
-
-bool drive_stands(const struct drive *d)
-{
-    return atomic_load(&d->loop.standing);
-}
-
-static bool run_wanted(const struct drive *d)
-{
-    if (d->modes.generating) { /* the axes stop by themselves, but for a fault, which stops both on the path */
-        return d->faults == 0;
-    }
-    if (!axis_modes_follows_stream(d) || !axis_modes_may_start(d)) {
-        return false;
-    }
-    for (int i = 0; i < 2; i++) {
-        const uint16_t cw = d->axis[i].controlword;
-        if (!cia402_enabled(&d->axis[i]) || (cw & CW_ENABLE_IP) == 0 || (cw & CW_HALT) != 0) {
-            return false;
-        }
-    }
-    return d->queue.stream->state != STREAM_IDLE && !d->queue.suspended;
-}
-
-static bool within_start_window(const struct drive *d, struct knot a, struct knot b)
-{
-    const int64_t window = d->od->limits.start_window;
-    for (int i = 0; i < 2; i++) {
-        const int64_t distance = (int64_t)a.nm[i] - b.nm[i];
-        if (distance > window || -distance > window) {
-            return false;
-        }
-    }
-    return true;
-}
-
-/* The axes get power. They are held where they stand, but on a path that can go on, where that stands. */
-static void take_up(struct drive *d)
-{
-    const bool may_go_on = d->queue.suspended && d->queue.stream->state == STREAM_STOPPED;
-    if (!may_go_on || !within_start_window(d, drive_position(d), d->left_at)) {
-        drive_hold(d);
-    }
-}
-
-/* They lose it: a path that stands may go on later. */
-static void let_go(struct drive *d)
-{
-    if (drive_stands(d) && drive_in_step(d)) {
-        d->left_at = drive_reference(d);
-        queue_suspend(&d->queue);
-    } else {
-        queue_close(&d->queue);
-    }
-}
-
-/* What the scope holds of a fault or a warning is done with. */
+/* The scope keeps what led to a fault or a warning. That has been dealt with: arm it again. */
 static void release_capture(struct drive *d)
 {
     if (scope_holds_fault(&d->loop.scope)) {
-        (void)scope_arm(&d->loop.scope, d->od, d->queue.origin_nm);
+        (void)scope_arm(&d->loop.scope, d->od, d->path.queue.origin_nm);
     }
 }
 
-/* Power and path as the axes' states want them. */
-static void apply(struct drive *d)
+/* An axis without power moves: it coasts, or somebody moves it. */
+static bool coasting(const struct drive *d)
 {
-    bool off = false;
-    bool on = false;
-    for (int i = 0; i < 2; i++) {
-        const bool powered = cia402_powered(&d->axis[i]);
-        off = off || (d->powered[i] && !powered);
-        on = on || (!d->powered[i] && powered);
-    }
-    if (on) {
-        take_up(d);
-    }
-    if (on && !d->powered[0] && !d->powered[1]) {
-        release_capture(d); /* of a warning: that of a fault went with it */
-    }
-    if (off && !d->modes.generating) {
-        let_go(d);
-    }
-    if (off || both_enabled(d)) {
-        command_guard_disarm(&d->command_guard);
-    }
-    for (int i = 0; i < 2; i++) {
-        d->powered[i] = cia402_powered(&d->axis[i]);
-        atomic_store(&d->loop.command.powered[i], d->powered[i] ? SERVO_LOOP_ON : SERVO_LOOP_OFF);
-    }
-    atomic_store(&d->loop.command.rate, d->modes.generating ? 1000u : d->od->feed_override);
-    atomic_store(&d->loop.command.run, run_wanted(d));
-}
-
-/* An axis without power is on its way: it runs out, or somebody moves it. */
-static bool moving(struct drive *d)
-{
+    const struct servo_snapshot *s = &d->loop.snapshot;
     const int32_t least = (int32_t)(d->od->limits.velocity / 100u);
-    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
     for (int i = 0; i < 2; i++) {
         if (!cia402_powered(&d->axis[i]) && (s->velocity_umps[i] > least || s->velocity_umps[i] < -least)) {
             return true;
@@ -200,21 +56,8 @@ static bool moving(struct drive *d)
     return false;
 }
 
-uint32_t drive_now(const struct drive *d)
-{
-    return atomic_load(&d->loop.ticks);
-}
-
-void drive_told(struct drive *d, int axis)
-{
-    const unsigned now = cia402_statusword(&d->axis[axis]);
-    if (((now ^ d->od->axis[axis].statusword) & SW_STATE) == 0) {
-        command_guard_sent(&d->command_guard, axis, d->axis[axis].changes);
-    }
-}
-
-/* A controlword for one axis; `fresh`: one that has just come, and not one that had to wait. */
-static void obey(struct drive *d, int i, bool fresh, bool may_enable)
+/* The controlword of one axis; `fresh`: it has just come. */
+static void take_controlword(struct drive *d, int i, bool fresh, bool may_enable)
 {
     struct cia402 *axis = &d->axis[i];
     const bool was_fault = axis->state == CIA402_FAULT;
@@ -222,9 +65,9 @@ static void obey(struct drive *d, int i, bool fresh, bool may_enable)
         fresh && command_guard_permits(&d->command_guard, i, axis->changes, d->od->claim_required != 0, drive_now(d));
     axis->quick_stop = d->od->axis[i].quick_stop_option;
     cia402_command(axis, d->od->axis[i].controlword, may_enable && permitted);
-    if (fresh && cia402_waits(axis)) {
+    if (fresh && cia402_enable_pending(axis)) {
         command_guard_refused(&d->command_guard, i, drive_now(d));
-        if (may_enable) { /* else that is why */
+        if (may_enable) { /* so the guard refused it */
             fault_monitor_event(&d->fault_monitor, FAULT_STALE_COMMAND);
         }
     }
@@ -233,120 +76,142 @@ static void obey(struct drive *d, int i, bool fresh, bool may_enable)
     }
 }
 
-void drive_command(struct drive *d, unsigned received)
+/* Both axes have left the state fault. */
+static void reset_faults(struct drive *d)
 {
-    const bool is_moving = moving(d);
-    /* where the axes stand is known in the units of the configuration from the second snapshot on; an axis that joins
-     * in makes the path start anew, which the other one can follow from standstill only */
+    if (d->faults != 0) {
+        release_capture(d);
+    }
+    (void)atomic_fetch_and(&d->loop.faults, ~d->faults); /* the tick may have raised another one meanwhile */
+    d->faults = 0;
+}
+
+/* Bit 0, 1 of `received`: the controlword of axis 0, 1 is fresh. An old one enables nothing. */
+static void take_controlwords(struct drive *d, unsigned received)
+{
+    const bool moves = coasting(d);
+    /* From the second snapshot on it is known where the axes are by the new configuration. An axis that is enabled makes
+     * the path start anew, which the other one can follow from standstill only. */
     const bool may_enable =
-        d->faults == 0 && !is_moving && drive_stands(d) && atomic_load(&d->loop.published) - d->configured_at >= 2u;
-    d->refused = false;
+        d->faults == 0 && !moves && d->path.progress.standing && d->loop.snapshot.ms - d->configured_ms >= 2u;
+    d->enable_refused = false;
     for (int i = 0; i < 2; i++) {
-        obey(d, i, (received >> i & 1u) != 0, may_enable);
-        d->refused = d->refused || (is_moving && cia402_waits(&d->axis[i]));
+        take_controlword(d, i, (received >> i & 1u) != 0, may_enable);
+        d->enable_refused = d->enable_refused || (moves && cia402_enable_pending(&d->axis[i]));
     }
     if (d->axis[0].state != CIA402_FAULT && d->axis[1].state != CIA402_FAULT && !drive_powered(d)) {
-        if (d->faults != 0) {
-            release_capture(d);
-        }
-        (void)atomic_fetch_and(&d->loop.faults, ~d->faults); /* the tick may have raised another one meanwhile */
-        d->faults = 0;
+        reset_faults(d);
     }
-    apply(d);
 }
 
-void drive_stop(struct drive *d)
+static const struct servo_loop_cfg *cfg_in_use(const struct drive *d)
 {
-    for (int i = 0; i < 2; i++) {
-        d->od->axis[i].controlword = (uint16_t)(d->od->axis[i].controlword & ~(unsigned)CW_QUICK_STOP);
-        cia402_stop(&d->axis[i]);
-    }
-    drive_command(d, 0);
+    return &d->loop.cfg[d->configured % 2u];
 }
 
-void drive_reset(struct drive *d)
+static bool at_fault(const struct drive *d)
 {
-    const int32_t origin_nm[2] = {d->queue.origin_nm[0], d->queue.origin_nm[1]};
+    bool at = false;
     for (int i = 0; i < 2; i++) {
-        cia402_init(&d->axis[i]);
-        d->od->axis[i].error_code = 0;
+        at = at || d->axis[i].state == CIA402_FAULT || d->axis[i].state == CIA402_FAULT_REACTION_ACTIVE;
     }
-    axis_modes_reset(d);
-    apply(d); /* power off first: from here on the tick moves nothing */
+    return at;
+}
+
+/* The tick reads the words that were written for it. */
+static bool command_intact(const struct drive *d)
+{
+    const struct servo_loop_command *c = &d->loop.command;
+    bool intact = atomic_load(&c->controller) == d->od->controller.select &&
+                  atomic_load(&c->configured) == d->configured && atomic_load(&c->stream) == d->path.stream;
+    for (int i = 0; i < 2; i++) {
+        intact = intact && atomic_load(&c->powered[i]) == (d->powered[i] ? SERVO_LOOP_ON : SERVO_LOOP_OFF) &&
+                 (!d->powered[i] || servo_loop_simulated(&d->loop) == cfg_in_use(d)->onchip_plant.simulated);
+    }
+    return intact;
+}
+
+static bool memory_intact(struct drive *d)
+{
+    return integrity_intact(&d->integrity, cfg_in_use(d), sizeof *cfg_in_use(d), d->od) && cia402_intact(&d->axis[0]) &&
+           cia402_intact(&d->axis[1]) && command_intact(d) && at_fault(d) == (d->faults != 0);
+}
+
+/* Hand over the configuration that the parameters make. */
+static void configure(struct drive *d)
+{
+    const uint32_t next = atomic_load(&d->loop.command.configured) + 1u;
+    const struct hal *hal = d->loop.hal;
+    d->configured_ms = atomic_load(&d->loop.published);
+    d->loop.cfg[next % 2u] = configuration_servo_loop(d->od);
+    d->configured = next;
+    atomic_store(&d->loop.command.configured, next);
+    if (hal->drive_configure != NULL) {
+        struct hal_axis_cfg cfg[AXES];
+        configuration_hal(d->od, cfg);
+        hal->drive_configure(hal->ctx, cfg);
+    }
+    for (int i = 0; i < 2; i++) {
+        d->path.queue.min_nm[i] = d->od->axis[i].position_limit.min;
+        d->path.queue.max_nm[i] = d->od->axis[i].position_limit.max;
+    }
+}
+
+void drive_configure(struct drive *d, bool all)
+{
+    configure(d);
+    integrity_seal(&d->integrity, cfg_in_use(d), sizeof *cfg_in_use(d), d->od, all);
+}
+
+/* A bit has flipped: no power, and a state in which FAULT_MEMORY can be reset. */
+static void restore_memory(struct drive *d)
+{
+    for (int i = 0; i < 2; i++) {
+        cia402_fault(&d->axis[i], false);
+        d->powered[i] = false;
+        atomic_store(&d->loop.command.powered[i], SERVO_LOOP_OFF);
+    }
     atomic_store(&d->loop.command.controller, d->od->controller.select);
-    queue_init(&d->queue, &d->od->stream);
-    d->queue.origin_nm[0] = origin_nm[0];
-    d->queue.origin_nm[1] = origin_nm[1];
-    drive_configure(d, true);
-    drive_hold(d);
-    (void)scope_arm(&d->loop.scope, d->od, origin_nm);
-}
-
-void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
-{
-    *d = (struct drive){.od = od};
-    servo_loop_init(&d->loop, hal, &d->queue.ring);
-    queue_init(&d->queue, &od->stream);
-    drive_reset(d);
-}
-
-/* Path time has run through an open-ended stream as far as it can. */
-static void end_at_rest(struct drive *d)
-{
-    struct od_stream *s = d->queue.stream;
-    if (queue_rests(&d->queue) && s->accepted - s->executed <= 4u) { /* no knot has come meanwhile */
-        queue_executed(&d->queue, s->accepted);
-        queue_close(&d->queue);
-        s->state = STREAM_DONE;
+    atomic_store(&d->loop.command.stream, d->path.stream);
+    d->faults = 0; /* they may have been the bit */
+    if (!d->integrity.corrupt) {
+        drive_configure(d, false);
     }
 }
 
-static void follow_stream(struct drive *d)
+/* A stream has run into a limit switch. Profile velocity and homing stop there without a fault. */
+static bool stream_on_switch(const struct drive *d)
 {
-    struct od_stream *s = d->queue.stream;
-    if (!drive_in_step(d)) {
-        return;
-    }
-    const bool at_end = atomic_load(&d->loop.at_end); /* before `executed`, which then is the whole */
-    const bool starved = atomic_load(&d->loop.starved);
-    queue_executed(&d->queue, atomic_load(&d->loop.executed));
-    s->underruns += starved && !d->starved ? 1u : 0u;
-    d->starved = starved;
-    if (s->state == STREAM_IDLE || s->state == STREAM_DONE) {
-        return;
-    }
-    if (at_end && d->queue.total == 0 && !d->modes.generating) {
-        end_at_rest(d);
-    } else if (at_end) {
-        s->state = STREAM_DONE;
-    } else if (!drive_stands(d)) {
-        s->state = atomic_load(&d->loop.command.run) ? STREAM_RUNNING : STREAM_STOPPING;
-    } else if (s->state != STREAM_FILLING || !d->queue.open) {
-        s->state = STREAM_STOPPED;
-    }
+    const unsigned inputs = (unsigned)d->loop.snapshot.inputs[0] | d->loop.snapshot.inputs[1];
+    return axis_modes_follow_stream(&d->path.modes) && !d->path.progress.standing &&
+           (inputs & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0;
 }
 
-/* A stream has run into a limit switch; who jogs or homes stops there without a fault. */
-static bool on_switch(struct drive *d)
+/* FAULT_BIT()s of what is wrong now, whatever the reaction. */
+static uint32_t find_faults(struct drive *d, const struct drive_in *in)
 {
-    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
-    return axis_modes_follows_stream(d) && !drive_stands(d) &&
-           ((s->inputs[0] | s->inputs[1]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0;
+    const struct queue *queue = &d->path.queue;
+    const struct fault_monitor_in monitor = {.od = d->od,
+                                             .snapshot = &d->loop.snapshot,
+                                             .powered = d->powered,
+                                             .enable_refused = d->enable_refused,
+                                             .parameters_invalid = in->parameters_invalid};
+    return fault_monitor_step(&d->fault_monitor, &monitor) | atomic_load(&d->loop.faults) |
+           (queue->open && queue->outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u) |
+           (queue->open && queue->over_acceleration ? FAULT_BIT(FAULT_KNOT_ACCELERATION) : 0u) |
+           (stream_on_switch(d) ? FAULT_BIT(FAULT_LIMIT_SWITCH) : 0u);
 }
 
-/* What holds now, stops the axes or is warned of; of several that are new the first one in time comes first. */
-static void take_faults(struct drive *d)
+/* Of several new faults the one that the tick saw first is latched first. */
+static void supervise(struct drive *d, const struct drive_in *in)
 {
-    const struct fault_monitor_in in = {.od = d->od,
-                                        .snapshot = servo_loop_snapshot(&d->loop),
-                                        .powered = d->powered,
-                                        .refused = d->refused,
-                                        .store_lost = d->store_lost};
+    if (!memory_intact(d)) {
+        servo_loop_raise(&d->loop, FAULT_MEMORY); /* the next tick cuts the power, whatever happens here */
+        restore_memory(d);
+        drive_fault(d, FAULT_MEMORY);
+    }
     const uint32_t warn = fault_mask(d->od, REACT_WARN);
-    const uint32_t raised = fault_monitor_step(&d->fault_monitor, &in) | atomic_load(&d->loop.faults) |
-                            (d->queue.open && d->queue.outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u) |
-                            (d->queue.open && d->queue.sharp ? FAULT_BIT(FAULT_KNOT_ACCELERATION) : 0u) |
-                            (on_switch(d) ? FAULT_BIT(FAULT_LIMIT_SWITCH) : 0u);
+    const uint32_t raised = find_faults(d, in);
     const unsigned first = atomic_load(&d->loop.first);
     for (unsigned i = 0; i < FAULTS; i++) {
         const unsigned f = (first + i) % FAULTS;
@@ -358,122 +223,181 @@ static void take_faults(struct drive *d)
     d->warnings = raised & warn;
 }
 
-void drive_poll(struct drive *d)
+/* Transitions that waited for standstill, and what the controlword asks for after them. */
+static void settle(struct drive *d)
 {
-    if (!drive_intact(d)) {
-        servo_loop_raise(&d->loop,
-                         FAULT_MEMORY); /* cuts the power with the next tick, whatever the background makes of it */
-        drive_mend(d);
-        drive_fault(d, FAULT_MEMORY);
-    }
-    take_faults(d);
     for (int i = 0; i < 2; i++) {
-        cia402_poll(&d->axis[i], axis_modes_stands(d, i));
-    }
-    drive_command(d, 0); /* what had to wait; but nothing is enabled by an old command */
-    follow_stream(d);
-    axis_modes_poll(d);
-    apply(d);
-    for (int i = 0; i < 2; i++) {
-        d->od->axis[i].mode_display = d->modes.axis[i].mode;
-        d->od->axis[i].statusword = (uint16_t)(cia402_statusword(&d->axis[i]) | axis_modes_status(d, i) |
-                                               (d->warnings != 0 || d->node_warns ? SW_WARNING : 0u));
-    }
-}
-
-/* After a knot: the tick learns where the path may end. */
-static enum queue_result taken(struct drive *d, enum queue_result result)
-{
-    if (result == QUEUE_TAKEN) {
-        const bool complete = queue_complete(&d->queue);
-        atomic_store(&d->loop.command.rest, !complete && d->queue.total == 0 && queue_rests(&d->queue));
-        if (complete) {
-            atomic_store(&d->loop.command.complete, true);
+        if (axis_modes_stands(&d->path.modes, i, d->path.progress.standing)) {
+            cia402_standstill(&d->axis[i]);
         }
     }
-    return result;
+    take_controlwords(d, 0);
 }
 
-/* A stream may begin, and does so where the axes are held. */
-static bool near(struct drive *d, struct knot start)
+/* Power of the axes from now on, and what that does to the path. */
+static void switch_power(struct drive *d)
 {
-    return both_enabled(d) && within_start_window(d, start, drive_reference(d)) && axis_modes_follows_stream(d);
-}
-
-static void begin_stream(struct drive *d, struct knot start, uint32_t total)
-{
-    drive_begin(d, start, total);
-    queue_limit_acceleration(&d->queue, d->od->limits.acceleration);
-    d->modes.by_record = d->modes.by_frame = false;
-    record_start(&d->modes.record, d->od->axis[0].ip_period.value, start);
-}
-
-/* Command 3. Bit 4 must be clear: it is what starts the motion. */
-static uint32_t resume_stream(struct drive *d)
-{
-    const unsigned bits = d->axis[0].controlword | d->axis[1].controlword;
-    if (!both_enabled(d) || (bits & CW_ENABLE_IP) != 0 || !queue_resume(&d->queue)) {
-        return SDO_ABORT_STATE;
+    bool off = false;
+    bool on = false;
+    for (int i = 0; i < 2; i++) {
+        const bool powered = cia402_powered(&d->axis[i]);
+        off = off || (d->powered[i] && !powered);
+        on = on || (!d->powered[i] && powered);
     }
-    return SDO_OK;
+    if (on) {
+        path_power_on(&d->path, d->od, d->powered);
+    }
+    if (on && !d->powered[0] && !d->powered[1]) {
+        release_capture(d); /* of a warning: that of a fault was released with it */
+    }
+    if (off && !d->path.modes.generating) {
+        path_power_off(&d->path);
+    }
+    if (off || both_enabled(d)) {
+        command_guard_disarm(&d->command_guard);
+    }
+    for (int i = 0; i < 2; i++) {
+        d->powered[i] = cia402_powered(&d->axis[i]);
+    }
 }
+
+static void get_axes(const struct drive *d, struct path_axis axis[2])
+{
+    for (int i = 0; i < 2; i++) {
+        const struct cia402 *a = &d->axis[i];
+        axis[i] = (struct path_axis){
+            .controlword = a->controlword,
+            .enabled = cia402_enabled(a),
+            .powered = d->powered[i],
+            .quick_stop = a->state == CIA402_QUICK_STOP_ACTIVE ? a->quick_stop : NO_QUICK_STOP,
+        };
+    }
+}
+
+static bool may_run(const struct drive *d)
+{
+    struct path_axis axis[2];
+    get_axes(d, axis);
+    return path_may_run(&d->path, d->od, axis, d->faults != 0);
+}
+
+/* Progress of the path, and the modes of operation. */
+static void follow_path(struct drive *d)
+{
+    const bool run = may_run(d);
+    struct path_axis axis[2];
+    if (!path_follow(&d->path, run, drive_powered(d))) {
+        drive_fault(d, FAULT_UNDERRUN);
+    }
+    get_axes(d, axis);
+    path_step_modes(&d->path, d->od, axis, run);
+}
+
+/* The words that the tick reads, but those of the path. */
+static void write_command(struct drive *d)
+{
+    struct servo_loop_command *c = &d->loop.command;
+    for (int i = 0; i < 2; i++) {
+        atomic_store(&c->powered[i], d->powered[i] ? SERVO_LOOP_ON : SERVO_LOOP_OFF);
+    }
+    atomic_store(&c->rate, d->path.modes.generating ? 1000u : d->od->feed_override);
+    atomic_store(&c->run, may_run(d));
+}
+
+static void report_status(struct drive *d, bool node_warns)
+{
+    const unsigned warning = d->warnings != 0 || node_warns ? SW_WARNING : 0u;
+    for (int i = 0; i < 2; i++) {
+        const unsigned mode = axis_modes_status(&d->path.modes, i, d->od->stream.state, d->path.progress.standing);
+        d->od->axis[i].mode_display = d->path.modes.axis[i].mode;
+        d->od->axis[i].statusword = (uint16_t)(cia402_statusword(&d->axis[i]) | mode | warning);
+    }
+}
+
+void drive_step(struct drive *d, const struct drive_in *in)
+{
+    path_read(&d->path);
+    if (in->received != 0) {
+        take_controlwords(d, in->received);
+    }
+    supervise(d, in);
+    settle(d);
+    switch_power(d);
+    follow_path(d);
+    write_command(d);
+    report_status(d, in->node_warns);
+}
+
+void drive_statusword_sent(struct drive *d, int axis)
+{
+    const unsigned now = cia402_statusword(&d->axis[axis]);
+    if (((now ^ d->od->axis[axis].statusword) & SW_STATE) == 0) {
+        command_guard_sent(&d->command_guard, axis, d->axis[axis].changes);
+    }
+}
+
+/* ---- requests ---- */
 
 uint32_t drive_stream_command(struct drive *d, uint8_t command)
 {
-    const struct od_stream *s = d->queue.stream;
-    const struct knot start = {{s->start_x, s->start_y}};
-    if (!drive_stands(d) || atomic_load(&d->loop.command.run)) {
-        return SDO_ABORT_STATE;
+    struct path_axis axis[2];
+    get_axes(d, axis);
+    path_read(&d->path);
+    return path_command(&d->path, d->od, axis, command);
+}
+
+uint32_t drive_record(struct drive *d, struct knot record)
+{
+    struct path_axis axis[2];
+    get_axes(d, axis);
+    path_read(&d->path);
+    return path_record(&d->path, d->od, axis, record);
+}
+
+void drive_stop(struct drive *d)
+{
+    path_read(&d->path);
+    for (int i = 0; i < 2; i++) {
+        d->od->axis[i].controlword = (uint16_t)(d->od->axis[i].controlword & ~(unsigned)CW_QUICK_STOP);
+        cia402_stop(&d->axis[i]);
     }
-    if (command == 2) {
-        drive_hold(d);
+    take_controlwords(d, 0);
+    switch_power(d);
+    write_command(d);
+}
+
+void drive_reset(struct drive *d)
+{
+    path_read(&d->path);
+    for (int i = 0; i < 2; i++) {
+        cia402_init(&d->axis[i]);
+        d->od->axis[i].error_code = 0;
+    }
+    axis_modes_reset(&d->path.modes);
+    switch_power(d);
+    write_command(d); /* power off first: from here on the tick moves nothing */
+    atomic_store(&d->loop.command.controller, d->od->controller.select);
+    path_reset(&d->path, &d->od->stream);
+    drive_configure(d, true);
+    (void)scope_arm(&d->loop.scope, d->od, d->path.queue.origin_nm);
+}
+
+void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
+{
+    *d = (struct drive){.od = od};
+    servo_loop_init(&d->loop, hal, &d->path.queue.ring);
+    path_init(&d->path, &d->loop, &od->stream);
+    drive_reset(d);
+}
+
+uint32_t drive_scope_command(struct drive *d, uint8_t command)
+{
+    if (command == SCOPE_COMMAND_OFF) {
+        scope_off(&d->loop.scope);
         return SDO_OK;
     }
-    if (command == 3) {
-        return resume_stream(d);
+    if (command == SCOPE_COMMAND_DEFAULTS) {
+        od_restore(d->od, 0, OBJ_SCOPE, OBJ_SCOPE_CHANNELS);
     }
-    if (!near(d, start) || s->total == 1 || s->total == 2) {
-        return SDO_ABORT_STATE;
-    }
-    begin_stream(d, start, s->total);
-    return SDO_OK;
-}
-
-uint32_t drive_begin_at(struct drive *d, struct knot start, struct knot first)
-{
-    const struct od_axis *axis = d->od->axis;
-    if (!drive_stands(d) || !near(d, first) || axis[0].ip_period.value != axis[1].ip_period.value) {
-        return SDO_ABORT_STATE;
-    }
-    begin_stream(d, start, 0);
-    return SDO_OK;
-}
-
-uint32_t drive_stream_total(struct drive *d, uint32_t total)
-{
-    const bool open_ended = d->queue.open && d->queue.total == 0 && !d->modes.generating;
-    if (!open_ended || total == 0) {
-        return SDO_OK; /* for the next stream */
-    }
-    if (!queue_end(&d->queue, total)) {
-        return SDO_ABORT_STATE;
-    }
-    (void)taken(d, QUEUE_TAKEN);
-    return SDO_OK;
-}
-
-enum queue_result drive_knot(struct drive *d, const struct od_knot *frame)
-{
-    if (d->modes.generating) {
-        d->queue.stream->rejected_state++;
-        return QUEUE_NOT_OPEN;
-    }
-    const enum queue_result result = taken(d, queue_frame(&d->queue, frame));
-    d->modes.by_frame = d->modes.by_frame || result == QUEUE_TAKEN;
-    return result;
-}
-
-enum queue_result drive_push(struct drive *d, struct knot knot)
-{
-    return taken(d, queue_push(&d->queue, knot));
+    return scope_arm(&d->loop.scope, d->od, d->path.queue.origin_nm) ? SDO_OK : SDO_ABORT_INCOMPATIBLE;
 }

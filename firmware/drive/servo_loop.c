@@ -37,8 +37,8 @@ static const path_time_t STEP = PATH_ONE / TICKS_PER_MS;
 __attribute__((noinline)) static void change_path(struct servo_loop *loop, const struct servo_loop_cfg *cfg,
                                                   bool complete, bool run)
 {
-    const uint32_t begin = LOAD(loop->command.begin);
-    if (begin != LOAD(loop->begun)) {
+    const uint32_t stream = LOAD(loop->command.stream);
+    if (stream != LOAD(loop->stream)) {
         path_clock_reset(&loop->path);
         loop->servo.spline_cache = (struct spline_cache){0};
         loop->contour_statistics = (struct contour_statistics){0};
@@ -50,18 +50,18 @@ __attribute__((noinline)) static void change_path(struct servo_loop *loop, const
         .stop_time = cfg->stop_time,
         .step = STEP,
     };
-    const bool rest = LOAD(loop->command.rest);
+    const bool may_end = LOAD(loop->command.may_end);
     const enum path_clock_event event = path_clock_step(&loop->path, &in);
-    if (event == PATH_UNDERRUN && !rest) {
+    if (event == PATH_UNDERRUN && !may_end) {
         servo_loop_raise(loop, FAULT_UNDERRUN);
     }
     const bool standing = !n_lt(NUM(0), loop->path.at.rate);
     const bool slowed = !standing && n_lt(loop->path.at.rate, in.rate);
-    STORE(loop->starved, !rest && (event == PATH_STARVED || (slowed && LOAD(loop->starved))));
-    STORE(loop->at_end, event == PATH_AT_END || (event == PATH_UNDERRUN && rest));
+    STORE(loop->starved, !may_end && (event == PATH_STARVED || (slowed && LOAD(loop->starved))));
+    STORE(loop->at_end, event == PATH_AT_END || (event == PATH_UNDERRUN && may_end));
     STORE(loop->standing, standing);
     STORE(loop->executed, path_clock_executed(&loop->path));
-    STORE(loop->begun, begin);
+    STORE(loop->stream, stream);
 }
 
 /* One control period of path time, with the flags `standing`, `at_end`, `starved` and `executed`. */
@@ -70,7 +70,7 @@ static inline void step_path(struct servo_loop *loop, const struct servo_loop_cf
     /* `complete` is read before the count, so that a count read too early never counts as the whole stream. */
     const bool complete = LOAD(loop->command.complete);
     const bool run = LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0;
-    const bool on = run && LOAD(loop->command.rate) == 1000u && LOAD(loop->command.begin) == LOAD(loop->begun);
+    const bool on = run && LOAD(loop->command.rate) == 1000u && LOAD(loop->command.stream) == LOAD(loop->stream);
     if (on && path_clock_run_on(&loop->path, LOAD(loop->ring->count), complete, STEP)) {
         STORE(loop->executed, loop->path.at.knot + 1u);
     } else {
@@ -204,7 +204,7 @@ SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t
         loop->highest[i] = pos_add(pos_from_nm(cfg->max_nm[i]), cfg->following_max[i]);
     }
     servo_reset(&cfg->servo, &loop->servo, measured);
-    loop->path.spare = 0; /* it depends on stop_time */
+    loop->path.enough = 0; /* it depends on stop_time */
 }
 
 void servo_loop_init(struct servo_loop *loop, const struct hal *hal, const struct spline_ring *ring)
@@ -325,4 +325,15 @@ const struct servo_snapshot *servo_loop_snapshot(struct servo_loop *loop)
         telemetry_scale(&loop->snapshot, &loop->records[published % SERVO_LOOP_RECORDS], loop->encoder);
     }
     return &loop->snapshot;
+}
+
+struct path_progress servo_loop_progress(const struct servo_loop *loop)
+{
+    struct path_progress p;
+    p.current = atomic_load(&loop->stream) == atomic_load(&loop->command.stream);
+    p.standing = atomic_load(&loop->standing);
+    p.at_end = atomic_load(&loop->at_end); /* before `executed`, which then is the number of all knots */
+    p.starved = atomic_load(&loop->starved);
+    p.executed = atomic_load(&loop->executed);
+    return p;
 }

@@ -16,7 +16,7 @@
 #define KONTUR_SERVO_LOOP_H
 #include <stdatomic.h>
 
-#include "drive/configuration.h"
+#include "core/servo.h"
 #include "drive/encoder.h"
 #include "drive/telemetry.h"
 #include "hal/hal.h"
@@ -48,9 +48,9 @@ struct servo_loop_command {
     _Atomic bool run;            /* path time may run */
     _Atomic uint16_t rate;       /* rate of path time if it may run: 1/1000, 0 to 1000 PATH_RATE_MAX */
     _Atomic bool complete;       /* all knots of the stream are in the ring */
-    _Atomic bool rest;           /* the stream is open-ended, and its last knots are equal: it may end there */
+    _Atomic bool may_end;        /* the stream is open-ended, and its last knots are equal: it may end there */
     _Atomic uint8_t controller;  /* enum controller */
-    _Atomic uint32_t begin;      /* number of the stream: path time starts from 0 when it changes */
+    _Atomic uint32_t stream;     /* number of the stream: path time starts from 0 when it changes */
     _Atomic uint32_t configured; /* number of the configuration: it is taken over when it changes */
     _Atomic bool energy_reset;   /* the tick clears it */
     _Atomic int32_t origin_nm[2]; /* user's position less the servo's: for the limits only */
@@ -64,7 +64,7 @@ struct servo_loop {
     /* flags of the tick */
     _Atomic uint32_t faults;    /* FAULT_BIT()s */
     _Atomic uint8_t first;      /* enum fault: the first one of `faults` */
-    _Atomic uint32_t begun;     /* command.begin that the next four words belong to */
+    _Atomic uint32_t stream;    /* command.stream that the next four words belong to */
     _Atomic bool standing;      /* path time does not run */
     _Atomic bool at_end;        /* it has reached the end of a stream that is complete or may end there */
     _Atomic bool starved;       /* it is slowed for want of knots */
@@ -103,6 +103,8 @@ void servo_loop_tick(struct servo_loop *loop);
 void servo_loop_raise(struct servo_loop *loop, enum fault f);
 /* The newest snapshot. Background only. */
 const struct servo_snapshot *servo_loop_snapshot(struct servo_loop *loop);
+/* How far path time has come. Background only. */
+struct path_progress servo_loop_progress(const struct servo_loop *loop);
 /* The tick works on the plant on the chip. Any context. */
 static inline bool servo_loop_simulated(const struct servo_loop *loop)
 {

@@ -1,254 +1,243 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "motion/axis_modes.h"
 
-#include "drive/drive.h"
+#include "hal/hal.h"
 
-enum { AXIS_STEP = 0x800 };
+enum { HALT_QUICK_STOP_RAMP = 2 }; /* 605Dh: halt slows down with 6085h */
 
-void axis_modes_reset(struct drive *d)
+void axis_modes_reset(struct axis_modes *m)
 {
-    d->modes.generating = false;
+    m->generating = false;
     for (int i = 0; i < 2; i++) {
-        d->modes.axis[i].mode = MODE_PATH;
-        profile_start(&d->modes.axis[i].profile, 0); /* of use for nothing, but never without a sense */
-        if (homing_busy(&d->modes.axis[i].homing)) {
-            d->modes.axis[i].homing.state = HOMING_NONE;
+        m->axis[i].mode = MODE_INTERPOLATED_POSITION;
+        profile_start(&m->axis[i].profile, 0); /* not followed; its moving average needs a length */
+        if (homing_busy(&m->axis[i].homing)) {
+            m->axis[i].homing.state = HOMING_NONE;
         }
     }
 }
 
-static bool mode_known(int64_t mode)
+bool axis_modes_known(int64_t mode)
 {
-    return mode == MODE_VELOCITY || mode == MODE_HOMING || mode == MODE_PATH;
+    return mode == MODE_PROFILE_VELOCITY || mode == MODE_HOMING || mode == MODE_INTERPOLATED_POSITION;
 }
 
-bool axis_modes_follows_stream(const struct drive *d)
+bool axis_modes_follow_stream(const struct axis_modes *m)
 {
-    return !d->modes.generating && d->modes.axis[0].mode == MODE_PATH && d->modes.axis[1].mode == MODE_PATH;
+    return !m->generating && m->axis[0].mode == MODE_INTERPOLATED_POSITION &&
+           m->axis[1].mode == MODE_INTERPOLATED_POSITION;
 }
 
-bool axis_modes_stands(const struct drive *d, int axis)
+bool axis_modes_stands(const struct axis_modes *m, int axis, bool standing)
 {
-    return drive_stands(d) || (d->modes.generating && profile_rests(&d->modes.axis[axis].profile));
+    return standing || (m->generating && profile_stands(&m->axis[axis].profile));
 }
 
-/* Path time stands and will not move by itself. */
-static bool idle(const struct drive *d)
+/* The tick has taken over the queue as it is, and neither `hold` nor an origin of this step changes that. */
+static bool path_current(const struct axis_modes_in *in, const struct axis_modes_out *out)
 {
-    const struct servo_loop *loop = &d->loop;
-    return !d->modes.generating && drive_stands(d) &&
-           (!atomic_load(&loop->command.run) || (drive_in_step(d) && atomic_load(&loop->at_end)));
+    return in->path->current && !out->hold && !out->set_origin[0] && !out->set_origin[1];
 }
 
-static void take_mode(struct drive *d, int i)
+/* Path time stands and does not start by itself. */
+static bool idle(const struct axis_modes *m, const struct axis_modes_in *in, const struct axis_modes_out *out)
 {
-    struct axis_mode *a = &d->modes.axis[i];
-    const int8_t mode = d->od->axis[i].mode;
-    if (mode == a->mode || !mode_known(mode)) {
+    return !m->generating && in->path->standing && (!in->path_may_run || (path_current(in, out) && in->path->at_end));
+}
+
+static void take_over_mode(struct axis_modes *m, int i, const struct axis_modes_in *in, struct axis_modes_out *out)
+{
+    struct axis_mode *a = &m->axis[i];
+    const int8_t mode = in->od->axis[i].mode;
+    if (mode == a->mode || !axis_modes_known(mode)) {
         return;
     }
     /* an axis that homes stands on the switch, too, before it turns */
-    if (!homing_busy(&a->homing) && (d->modes.generating ? profile_rests(&a->profile) : idle(d))) {
-        if (!d->modes.generating) {
-            drive_hold(d);
-        }
+    if (!homing_busy(&a->homing) && (m->generating ? profile_stands(&a->profile) : idle(m, in, out))) {
+        out->hold = out->hold || !m->generating;
         a->mode = mode;
     }
 }
 
 /* ---- homing ---- */
 
-static struct homing_in homing_in(struct drive *d, int i)
+static struct homing_in homing_in(const struct axis_modes *m, int i, const struct axis_modes_in *in)
 {
-    const struct servo_snapshot *s = servo_loop_snapshot(&d->loop);
-    const struct od_axis *od = &d->od->axis[i];
+    const struct axis_mode_in *axis = &in->axis[i];
+    const struct od_axis *od = &in->od->axis[i];
     return (struct homing_in){
-        .inputs = s->inputs[i],
-        .index_pulses = s->index_pulses[i],
-        .index_nm = s->index_nm[i],
-        .edge_nm = s->edge_nm[i],
-        .position_nm = s->position_nm[i],
+        .inputs = axis->inputs,
+        .index_pulses = axis->index_pulses,
+        .index_nm = axis->index_nm,
+        .edge_nm = axis->edge_nm,
+        .position_nm = axis->position_nm,
         .reach_nm = (int64_t)od->position_limit.max - od->position_limit.min,
         .switch_umps = (int32_t)od->homing_speed.search,
         .zero_umps = (int32_t)od->homing_speed.zero,
-        .resting = axis_modes_stands(d, i),
+        .standing = axis_modes_stands(m, i, in->path->standing),
     };
 }
 
-/* Speed of an axis in mode 6. Homing runs while bit 4 stays set, and is begun by its edge. */
-static int32_t homing(struct drive *d, int i, bool on)
+/* Target velocity of an axis in mode 6. An edge of bit 4 starts the homing, which runs while the bit stays set. */
+static int32_t homing_velocity(struct axis_modes *m, int i, const struct axis_modes_in *in)
 {
-    struct axis_mode *a = &d->modes.axis[i];
-    const uint16_t cw = d->axis[i].controlword;
-    const bool wanted = on && (cw & CW_ENABLE_IP) != 0 && (cw & CW_HALT) == 0;
-    const struct homing_in in = homing_in(d, i);
-    if (!wanted) {
+    struct axis_mode *a = &m->axis[i];
+    const uint16_t cw = in->axis[i].controlword;
+    const struct homing_in homing = homing_in(m, i, in);
+    if (!in->axis[i].enabled || (cw & CW_ENABLE_IP) == 0 || (cw & CW_HALT) != 0) {
         a->homing.state = homing_busy(&a->homing) ? HOMING_NONE : a->homing.state;
         return 0;
     }
     if ((a->controlword & CW_ENABLE_IP) == 0) {
-        homing_start(&a->homing, d->od->axis[i].homing_method, &in);
+        homing_start(&a->homing, in->od->axis[i].homing_method, &homing);
     }
-    return homing_step(&a->homing, &in);
+    return homing_step(&a->homing, &homing);
 }
 
 /* The home point has been found and both axes stand: it gets the position 607Ch. */
-static void shift_origin(struct drive *d, int i)
+static void set_origin(struct axis_modes *m, int i, const struct axis_modes_in *in, struct axis_modes_out *out)
 {
-    struct homing *h = &d->modes.axis[i].homing;
-    if (h->state != HOMING_FOUND || !idle(d)) {
+    struct homing *h = &m->axis[i].homing;
+    if (h->state != HOMING_FOUND || !idle(m, in, out)) {
         return;
     }
-    const int64_t origin = d->od->axis[i].home_offset - h->found_nm;
-    h->state = origin < -INT32_MAX || origin > INT32_MAX ? HOMING_FAILED : HOMING_DONE;
-    if (h->state == HOMING_DONE) {
-        drive_shift_origin(d, i, (int32_t)origin);
+    const int64_t origin = in->od->axis[i].home_offset - h->found_nm;
+    const bool fits = origin >= -INT32_MAX && origin <= INT32_MAX;
+    h->state = fits ? HOMING_DONE : HOMING_FAILED;
+    out->set_origin[i] = fits;
+    out->origin_nm[i] = fits ? (int32_t)origin : 0;
+}
+
+/* ---- profile velocity ---- */
+
+/* A limit switch stops an axis that has this velocity. */
+static bool switch_ahead(uint8_t inputs, int64_t velocity)
+{
+    return (velocity > 0 && (inputs & HAL_LIMIT_MAX) != 0) || (velocity < 0 && (inputs & HAL_LIMIT_MIN) != 0);
+}
+
+/* FAULT_OVERSPEED trips at 2130h velocity: a profile stays a tenth below. */
+static int32_t velocity_max(const struct od_data *od)
+{
+    return (int32_t)(od->limits.velocity / 10u * 9u);
+}
+
+/* Target velocity of an axis in mode 3 */
+static int32_t requested_velocity(struct axis_modes *m, int i, const struct axis_modes_in *in)
+{
+    struct axis_mode *a = &m->axis[i];
+    const struct axis_mode_in *axis = &in->axis[i];
+    const struct od_axis *od = &in->od->axis[i];
+    const bool halt = (axis->controlword & CW_HALT) != 0;
+    const int32_t max = velocity_max(in->od);
+    const int64_t here_pm = m->generating ? a->profile.pos_pm : (int64_t)axis->reference_nm * 1000;
+    a->requested_umps = axis->enabled && !halt ? od->target_velocity : 0;
+    int32_t velocity = a->requested_umps > max ? max : a->requested_umps < -max ? -max : a->requested_umps;
+    if (switch_ahead(axis->inputs, velocity) || (velocity > 0 && here_pm >= (int64_t)od->position_limit.max * 1000) ||
+        (velocity < 0 && here_pm <= (int64_t)od->position_limit.min * 1000)) {
+        velocity = 0;
     }
+    a->limited = velocity != a->requested_umps;
+    return velocity;
 }
 
-/* ---- jogging ---- */
-
-/* The limit switch that stops an axis with this speed */
-static bool switch_ahead(struct drive *d, int i, int64_t speed)
+/* The axis slows down with 6085h. So does one without power: it coasts, and its profile is to end soon. */
+static bool on_quick_stop_ramp(const struct axis_modes *m, int i, const struct axis_modes_in *in)
 {
-    const uint8_t inputs = servo_loop_snapshot(&d->loop)->inputs[i];
-    return (speed > 0 && (inputs & HAL_LIMIT_MAX) != 0) || (speed < 0 && (inputs & HAL_LIMIT_MIN) != 0);
-}
-
-/* The trip of 2130h is no speed to go with. */
-static int32_t fastest(const struct drive *d)
-{
-    return (int32_t)(d->od->limits.velocity / 10u * 9u);
-}
-
-/* Speed of an axis in mode 3 */
-static int32_t jogging(struct drive *d, int i, bool on)
-{
-    struct axis_mode *a = &d->modes.axis[i];
-    const struct od_axis *od = &d->od->axis[i];
-    const bool halt = (d->axis[i].controlword & CW_HALT) != 0;
-    const int32_t max = fastest(d);
-    const int64_t here_pm = d->modes.generating ? a->profile.pos_pm : (int64_t)drive_reference(d).nm[i] * 1000;
-    a->wish_umps = on && !halt ? od->target_velocity : 0;
-    int32_t speed = a->wish_umps > max ? max : a->wish_umps < -max ? -max : a->wish_umps;
-    if (switch_ahead(d, i, speed) || (speed > 0 && here_pm >= (int64_t)od->position_limit.max * 1000) ||
-        (speed < 0 && here_pm <= (int64_t)od->position_limit.min * 1000)) {
-        speed = 0;
-    }
-    a->limited = speed != a->wish_umps;
-    return speed;
-}
-
-/* On the quick-stop ramp; without power the axis coasts, and the other one's path shall be rid of it. */
-static bool quick(struct drive *d, int i)
-{
-    if (!d->powered[i]) {
+    const struct axis_mode_in *axis = &in->axis[i];
+    if (!axis->powered) {
         return true;
     }
-    const struct od_axis *od = &d->od->axis[i];
-    const int16_t option = d->axis[i].quick_stop;
-    if (d->axis[i].state == CIA402_QUICK_STOP_ACTIVE) {
-        return option == 2 || option == 6;
+    if (axis->quick_stop != NO_QUICK_STOP) {
+        return axis->quick_stop == 2 || axis->quick_stop == 6;
     }
-    return ((d->axis[i].controlword & CW_HALT) != 0 && od->halt_option == 2) ||
-           switch_ahead(d, i, d->modes.axis[i].profile.vel_pmpms);
+    return ((axis->controlword & CW_HALT) != 0 && in->od->axis[i].halt_option == HALT_QUICK_STOP_RAMP) ||
+           switch_ahead(axis->inputs, m->axis[i].profile.vel_pmpms);
 }
 
-/* What the axis is to do now. */
-static struct profile_in plan(struct drive *d, int i)
+static struct profile_in profile_in(struct axis_modes *m, int i, const struct axis_modes_in *in)
 {
-    const struct od_axis *od = &d->od->axis[i];
-    const bool on = cia402_enabled(&d->axis[i]);
-    struct profile_in in = {.up_umps2 = od->profile_acceleration,
-                            .down_umps2 = od->profile_deceleration,
-                            .min_nm = od->position_limit.min,
-                            .max_nm = od->position_limit.max};
-    if (d->modes.axis[i].mode == MODE_VELOCITY) {
-        in.target_umps = jogging(d, i, on);
-    } else if (d->modes.axis[i].mode == MODE_HOMING) {
-        in.up_umps2 = in.down_umps2 = od->homing_acceleration;
-        in.target_umps = homing(d, i, on);
-        in.min_nm = INT32_MIN;
-        in.max_nm = INT32_MAX;
+    const struct od_axis *od = &in->od->axis[i];
+    struct profile_in profile = {.up_umps2 = od->profile_acceleration,
+                                 .down_umps2 = od->profile_deceleration,
+                                 .min_nm = od->position_limit.min,
+                                 .max_nm = od->position_limit.max};
+    if (m->axis[i].mode == MODE_PROFILE_VELOCITY) {
+        profile.target_umps = requested_velocity(m, i, in);
+    } else if (m->axis[i].mode == MODE_HOMING) {
+        profile.up_umps2 = profile.down_umps2 = od->homing_acceleration;
+        profile.target_umps = homing_velocity(m, i, in);
+        profile.min_nm = INT32_MIN;
+        profile.max_nm = INT32_MAX;
     }
-    if (quick(d, i)) {
-        in.down_umps2 = od->quick_stop_deceleration;
+    if (on_quick_stop_ramp(m, i, in)) {
+        profile.down_umps2 = od->quick_stop_deceleration;
     }
-    return in;
+    return profile;
 }
 
-static void begin(struct drive *d)
+void axis_modes_step(struct axis_modes *m, const struct axis_modes_in *in, struct axis_modes_out *out)
 {
-    const struct knot start = drive_reference(d);
-    drive_begin(d, start, 0);
-    for (int i = 0; i < 2; i++) {
-        profile_start(&d->modes.axis[i].profile, start.nm[i]);
-    }
-    d->modes.generating = true;
-    d->modes.ending = false;
-}
-
-/* Knots up to PROFILE_AHEAD before path time. The path is complete at any time: when it stands, its last knots do. */
-static void make_knots(struct drive *d, const struct profile_in in[2])
-{
-    struct axis_mode *a = d->modes.axis;
-    const struct od_stream *s = d->queue.stream;
-    while (!d->modes.ending && s->accepted - s->executed < PROFILE_AHEAD) {
-        const struct knot knot = {{profile_step(&a[0].profile, &in[0]), profile_step(&a[1].profile, &in[1])}};
-        if (queue_push(&d->queue, knot) != QUEUE_TAKEN) {
-            break; /* outside the limits; drive_poll() reports it */
-        }
-        d->modes.ending = in[0].target_umps == 0 && profile_rests(&a[0].profile) && in[1].target_umps == 0 &&
-                          profile_rests(&a[1].profile);
-    }
-    if (d->modes.ending) {
-        (void)queue_end(&d->queue, s->accepted);
-    }
-    atomic_store(&d->loop.command.complete, true);
-}
-
-/* The way has come to its end, or was stopped. */
-static void follow_end(struct drive *d)
-{
-    struct axis_modes *m = &d->modes;
-    if (!m->generating || !drive_in_step(d)) {
-        return;
-    }
-    const bool at_end = atomic_load(&d->loop.at_end);
-    if (at_end && !m->ending) {
-        drive_fault(d, FAULT_UNDERRUN); /* nobody made knots for PROFILE_AHEAD milliseconds */
-    }
-    if (at_end || !drive_powered(d)) { /* a fault that stops the axes on the path switches them off there */
-        m->generating = false;
-        queue_close(&d->queue);
-    }
-}
-
-void axis_modes_poll(struct drive *d)
-{
-    struct axis_modes *m = &d->modes;
-    struct profile_in in[2];
-    follow_end(d);
+    *out = (struct axis_modes_out){0};
     bool wanted = false;
     for (int i = 0; i < 2; i++) {
-        take_mode(d, i);
-        in[i] = plan(d, i);
-        m->axis[i].controlword = d->axis[i].controlword;
-        wanted = wanted || in[i].target_umps != 0;
+        take_over_mode(m, i, in, out);
+        m->axis[i].target = profile_in(m, i, in);
+        m->axis[i].controlword = in->axis[i].controlword;
+        wanted = wanted || m->axis[i].target.target_umps != 0;
     }
-    if (wanted && idle(d) && drive_in_step(d)) {
-        begin(d);
-    }
-    if (m->generating) {
+    if (wanted && idle(m, in, out) && path_current(in, out)) {
+        out->begin = true;
+        m->generating = true;
+        m->ending = false;
         for (int i = 0; i < 2; i++) {
-            if (m->axis[i].mode == MODE_HOMING) {
-                queue_unlimited(&d->queue, i);
-            }
+            profile_start(&m->axis[i].profile, in->axis[i].reference_nm);
         }
-        make_knots(d, in);
     }
     for (int i = 0; i < 2; i++) {
-        shift_origin(d, i);
+        set_origin(m, i, in, out);
+    }
+}
+
+/* ---- the path of the profiles ---- */
+
+bool axis_modes_end(struct axis_modes *m, struct queue *q, const struct path_progress *path, bool powered)
+{
+    if (!m->generating || !path->current) {
+        return false;
+    }
+    if (path->at_end || !powered) { /* a fault that stops the axes on the path has switched them off there */
+        m->generating = false;
+        queue_close(q);
+    }
+    return path->at_end && !m->ending;
+}
+
+/* The profile stands, and is to stay so. */
+static bool ends(const struct axis_mode *a)
+{
+    return a->target.target_umps == 0 && profile_stands(&a->profile);
+}
+
+void axis_modes_generate(struct axis_modes *m, struct queue *q)
+{
+    struct axis_mode *a = m->axis;
+    const struct od_stream *s = q->stream;
+    for (int i = 0; i < 2; i++) {
+        if (a[i].mode == MODE_HOMING) {
+            queue_unlimited(q, i);
+        }
+    }
+    while (!m->ending && s->accepted - s->executed < PROFILE_AHEAD) {
+        const struct knot knot = {
+            {profile_step(&a[0].profile, &a[0].target), profile_step(&a[1].profile, &a[1].target)}};
+        if (queue_push(q, knot) != QUEUE_ACCEPTED) {
+            break; /* outside the limits, which is FAULT_KNOT_RANGE */
+        }
+        m->ending = ends(&a[0]) && ends(&a[1]);
+    }
+    if (m->ending) {
+        (void)queue_end(q, s->accepted);
     }
 }
 
@@ -256,89 +245,53 @@ void axis_modes_poll(struct drive *d)
 
 static unsigned homing_status(const struct homing *h, bool stands)
 {
-    const unsigned still = stands ? SW_TARGET_REACHED : 0u;
+    const unsigned reached = stands ? SW_TARGET_REACHED : 0u;
     switch (h->state) {
-    case HOMING_NONE: return still;
+    case HOMING_NONE: return reached;
     case HOMING_DONE: return SW_HOMING_ATTAINED | SW_TARGET_REACHED;
     case HOMING_FAILING: return SW_HOMING_ERROR;
-    case HOMING_FAILED: return SW_HOMING_ERROR | still;
+    case HOMING_FAILED: return SW_HOMING_ERROR | reached;
     default: return 0;
     }
 }
 
 static unsigned velocity_status(const struct axis_mode *a, bool generating, bool stands)
 {
-    const bool reached = generating ? profile_reached(&a->profile, a->wish_umps) : a->wish_umps == 0 && stands;
+    const bool reached =
+        generating ? profile_reached(&a->profile, a->requested_umps) : a->requested_umps == 0 && stands;
     const bool limited = a->limited || (generating && a->profile.limited);
     return (reached ? SW_TARGET_REACHED : 0u) | (limited ? SW_INTERNAL_LIMIT : 0u) | (stands ? SW_SPEED_0 : 0u);
 }
 
-uint16_t axis_modes_status(const struct drive *d, int axis)
+uint16_t axis_modes_status(const struct axis_modes *m, int axis, uint8_t stream_state, bool standing)
 {
-    const struct axis_mode *a = &d->modes.axis[axis];
-    const uint8_t stream = d->queue.stream->state;
+    const struct axis_mode *a = &m->axis[axis];
+    const bool stands = axis_modes_stands(m, axis, standing);
     if (a->mode == MODE_HOMING) {
-        return (uint16_t)homing_status(&a->homing, axis_modes_stands(d, axis));
+        return (uint16_t)homing_status(&a->homing, stands);
     }
-    if (a->mode == MODE_VELOCITY) {
-        return (uint16_t)velocity_status(a, d->modes.generating, axis_modes_stands(d, axis));
+    if (a->mode == MODE_PROFILE_VELOCITY) {
+        return (uint16_t)velocity_status(a, m->generating, stands);
     }
-    if (!axis_modes_follows_stream(d)) {
+    if (!axis_modes_follow_stream(m)) {
         return 0;
     }
-    return (uint16_t)((stream == STREAM_RUNNING || stream == STREAM_STOPPING ? SW_IP_ACTIVE : 0u) |
-                      (stream == STREAM_DONE ? SW_TARGET_REACHED : 0u));
+    return (uint16_t)((stream_state == STREAM_RUNNING || stream_state == STREAM_STOPPING ? SW_IP_ACTIVE : 0u) |
+                      (stream_state == STREAM_DONE ? SW_TARGET_REACHED : 0u));
 }
 
-/* ---- records ---- */
+/* ---- streams ---- */
 
-bool axis_modes_may_start(const struct drive *d)
+void axis_modes_begin_stream(struct axis_modes *m, uint8_t record_ms, struct knot start)
 {
-    const struct od_stream *s = d->queue.stream;
-    const uint32_t stop = d->od->limits.path_stop_time / 2u + 4u;
-    return s->state != STREAM_FILLING || !d->modes.by_record ||
-           s->accepted >= stop + 2u * d->modes.record.ms + RECORD_JITTER || queue_complete(&d->queue);
+    m->by_record = m->by_frame = false;
+    ip_record_start(&m->record, record_ms, start);
 }
 
-uint32_t axis_modes_record(struct drive *d, struct knot record)
+bool axis_modes_enough_knots(const struct axis_modes *m, const struct queue *q, uint32_t stop_time)
 {
-    struct od_stream *s = d->queue.stream;
-    if (!d->queue.open || s->state == STREAM_DONE) {
-        const uint32_t code = drive_begin_at(d, drive_reference(d), record);
-        if (code != SDO_OK) {
-            s->rejected_state++;
-            return code;
-        }
-        d->modes.by_record = true;
-    }
-    if (d->modes.generating || d->modes.by_frame) {
-        s->rejected_state++;
-        return SDO_ABORT_STATE;
-    }
-    if (s->free < d->modes.record.ms) {
-        s->rejected_full++;
-        return SDO_ABORT_STATE;
-    }
-    for (unsigned k = 0; k < d->modes.record.ms; k++) {
-        if (drive_push(d, record_step(&d->modes.record, record)) != QUEUE_TAKEN) {
-            return SDO_ABORT_STATE;
-        }
-    }
-    return SDO_OK;
-}
-
-uint32_t axis_modes_check_write(struct drive *d, const struct od_entry *entry, int64_t value)
-{
-    const int axis = entry->index >= 0x6000 + AXIS_STEP ? 1 : 0;
-    switch (entry->index - axis * AXIS_STEP) {
-    case 0x605A: return value == 3 || value == 4 ? SDO_ABORT_VALUE : SDO_OK;
-    case 0x6060: return mode_known(value) ? SDO_OK : SDO_ABORT_VALUE;
-    case 0x6098: return homing_method_known(value) ? SDO_OK : SDO_ABORT_VALUE;
-    case 0x60C1:
-        return axis == 0 ? SDO_OK
-                         : axis_modes_record(d, (struct knot){{d->od->axis[0].ip_record.position, (int32_t)value}});
-    case 0x60C2: return d->queue.open && d->queue.stream->state != STREAM_DONE ? SDO_ABORT_STATE : SDO_OK;
-    case 0x60C4: return entry->sub == 6 && value == 0 ? drive_stream_command(d, 2) : SDO_OK;
-    default: return SDO_OK;
-    }
+    const struct od_stream *s = q->stream;
+    const uint32_t stop = stop_time / 2u + 4u;
+    return s->state != STREAM_FILLING || !m->by_record || s->accepted >= stop + 2u * m->record.ms + RECORD_JITTER ||
+           queue_complete(q);
 }

@@ -1,56 +1,114 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* motion/axis_modes.h: the modes of the axes (6060h): what moves them. Background only; called by drive.c and device.c.
+/* motion/axis_modes.h: the modes of operation of both axes (6060h, CiA 402-2).
  *
- * 7, interpolated position: both axes follow one stream of knots or records; it moves only while both are in mode 7.
- * 3, profile velocity, and 6, homing: each axis by itself. Their ways are made here (motion/profile.h) as knots for both axes,
- * some milliseconds ahead of path time, and go the way of all knots: same law, limits, faults, stop on the path. An axis in
- * mode 7 beside one in mode 3 or 6 is held where it stands.
- * A mode is taken over when its axis stands and homes no more; a stream that waits is forgotten then.
+ * - Interpolated position (7): both axes follow one stream of knots or of interpolation data records (60C1h). The
+ *   stream moves them only while both are in this mode.
+ * - Profile velocity (3) and homing (6): each axis by itself. Velocity profiles (motion/profile.h) give knots for both
+ *   axes, some milliseconds ahead of path time, and these knots are followed as those of a stream are: by the same law,
+ *   with the same limits, faults and stop on the path. An axis in mode 7 beside one in mode 3 or 6 is held in place.
+ *
+ * An axis takes over another mode when it stands and its homing is not running; a stream that waits is discarded then.
+ *
+ * Pure, background only. drive_step() calls axis_modes_end(), axis_modes_step() and axis_modes_generate() once each, in
+ * this order, and does in between what axis_modes_step() asks for.
  */
-#ifndef KONTUR_MODES_H
-#define KONTUR_MODES_H
+#ifndef KONTUR_AXIS_MODES_H
+#define KONTUR_AXIS_MODES_H
 #include "motion/homing.h"
 #include "motion/ip_record.h"
+#include "motion/path_clock.h"
 #include "motion/profile.h"
+#include "motion/queue.h"
 #include "od/od.h"
 
-enum { MODE_VELOCITY = 3, MODE_HOMING = 6, MODE_PATH = 7 };
+enum { MODE_PROFILE_VELOCITY = 3, MODE_HOMING = 6, MODE_INTERPOLATED_POSITION = 7 };
+
+/* Bits of the controlword 6040h whose meaning depends on the mode */
+enum {
+    CW_ENABLE_IP = 1u << 4, /* interpolated position: path time may run; homing: start */
+    CW_HALT = 1u << 8
+};
+
+/* Bits of the statusword 6041h whose meaning depends on the mode */
+enum {
+    SW_TARGET_REACHED = 1u << 10,
+    SW_INTERNAL_LIMIT = 1u << 11,
+    SW_IP_ACTIVE = 1u << 12,
+    SW_SPEED_0 = 1u << 12,
+    SW_HOMING_ATTAINED = 1u << 12,
+    SW_HOMING_ERROR = 1u << 13
+};
 
 struct axis_mode {
-    int8_t mode; /* in use */
+    int8_t mode; /* in use: 6061h */
     struct profile profile;
+    struct profile_in target; /* of the profile, from this step on */
     struct homing homing;
-    uint16_t controlword; /* of the last poll */
-    int32_t wish_umps;    /* what the master asks for, before limits */
-    bool limited;         /* ... and does not get, because of a limit */
+    uint16_t controlword;   /* of the step before */
+    int32_t requested_umps; /* profile velocity, before limits */
+    bool limited;           /* a limit keeps the axis from the requested velocity */
 };
 
 struct axis_modes {
     struct axis_mode axis[2];
-    bool generating; /* the path is made here */
-    bool ending;     /* ... all of it has been */
+    bool generating; /* the path in the queue is that of the profiles */
+    bool ending;     /* the profiles stand, and the queue has all their knots */
     struct ip_record record;
-    bool by_record; /* the stream was begun by a record */
-    bool by_frame;  /* knot frames have been taken: no record is, whose checksum is that of CAN alone */
+    bool by_record; /* a record began the stream */
+    bool by_frame;  /* knot frames were accepted: then records, which CAN's checksum alone protects, are not */
 };
 
-struct drive;
+enum { NO_QUICK_STOP = -1 };
 
-/* As at power-on; what homing has found is kept. */
-void axis_modes_reset(struct drive *d);
-/* With each drive_poll(): take modes over, make knots, end homings. */
-void axis_modes_poll(struct drive *d);
-/* The axis stands, whatever the other one does. */
-bool axis_modes_stands(const struct drive *d, int axis);
-/* Both axes are in mode 7, so a stream may move them. */
-bool axis_modes_follows_stream(const struct drive *d);
-/* Bits 10..13 of 6041h. */
-uint16_t axis_modes_status(const struct drive *d, int axis);
-/* A stream that records began has as many knots as keep it from starving at once: for a stop, and for a master whose
- * records come two periods and RECORD_JITTER late. */
-bool axis_modes_may_start(const struct drive *d);
-/* A record of 60C1h for both axes: SDO abort code, or 0. The first one while no stream is open begins one. */
-uint32_t axis_modes_record(struct drive *d, struct knot record);
-/* An SDO wants to write one of the objects of this file: abort code, or 0. */
-uint32_t axis_modes_check_write(struct drive *d, const struct od_entry *entry, int64_t value);
+struct axis_modes_in {
+    const struct od_data *od;
+    const struct path_progress *path;
+    bool path_may_run; /* path time may run in this step */
+    struct axis_mode_in {
+        uint16_t controlword;
+        bool enabled;         /* operation enabled */
+        bool powered;         /* operation enabled, or stopping */
+        int16_t quick_stop;   /* 605Ah while a quick stop is active, else NO_QUICK_STOP */
+        uint8_t inputs;       /* enum hal_input */
+        uint8_t index_pulses; /* their number, modulo 256 */
+        int32_t reference_nm; /* user's position */
+        int32_t position_nm;  /* this and the next two: the servo's positions, which homing does not shift */
+        int32_t index_nm;     /* at the latest index pulse */
+        int32_t edge_nm;      /* at the latest edge of a limit switch */
+    } axis[2];
+};
+
+/* What drive_step() is to do, in this order. */
+struct axis_modes_out {
+    bool hold;          /* discard the stream and hold the axes: a mode has been taken over */
+    bool begin;         /* begin a path at the reference; axis_modes_generate() fills it */
+    bool set_origin[2]; /* homing has found its point: the user's position becomes the servo's plus origin_nm */
+    int32_t origin_nm[2];
+};
+
+/* As at power-on; the result of a homing is kept. */
+void axis_modes_reset(struct axis_modes *m);
+/* The path of the profiles ends where it stands. true: it stands because axis_modes_generate() has not been called for
+ * PROFILE_AHEAD milliseconds, which is FAULT_UNDERRUN. */
+bool axis_modes_end(struct axis_modes *m, struct queue *q, const struct path_progress *path, bool powered);
+/* Take over modes, and the target velocities of this step. */
+void axis_modes_step(struct axis_modes *m, const struct axis_modes_in *in, struct axis_modes_out *out);
+/* While `generating`: knots up to PROFILE_AHEAD milliseconds ahead of path time. */
+void axis_modes_generate(struct axis_modes *m, struct queue *q);
+
+/* The axis stands, whatever the other one does. `standing`: path time stands. */
+bool axis_modes_stands(const struct axis_modes *m, int axis, bool standing);
+/* Both axes are in interpolated position, so a stream may move them. */
+bool axis_modes_follow_stream(const struct axis_modes *m);
+/* Bits 10 to 13 of 6041h. */
+uint16_t axis_modes_status(const struct axis_modes *m, int axis, uint8_t stream_state, bool standing);
+
+/* A stream begins at `start`: its first record follows from there. */
+void axis_modes_begin_stream(struct axis_modes *m, uint8_t record_ms, struct knot start);
+/* The stream has enough knots to start. One that a record began needs as many as a stop takes (stop_time, ms), and as
+ * many as come late from a master whose records come two periods and RECORD_JITTER late. */
+bool axis_modes_enough_knots(const struct axis_modes *m, const struct queue *q, uint32_t stop_time);
+
+/* A value of 6060h is one of the three. */
+bool axis_modes_known(int64_t mode);
 #endif

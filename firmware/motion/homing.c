@@ -76,7 +76,7 @@ int32_t homing_step(struct homing *h, const struct homing_in *in)
         h->state = HOMING_FAILING;
     } else if (h->state == HOMING_SEEK && on) {
         h->state = HOMING_TURN;
-    } else if (h->state == HOMING_TURN && in->resting) {
+    } else if (h->state == HOMING_TURN && in->standing) {
         go(h, HOMING_LEAVE, in);
     } else if (h->state == HOMING_LEAVE && !on) {
         if (with_index(h->method)) {
@@ -88,7 +88,7 @@ int32_t homing_step(struct homing *h, const struct homing_in *in)
         found(h, in->index_nm);
     } else if (h->state == HOMING_INDEX && (in->inputs & switch_ahead(search)) != 0) {
         h->state = HOMING_FAILING;
-    } else if (h->state == HOMING_FAILING && in->resting) {
+    } else if (h->state == HOMING_FAILING && in->standing) {
         h->state = HOMING_FAILED;
     }
 

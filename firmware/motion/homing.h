@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* motion/homing.h: homing of one axis (CiA 402-2, clause "Homing mode"): which way to go until its home point is found.
- * Background only.
+/* motion/homing.h: homing of one axis (CiA 402-2, clause "Homing mode"): which way to go until the home point is found.
  *
  * | method | home point                                                                        |
  * |--------|-----------------------------------------------------------------------------------|
@@ -9,49 +8,51 @@
  * | 33, 34 | next index pulse in negative, positive direction                                  |
  * | 35, 37 | where the axis stands                                                             |
  *
- * Where a switch or a pulse came is taken from the encoder by the servo tick, so the speeds do not blur it. Going
- * further than `reach_nm` without finding what is searched, or into a switch that is not, is an error.
+ * The servo tick records the position at the edge of a switch and at an index pulse, so the velocity does not blur it. It
+ * is an error to go further than `reach_nm` without finding what is searched, and to reach the other switch.
+ *
+ * Pure, background only; axis_modes.c calls it in each drive step.
  */
-#ifndef KONTUR_HOME_H
-#define KONTUR_HOME_H
+#ifndef KONTUR_HOMING_H
+#define KONTUR_HOMING_H
 #include <stdbool.h>
 #include <stdint.h>
 
 enum homing_state {
     HOMING_NONE,  /* not started, or interrupted */
-    HOMING_SEEK,  /* towards the switch */
-    HOMING_TURN,  /* slowing down on it */
-    HOMING_LEAVE, /* off the switch */
-    HOMING_INDEX, /* towards the index pulse */
-    HOMING_FOUND, /* slowing down; the caller makes the point found the home point */
+    HOMING_SEEK,  /* moves towards the switch */
+    HOMING_TURN,  /* slows down on the switch */
+    HOMING_LEAVE, /* moves off the switch */
+    HOMING_INDEX, /* moves towards the index pulse */
+    HOMING_FOUND, /* slows down; then the caller makes found_nm the home point */
     HOMING_DONE,
-    HOMING_FAILING, /* slowing down */
+    HOMING_FAILING, /* slows down */
     HOMING_FAILED
 };
 
 struct homing_in {
     uint8_t inputs;       /* enum hal_input */
-    uint8_t index_pulses; /* counts them */
-    int64_t index_nm;     /* where the latest was */
-    int64_t edge_nm;      /* where a limit switch opened or closed last */
+    uint8_t index_pulses; /* number of index pulses, modulo 256 */
+    int64_t index_nm;     /* position at the latest index pulse */
+    int64_t edge_nm;      /* position when a limit switch opened or closed last */
     int64_t position_nm;
     int64_t reach_nm;
     int32_t switch_umps, zero_umps;
-    bool resting; /* the axis has been told no speed and stands */
+    bool standing; /* the axis stands, and its target velocity is 0 */
 };
 
 struct homing {
     enum homing_state state;
     int8_t method;
-    uint8_t index_pulses; /* seen */
-    int64_t from_nm;      /* where the part of the way began that `reach_nm` bounds */
+    uint8_t index_pulses; /* when the search began */
+    int64_t from_nm;      /* position where the search began that `reach_nm` bounds */
     int64_t found_nm;
 };
 
 bool homing_method_known(int64_t method);
 void homing_start(struct homing *h, int8_t method, const struct homing_in *in);
-/* Speed to go with, um/s. */
+/* Returns the target velocity, um/s. */
 int32_t homing_step(struct homing *h, const struct homing_in *in);
-/* From HOMING_SEEK to HOMING_FOUND, and HOMING_FAILING. */
+/* Homing is running: HOMING_SEEK to HOMING_FOUND, and HOMING_FAILING. */
 bool homing_busy(const struct homing *h);
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "motion/ip_record.h"
 
-void record_start(struct ip_record *r, uint8_t ms, struct knot start)
+void ip_record_start(struct ip_record *r, uint8_t ms, struct knot start)
 {
     r->ms = ms;
     for (int axis = 0; axis < 2; axis++) {
@@ -13,7 +13,7 @@ void record_start(struct ip_record *r, uint8_t ms, struct knot start)
     }
 }
 
-struct knot record_step(struct ip_record *r, struct knot record)
+struct knot ip_record_step(struct ip_record *r, struct knot record)
 {
     struct knot knot;
     const int64_t cube = (int64_t)r->ms * r->ms * r->ms;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* motion/moving_average.h: the sum of the last few values of a sequence, in integers: an average that loses nothing. Background only.
+/* motion/moving_average.h: the sum of the last values of a sequence, in integers: an average without loss.
  *
- * It rounds the ramps of motion/profile.h and refines the records of motion/ip_record.h.
+ * It rounds the ramps of motion/profile.h and refines the records of motion/ip_record.h. Pure, background only.
  */
-#ifndef KONTUR_BOX_H
-#define KONTUR_BOX_H
+#ifndef KONTUR_MOVING_AVERAGE_H
+#define KONTUR_MOVING_AVERAGE_H
 #include <stdint.h>
 
 enum { MOVING_AVERAGE_MAX = 50 };
@@ -15,7 +15,7 @@ struct moving_average {
     uint8_t length, at;
 };
 
-/* As if `value` had always come; length 1..MOVING_AVERAGE_MAX. */
+/* All values so far were `value`. length: 1..MOVING_AVERAGE_MAX. */
 void moving_average_fill(struct moving_average *b, unsigned length, int64_t value);
 /* The sum of the last `length` values, this one included. */
 int64_t moving_average_step(struct moving_average *b, int64_t value);

@@ -9,7 +9,7 @@
 #define SLOPE_SMALL NUM(1.0 / 128) /* with so small a slope, which ends there */
 
 #define CRAWL NUM(0.01) /* slower than this sigma goes on only if there are as many knots more than a stop needs: */
-#define CRAWL_SPARE NUM(0.25)
+#define CRAWL_RESERVE NUM(0.25)
 
 #define ROUNDING NUM(1e-5) /* what five roundings make of the way of a stop, in fixed point */
 
@@ -72,9 +72,9 @@ static num stopping(const struct motion *m)
     const num slope = acc_to(m->slope);
     const num square = n_mul(slope, slope);
     const num peak = n_mad(acc_to(m->rate), NUM(3.0 / 32), square);
-    const num whole = n_mul(n_mul(NUM(0.125), peak), n_mad(NUM(1), NUM(3), peak));
+    const num full = n_mul(n_mul(NUM(0.125), peak), n_mad(NUM(1), NUM(3), peak));
     const num passed = n_mul(slope, n_sub(n_mul(NUM(3.0 / 512), square), n_mul(NUM(3.0 / 16), peak)));
-    return n_add(n_sub(whole, passed), ROUNDING);
+    return n_add(n_sub(full, passed), ROUNDING);
 }
 
 void path_clock_reset(struct path_clock *p)
@@ -107,7 +107,7 @@ enum path_clock_event path_clock_step(struct path_clock *p, const struct path_cl
     const path_time_t way = is_steady(&p->motion, NUM(1)) ? in->step : way_at(p->at.rate, in->step);
     const path_time_t s = path_s(&p->at) + way;
     p->at.count = in->count;
-    p->spare = 0;
+    p->enough = 0;
     if (in->complete && s >= last) {
         p->motion = steady(NUM(0));
         p->at = (struct path_state){.rate = NUM(0), .rate_dot = NUM(0), .count = in->count};
@@ -116,16 +116,16 @@ enum path_clock_event path_clock_step(struct path_clock *p, const struct path_cl
     }
     path_set(&p->at, s);
     const bool run = n_lt(NUM(0), in->rate);
-    const bool start = s == 0; /* the path itself starts from rest */
+    const bool start = s == 0; /* the path itself starts from standstill */
     const struct motion faster = start ? steady(in->rate) : moved(&p->motion, in->rate, period);
     const num step = n_mul(acc_to(faster.rate), n_ratio(in->step, PATH_ONE));
-    const num spare = n_lt(acc_to(faster.rate), CRAWL) ? n_add(step, CRAWL_SPARE) : step;
-    const num needed = n_mad(spare, in->stop_time, stopping(&faster));
+    const num reserve = n_lt(acc_to(faster.rate), CRAWL) ? n_add(step, CRAWL_RESERVE) : step;
+    const num needed = n_mad(reserve, in->stop_time, stopping(&faster));
     const bool room = in->complete || !n_lt(knots(s, last), needed);
     const struct motion next = room ? faster : start ? steady(NUM(0)) : moved(&p->motion, NUM(0), period);
     p->motion = (struct motion){acc_state(next.rate), acc_state(next.slope)};
     if (room && is_steady(&p->motion, NUM(1))) {
-        p->spare = (uint32_t)n_to_scaled(needed, 1) + 5u; /* 3 of the spline, the knot begun, and rounding */
+        p->enough = (uint32_t)n_to_scaled(needed, 1) + 5u; /* 3 of the spline, the knot begun, and rounding */
     }
     p->at.rate = acc_to(p->motion.rate);
     p->at.rate_dot = n_mul(acc_to(p->motion.slope), n_div(NUM(SPLINE_PER_T0), in->stop_time));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* motion/path_clock.h: path time. Servo tick only.
+/* motion/path_clock.h: path time, and how it starts and stops. Servo tick only; servo_loop.c steps it each period.
  *
  * Path time s runs over the knots at rate sigma; slowing it stops both axes *on the curve*. sigma goes to where it is
  * wanted, 1 or the feed override, without a step in its slope: a stop from rate 1 takes stop_time and half as many knots
@@ -10,8 +10,8 @@
  * Along the path at programmed speed v and acceleration a: sigma v, and sigma^2 a + v d sigma/dt, where
  * |d sigma/dt| <= PATH_SLOPE_MAX / stop_time. At sigma = 1.2 the programmed acceleration counts 1.44 times, the jerk 1.73.
  */
-#ifndef KONTUR_PATH_H
-#define KONTUR_PATH_H
+#ifndef KONTUR_PATH_CLOCK_H
+#define KONTUR_PATH_CLOCK_H
 #include "core/contour.h"
 
 #define PATH_STOP_TIME_MAX 1000  /* ms: a stop from PATH_RATE_MAX needs 0.69 as many knots, which must fit the queue */
@@ -20,8 +20,8 @@
 #define PATH_JERK_MAX (16.0 / 3) /* change of the slope, per stop_time squared */
 
 struct path_clock_in {
-    uint32_t count;   /* knots there */
-    bool complete;    /* no more will come: the path's own end is at rest */
+    uint32_t count;   /* knots in the ring */
+    bool complete;    /* no more knots will come: the path stands at its end */
     num rate;         /* sigma to go to, 0..PATH_RATE_MAX; 0: slow down to a stop */
     num stop_time;    /* knots (ms) from rate 1 to 0, 1..PATH_STOP_TIME_MAX */
     path_time_t step; /* path time of one control period at rate 1 */
@@ -32,7 +32,7 @@ struct path_clock {
     struct motion {        /* what a control period adds may be far below the resolution of a num */
         acc_t rate, slope; /* sigma, and its change in a stop_time */
     } motion;
-    uint32_t spare; /* while sigma is 1: knots from at.knot on with which it may surely stay so; else 0 */
+    uint32_t enough; /* while sigma is 1: knots from at.knot on with which it may surely stay so; else 0 */
 };
 
 enum path_clock_event {
@@ -43,6 +43,15 @@ enum path_clock_event {
     PATH_AT_END    /* the last knot of a complete stream has been reached */
 };
 
+/* What the servo tick tells the background of path time. */
+struct path_progress {
+    bool current;      /* path time runs over the knots of the queue as it is; else `standing` alone counts */
+    bool standing;     /* it does not run */
+    bool at_end;       /* it has reached the end of the knots, which may be the end of the path */
+    bool starved;      /* it is slowed for want of knots */
+    uint32_t executed; /* knots passed */
+};
+
 void path_clock_reset(struct path_clock *p);
 /* One control period on. */
 enum path_clock_event path_clock_step(struct path_clock *p, const struct path_clock_in *in);
@@ -50,7 +59,7 @@ enum path_clock_event path_clock_step(struct path_clock *p, const struct path_cl
  * (PATH_NOTHING). false: nothing is done. */
 static inline bool path_clock_run_on(struct path_clock *p, uint32_t count, bool complete, path_time_t step)
 {
-    if (p->spare == 0 || p->at.knot + (complete ? 2u : p->spare) >= count) {
+    if (p->enough == 0 || p->at.knot + (complete ? 2u : p->enough) >= count) {
         return false;
     }
     p->at.count = count;

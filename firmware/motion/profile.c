@@ -45,34 +45,34 @@ static int64_t upwards(int64_t v, int64_t target, int64_t room, const struct pro
     return good;
 }
 
-void profile_start(struct profile *j, int32_t nm)
+void profile_start(struct profile *p, int32_t nm)
 {
-    *j = (struct profile){.pos_pm = (int64_t)nm * PM};
-    moving_average_fill(&j->average, PROFILE_ROUND, j->pos_pm);
+    *p = (struct profile){.pos_pm = (int64_t)nm * PM};
+    moving_average_fill(&p->average, PROFILE_ROUND, p->pos_pm);
 }
 
-int32_t profile_step(struct profile *j, const struct profile_in *in)
+int32_t profile_step(struct profile *p, const struct profile_in *in)
 {
     const int64_t target = (int64_t)in->target_umps * PM;
-    const int64_t before = j->vel_pmpms;
-    const bool up = j->vel_pmpms > 0 || (j->vel_pmpms == 0 && target >= 0);
-    j->limited = false;
+    const int64_t before = p->vel_pmpms;
+    const bool up = p->vel_pmpms > 0 || (p->vel_pmpms == 0 && target >= 0);
+    p->limited = false;
     if (up) {
-        j->vel_pmpms = upwards(j->vel_pmpms, target, (int64_t)in->max_nm * PM - j->pos_pm, in, &j->limited);
+        p->vel_pmpms = upwards(p->vel_pmpms, target, (int64_t)in->max_nm * PM - p->pos_pm, in, &p->limited);
     } else {
-        j->vel_pmpms = -upwards(-j->vel_pmpms, -target, j->pos_pm - (int64_t)in->min_nm * PM, in, &j->limited);
+        p->vel_pmpms = -upwards(-p->vel_pmpms, -target, p->pos_pm - (int64_t)in->min_nm * PM, in, &p->limited);
     }
-    j->pos_pm += j->vel_pmpms;
-    j->settling = (uint8_t)(j->vel_pmpms != before ? PROFILE_SETTLE : j->settling > 0 ? j->settling - 1 : 0);
-    return (int32_t)moving_average_round(moving_average_step(&j->average, j->pos_pm), (int64_t)PROFILE_ROUND * PM);
+    p->pos_pm += p->vel_pmpms;
+    p->settling = (uint8_t)(p->vel_pmpms != before ? PROFILE_SETTLE : p->settling > 0 ? p->settling - 1 : 0);
+    return (int32_t)moving_average_round(moving_average_step(&p->average, p->pos_pm), (int64_t)PROFILE_ROUND * PM);
 }
 
-bool profile_rests(const struct profile *j)
+bool profile_stands(const struct profile *p)
 {
-    return j->vel_pmpms == 0 && j->settling == 0;
+    return p->vel_pmpms == 0 && p->settling == 0;
 }
 
-bool profile_reached(const struct profile *j, int32_t target_umps)
+bool profile_reached(const struct profile *p, int32_t target_umps)
 {
-    return j->vel_pmpms == (int64_t)target_umps * PM && j->settling == 0;
+    return p->vel_pmpms == (int64_t)target_umps * PM && p->settling == 0;
 }

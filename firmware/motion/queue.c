@@ -72,8 +72,8 @@ void queue_hold(struct queue *q, struct knot start)
     struct od_stream *s = q->stream;
     q->ring.count = 0;
     q->ring.start = to_servo(q, start);
-    q->still = 0;
-    q->open = q->outside = q->sharp = q->suspended = false;
+    q->equal_knots = 0;
+    q->open = q->outside = q->over_acceleration = q->suspended = false;
     q->step_nm[0] = q->step_nm[1] = 0;
     q->max_nmpms2 = INT64_MAX;
     s->end_x = start.nm[0];
@@ -83,7 +83,7 @@ void queue_hold(struct queue *q, struct knot start)
     update_free(q);
 }
 
-/* Knots from here on, where the path stands: within the soft limits, or on the way back to them. */
+/* The range of knots of a path that begins or goes on at `from`: the soft limits, or back to them. */
 static void limit(struct queue *q, struct knot from)
 {
     for (int i = 0; i < 2; i++) {
@@ -120,14 +120,14 @@ void queue_limit_acceleration(struct queue *q, uint32_t max_nmpms2)
     q->max_nmpms2 = max_nmpms2;
 }
 
-static const int64_t rest_nm[2] = {0, 0};
+static const int64_t standstill_nm[2] = {0, 0};
 
-/* From one step to the next the way bends by more than its limit. */
-static bool bends(const struct queue *q, const int64_t from_nm[2], const int64_t to_nm[2])
+/* The velocity changes from one step to the next by more than max_nmpms2. */
+static bool too_much(const struct queue *q, const int64_t from_nm[2], const int64_t to_nm[2])
 {
     for (int i = 0; i < 2; i++) {
-        const int64_t bend = to_nm[i] - from_nm[i];
-        if (bend > q->max_nmpms2 || bend < -q->max_nmpms2) {
+        const int64_t change = to_nm[i] - from_nm[i];
+        if (change > q->max_nmpms2 || change < -q->max_nmpms2) {
             return true;
         }
     }
@@ -138,16 +138,16 @@ bool queue_end(struct queue *q, uint32_t total)
 {
     const uint32_t accepted = q->stream->accepted;
     if (!q->open || q->total != 0 || total == 0 || total < accepted ||
-        (total == accepted && bends(q, q->step_nm, rest_nm))) {
+        (total == accepted && too_much(q, q->step_nm, standstill_nm))) {
         return false;
     }
     q->total = total;
     return true;
 }
 
-bool queue_rests(const struct queue *q)
+bool queue_ends_standing(const struct queue *q)
 {
-    return q->still >= 4; /* the spline between two knots is made of four */
+    return q->equal_knots >= 4; /* the spline between two knots is made of four */
 }
 
 void queue_close(struct queue *q)
@@ -157,11 +157,11 @@ void queue_close(struct queue *q)
 
 void queue_suspend(struct queue *q)
 {
-    q->suspended = q->suspended || (q->open && !q->outside && !q->sharp);
+    q->suspended = q->suspended || (q->open && !q->outside && !q->over_acceleration);
     q->open = false;
 }
 
-/* Knot n of those that the ring still has */
+/* Knot n, which is in the ring */
 static struct knot knot_at(const struct queue *q, uint32_t n)
 {
     return queue_user(q, q->ring.knot[n % SPLINE_RING]);
@@ -189,14 +189,14 @@ bool queue_complete(const struct queue *q)
     return q->total != 0 && q->stream->accepted == q->total;
 }
 
-static bool takes_knots(struct queue *q)
+static bool accepts_knots(struct queue *q)
 {
-    const bool taking = q->open && !q->outside && !q->sharp;
-    q->stream->rejected_state += taking ? 0u : 1u;
-    return taking;
+    const bool accepting = q->open && !q->outside && !q->over_acceleration;
+    q->stream->rejected_state += accepting ? 0u : 1u;
+    return accepting;
 }
 
-static enum queue_result take(struct queue *q, struct knot knot)
+static enum queue_result accept(struct queue *q, struct knot knot)
 {
     struct od_stream *s = q->stream;
     if (s->free == 0 || queue_complete(q)) {
@@ -215,32 +215,32 @@ static enum queue_result take(struct queue *q, struct knot knot)
     }
     const int64_t step_nm[2] = {(int64_t)knot.nm[0] - s->end_x, (int64_t)knot.nm[1] - s->end_y};
     const bool last = q->total != 0 && s->accepted + 1u == q->total; /* after it the path stands */
-    if (bends(q, q->step_nm, step_nm) || (last && bends(q, step_nm, rest_nm))) {
-        q->sharp = true;
+    if (too_much(q, q->step_nm, step_nm) || (last && too_much(q, step_nm, standstill_nm))) {
+        q->over_acceleration = true;
         s->rejected_range++;
         return QUEUE_OUTSIDE;
     }
     q->step_nm[0] = step_nm[0];
     q->step_nm[1] = step_nm[1];
     q->ring.knot[s->accepted % SPLINE_RING] = to_servo(q, knot);
-    q->still = s->accepted > 0 && knot.nm[0] == s->end_x && knot.nm[1] == s->end_y ? q->still + 1u : 1u;
+    q->equal_knots = s->accepted > 0 && knot.nm[0] == s->end_x && knot.nm[1] == s->end_y ? q->equal_knots + 1u : 1u;
     s->end_x = knot.nm[0];
     s->end_y = knot.nm[1];
     s->accepted++;
     q->ring.count = s->accepted;
     update_free(q);
-    return QUEUE_TAKEN;
+    return QUEUE_ACCEPTED;
 }
 
 enum queue_result queue_push(struct queue *q, struct knot knot)
 {
-    return takes_knots(q) ? take(q, knot) : QUEUE_NOT_OPEN;
+    return accepts_knots(q) ? accept(q, knot) : QUEUE_NOT_OPEN;
 }
 
 enum queue_result queue_frame(struct queue *q, const struct od_knot *frame)
 {
     struct od_stream *s = q->stream;
-    if (!takes_knots(q)) {
+    if (!accepts_knots(q)) {
         return QUEUE_NOT_OPEN;
     }
     if (frame->crc != queue_crc8(frame)) {
@@ -252,7 +252,7 @@ enum queue_result queue_frame(struct queue *q, const struct od_knot *frame)
         return QUEUE_OUT_OF_SEQUENCE;
     }
     const struct knot knot = {{add_nm(s->end_x, frame->dx), add_nm(s->end_y, frame->dy)}};
-    return take(q, knot);
+    return accept(q, knot);
 }
 
 void queue_executed(struct queue *q, uint32_t n)
@@ -265,4 +265,38 @@ void queue_executed(struct queue *q, uint32_t n)
     }
     s->checksum = ~crc;
     update_free(q);
+}
+
+/* Path time has run through an open-ended stream as far as it can. */
+static void end_standing(struct queue *q)
+{
+    struct od_stream *s = q->stream;
+    if (queue_ends_standing(q) && s->accepted - s->executed <= 4u) { /* no knot has come meanwhile */
+        queue_executed(q, s->accepted);
+        queue_close(q);
+        s->state = STREAM_DONE;
+    }
+}
+
+void queue_follow(struct queue *q, const struct path_progress *path, bool may_run, bool generated)
+{
+    struct od_stream *s = q->stream;
+    if (!path->current) {
+        return;
+    }
+    queue_executed(q, path->executed);
+    s->underruns += path->starved && !q->starved ? 1u : 0u;
+    q->starved = path->starved;
+    if (s->state == STREAM_IDLE || s->state == STREAM_DONE) {
+        return;
+    }
+    if (path->at_end && q->total == 0 && !generated) {
+        end_standing(q);
+    } else if (path->at_end) {
+        s->state = STREAM_DONE;
+    } else if (!path->standing) {
+        s->state = may_run ? STREAM_RUNNING : STREAM_STOPPING;
+    } else if (s->state != STREAM_FILLING || !q->open) {
+        s->state = STREAM_STOPPED;
+    }
 }

@@ -10,7 +10,7 @@ static void hold(struct command_guard *g, uint8_t id, uint32_t key)
 {
     g->holder = id;
     g->key = key;
-    g->lost = g->drawn = g->armed = false;
+    g->silent = g->drawn = g->armed = false;
 }
 
 bool command_guard_claim(struct command_guard *g, uint8_t id, uint32_t key, bool powered)
@@ -27,9 +27,9 @@ bool command_guard_claim(struct command_guard *g, uint8_t id, uint32_t key, bool
     return true;
 }
 
-void command_guard_lost(struct command_guard *g)
+void command_guard_holder_silent(struct command_guard *g)
 {
-    g->lost = g->holder != 0;
+    g->silent = g->holder != 0;
 }
 
 static bool in_time(const struct command_guard *g, uint32_t now)
@@ -37,10 +37,10 @@ static bool in_time(const struct command_guard *g, uint32_t now)
     return g->armed && now - g->armed_at < COMMAND_GUARD_ARM_MS * (CONTROL_HZ / 1000u);
 }
 
-bool command_guard_ended(struct command_guard *g, bool powered, uint32_t now)
+bool command_guard_expire(struct command_guard *g, bool powered, uint32_t now)
 {
     g->armed = in_time(g, now);
-    if (!g->lost || powered) {
+    if (!g->silent || powered) {
         return false;
     }
     hold(g, 0, 0);
@@ -79,9 +79,9 @@ void command_guard_drained(struct command_guard *g, uint32_t now)
 {
     for (int i = 0; i < 2; i++) {
         struct command_guard_axis *a = &g->axis[i];
-        if (a->told != a->sent) {
-            a->told = a->sent;
-            a->told_at = now;
+        if (a->known != a->sent) {
+            a->known = a->sent;
+            a->known_at = now;
         }
     }
 }
@@ -89,12 +89,12 @@ void command_guard_drained(struct command_guard *g, uint32_t now)
 bool command_guard_permits(const struct command_guard *g, int axis, uint32_t changes, bool claim_required, uint32_t now)
 {
     const struct command_guard_axis *a = &g->axis[axis];
-    const bool armed = in_time(g, now) && !g->lost;
-    return a->told == changes && now - a->told_at >= COMMAND_GUARD_PERIODS &&
+    const bool armed = in_time(g, now) && !g->silent;
+    return a->known == changes && now - a->known_at >= COMMAND_GUARD_PERIODS &&
            (g->holder != 0 ? armed : !claim_required);
 }
 
 void command_guard_refused(struct command_guard *g, int axis, uint32_t now)
 {
-    g->axis[axis].told_at = now;
+    g->axis[axis].known_at = now;
 }

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* supervision/fault.h: what can go wrong, and what the drive does about it. The rows are those of supervision/faults.toml (docs/faults.md). */
+/* supervision/fault.h: what can go wrong, and what the drive does about it. The rows are those of supervision/faults.toml
+ * (docs/faults.md). Pure. Any context may use it; the background configures the reactions of the servo tick with it.
+ */
 #ifndef KONTUR_FAULT_H
 #define KONTUR_FAULT_H
 #include <stdbool.h>
@@ -8,11 +10,12 @@
 #include "od/od.h"
 #include "supervision/fault_gen.h"
 
-enum fault_reaction {                   /* values of 2120h:3 */
-                      REACT_WARN,       /* tell, while it lasts */
-                      REACT_PATH_STOP,  /* stop on the path, then power off */
-                      REACT_QUICK_STOP, /* as 605Ah says */
-                      REACT_DISABLE     /* power off now: position cannot be trusted or held */
+/* Values of 2120h:3 */
+enum fault_reaction {
+    REACT_WARN,       /* nothing stops: EMCY and the warning bit, while it lasts */
+    REACT_PATH_STOP,  /* stop on the path, then power off */
+    REACT_QUICK_STOP, /* as 605Ah says */
+    REACT_DISABLE     /* power off now: the position cannot be trusted or held */
 };
 
 struct fault_row {
@@ -25,7 +28,7 @@ extern const struct fault_row fault_table[FAULTS];
 
 #define FAULT_BIT(f) (1u << (f))
 
-/* With the options set: REACT_WARN, REACT_PATH_STOP or REACT_DISABLE. */
+/* The reaction with the options that are set: REACT_WARN, REACT_PATH_STOP or REACT_DISABLE. */
 enum fault_reaction fault_reaction(const struct od_data *od, enum fault f);
 /* FAULT_BIT()s of all faults with this reaction. */
 uint32_t fault_mask(const struct od_data *od, enum fault_reaction reaction);

@@ -6,40 +6,40 @@ static uint32_t size(int32_t x)
     return x < 0 ? 0u - (uint32_t)x : (uint32_t)x;
 }
 
-/* Counts the time that it `holds`, from when that was seen first; true when it is more than limit_ms. */
-static bool lasts(const struct fault_monitor *w, uint16_t *ms, bool holds, uint32_t limit_ms)
+/* Counts the time since a condition began to hold. true: it has held for more than limit_ms. */
+static bool lasts(const struct fault_monitor *m, uint16_t *ms, bool holds, uint32_t limit_ms)
 {
-    const uint32_t more = *ms == 0 ? 1u : w->passed_ms;
+    const uint32_t more = *ms == 0 ? 1u : m->passed_ms;
     *ms = (uint16_t)(!holds ? 0u : more < UINT16_MAX - (uint32_t)*ms ? *ms + more : UINT16_MAX);
     return *ms > limit_ms;
 }
 
-/* ... limit_ms 0: never */
-static bool lasts_if_wanted(const struct fault_monitor *w, uint16_t *ms, bool holds, uint32_t limit_ms)
+/* The same; limit_ms 0: never. */
+static bool lasts_if_wanted(const struct fault_monitor *m, uint16_t *ms, bool holds, uint32_t limit_ms)
 {
-    return lasts(w, ms, holds && limit_ms != 0, limit_ms);
+    return lasts(m, ms, holds && limit_ms != 0, limit_ms);
 }
 
 /* The encoder stands while the axis is pushed with more than friction can hold. */
-static bool frozen(struct fault_monitor *w, const struct fault_monitor_in *in, int i)
+static bool frozen(struct fault_monitor *m, const struct fault_monitor_in *in, int i)
 {
     const struct od_plant *plant = &in->od->axis[i].plant;
     const uint32_t force_mN = size(in->snapshot->force_dN[i]) * 100u;
     const bool pushed = in->powered[i] && force_mN >= plant->force_limit / 2u && force_mN >= 3u * plant->coulomb;
-    const uint32_t moved = size((int32_t)((uint32_t)in->snapshot->encoder_count[i] - (uint32_t)w->count[i]));
+    const uint32_t moved = size((int32_t)((uint32_t)in->snapshot->encoder_count[i] - (uint32_t)m->count[i]));
     if (!pushed || moved > 1u) {
-        w->count[i] = in->snapshot->encoder_count[i];
-        w->frozen_ms[i] = 0;
+        m->count[i] = in->snapshot->encoder_count[i];
+        m->frozen_ms[i] = 0;
     }
-    return lasts_if_wanted(w, &w->frozen_ms[i], pushed, in->od->fault_delay.frozen);
+    return lasts_if_wanted(m, &m->frozen_ms[i], pushed, in->od->fault_delay.frozen);
 }
 
-/* 0.1 N below its limit is at it: that is the resolution of the snapshot. */
-static bool saturated(struct fault_monitor *w, const struct fault_monitor_in *in, int i)
+/* The snapshot resolves 0.1 N, so 0.1 N below the limit counts as the limit. */
+static bool saturated(struct fault_monitor *m, const struct fault_monitor_in *in, int i)
 {
     const uint32_t force_mN = size(in->snapshot->force_dN[i]) * 100u;
     const bool full = in->powered[i] && force_mN + 100u >= in->od->axis[i].plant.force_limit;
-    return lasts_if_wanted(w, &w->full_ms[i], full, in->od->fault_delay.saturated);
+    return lasts_if_wanted(m, &m->saturated_ms[i], full, in->od->fault_delay.saturated);
 }
 
 /* An adaptive gain has grown to its limit: units of the snapshot are 0.1 1/s and mm/s2, those of the dictionary 1e-3 and
@@ -56,58 +56,58 @@ static bool at_limit(const struct fault_monitor_in *in)
     return at && (in->powered[0] || in->powered[1]);
 }
 
-/* What is refused of a stream is sent again: the bus is bad. A new stream counts from 0. */
-static void fault_monitor_stream(struct fault_monitor *w, const struct od_stream *s)
+/* A knot frame was refused and has to be sent again: the bus is bad. A new stream counts from 0. */
+static void fault_monitor_stream(struct fault_monitor *m, const struct od_stream *s)
 {
     const uint32_t rejected = s->rejected_crc + s->rejected_sequence;
-    if (rejected > w->rejected) {
-        fault_monitor_event(w, FAULT_STREAM);
+    if (rejected > m->rejected) {
+        fault_monitor_event(m, FAULT_STREAM);
     }
-    w->rejected = rejected;
+    m->rejected = rejected;
 }
 
-static void set(struct fault_monitor *w, enum fault f, bool holds)
+static void set(struct fault_monitor *m, enum fault f, bool holds)
 {
-    w->now |= holds ? FAULT_BIT(f) : 0u;
+    m->now |= holds ? FAULT_BIT(f) : 0u;
 }
 
-static bool event_lasts(struct fault_monitor *w, enum fault f)
+static bool event_lasts(struct fault_monitor *m, enum fault f)
 {
-    const uint32_t left = w->lasts_ms[f];
-    w->lasts_ms[f] = (uint16_t)(left > w->passed_ms ? left - w->passed_ms : 0u);
-    return w->lasts_ms[f] > 0;
+    const uint32_t left = m->lasts_ms[f];
+    m->lasts_ms[f] = (uint16_t)(left > m->passed_ms ? left - m->passed_ms : 0u);
+    return m->lasts_ms[f] > 0;
 }
 
-void fault_monitor_event(struct fault_monitor *w, enum fault f)
+void fault_monitor_event(struct fault_monitor *m, enum fault f)
 {
-    w->lasts_ms[f] = FAULT_MONITOR_EVENT_MS + 1;
-    w->now |= FAULT_BIT(f);
+    m->lasts_ms[f] = FAULT_MONITOR_EVENT_MS + 1;
+    m->now |= FAULT_BIT(f);
 }
 
 static const enum fault events[] = {FAULT_CONFIG_ENABLED, FAULT_SECOND_MASTER, FAULT_STALE_COMMAND, FAULT_STREAM};
 
-uint32_t fault_monitor_step(struct fault_monitor *w, const struct fault_monitor_in *in)
+uint32_t fault_monitor_step(struct fault_monitor *m, const struct fault_monitor_in *in)
 {
     const struct od_tunnel *tunnel = &in->od->tunnel;
-    if (in->snapshot->ms == w->ms) {
-        return w->now;
+    if (in->snapshot->ms == m->ms) {
+        return m->now;
     }
-    w->passed_ms = in->snapshot->ms - w->ms;
-    w->ms = in->snapshot->ms;
-    w->now = 0;
+    m->passed_ms = in->snapshot->ms - m->ms;
+    m->ms = in->snapshot->ms;
+    m->now = 0;
     const bool outside = in->powered[0] && in->powered[1] && tunnel->radius != 0 &&
                          size(in->snapshot->contour_error_nm) > tunnel->radius;
-    set(w, FAULT_TUNNEL, lasts(w, &w->lasts_ms[FAULT_TUNNEL], outside, tunnel->debounce));
-    set(w, FAULT_GAIN, lasts_if_wanted(w, &w->lasts_ms[FAULT_GAIN], at_limit(in), in->od->fault_delay.gain));
+    set(m, FAULT_TUNNEL, lasts(m, &m->lasts_ms[FAULT_TUNNEL], outside, tunnel->debounce));
+    set(m, FAULT_GAIN, lasts_if_wanted(m, &m->lasts_ms[FAULT_GAIN], at_limit(in), in->od->fault_delay.gain));
     for (int i = 0; i < 2; i++) {
-        set(w, FAULT_ENCODER_FROZEN, frozen(w, in, i));
-        set(w, FAULT_SATURATION, saturated(w, in, i));
+        set(m, FAULT_ENCODER_FROZEN, frozen(m, in, i));
+        set(m, FAULT_SATURATION, saturated(m, in, i));
     }
-    set(w, FAULT_STORE, in->store_lost);
-    set(w, FAULT_ENABLE_MOVING, in->refused);
-    fault_monitor_stream(w, &in->od->stream);
+    set(m, FAULT_STORE, in->parameters_invalid);
+    set(m, FAULT_ENABLE_MOVING, in->enable_refused);
+    fault_monitor_stream(m, &in->od->stream);
     for (unsigned i = 0; i < sizeof events / sizeof events[0]; i++) {
-        set(w, events[i], event_lasts(w, events[i]));
+        set(m, events[i], event_lasts(m, events[i]));
     }
-    return w->now;
+    return m->now;
 }

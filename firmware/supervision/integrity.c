@@ -1,17 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "supervision/integrity.h"
 
-/* One bit of what goes in changes one bit, or more, of what comes out. */
+/* A bit of `word` that flips changes the result. */
 static uint32_t add(uint32_t sum, uint32_t word)
 {
     return (sum << 5 | sum >> 27) + word;
 }
 
-static uint32_t cfg_sum(const struct servo_loop_cfg *cfg)
+static uint32_t sum_of(const uint8_t *bytes, size_t count)
 {
-    const uint8_t *bytes = (const uint8_t *)cfg;
     uint32_t sum = 0;
-    for (uint32_t i = 0; i + 4u <= sizeof *cfg; i += 4u) {
+    for (size_t i = 0; i + 4u <= count; i += 4u) {
         sum = add(sum, bytes[i] | (uint32_t)bytes[i + 1u] << 8 | (uint32_t)bytes[i + 2u] << 16 |
                            (uint32_t)bytes[i + 3u] << 24);
     }
@@ -23,28 +22,28 @@ static uint32_t add_entry(uint32_t sum, const struct od_data *od, const struct o
     return (entry->flags & OD_CONFIG) != 0 ? add(sum, (uint32_t)od_read(od, entry)) : sum;
 }
 
-void integrity_seal(struct integrity *m, const struct servo_loop_cfg *cfg, const struct od_data *od, bool anew)
+void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od, bool all)
 {
-    m->cfg = cfg_sum(cfg);
+    m->cfg = sum_of(cfg, bytes);
     m->parameters = 0;
     m->sum = 0;
     m->at = 0;
     for (uint16_t i = 0; i < od_table_len; i++) {
         m->parameters = add_entry(m->parameters, od, &od_table[i]);
     }
-    m->lost = m->lost && !anew;
+    m->corrupt = m->corrupt && !all;
 }
 
-bool integrity_intact(struct integrity *m, const struct servo_loop_cfg *cfg, const struct od_data *od)
+bool integrity_intact(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od)
 {
     for (unsigned i = 0; i < INTEGRITY_ENTRIES_MS && m->at < od_table_len; i++) {
         m->sum = add_entry(m->sum, od, &od_table[m->at]);
         m->at++;
     }
     if (m->at >= od_table_len) {
-        m->lost = m->lost || m->sum != m->parameters;
+        m->corrupt = m->corrupt || m->sum != m->parameters;
         m->sum = 0;
         m->at = 0;
     }
-    return !m->lost && cfg_sum(cfg) == m->cfg;
+    return !m->corrupt && sum_of(cfg, bytes) == m->cfg;
 }

@@ -1,25 +1,28 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* supervision/integrity.h: what the drive was told, it still knows: sums over the servo's configuration and the parameters, which nobody
- * changes while an axis has power. A bit that turns over there is seen and makes FAULT_MEMORY. Background only.
- * What else decides on power, limits and stops: docs/adr/0020.
+/* supervision/integrity.h: checksums over the servo's configuration and over the parameters, which nobody changes while an
+ * axis has power. They detect bits that flip in RAM (FAULT_MEMORY). docs/adr/0020-flipped-bits.md names what else is
+ * checked. Background only; the caller is drive.c.
  */
-#ifndef KONTUR_MEMORY_H
-#define KONTUR_MEMORY_H
-#include "drive/servo_loop.h"
+#ifndef KONTUR_INTEGRITY_H
+#define KONTUR_INTEGRITY_H
+#include <stdbool.h>
+#include <stddef.h>
 
-enum {
-    INTEGRITY_ENTRIES_MS = 40
-}; /* entries of the dictionary looked at in a millisecond: all of them in some 15 ms */
+#include "od/od.h"
+
+/* Entries of the dictionary that are read in a millisecond: all of them in some 15 ms */
+enum { INTEGRITY_ENTRIES_MS = 40 };
 
 struct integrity {
-    uint32_t cfg, parameters; /* as they are to be */
+    uint32_t cfg, parameters; /* checksums when they were set */
     uint32_t sum;             /* of the parameters before od_table[at] */
     uint16_t at;
-    bool lost; /* a parameter has changed by itself: until they are set anew, all of them */
+    bool corrupt; /* a parameter has changed by itself: until all of them are set anew */
 };
 
-/* They have just been set. anew: all parameters have, by a reset. */
-void integrity_seal(struct integrity *m, const struct servo_loop_cfg *cfg, const struct od_data *od, bool anew);
-/* Each millisecond. */
-bool integrity_intact(struct integrity *m, const struct servo_loop_cfg *cfg, const struct od_data *od);
+/* Configuration (cfg, `bytes` of it, a multiple of 4) and parameters have just been set. all: every parameter has, by a
+ * reset. */
+void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od, bool all);
+/* Once a millisecond. false: a bit has flipped. */
+bool integrity_intact(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od);
 #endif

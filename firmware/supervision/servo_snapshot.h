@@ -19,7 +19,7 @@ struct contour_statistics {
 };
 
 struct servo_snapshot {
-    uint32_t ms;     /* since power-on */
+    uint32_t ms;      /* since power-on */
     SNAPSHOT_SIGNALS; /* int32_t, but `inputs`: uint8_t, bits of enum hal_input */
     struct contour_statistics contour_statistics;
     uint8_t controller; /* enum controller */

@@ -4,6 +4,7 @@
  * which the drive begins (enum start). Each state is reached once and copied for each input, so that a few control
  * periods are enough to get anywhere. */
 #include <stddef.h>
+#include <string.h>
 
 #include "bytes.h"
 #include "test_drive_rules.h"
@@ -221,7 +222,7 @@ static void enable_in(uint8_t mode_of_operation)
 
 static void profile(void)
 {
-    enable_in(MODE_VELOCITY);
+    enable_in(MODE_PROFILE_VELOCITY);
     TEST_ASSERT_EQUAL(0, rig_write(&rig, 0x60FF, 0, 4, 20000));
     rig_ms(&rig, 20);
 }
@@ -242,15 +243,15 @@ static void reach(enum start to, struct rig_stream *s)
     case POWER_ON: break;
     case OPERATIONAL: rig_nmt(&rig, 1); break;
     case SWITCHED_ON:
-        enable_in(MODE_PATH);
+        enable_in(MODE_INTERPOLATED_POSITION);
         rig_controlwords(&rig, 0x07, 0x07);
         rig_ms(&rig, 2);
         expect_state(CIA402_SWITCHED_ON);
         break;
     case ENABLED:
-    case RECORDS: enable_in(MODE_PATH); break;
+    case RECORDS: enable_in(MODE_INTERPOLATED_POSITION); break;
     case FILLED:
-        enable_in(MODE_PATH);
+        enable_in(MODE_INTERPOLATED_POSITION);
         TEST_ASSERT_EQUAL(0, rig_begin(&rig, s));
         rig_feed(&rig, s, s->count);
         break;
@@ -259,7 +260,7 @@ static void reach(enum start to, struct rig_stream *s)
     case STOPPING:
     case STOPPED:
     case FAULT:
-        enable_in(MODE_PATH);
+        enable_in(MODE_INTERPOLATED_POSITION);
         rig_go(&rig, s, 150);
         TEST_ASSERT_EQUAL(STREAM_RUNNING, rig.device.od.stream.state);
         break;

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur bench step`: what may get worse and what may not, and the worst case of a stack."""
+"""`tools/cost.py`: what may get worse and what may not, and the worst case of a stack."""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 /* rig.c: the closed loop of rig.h. */
 #include "rig.h"
 
+#include "drive/configuration.h"
+
 #include "part_knots.h"
 
 enum { AHEAD = 200 }; /* knots in the ring ahead of path time */
@@ -44,7 +46,7 @@ void rig_init(struct rig *r, enum controller controller)
                       .ring = {.start = {{part_knots[0][0], part_knots[0][1]}}}};
     onchip_plant_reset(&r->onchip_plant_cfg, &r->onchip_plant);
     servo_loop_init(&r->loop, &r->hal, &r->ring);
-    r->loop.cfg[0] = drive_loop_cfg(&od);
+    r->loop.cfg[0] = configuration_servo_loop(&od);
     for (int i = 0; i < 2; i++) {
         atomic_store(&r->loop.command.powered[i], SERVO_LOOP_ON);
     }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* stages.c: a plugin of QEMU (qemu-plugin.h of its manual, "TCG plugins") that counts, by stage of the servo tick,
- * the instructions between one call of count_now() and the next. `kontur bench step` runs it.
+ * the instructions between one call of count_now() and the next. `tools/cost.py` runs it.
  *
  * Its argument is table=FILE. The first line of the table is "ADDRESS STAGES", the address
  * of count_now() in hex and the number of stages. Each further line is "ADDRESS STAGE" for

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Modes of operation on the simulated machine, frame by frame: taking over, jogging, quick stop and halt. */
+#include <math.h>
+
 #include "test_axis_modes.h"
 
 /* ---- modes ---- */

@@ -2,7 +2,7 @@
 /* What test_modes.c and test_homing.c share: a machine with limit switches and index pulses, axes by their number. */
 #ifndef TEST_MODES_H
 #define TEST_MODES_H
-#include "test_drive_rig.h"
+#include "drive_rig.h"
 
 enum { SHUTDOWN = 0x06, ENABLE = 0x0F, RUN = 0x1F, HALT = 0x100, QUICK_STOP = 0x0B };
 enum { TARGET_REACHED = 10, INTERNAL_LIMIT = 11, SPEED_0 = 12, ATTAINED = 12, HOMING_ERROR = 13 };

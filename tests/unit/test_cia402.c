@@ -82,9 +82,7 @@ static void test_every_command_in_every_state_leads_where_cia_402_says(void)
             bring_to((enum cia402_state)state);
             cia402_command(&axis, commands[i], true);
             TEST_ASSERT_EQUAL_MESSAGE(expected[state].moving[i], axis.state, "at once");
-            cia402_poll(&axis, false);
-            TEST_ASSERT_EQUAL_MESSAGE(expected[state].moving[i], axis.state, "while the path runs");
-            cia402_poll(&axis, true);
+            cia402_standstill(&axis);
             TEST_ASSERT_EQUAL_MESSAGE(expected[state].standing[i], axis.state, "once it stands");
         }
     }
@@ -101,9 +99,7 @@ static void test_quick_stop_options_say_what_comes_after_it(void)
         axis.quick_stop = rows[i].option;
         cia402_command(&axis, QUICK_STOP, true);
         TEST_ASSERT_EQUAL(rows[i].at_once, axis.state);
-        cia402_poll(&axis, false);
-        TEST_ASSERT_EQUAL(rows[i].at_once, axis.state);
-        cia402_poll(&axis, true);
+        cia402_standstill(&axis);
         TEST_ASSERT_EQUAL(rows[i].standing, axis.state);
     }
 }
@@ -121,7 +117,7 @@ static void test_quick_stop_that_stays_is_left_by_enable_operation_or_by_the_pow
         TEST_ASSERT_EQUAL(left[i], axis.state);
     }
     cia402_command(&axis, SWITCH_ON, true);
-    cia402_poll(&axis, true);
+    cia402_standstill(&axis);
     TEST_ASSERT_EQUAL_MESSAGE(SO, axis.state, "enabled as ever");
 }
 
@@ -139,7 +135,7 @@ static void test_stop_from_outside_powers_off_whatever_the_option(void)
             TEST_ASSERT_EQUAL(QSA, axis.state);
             cia402_command(&axis, ENABLE, true);
             TEST_ASSERT_EQUAL(QSA, axis.state);
-            cia402_poll(&axis, true);
+            cia402_standstill(&axis);
             TEST_ASSERT_EQUAL(SOD, axis.state);
         }
     }
@@ -151,7 +147,7 @@ static void test_stop_from_outside_powers_off_whatever_the_option(void)
 static void test_bits_without_a_meaning_change_no_command(void)
 {
     bring_to(OE);
-    cia402_command(&axis, ENABLE | CW_ENABLE_IP | CW_HALT | 0xFE60, true);
+    cia402_command(&axis, ENABLE | 0xFF70, true);
     TEST_ASSERT_EQUAL(OE, axis.state);
     TEST_ASSERT_TRUE(cia402_enabled(&axis));
 }
@@ -248,7 +244,7 @@ static void test_axis_that_is_to_leave_keeps_its_power_but_counts_as_enabled_no_
     TEST_ASSERT_TRUE(cia402_powered(&axis));
     TEST_ASSERT_FALSE(cia402_enabled(&axis));
     cia402_command(&axis, SHUTDOWN, true); /* thinks again */
-    cia402_poll(&axis, true);
+    cia402_standstill(&axis);
     TEST_ASSERT_EQUAL(RTSO, axis.state);
     bring_to(OE);
     cia402_command(&axis, SWITCH_ON, true);
@@ -281,7 +277,7 @@ static void test_state_with_a_bit_turned_over_has_no_power_tells_a_fault_and_is_
             cia402_command(&axis, DISABLE_VOLTAGE, true);
             cia402_command(&axis, ENABLE, true);
             cia402_stop(&axis);
-            cia402_poll(&axis, true);
+            cia402_standstill(&axis);
             TEST_ASSERT_EQUAL(states[i], axis.state);
             TEST_ASSERT_FALSE(cia402_intact(&axis));
             cia402_fault(&axis, true);

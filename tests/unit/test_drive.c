@@ -2,6 +2,7 @@
 /* Drive and servo tick out of step, as on a chip, where the tick comes when it likes: what the background makes of it. */
 #include <string.h>
 
+#include "drive/configuration.h"
 #include "drive/drive.h"
 #include "num_test.h"
 #include "unity.h"
@@ -31,11 +32,16 @@ static void tick(unsigned count)
     }
 }
 
+static void step(unsigned received)
+{
+    drive_step(&drive, &(struct drive_in){.received = received});
+}
+
 static void ms(unsigned count)
 {
     for (unsigned i = 0; i < count; i++) {
         tick(10);
-        drive_poll(&drive);
+        step(0);
     }
 }
 
@@ -43,15 +49,12 @@ static void ms(unsigned count)
 static void command(uint16_t x, uint16_t y)
 {
     for (int i = 0; i < 2; i++) {
-        drive_told(&drive, i);
+        drive_statusword_sent(&drive, i);
     }
     command_guard_drained(&drive.command_guard, drive_now(&drive) - COMMAND_GUARD_PERIODS);
     od.axis[0].controlword = x;
     od.axis[1].controlword = y;
-    drive_command(&drive, 3);
-    for (int i = 0; i < 2; i++) {
-        od.axis[i].statusword = cia402_statusword(&drive.axis[i]);
-    }
+    step(3);
 }
 
 static void enable(void)
@@ -69,7 +72,7 @@ static void begin(uint32_t total, uint32_t given)
     od.stream.start_x = od.stream.start_y = 0;
     TEST_ASSERT_EQUAL_HEX32(0, drive_stream_command(&drive, 1));
     for (uint32_t i = 0; i < given; i++) {
-        TEST_ASSERT_EQUAL(QUEUE_TAKEN, drive_push(&drive, (struct knot){{0, 0}}));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, path_push(&drive.path, (struct knot){{0, 0}}));
     }
 }
 
@@ -88,7 +91,7 @@ void tearDown(void)
 
 static void test_power_on_is_idle_without_power_or_fault(void)
 {
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_EQUAL_HEX32(0, drive.faults);
     TEST_ASSERT_FALSE(drive_powered(&drive));
     TEST_ASSERT_EQUAL_HEX16(0x0250, od.axis[0].statusword);
@@ -110,7 +113,7 @@ static void test_axes_are_enabled_no_sooner_than_their_position_is_known(void)
     TEST_ASSERT_TRUE(drive_powered(&drive));
     tick(1);
     TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
-    TEST_ASSERT_INT32_WITHIN(1, 76290000, drive.queue.ring.start.nm[0]); /* held where it stands */
+    TEST_ASSERT_INT32_WITHIN(1, 76290000, drive.path.queue.ring.start.nm[0]); /* held where it stands */
 }
 
 static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void)
@@ -126,7 +129,7 @@ static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void
     ms(2);
     command(0x0F, 0x0F);
     TEST_ASSERT_TRUE(drive_powered(&drive));
-    TEST_ASSERT_INT32_WITHIN(1, 2 * 76290000, drive.queue.ring.start.nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, 2 * 76290000, drive.path.queue.ring.start.nm[0]);
 }
 
 static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
@@ -148,8 +151,8 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
         TEST_ASSERT_EQUAL_UINT32(345678 + i, c->encoder_10fm[i]);
         TEST_ASSERT_EQUAL_INT32(-4567891 - i, c->min_nm[i]);
         TEST_ASSERT_EQUAL_INT32(5678912 + i, c->max_nm[i]);
-        TEST_ASSERT_EQUAL_INT32(-4567891 - i, drive.queue.min_nm[i]);
-        TEST_ASSERT_EQUAL_INT32(5678912 + i, drive.queue.max_nm[i]);
+        TEST_ASSERT_EQUAL_INT32(-4567891 - i, drive.path.queue.min_nm[i]);
+        TEST_ASSERT_EQUAL_INT32(5678912 + i, drive.path.queue.max_nm[i]);
     }
 }
 
@@ -158,7 +161,7 @@ static void test_jump_of_an_encoder_with_the_shortest_counts_is_within_the_range
     od.limits.velocity = 10000000;
     od.axis[0].plant.encoder = 100; /* 10 m/s of 1 pm */
     od.axis[1].plant.encoder = 1000000;
-    const struct servo_loop_cfg cfg = drive_loop_cfg(&od);
+    const struct servo_loop_cfg cfg = configuration_servo_loop(&od);
     TEST_ASSERT_EQUAL_UINT32(INT32_MAX, cfg.jump_counts[0]);
     TEST_ASSERT_EQUAL_UINT32(400100, cfg.jump_counts[1]); /* 4 mm in 0.1 ms, and 100 */
 }
@@ -187,7 +190,7 @@ static void test_end_of_the_last_stream_is_not_taken_for_that_of_the_next(void)
     TEST_ASSERT_EQUAL_UINT32(100, od.stream.executed);
     command(0x0F, 0x0F);
     begin(100, 100);
-    drive_poll(&drive); /* before the tick has seen it */
+    step(0); /* before the tick has seen it */
     TEST_ASSERT_EQUAL_UINT8(STREAM_FILLING, od.stream.state);
     TEST_ASSERT_EQUAL_UINT32(0, od.stream.executed);
     command(0x1F, 0x1F);
@@ -202,7 +205,7 @@ static void test_end_is_told_with_all_knots_executed(void)
     command(0x1F, 0x1F);
     while (od.stream.state != STREAM_DONE) {
         tick(1);
-        drive_poll(&drive);
+        step(0);
     }
     TEST_ASSERT_EQUAL_UINT32(100, od.stream.executed);
     TEST_ASSERT_EQUAL_HEX16(0x0400, od.axis[0].statusword & 0x1400);
@@ -214,10 +217,10 @@ static void test_fault_of_the_tick_is_a_fault_of_the_drive(void)
     enable();
     wires.inputs[0] = HAL_AMPLIFIER_FAULT;
     tick(1);
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_AMPLIFIER), drive.faults);
     tick(10);
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_AMPLIFIER), drive.faults);
     TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[0].error_code);
     TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[1].error_code);
@@ -230,13 +233,13 @@ static void test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes
     tick(1);
     wires.inputs[0] = HAL_AMPLIFIER_FAULT;
     command(0x06, 0x06);
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_ENCODER), drive.faults);
     TEST_ASSERT_EQUAL_HEX16(0x7305, od.axis[0].error_code);
     tick(1); /* another one, while the first is reset */
     wires.inputs[0] = 0;
     command(0x80, 0x80);
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_AMPLIFIER), drive.faults);
     TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[0].error_code);
     command(0, 0);
@@ -253,10 +256,10 @@ static void test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled(voi
     begin(100, 10);
     wires.inputs[1] = HAL_AMPLIFIER_FAULT;
     tick(1);
-    drive_poll(&drive);
+    step(0);
     TEST_ASSERT_FALSE(drive_powered(&drive));
     TEST_ASSERT_EQUAL_HEX32(SERVO_LOOP_OFF, atomic_load(&drive.loop.command.powered[0]));
-    TEST_ASSERT_FALSE(drive.queue.open);
+    TEST_ASSERT_FALSE(drive.path.queue.open);
 }
 
 static void test_reset_cuts_the_power_and_keeps_position_and_time(void)
@@ -283,7 +286,7 @@ static void test_underrun_counts_once_however_long_it_lasts(void)
     command(0x1F, 0x1F);
     ms(320);
     for (uint32_t i = 300; i < 900; i++) {
-        drive_push(&drive, (struct knot){{0, 0}});
+        path_push(&drive.path, (struct knot){{0, 0}});
         ms(1);
     }
     TEST_ASSERT_EQUAL_UINT32(1, od.stream.underruns);
@@ -301,20 +304,20 @@ static void rest_and_then(int32_t nm, unsigned more)
     ms(1);
     for (int i = 0; i < 10000 && !atomic_load(&drive.loop.at_end); i++) {
         tick(1);
-        queue_executed(&drive.queue, atomic_load(&drive.loop.executed));
+        queue_executed(&drive.path.queue, atomic_load(&drive.loop.executed));
     }
     TEST_ASSERT_TRUE(atomic_load(&drive.loop.at_end));
     for (unsigned i = 0; i < more; i++) {
-        TEST_ASSERT_EQUAL(QUEUE_TAKEN, drive_push(&drive, (struct knot){{nm, 0}}));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, path_push(&drive.path, (struct knot){{nm, 0}}));
     }
-    drive_poll(&drive);
+    step(0);
 }
 
 static void test_knot_that_comes_at_the_last_moment_keeps_an_open_ended_stream_from_ending(void)
 {
     rest_and_then(5, 1);
-    TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.queue.open);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, drive_push(&drive, (struct knot){{5, 0}}));
+    TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.path.queue.open);
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, path_push(&drive.path, (struct knot){{5, 0}}));
 }
 
 static void test_last_knots_that_come_at_the_last_moment_are_gone_through_before_the_stream_ends(void)
@@ -322,7 +325,7 @@ static void test_last_knots_that_come_at_the_last_moment_are_gone_through_before
     for (int32_t nm = 0; nm <= 5; nm += 5) { /* resting, and on to somewhere else */
         setUp();
         rest_and_then(nm, 5);
-        TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.queue.open);
+        TEST_ASSERT_TRUE(od.stream.state != STREAM_DONE && drive.path.queue.open);
         ms(200);
         TEST_ASSERT_EQUAL_UINT8(STREAM_DONE, od.stream.state);
         TEST_ASSERT_EQUAL_UINT32(105, od.stream.executed);

@@ -3,7 +3,8 @@
  * their ranges, no force while off, and an answer to a valid SDO. One rig a program. */
 #ifndef TEST_DRIVE_RULES_H
 #define TEST_DRIVE_RULES_H
-#include "test_drive_rig.h"
+#include "drive/configuration.h"
+#include "drive_rig.h"
 
 static struct rig rig;
 static struct can_frame answer; /* the last SDO response, of whatever node id */

@@ -7,10 +7,11 @@
  * tests/host/test_fault_table.py sees that none is left out. */
 #ifndef TEST_FAULTS_H
 #define TEST_FAULTS_H
+#include <math.h>
 #include <stdio.h>
 
+#include "drive_rig.h"
 #include "supervision/fault_rows.h"
-#include "test_drive_rig.h"
 
 enum { SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, RUN = 0x1F, FAULT_RESET = 0x80 };
 enum { WARNING = 7 };                               /* bit of the statusword */
@@ -132,7 +133,7 @@ static inline void expect_told(enum row r, bool stops)
 static inline uint32_t capture_word(unsigned i)
 {
     uint8_t b[4];
-    TEST_ASSERT_TRUE(scope_read(&rig.device.drive.loop.scope, 4 * i, b, 4, rig.device.drive.queue.origin_nm));
+    TEST_ASSERT_TRUE(scope_read(&rig.device.drive.loop.scope, 4 * i, b, 4, rig.device.drive.path.queue.origin_nm));
     return b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
 }
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Faults of axes, encoders, amplifiers and inputs, one after the other (supervision/faults.toml). */
+#include <math.h>
 #include <stdlib.h>
 
 #include "test_faults.h"

@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Faults of the controller, its store and its bus, refusals, and two faults at once (supervision/faults.toml). */
+#include <math.h>
+#include <string.h>
+
 #include "test_faults.h"
 
 void setUp(void)
@@ -14,7 +17,7 @@ void tearDown(void)
 static void test_memory_that_changes_by_itself_cuts_the_power(void)
 {
     const struct drive *d = &rig.device.drive;
-    void *const changed[] = {&rig.device.drive.axis[0].state, &rig.device.drive.axis[1].leave_to,
+    void *const changed[] = {&rig.device.drive.axis[0].state, &rig.device.drive.axis[1].standing,
                              &rig.device.drive.loop.command.controller,
                              &rig.device.drive.loop.cfg[d->configured % 2u].following_max, &rig.device.drive.faults};
     for (unsigned i = 0; i < sizeof changed / sizeof changed[0]; i++) {

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A million frames into the whole firmware: nonsense, valid requests of every service, and broken ones. */
+#include <string.h>
+
 #include "test_drive_rules.h"
 
 enum { FRAMES = 1000000, FRAMES_A_PERIOD = 3, FRAMES_A_CHECK = 5000, FRAMES_A_STORY = 2000 };

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Homing on the simulated machine, frame by frame. */
+#include <string.h>
+
 #include "test_axis_modes.h"
 
 /* Home axis `axis` and wait, at most `ms` */

@@ -25,7 +25,7 @@ static void expect_error_at_standstill_only(void)
     TEST_ASSERT_EQUAL_INT32(0, homing_step(&homing, &in));
     TEST_ASSERT_EQUAL(HOMING_FAILING, homing.state);
     TEST_ASSERT_TRUE(homing_busy(&homing));
-    in.resting = true;
+    in.standing = true;
     TEST_ASSERT_EQUAL_INT32(0, homing_step(&homing, &in));
     TEST_ASSERT_EQUAL(HOMING_FAILED, homing.state);
     TEST_ASSERT_FALSE(homing_busy(&homing));

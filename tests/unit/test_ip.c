@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Interpolated position by CiA 402: records of 60C1h, by PDO and SDO, on the simulated machine. */
-#include "test_drive_rig.h"
+#include <math.h>
+
+#include "drive_rig.h"
 
 enum { ENABLE = 0x0F, RUN = 0x1F };
 enum { TARGET_REACHED = 10, IP_ACTIVE = 12 };

@@ -18,9 +18,9 @@ void tearDown(void)
 
 static void test_a_record_a_millisecond_is_a_knot(void)
 {
-    record_start(&record, 1, (struct knot){{5, -5}});
+    ip_record_start(&record, 1, (struct knot){{5, -5}});
     for (int32_t i = 0; i < 100; i++) {
-        const struct knot k = record_step(&record, (struct knot){{i * i, -7 * i}});
+        const struct knot k = ip_record_step(&record, (struct knot){{i * i, -7 * i}});
         TEST_ASSERT_EQUAL_INT32(i * i, k.nm[0]);
         TEST_ASSERT_EQUAL_INT32(-7 * i, k.nm[1]);
     }
@@ -43,9 +43,9 @@ static void test_knots_make_the_curve_of_the_records(void)
     enum { POINTS = sizeof points / sizeof points[0] };
     for (uint8_t m = 1; m <= RECORD_MS_MAX; m++) {
         double fine[POINTS * RECORD_MS_MAX];
-        record_start(&record, m, (struct knot){{0, 0}});
+        ip_record_start(&record, m, (struct knot){{0, 0}});
         for (int i = 0; i < POINTS * m; i++) {
-            fine[i] = record_step(&record, (struct knot){{(int32_t)points[i / m], 0}}).nm[0];
+            fine[i] = ip_record_step(&record, (struct knot){{(int32_t)points[i / m], 0}}).nm[0];
         }
         /* the three averages put it 3 (m - 1) / 2 later; a record counts from the middle of its m repetitions */
         for (double t = 2; t < POINTS - 5; t += 0.37) {
@@ -59,9 +59,9 @@ static void test_path_rests_exactly_where_the_last_records_are(void)
 {
     for (uint8_t m = 1; m <= RECORD_MS_MAX; m++) {
         struct knot k = {{0, 0}};
-        record_start(&record, m, (struct knot){{-2000000000, 17}});
+        ip_record_start(&record, m, (struct knot){{-2000000000, 17}});
         for (int i = 0; i < 4 * m; i++) {
-            k = record_step(&record, (struct knot){{2000000000, -123456789}});
+            k = ip_record_step(&record, (struct knot){{2000000000, -123456789}});
         }
         TEST_ASSERT_EQUAL_INT32(2000000000, k.nm[0]);
         TEST_ASSERT_EQUAL_INT32(-123456789, k.nm[1]);
@@ -70,10 +70,10 @@ static void test_path_rests_exactly_where_the_last_records_are(void)
 
 static void test_knots_lie_between_the_records(void)
 {
-    record_start(&record, 7, (struct knot){{-1000, 1000}});
+    ip_record_start(&record, 7, (struct knot){{-1000, 1000}});
     for (int i = 0; i < 1000; i++) {
         const int32_t value = (i / 7) % 3 == 0 ? 1000 : -1000;
-        const struct knot k = record_step(&record, (struct knot){{value, -value}});
+        const struct knot k = ip_record_step(&record, (struct knot){{value, -value}});
         TEST_ASSERT_TRUE(abs(k.nm[0]) <= 1000 && abs(k.nm[1]) <= 1000);
     }
 }

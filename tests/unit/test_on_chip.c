@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The drive on the machine that it simulates by itself (2103h): the one at its connector is neither read nor driven. */
-#include "test_drive_rig.h"
+#include "drive_rig.h"
 
 static struct rig rig;
 

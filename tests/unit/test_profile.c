@@ -85,7 +85,7 @@ static void test_stop_ends_where_its_ramp_does(void)
     in.target_umps = 0;
     const int64_t ramp_pm = profile.pos_pm;
     run(200);
-    TEST_ASSERT_TRUE(profile_rests(&profile));
+    TEST_ASSERT_TRUE(profile_stands(&profile));
     TEST_ASSERT_TRUE(profile_reached(&profile, 0));
     /* 100 mm/s at 2 m/s2, in steps of a ms: v^2 / 2 a, less half a step */
     TEST_ASSERT_INT64_WITHIN(1, ramp_pm / 1000 + 2500000 - 50000, last[0]);
@@ -117,7 +117,7 @@ static void test_it_ends_exactly_on_a_limit_and_never_beyond(void)
                 TEST_ASSERT_TRUE(last[0] >= -limit && last[0] <= limit);
             }
             TEST_ASSERT_TRUE(steepest_um_s2 <= DOWN + 3000);
-            TEST_ASSERT_TRUE(profile_rests(&profile));
+            TEST_ASSERT_TRUE(profile_stands(&profile));
             TEST_ASSERT_EQUAL_INT64(sign * limit, last[0]);
         }
     }

@@ -79,7 +79,7 @@ static void test_every_single_bit_error_of_a_frame_is_refused(void)
     }
     expect_rejected(0, 64, 0, 0);
     TEST_ASSERT_EQUAL_UINT32(0, stream.accepted);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_frame(&queue, &good));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, queue_frame(&queue, &good));
 }
 
 /* ---- sequence ---- */
@@ -92,8 +92,8 @@ static void test_knots_add_up_from_the_start(void)
     TEST_ASSERT_EQUAL_INT32(1000, queue.ring.start.nm[0]);
     TEST_ASSERT_EQUAL_INT32(-2000, queue.ring.start.nm[1]);
     TEST_ASSERT_EQUAL(STREAM_FILLING, stream.state);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 5, 7));
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, -6, 70));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(0, 5, 7));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(1, -6, 70));
     TEST_ASSERT_EQUAL_INT32(999, stream.end_x);
     TEST_ASSERT_EQUAL_INT32(-1923, stream.end_y);
     TEST_ASSERT_EQUAL_INT32(1005, queue.ring.knot[0].nm[0]);
@@ -114,13 +114,13 @@ static void test_duplicate_and_gap_are_refused_and_change_nothing(void)
     expect_rejected(3, 0, 0, 0);
     TEST_ASSERT_EQUAL_INT32(10, stream.end_x);
     TEST_ASSERT_EQUAL_UINT32(1, stream.accepted);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, 10, 10));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(1, 10, 10));
 }
 
 static void test_sequence_wraps_after_255(void)
 {
     for (unsigned i = 0; i < 600; i++) {
-        TEST_ASSERT_EQUAL(QUEUE_TAKEN, give((uint8_t)i, 1, -1));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give((uint8_t)i, 1, -1));
     }
     TEST_ASSERT_EQUAL_INT32(600, stream.end_x);
     TEST_ASSERT_EQUAL_INT32(-600, stream.end_y);
@@ -128,10 +128,10 @@ static void test_sequence_wraps_after_255(void)
 
 static void test_differences_reach_both_ends_of_24_bits(void)
 {
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 8388607, -8388608));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(0, 8388607, -8388608));
     TEST_ASSERT_EQUAL_INT32(8388607, stream.end_x);
     TEST_ASSERT_EQUAL_INT32(-8388608, stream.end_y);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, -8388608, 8388607));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(1, -8388608, 8388607));
     TEST_ASSERT_EQUAL_INT32(-1, stream.end_x);
     TEST_ASSERT_EQUAL_INT32(-1, stream.end_y);
 }
@@ -139,7 +139,7 @@ static void test_differences_reach_both_ends_of_24_bits(void)
 static void test_sum_beyond_int32_ends_at_its_limit(void)
 {
     queue_begin(&queue, (struct knot){{INT32_MAX - 5, INT32_MIN + 5}}, 0);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 6, -6));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(0, 6, -6));
     TEST_ASSERT_EQUAL_INT32(INT32_MAX, stream.end_x);
     TEST_ASSERT_EQUAL_INT32(INT32_MIN, stream.end_y);
 }
@@ -149,7 +149,7 @@ static void test_sum_beyond_int32_ends_at_its_limit(void)
 static void fill(unsigned count)
 {
     for (unsigned i = 0; i < count; i++) {
-        TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, (struct knot){{(int32_t)i, 0}}));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, queue_push(&queue, (struct knot){{(int32_t)i, 0}}));
     }
 }
 
@@ -162,7 +162,7 @@ static void test_full_queue_takes_no_more_until_knots_are_executed(void)
     expect_rejected(0, 0, 1, 0);
     queue_executed(&queue, 3);
     TEST_ASSERT_EQUAL_UINT16(3, stream.free);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give((uint8_t)992, 1, 1));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give((uint8_t)992, 1, 1));
     TEST_ASSERT_EQUAL_UINT16(2, stream.free);
     TEST_ASSERT_EQUAL_UINT32(993, stream.accepted);
 }
@@ -172,7 +172,7 @@ static void test_knots_behind_the_path_are_kept_for_a_lagging_foot_point(void)
     fill(992);
     queue_executed(&queue, 500);
     for (int32_t i = 992; i < 992 + 500; i++) {
-        TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, (struct knot){{i, 0}}));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, queue_push(&queue, (struct knot){{i, 0}}));
     }
     for (int32_t i = 500 - 32; i < 992 + 500; i++) {
         TEST_ASSERT_EQUAL_INT32(i, queue.ring.knot[i % 1024].nm[0]);
@@ -271,8 +271,8 @@ static void test_knot_on_the_soft_limit_is_taken_and_one_beyond_ends_the_stream(
     queue.min_nm[1] = -50;
     queue.max_nm[1] = 50;
     queue_begin(&queue, origin, 0);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 100, -50));
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, -200, 100));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(0, 100, -50));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(1, -200, 100));
     TEST_ASSERT_FALSE(queue.outside);
     TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(2, -1, 0));
     TEST_ASSERT_TRUE(queue.outside);
@@ -287,8 +287,8 @@ static void test_stream_that_starts_outside_the_soft_limits_may_come_back_but_go
     queue.min_nm[0] = queue.min_nm[1] = -100;
     queue.max_nm[0] = queue.max_nm[1] = 100;
     queue_begin(&queue, (struct knot){{150, 0}}, 0);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 0, 0));
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, -60, 0));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(0, 0, 0));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(1, -60, 0));
     TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(2, 61, 0));
 }
 
@@ -301,7 +301,7 @@ static void test_origin_lies_between_the_users_positions_and_the_rings(void)
     queue_begin(&queue, (struct knot){{7, 8}}, 0);
     TEST_ASSERT_EQUAL_INT32(-993, queue.ring.start.nm[0]);
     TEST_ASSERT_EQUAL_INT32(508, queue.ring.start.nm[1]);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, 10, 20));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(0, 10, 20));
     TEST_ASSERT_EQUAL_INT32(17 - 1000, queue.ring.knot[0].nm[0]);
     TEST_ASSERT_EQUAL_INT32(28 + 500, queue.ring.knot[0].nm[1]);
     TEST_ASSERT_EQUAL_INT32(17, stream.end_x);
@@ -330,7 +330,7 @@ static void test_knot_that_the_servo_cannot_count_is_refused(void)
     queue.max_nm[0] = 2000000000;
     queue.origin_nm[0] = 2000000000;
     queue_begin(&queue, (struct knot){{0, 0}}, 0);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, (struct knot){{-147483648, 0}}));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, queue_push(&queue, (struct knot){{-147483648, 0}}));
     TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, queue_push(&queue, (struct knot){{-147483649, 0}}));
 }
 
@@ -338,7 +338,7 @@ static void test_knot_that_the_servo_cannot_count_upwards_is_refused(void)
 {
     queue.origin_nm[1] = -2000000000;
     queue_begin(&queue, origin, 0);
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, (struct knot){{0, 147483647}}));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, queue_push(&queue, (struct knot){{0, 147483647}}));
     TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, queue_push(&queue, (struct knot){{0, 147483648}}));
 }
 
@@ -350,8 +350,8 @@ static void test_knot_that_bends_the_way_by_more_than_the_limit_ends_the_stream_
         for (int sign = -1; sign <= 1; sign += 2) {
             queue_begin(&queue, origin, 0);
             queue_limit_acceleration(&queue, 100);
-            TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(0, axis == 0 ? sign * 100 : 0, axis == 1 ? sign * 100 : 0));
-            TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, axis == 0 ? sign * 200 : 0, axis == 1 ? sign * 200 : 0));
+            TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(0, axis == 0 ? sign * 100 : 0, axis == 1 ? sign * 100 : 0));
+            TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(1, axis == 0 ? sign * 200 : 0, axis == 1 ? sign * 200 : 0));
             TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(2, axis == 0 ? sign * 301 : 0, axis == 1 ? sign * 301 : 0));
             TEST_ASSERT_EQUAL_UINT32(1, stream.rejected_range);
             TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(2, axis == 0 ? sign * 200 : 0, axis == 1 ? sign * 200 : 0));
@@ -369,15 +369,15 @@ static void test_stream_does_not_end_at_speed(void)
         queue_begin(&queue, origin, 3);
         queue_limit_acceleration(&queue, 100);
         give(0, x / 2, y / 2);
-        TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(1, x, y));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(1, x, y));
         TEST_ASSERT_EQUAL(QUEUE_OUTSIDE, give(2, x, y));
-        TEST_ASSERT_TRUE(queue.sharp && !queue_complete(&queue));
+        TEST_ASSERT_TRUE(queue.over_acceleration && !queue_complete(&queue));
         TEST_ASSERT_EQUAL_UINT32(1, stream.rejected_range);
         queue_begin(&queue, origin, 3);
         queue_limit_acceleration(&queue, 100);
         give(0, x / 2, y / 2);
         give(1, x, y);
-        TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(2, x / 2 * 2, y / 2 * 2));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(2, x / 2 * 2, y / 2 * 2));
         TEST_ASSERT_TRUE(queue_complete(&queue));
         queue_begin(&queue, origin, 0);
         queue_limit_acceleration(&queue, 100);
@@ -385,7 +385,7 @@ static void test_stream_does_not_end_at_speed(void)
         give(1, x, y);
         TEST_ASSERT_FALSE(queue_end(&queue, 2));
         TEST_ASSERT_FALSE(queue_complete(&queue));
-        TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(2, x / 2 * 2, y / 2 * 2));
+        TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(2, x / 2 * 2, y / 2 * 2));
         TEST_ASSERT_TRUE(queue_end(&queue, 3));
     }
 }
@@ -401,7 +401,7 @@ static void test_suspended_stream_goes_on_where_it_was_once_it_has_stopped(void)
     TEST_ASSERT_FALSE(queue_resume(&queue));
     stream.state = STREAM_STOPPED;
     TEST_ASSERT_TRUE(queue_resume(&queue));
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, give(10, 1, 0));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(10, 1, 0));
     TEST_ASSERT_FALSE_MESSAGE(queue_resume(&queue), "it goes on already");
 }
 
@@ -469,12 +469,12 @@ static void test_stream_rests_when_its_last_four_knots_are_equal(void)
 {
     queue_begin(&queue, origin, 0);
     for (uint8_t i = 0; i < 4; i++) {
-        TEST_ASSERT_FALSE(queue_rests(&queue));
+        TEST_ASSERT_FALSE(queue_ends_standing(&queue));
         give(i, i == 0 ? 5 : 0, 0);
     }
-    TEST_ASSERT_TRUE(queue_rests(&queue));
+    TEST_ASSERT_TRUE(queue_ends_standing(&queue));
     give(4, 0, 1);
-    TEST_ASSERT_FALSE(queue_rests(&queue));
+    TEST_ASSERT_FALSE(queue_ends_standing(&queue));
 }
 
 static void test_open_ended_stream_is_given_its_end_while_it_is_open(void)
@@ -511,7 +511,7 @@ static void test_each_of_the_four_soft_limits_is_watched(void)
 static void push_test_knot(uint32_t i)
 {
     const struct knot k = {{(int32_t)(i * 7919u % 20001u) - 10000, (int32_t)((uint64_t)i * 104729u % 30011u) - 15005}};
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, k));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, queue_push(&queue, k));
 }
 
 static void test_checksum_is_zlibs_crc32_of_the_executed_knots_across_the_wrap_of_the_ring(void)
@@ -536,7 +536,7 @@ static void test_checksum_is_zlibs_crc32_of_the_executed_knots_across_the_wrap_o
 
 static void test_checksum_of_extreme_knot(void)
 {
-    TEST_ASSERT_EQUAL(QUEUE_TAKEN, queue_push(&queue, (struct knot){{INT32_MIN, INT32_MAX}}));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, queue_push(&queue, (struct knot){{INT32_MIN, INT32_MAX}}));
     queue_executed(&queue, 1);
     TEST_ASSERT_EQUAL_HEX32(0xE7C7CC38, stream.checksum);
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What the objects tell of numbers that they cannot hold, and the background on a bus that gives it no rest. */
-#include "test_drive_rig.h"
+#include "drive_rig.h"
 
 static struct rig rig;
 static unsigned given;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Feed hold, feed override, and going on after a fault that has stopped the axes on their path; over the wire. */
-#include "test_drive_rig.h"
+#include "drive_rig.h"
 
 enum { SHUTDOWN = 0x06, SWITCH_ON = 0x07, ENABLE = 0x0F, RUN = 0x1F, HALT = 0x11F, FAULT_RESET = 0x80 };
 enum { TARGET_REACHED = 10, IP_ACTIVE = 12 };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The scope over the bus: what 2300h and 2301h take, and what they tell. What it records: test_scope.c. */
-#include "test_drive_rig.h"
+#include "drive_rig.h"
 
 enum { ARM = 1, DEFAULTS = 2, OFF = 3 };
 

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "drive/configuration.h"
 #include "drive/servo_loop.h"
 #include "num_test.h"
 #include "unity.h"
@@ -451,18 +452,18 @@ static void test_begin_starts_path_time_anew(void)
 {
     ring.count = 1000;
     atomic_store(&loop.command.run, true);
-    atomic_fetch_add(&loop.command.begin, 1u);
+    atomic_fetch_add(&loop.command.stream, 1u);
     tick(1001);
     TEST_ASSERT_EQUAL_UINT32(101, atomic_load(&loop.executed));
     TEST_ASSERT_FALSE(atomic_load(&loop.standing));
     TEST_ASSERT_EQUAL_INT32(1000, servo_loop_snapshot(&loop)->path_rate_permille);
-    TEST_ASSERT_EQUAL_UINT32(1, atomic_load(&loop.begun));
+    TEST_ASSERT_EQUAL_UINT32(1, atomic_load(&loop.stream));
     atomic_store(&loop.command.run, false);
-    atomic_fetch_add(&loop.command.begin, 1u);
+    atomic_fetch_add(&loop.command.stream, 1u);
     tick(1);
     TEST_ASSERT_EQUAL_UINT32(0, atomic_load(&loop.executed));
     TEST_ASSERT_TRUE(atomic_load(&loop.standing));
-    TEST_ASSERT_EQUAL_UINT32(2, atomic_load(&loop.begun));
+    TEST_ASSERT_EQUAL_UINT32(2, atomic_load(&loop.stream));
 }
 
 static void test_reference_of_a_stream_is_its_own_from_the_first_period_on(void)
@@ -474,13 +475,13 @@ static void test_reference_of_a_stream_is_its_own_from_the_first_period_on(void)
         ring.knot[i].nm[1] = ring.start.nm[1];
     }
     atomic_store(&loop.command.run, true);
-    atomic_fetch_add(&loop.command.begin, 1u);
+    atomic_fetch_add(&loop.command.stream, 1u);
     tick(35); /* knots 0 to 3 have been used */
     for (uint32_t i = 0; i < ring.count; i++) {
         ring.knot[i].nm[0] += 10000;
     }
     ring.start.nm[0] += 10000;
-    atomic_fetch_add(&loop.command.begin, 1u);
+    atomic_fetch_add(&loop.command.stream, 1u);
     for (int ms = 0; ms < 4; ms++) {
         tick(10);
         TEST_ASSERT_EQUAL_INT32(ring.start.nm[0], servo_loop_snapshot(&loop)->reference_nm[0]);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* LSS (CiA 305), 1010h, 1011h and 2001h on the whole firmware, with its flash. */
-#include "test_drive_rig.h"
+#include "drive_rig.h"
 
 static struct rig rig;
 static struct can_frame sent[256]; /* by the device since `clear` */

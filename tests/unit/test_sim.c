@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "sim/kontur_sim.h"
-#include "test_drive_rig.h"
+#include "drive_rig.h"
 #include "unity.h"
 #include <stdbool.h>
 

@@ -1,50 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The firmware on a simulated machine of which a test can pull every wire, with a CAN master, for test_app.c and
- * test_loop.c. Node id 1. Time passes in rig_run() only. */
-#ifndef TEST_DRIVE_RIG_H
-#define TEST_DRIVE_RIG_H
+#include "drive_rig.h"
+
 #include <math.h>
 #include <string.h>
 
-#include "device.h"
-#include "sim/flash.h"
-#include "sim/plant.h"
-#include "unity.h"
-
-enum { INBOX = 64, EMCY_MAX = 64 };
-
-struct rig {
-    struct device device;
-    struct hal hal;
-    struct plant plant;
-    struct sim_flash flash;
-    uint16_t bitrate;                 /* last changed to */
-    struct hal_drive_out out;         /* last written */
-    uint8_t inputs[2];                /* enum hal_input, beside the limit switches of the plant */
-    bool frozen[2];                   /* the encoder stands, whatever the axis does */
-    int32_t frozen_count[2], lost[2]; /* where; counts that were lost */
-    struct hal_health health;
-    struct hal_can_status can;
-    unsigned reads, writes; /* calls of the HAL */
-    struct can_frame inbox[INBOX];
-    unsigned inbox_count;
-    /* what the master has seen */
-    struct can_frame sdo;
-    bool sdo_answered;
-    uint16_t statusword[2], free, accepted;
-    unsigned status_count, boot_ups, heartbeats;
-    struct can_frame telemetry[4]; /* the last TPDO2 .. TPDO5, and when they came */
-    uint32_t telemetry_ms[4];
-    uint16_t tick; /* of the last TPDO2 */
-    uint16_t emcy[EMCY_MAX];
-    uint8_t emcy_reg[EMCY_MAX];
-    unsigned emcy_count;
-    uint32_t heartbeat_every_ms; /* of the master; 0: silent */
-    bool busy;                   /* the background is: only the tick runs */
-    uint32_t ms;
-};
-
-static inline void rig_drive_read(void *ctx, struct hal_drive_in *in)
+static void drive_read(void *ctx, struct hal_drive_in *in)
 {
     struct rig *r = ctx;
     r->reads++;
@@ -60,14 +20,14 @@ static inline void rig_drive_read(void *ctx, struct hal_drive_in *in)
     }
 }
 
-static inline void rig_drive_write(void *ctx, const struct hal_drive_out *out)
+static void drive_write(void *ctx, const struct hal_drive_out *out)
 {
     struct rig *r = ctx;
     r->writes++;
     r->out = *out;
 }
 
-static inline bool rig_can_send(void *ctx, const struct can_frame *f)
+bool rig_can_send(void *ctx, const struct can_frame *f)
 {
     struct rig *r = ctx;
     if (f->id == 0x581) {
@@ -99,7 +59,7 @@ static inline bool rig_can_send(void *ctx, const struct can_frame *f)
     return true;
 }
 
-static inline bool rig_can_receive(void *ctx, struct can_frame *f)
+bool rig_can_receive(void *ctx, struct can_frame *f)
 {
     struct rig *r = ctx;
     if (r->inbox_count == 0) {
@@ -111,19 +71,19 @@ static inline bool rig_can_receive(void *ctx, struct can_frame *f)
     return true;
 }
 
-static inline void rig_can_status(void *ctx, struct hal_can_status *status)
+static void can_status(void *ctx, struct hal_can_status *status)
 {
     const struct rig *r = ctx;
     *status = r->can;
 }
 
-static inline void rig_health(void *ctx, struct hal_health *health)
+static void health(void *ctx, struct hal_health *health)
 {
     const struct rig *r = ctx;
     *health = r->health;
 }
 
-static inline bool rig_can_bitrate(void *ctx, uint16_t kbitps, bool change)
+static bool can_bitrate(void *ctx, uint16_t kbitps, bool change)
 {
     struct rig *r = ctx;
     if (kbitps != 1000 && kbitps != 500 && kbitps != 125) {
@@ -133,25 +93,25 @@ static inline bool rig_can_bitrate(void *ctx, uint16_t kbitps, bool change)
     return true;
 }
 
-static inline void rig_flash_read(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes)
+static void flash_read(void *ctx, unsigned sector, uint32_t offset, void *data, uint32_t bytes)
 {
     const struct rig *r = ctx;
     sim_flash_read(&r->flash, sector, offset, data, bytes);
 }
 
-static inline bool rig_flash_erase(void *ctx, unsigned sector)
+static bool flash_erase(void *ctx, unsigned sector)
 {
     struct rig *r = ctx;
     return sim_flash_erase(&r->flash, sector);
 }
 
-static inline bool rig_flash_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
+static bool flash_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
 {
     struct rig *r = ctx;
     return sim_flash_write(&r->flash, sector, offset, data, bytes);
 }
 
-static inline void rig_send(struct rig *r, uint16_t id, uint8_t len, const uint8_t *data)
+void rig_send(struct rig *r, uint16_t id, uint8_t len, const uint8_t *data)
 {
     struct can_frame f = {.id = id, .len = len};
     memcpy(f.data, data, len);
@@ -160,8 +120,7 @@ static inline void rig_send(struct rig *r, uint16_t id, uint8_t len, const uint8
     device_poll(&r->device);
 }
 
-/* Control periods */
-static inline void rig_run(struct rig *r, unsigned periods)
+void rig_run(struct rig *r, unsigned periods)
 {
     for (unsigned i = 0; i < periods; i++) {
         device_tick(&r->device);
@@ -181,13 +140,12 @@ static inline void rig_run(struct rig *r, unsigned periods)
     }
 }
 
-static inline void rig_ms(struct rig *r, unsigned ms)
+void rig_ms(struct rig *r, unsigned ms)
 {
     rig_run(r, 10 * ms);
 }
 
-/* The machine of Table 1 without noise, at the origin */
-static inline struct ks_machine rig_machine(void)
+struct ks_machine rig_machine(void)
 {
     return (struct ks_machine){
         .mass_kg = {88.08, 97.90},
@@ -204,36 +162,33 @@ static inline struct ks_machine rig_machine(void)
     };
 }
 
-static inline void rig_start(struct rig *r, const struct ks_machine *machine)
+void rig_start(struct rig *r, const struct ks_machine *machine)
 {
     memset(r, 0, sizeof *r);
     r->hal = (struct hal){.ctx = r,
-                          .drive_read = rig_drive_read,
-                          .drive_write = rig_drive_write,
+                          .drive_read = drive_read,
+                          .drive_write = drive_write,
                           .can_send = rig_can_send,
                           .can_receive = rig_can_receive,
-                          .can_status = rig_can_status,
-                          .can_bitrate = rig_can_bitrate,
-                          .health = rig_health,
-                          .flash_read = rig_flash_read,
-                          .flash_erase = rig_flash_erase,
-                          .flash_write = rig_flash_write};
+                          .can_status = can_status,
+                          .can_bitrate = can_bitrate,
+                          .health = health,
+                          .flash_read = flash_read,
+                          .flash_erase = flash_erase,
+                          .flash_write = flash_write};
     sim_flash_init(&r->flash, 1);
     TEST_ASSERT_NULL(plant_check(machine));
     plant_init(&r->plant, machine, 1, 1e-4);
     device_init(&r->device, &r->hal, 1);
 }
 
-/* ---- the master ---- */
-
-static inline void rig_nmt(struct rig *r, uint8_t command)
+void rig_nmt(struct rig *r, uint8_t command)
 {
     const uint8_t data[2] = {command, 1};
     rig_send(r, 0, 2, data);
 }
 
-/* Write by SDO; returns the abort code, 0 for success. */
-static inline uint32_t rig_write(struct rig *r, uint16_t index, uint8_t sub, uint8_t size, int64_t value)
+uint32_t rig_write(struct rig *r, uint16_t index, uint8_t sub, uint8_t size, int64_t value)
 {
     uint8_t data[8] = {(uint8_t)(0x23 | (4 - size) << 2), (uint8_t)index, (uint8_t)(index >> 8), sub};
     co_put(&data[4], (uint32_t)value, size);
@@ -243,7 +198,7 @@ static inline uint32_t rig_write(struct rig *r, uint16_t index, uint8_t sub, uin
     return r->sdo.data[0] == 0x80 ? co_get(&r->sdo.data[4], 4) : 0;
 }
 
-static inline uint32_t rig_read(struct rig *r, uint16_t index, uint8_t sub)
+uint32_t rig_read(struct rig *r, uint16_t index, uint8_t sub)
 {
     const uint8_t data[8] = {0x40, (uint8_t)index, (uint8_t)(index >> 8), sub};
     r->sdo_answered = false;
@@ -253,8 +208,7 @@ static inline uint32_t rig_read(struct rig *r, uint16_t index, uint8_t sub)
     return co_get(&r->sdo.data[4], (uint8_t)(4 - ((r->sdo.data[0] >> 2) & 3)));
 }
 
-/* As they stand, whenever. */
-static inline void rig_controlwords_at_once(struct rig *r, uint16_t x, uint16_t y)
+void rig_controlwords_at_once(struct rig *r, uint16_t x, uint16_t y)
 {
     uint8_t data[4];
     co_put(&data[0], x, 2);
@@ -262,23 +216,22 @@ static inline void rig_controlwords_at_once(struct rig *r, uint16_t x, uint16_t 
     rig_send(r, 0x201, 4, data);
 }
 
-static inline bool rig_told(const struct rig *r, int axis)
+static bool knows_state(const struct rig *r, int axis)
 {
     const struct drive *d = &r->device.drive;
     return command_guard_permits(&d->command_guard, axis, d->axis[axis].changes, false, drive_now(d));
 }
 
-/* What asks to enable comes as from a master who has seen the state that it is to lead on from, a millisecond later. */
-static inline void rig_controlwords(struct rig *r, uint16_t x, uint16_t y)
+void rig_controlwords(struct rig *r, uint16_t x, uint16_t y)
 {
     const bool enabled = cia402_enabled(&r->device.drive.axis[0]) && cia402_enabled(&r->device.drive.axis[1]);
-    if (((x | y) & CW_ENABLE_OPERATION) != 0 && !enabled && !(rig_told(r, 0) && rig_told(r, 1))) {
+    if (((x | y) & CW_ENABLE_OPERATION) != 0 && !enabled && !(knows_state(r, 0) && knows_state(r, 1))) {
         rig_ms(r, 1);
     }
     rig_controlwords_at_once(r, x, y);
 }
 
-static inline void rig_knot(struct rig *r, uint8_t sequence, int32_t dx, int32_t dy)
+void rig_knot(struct rig *r, uint8_t sequence, int32_t dx, int32_t dy)
 {
     const struct od_knot knot = {.sequence = sequence, .dx = dx, .dy = dy};
     uint8_t data[8] = {sequence, queue_crc8(&knot)};
@@ -287,35 +240,24 @@ static inline void rig_knot(struct rig *r, uint8_t sequence, int32_t dx, int32_t
     rig_send(r, 0x301, 8, data);
 }
 
-/* States as the master sees them: mask 6Fh of the statusword */
-enum {
-    RIG_DISABLED = 0x40,
-    RIG_READY = 0x21,
-    RIG_SWITCHED_ON = 0x23,
-    RIG_ENABLED = 0x27,
-    RIG_QUICK_STOP = 0x07,
-    RIG_REACTION = 0x0F,
-    RIG_FAULT = 0x08
-};
-
-static inline unsigned rig_state(const struct rig *r, int axis)
+unsigned rig_state(const struct rig *r, int axis)
 {
     const unsigned word = r->statusword[axis];
     return word & ((word & 0x4F) == 0x40 || (word & 0x4F) == 0x08 || (word & 0x4F) == 0x0F ? 0x4Fu : 0x6Fu);
 }
 
-static inline void rig_expect_states(const struct rig *r, unsigned x, unsigned y)
+void rig_expect_states(const struct rig *r, unsigned x, unsigned y)
 {
     TEST_ASSERT_EQUAL_HEX16(x, rig_state(r, 0));
     TEST_ASSERT_EQUAL_HEX16(y, rig_state(r, 1));
 }
 
-static inline bool rig_bit(const struct rig *r, unsigned bit)
+bool rig_bit(const struct rig *r, unsigned bit)
 {
     return (r->statusword[0] >> bit & 1u) != 0 && (r->statusword[1] >> bit & 1u) != 0;
 }
 
-static inline bool rig_had_emcy(const struct rig *r, uint16_t code)
+bool rig_had_emcy(const struct rig *r, uint16_t code)
 {
     for (unsigned i = 0; i < r->emcy_count; i++) {
         if (r->emcy[i] == code) {
@@ -325,8 +267,7 @@ static inline bool rig_had_emcy(const struct rig *r, uint16_t code)
     return false;
 }
 
-/* Operational, both axes enabled, the master's heartbeat watched */
-static inline void rig_enable(struct rig *r)
+void rig_enable(struct rig *r)
 {
     rig_nmt(r, 1);
     r->heartbeat_every_ms = 50;
@@ -340,25 +281,19 @@ static inline void rig_enable(struct rig *r)
 }
 
 /* A way of `length_nm` along the direction (4, 3)/5 from where a stream starts, in `count` knots: cos^2 in speed */
-static inline int32_t rig_line(unsigned i, unsigned count, double length_nm)
+int32_t rig_line(unsigned i, unsigned count, double length_nm)
 {
     const double first = 5, u = i <= first ? 0 : i >= count - 6 ? 1 : (i - first) / (count - 11);
     return (int32_t)lround(length_nm * (u - sin(2 * 3.14159265358979 * u) / (2 * 3.14159265358979)));
 }
 
-struct rig_stream {
-    unsigned count, sent; /* knots */
-    double length_nm;
-    int32_t x, y; /* start */
-};
-
-static inline struct knot rig_stream_knot(const struct rig_stream *s, unsigned i)
+struct knot rig_stream_knot(const struct rig_stream *s, unsigned i)
 {
     const int32_t d = rig_line(i, s->count, s->length_nm);
     return (struct knot){{s->x + d / 5 * 4, s->y + d / 5 * 3}};
 }
 
-static inline uint32_t rig_begin(struct rig *r, struct rig_stream *s)
+uint32_t rig_begin(struct rig *r, struct rig_stream *s)
 {
     s->x = (int32_t)rig_read(r, 0x6064, 0);
     s->y = (int32_t)rig_read(r, 0x6864, 0);
@@ -369,8 +304,7 @@ static inline uint32_t rig_begin(struct rig *r, struct rig_stream *s)
     return rig_write(r, 0x2200, 1, 1, 1);
 }
 
-/* Send knots up to `end`, as many as there is room for */
-static inline void rig_feed(struct rig *r, struct rig_stream *s, unsigned end)
+void rig_feed(struct rig *r, struct rig_stream *s, unsigned end)
 {
     while (s->sent < end && s->sent < s->count && rig_read(r, 0x2200, 6) > 0) {
         const struct knot now = rig_stream_knot(s, s->sent);
@@ -380,8 +314,7 @@ static inline void rig_feed(struct rig *r, struct rig_stream *s, unsigned end)
     }
 }
 
-/* Begin, fill, start, and be `ms` on the way */
-static inline void rig_go(struct rig *r, struct rig_stream *s, unsigned ms)
+void rig_go(struct rig *r, struct rig_stream *s, unsigned ms)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_begin(r, s));
     rig_feed(r, s, s->count);
@@ -394,9 +327,7 @@ static inline void rig_go(struct rig *r, struct rig_stream *s, unsigned ms)
     }
 }
 
-/* Distance of the true position from the line of s, nm */
-static inline double rig_off_line(const struct rig *r, const struct rig_stream *s)
+double rig_off_line(const struct rig *r, const struct rig_stream *s)
 {
     return fabs((r->plant.pos_m[0] * 1e9 - s->x) * 0.6 - (r->plant.pos_m[1] * 1e9 - s->y) * 0.8);
 }
-#endif

@@ -1,0 +1,295 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "device_objects.h"
+
+#include <stddef.h>
+
+#include "drive/configuration.h"
+
+enum { ANY_SUB = 0xFF, AXIS_STEP = OBJ_CONTROLWORD_Y - OBJ_CONTROLWORD_X };
+
+static int axis_of(const struct od_entry *entry)
+{
+    return entry->index >= OBJ_ERROR_CODE_Y ? 1 : 0;
+}
+
+/* 1010h, 1011h, 2001h */
+static uint32_t check_settings(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    return settings_check(d->settings, entry, value);
+}
+
+static uint32_t store(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)value; /* the signature, which has been checked */
+    return settings_command(d->settings, entry, d->node->config.node_id);
+}
+
+/* A command leaves no value: what is read says what can be stored and restored. */
+static void stored(const struct device_objects *d, const struct od_entry *entry)
+{
+    od_write(d->od, entry, od_read(&od_defaults, entry));
+}
+
+/* 2000h */
+static void controller_written(const struct device_objects *d, const struct od_entry *entry)
+{
+    (void)entry;
+    atomic_store(&d->drive->loop.command.controller, d->od->controller.select);
+}
+
+/* 2033h */
+static void report_errors(const struct device_objects *d, const struct od_entry *entry)
+{
+    (void)entry;
+    for (unsigned i = 0; i < sizeof d->od->errors / sizeof d->od->errors[0]; i++) {
+        d->od->errors[i] = co_emcy_code(d->node, i);
+    }
+}
+
+/* 2140h: a master holds the drive by a heartbeat, which is watched meanwhile. */
+static uint32_t check_claim(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)d;
+    (void)entry;
+    return (uint8_t)value <= 127u ? SDO_OK : SDO_ABORT_VALUE;
+}
+
+static uint32_t claim(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    struct command_guard *guard = &d->drive->command_guard;
+    const uint8_t id = (uint8_t)value;
+    const uint8_t before = guard->holder;
+    (void)entry;
+    if (!command_guard_claim(guard, id, (uint32_t)value >> 8, drive_powered(d->drive))) {
+        d->od->master.refused++;
+        fault_monitor_event(&d->drive->fault_monitor, FAULT_SECOND_MASTER);
+        return SDO_ABORT_STATE;
+    }
+    if (id != before) {
+        co_watch_heartbeat(d->node, id);
+    }
+    return SDO_OK;
+}
+
+static uint32_t arm(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)entry;
+    return command_guard_arm(&d->drive->command_guard, (uint32_t)value, drive_now(d->drive)) ? SDO_OK : SDO_ABORT_STATE;
+}
+
+static void report_holder(const struct device_objects *d, const struct od_entry *entry)
+{
+    (void)entry;
+    d->od->master.holder = d->drive->command_guard.holder;
+}
+
+static void draw_ticket(const struct device_objects *d, const struct od_entry *entry)
+{
+    (void)entry;
+    d->od->master.ticket = command_guard_draw(&d->drive->command_guard, drive_now(d->drive));
+}
+
+/* 2200h, 60C4h */
+static uint32_t command_stream(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)entry;
+    return drive_stream_command(d->drive, (uint8_t)value);
+}
+
+static uint32_t end_stream(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)entry;
+    return path_total(&d->drive->path, (uint32_t)value);
+}
+
+static uint32_t clear_buffer(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)entry;
+    return value == 0 ? drive_stream_command(d->drive, STREAM_COMMAND_DISCARD) : SDO_OK;
+}
+
+/* 2220h */
+static void reset_energy(const struct device_objects *d, const struct od_entry *entry)
+{
+    (void)entry;
+    atomic_store(&d->drive->loop.command.energy_reset, true);
+}
+
+/* 2300h, 2301h: while there is a fault, its capture stays. */
+static uint32_t check_scope(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)entry;
+    (void)value;
+    return d->drive->faults != 0 && scope_holds_fault(&d->drive->loop.scope) ? SDO_ABORT_STATE : SDO_OK;
+}
+
+static uint32_t check_signal(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    const bool known = value == 0 || (value < SIGNALS && scope_signals[value].kind != SCOPE_NONE);
+    const uint32_t code = check_scope(d, entry, value);
+    return code != SDO_OK ? code : known ? SDO_OK : SDO_ABORT_VALUE;
+}
+
+static uint32_t command_scope(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)entry;
+    return drive_scope_command(d->drive, (uint8_t)value);
+}
+
+static void report_scope(const struct device_objects *d, const struct od_entry *entry)
+{
+    (void)entry;
+    scope_report(&d->drive->loop.scope, d->od);
+}
+
+/* 6041h */
+static void statusword_read(const struct device_objects *d, const struct od_entry *entry)
+{
+    drive_statusword_sent(d->drive, axis_of(entry));
+}
+
+/* 605Ah: options 3 and 4 are not supported. */
+static uint32_t check_quick_stop(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)d;
+    (void)entry;
+    return value == 3 || value == 4 ? SDO_ABORT_VALUE : SDO_OK;
+}
+
+/* 6060h */
+static uint32_t check_mode(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)d;
+    (void)entry;
+    return axis_modes_known(value) ? SDO_OK : SDO_ABORT_VALUE;
+}
+
+/* 6098h */
+static uint32_t check_homing_method(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)d;
+    (void)entry;
+    return homing_method_known(value) ? SDO_OK : SDO_ABORT_VALUE;
+}
+
+/* 60C1h: the record is complete with that of axis y. */
+static uint32_t record(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)entry;
+    return drive_record(d->drive, (struct knot){{d->od->axis[0].ip_record.position, (int32_t)value}});
+}
+
+/* 60C2h: not while a stream is open */
+static uint32_t check_period(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    const struct queue *queue = &d->drive->path.queue;
+    (void)entry;
+    (void)value;
+    return queue->open && queue->stream->state != STREAM_DONE ? SDO_ABORT_STATE : SDO_OK;
+}
+
+/* NULL: nothing is to be done. */
+static const struct object {
+    uint16_t index;
+    uint8_t sub;
+    bool both_axes;     /* there is a second one for axis y */
+    bool without_power; /* it cannot be written while an axis has power; parameters never can */
+    bool step;          /* a drive step follows when it has been written */
+    uint32_t (*check)(const struct device_objects *d, const struct od_entry *entry, int64_t value);
+    uint32_t (*command)(const struct device_objects *d, const struct od_entry *entry, int64_t value);
+    void (*written)(const struct device_objects *d, const struct od_entry *entry);
+    void (*before_read)(const struct device_objects *d, const struct od_entry *entry);
+} objects[] = {
+    {OBJ_STORE, ANY_SUB, .without_power = true, .check = check_settings, .command = store, .written = stored},
+    {OBJ_RESTORE, ANY_SUB, .without_power = true, .check = check_settings, .command = store, .written = stored},
+    {OBJ_HEARTBEAT_CONSUMER, ANY_SUB, .without_power = true},
+    {OBJ_ERROR_BEHAVIOUR, ANY_SUB, .without_power = true},
+    {OBJ_CONTROLLER, ANY_SUB, .written = controller_written},
+    {OBJ_NODE, ANY_SUB, .without_power = true, .check = check_settings},
+    {OBJ_ERRORS, ANY_SUB, .before_read = report_errors},
+    {OBJ_FEED_OVERRIDE, ANY_SUB, .step = true},
+    {OBJ_MASTER, SUB_MASTER_HOLDER, .before_read = report_holder},
+    {OBJ_MASTER, SUB_MASTER_CLAIM, .check = check_claim, .command = claim},
+    {OBJ_MASTER, SUB_MASTER_TICKET, .before_read = draw_ticket},
+    {OBJ_MASTER, SUB_MASTER_ARM, .command = arm},
+    {OBJ_STREAM, SUB_STREAM_COMMAND, .command = command_stream},
+    {OBJ_STREAM, SUB_STREAM_TOTAL, .command = end_stream},
+    {OBJ_ENERGY, SUB_ENERGY_RESET, .written = reset_energy},
+    {OBJ_SCOPE, SUB_SCOPE_COMMAND, .check = check_scope, .command = command_scope},
+    {OBJ_SCOPE, SUB_SCOPE_SOURCE, .check = check_signal, .before_read = report_scope},
+    {OBJ_SCOPE, ANY_SUB, .check = check_scope, .before_read = report_scope},
+    {OBJ_SCOPE_CHANNELS, ANY_SUB, .check = check_signal},
+    {OBJ_CONTROLWORD_X, ANY_SUB, .both_axes = true, .step = true},
+    {OBJ_STATUSWORD_X, ANY_SUB, .both_axes = true, .before_read = statusword_read},
+    {OBJ_QUICK_STOP_OPTION_X, ANY_SUB, .both_axes = true, .check = check_quick_stop},
+    {OBJ_MODE_X, ANY_SUB, .both_axes = true, .check = check_mode},
+    {OBJ_HOMING_METHOD_X, ANY_SUB, .both_axes = true, .check = check_homing_method},
+    {OBJ_IP_RECORD_Y, ANY_SUB, .command = record},
+    {OBJ_IP_PERIOD_X, ANY_SUB, .both_axes = true, .check = check_period},
+    {OBJ_IP_BUFFER_X, SUB_IP_BUFFER_CLEAR, .both_axes = true, .command = clear_buffer},
+};
+
+/* The first row for the entry */
+static const struct object *object_of(const struct od_entry *entry)
+{
+    static const struct object none;
+    for (unsigned i = 0; i < sizeof objects / sizeof objects[0]; i++) {
+        const struct object *o = &objects[i];
+        const bool index = entry->index == o->index || (o->both_axes && entry->index == o->index + AXIS_STEP);
+        if (index && (o->sub == ANY_SUB || o->sub == entry->sub)) {
+            return o;
+        }
+    }
+    return &none;
+}
+
+/* Whether the parameters would still fit together with this one changed */
+static uint32_t check_parameter(struct od_data *od, const struct od_entry *entry, int64_t value)
+{
+    const int64_t now = od_read(od, entry);
+    od_write(od, entry, value);
+    const bool fit = configuration_fits(od);
+    od_write(od, entry, now);
+    return fit ? SDO_OK : SDO_ABORT_INCOMPATIBLE;
+}
+
+static uint32_t refuse_with_power(const struct device_objects *d)
+{
+    fault_monitor_event(&d->drive->fault_monitor, FAULT_CONFIG_ENABLED);
+    return SDO_ABORT_STATE;
+}
+
+uint32_t device_objects_before_write(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    const struct object *o = object_of(entry);
+    const bool powered = drive_powered(d->drive);
+    if (o->without_power && powered) {
+        return refuse_with_power(d);
+    }
+    uint32_t code = o->check != NULL ? o->check(d, entry, value) : SDO_OK;
+    if (code == SDO_OK && (entry->flags & OD_CONFIG) != 0) {
+        code = powered ? refuse_with_power(d) : check_parameter(d->od, entry, value);
+    }
+    return code == SDO_OK && o->command != NULL ? o->command(d, entry, value) : code;
+}
+
+bool device_objects_written(const struct device_objects *d, const struct od_entry *entry, unsigned *received)
+{
+    const struct object *o = object_of(entry);
+    if ((entry->flags & OD_CONFIG) != 0) {
+        drive_configure(d->drive, false);
+    }
+    if (o->written != NULL) {
+        o->written(d, entry);
+    }
+    *received = o->index == OBJ_CONTROLWORD_X ? 1u << axis_of(entry) : 0u;
+    return o->step;
+}
+
+void device_objects_before_read(const struct device_objects *d, const struct od_entry *entry)
+{
+    const struct object *o = object_of(entry);
+    if (o->before_read != NULL) {
+        o->before_read(d, entry);
+    }
+}

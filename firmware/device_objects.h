@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* device_objects.h: what reading and writing objects by SDO does beside their values.
+ *
+ * One table says for each object what is checked before a write, which command the write is, what follows once the value
+ * is stored, and what is brought up to date before a read. A check changes nothing; a command returns the SDO abort code.
+ * Parameters (OD_CONFIG) have rules of their own: no axis has power, and they fit together.
+ *
+ * Context: background. device.c calls it from the hooks of the CANopen node.
+ */
+#ifndef KONTUR_DEVICE_OBJECTS_H
+#define KONTUR_DEVICE_OBJECTS_H
+#include "canopen/node.h"
+#include "drive/drive.h"
+#include "od/settings.h"
+
+struct device_objects {
+    struct od_data *od;
+    struct co_node *node;
+    struct drive *drive;
+    struct settings *settings;
+};
+
+/* `value`, which is in range, is to be written: check it and carry out the command. SDO_OK, or the abort code. */
+uint32_t device_objects_before_write(const struct device_objects *d, const struct od_entry *entry, int64_t value);
+/* It has been written. true: a drive step is to follow; *received: the axes whose controlword it was, as in drive_in. */
+bool device_objects_written(const struct device_objects *d, const struct od_entry *entry, unsigned *received);
+/* An object is to be read. */
+void device_objects_before_read(const struct device_objects *d, const struct od_entry *entry);
+#endif

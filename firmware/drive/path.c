@@ -1,0 +1,309 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "drive/path.h"
+
+static const struct servo_snapshot *servo(const struct path *p)
+{
+    return &p->loop->snapshot;
+}
+
+void path_read(struct path *p)
+{
+    (void)servo_loop_snapshot(p->loop);
+    p->progress = servo_loop_progress(p->loop);
+}
+
+/* ---- where the axes and the path are, in user's positions ---- */
+
+struct knot path_position(const struct path *p)
+{
+    return queue_user(&p->queue, (struct knot){{servo(p)->position_nm[0], servo(p)->position_nm[1]}});
+}
+
+/* Where the servo's reference is or, with no path, where it is to be. */
+static struct knot servo_reference(const struct path *p)
+{
+    const struct knot at = {{servo(p)->reference_nm[0], servo(p)->reference_nm[1]}};
+    return p->queue.stream->state == STREAM_IDLE ? p->queue.ring.start : at;
+}
+
+static struct knot reference(const struct path *p)
+{
+    return queue_user(&p->queue, servo_reference(p));
+}
+
+static bool within_start_window(const struct od_data *od, struct knot a, struct knot b)
+{
+    const int64_t window = od->limits.start_window;
+    for (int i = 0; i < 2; i++) {
+        const int64_t distance = (int64_t)a.nm[i] - b.nm[i];
+        if (distance > window || -distance > window) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* ---- begin and end ---- */
+
+/* The queue has other knots: path time starts anew at its first one. */
+static void restart(struct path *p)
+{
+    struct servo_loop_command *c = &p->loop->command;
+    atomic_store(&c->complete, false);
+    atomic_store(&c->may_end, false);
+    p->stream++;
+    atomic_store(&c->stream, p->stream);
+    p->progress.current = false;
+}
+
+/* Discard the stream. Axes with power are held at their reference, the others where they are. */
+static void hold(struct path *p, const bool powered[2])
+{
+    const struct knot position = path_position(p);
+    struct knot start = reference(p);
+    for (int i = 0; i < 2; i++) {
+        start.nm[i] = powered[i] ? start.nm[i] : position.nm[i];
+    }
+    queue_hold(&p->queue, start);
+    restart(p);
+}
+
+static void begin(struct path *p, struct knot start, uint32_t total)
+{
+    queue_begin(&p->queue, start, total);
+    restart(p);
+}
+
+/* At standstill: the user's positions of an axis become the servo's plus origin_nm. Nothing moves. */
+static void set_origin(struct path *p, struct od_data *od, int axis, int32_t origin_nm)
+{
+    const struct knot at = servo_reference(p);
+    p->queue.origin_nm[axis] = origin_nm;
+    atomic_store(&p->loop->command.origin_nm[axis], origin_nm);
+    queue_hold(&p->queue, queue_user(&p->queue, at));
+    od->axis[axis].position_actual = path_position(p).nm[axis];
+    restart(p);
+}
+
+void path_init(struct path *p, struct servo_loop *loop, struct od_stream *stream)
+{
+    *p = (struct path){.loop = loop};
+    queue_init(&p->queue, stream);
+}
+
+void path_reset(struct path *p, struct od_stream *stream)
+{
+    static const bool no_power[2] = {false, false};
+    const int32_t origin_nm[2] = {p->queue.origin_nm[0], p->queue.origin_nm[1]};
+    queue_init(&p->queue, stream);
+    p->queue.origin_nm[0] = origin_nm[0];
+    p->queue.origin_nm[1] = origin_nm[1];
+    hold(p, no_power);
+}
+
+void path_power_on(struct path *p, const struct od_data *od, const bool powered[2])
+{
+    const bool may_resume = p->queue.suspended && p->queue.stream->state == STREAM_STOPPED;
+    if (!may_resume || !within_start_window(od, path_position(p), p->suspended_at)) {
+        hold(p, powered);
+    }
+}
+
+void path_power_off(struct path *p)
+{
+    if (p->progress.standing && p->progress.current) {
+        p->suspended_at = reference(p);
+        queue_suspend(&p->queue);
+    } else {
+        queue_close(&p->queue);
+    }
+}
+
+/* ---- the step ---- */
+
+bool path_may_run(const struct path *p, const struct od_data *od, const struct path_axis axis[2], bool fault)
+{
+    if (p->modes.generating) { /* profiles stop the axes; a fault stops both on the path */
+        return !fault;
+    }
+    for (int i = 0; i < 2; i++) {
+        const uint16_t cw = axis[i].controlword;
+        if (!axis[i].enabled || (cw & CW_ENABLE_IP) == 0 || (cw & CW_HALT) != 0) {
+            return false;
+        }
+    }
+    return axis_modes_follow_stream(&p->modes) && p->queue.stream->state != STREAM_IDLE && !p->queue.suspended &&
+           axis_modes_enough_knots(&p->modes, &p->queue, od->limits.path_stop_time);
+}
+
+bool path_follow(struct path *p, bool may_run, bool powered)
+{
+    queue_follow(&p->queue, &p->progress, may_run, p->modes.generating);
+    return !axis_modes_end(&p->modes, &p->queue, &p->progress, powered);
+}
+
+static struct axis_mode_in axis_mode_in(const struct path *p, const struct path_axis *axis, int i)
+{
+    const struct servo_snapshot *s = servo(p);
+    return (struct axis_mode_in){
+        .controlword = axis->controlword,
+        .enabled = axis->enabled,
+        .powered = axis->powered,
+        .quick_stop = axis->quick_stop,
+        .inputs = s->inputs[i],
+        .index_pulses = s->index_pulses[i],
+        .reference_nm = reference(p).nm[i],
+        .position_nm = s->position_nm[i],
+        .index_nm = s->index_nm[i],
+        .edge_nm = s->edge_nm[i],
+    };
+}
+
+void path_step_modes(struct path *p, struct od_data *od, const struct path_axis axis[2], bool may_run)
+{
+    const bool powered[2] = {axis[0].powered, axis[1].powered};
+    const struct axis_modes_in in = {.od = od,
+                                     .path = &p->progress,
+                                     .path_may_run = may_run,
+                                     .axis = {axis_mode_in(p, &axis[0], 0), axis_mode_in(p, &axis[1], 1)}};
+    struct axis_modes_out out;
+    axis_modes_step(&p->modes, &in, &out);
+    if (out.hold) {
+        hold(p, powered);
+    }
+    if (out.begin) {
+        begin(p, reference(p), 0);
+    }
+    if (p->modes.generating) {
+        axis_modes_generate(&p->modes, &p->queue);
+        atomic_store(&p->loop->command.complete, true); /* at any time: the path stands at its last knots */
+    }
+    for (int i = 0; i < 2; i++) {
+        if (out.set_origin[i]) {
+            set_origin(p, od, i, out.origin_nm[i]);
+        }
+    }
+}
+
+/* ---- streams of the master ---- */
+
+/* A stream may begin: both axes are enabled in interpolated position, and stand within the window of `start`. */
+static bool may_begin(const struct path *p, const struct od_data *od, const struct path_axis axis[2], struct knot start)
+{
+    return axis[0].enabled && axis[1].enabled && p->progress.standing && within_start_window(od, start, reference(p)) &&
+           axis_modes_follow_stream(&p->modes);
+}
+
+static void begin_stream(struct path *p, const struct od_data *od, struct knot start, uint32_t total)
+{
+    begin(p, start, total);
+    queue_limit_acceleration(&p->queue, od->limits.acceleration);
+    axis_modes_begin_stream(&p->modes, od->axis[0].ip_period.value, start);
+}
+
+/* Bit 4 must be clear: setting it starts the motion. */
+static bool resume_stream(struct path *p, const struct path_axis axis[2])
+{
+    const unsigned bits = axis[0].controlword | axis[1].controlword;
+    return axis[0].enabled && axis[1].enabled && (bits & CW_ENABLE_IP) == 0 && queue_resume(&p->queue);
+}
+
+uint32_t path_command(struct path *p, const struct od_data *od, const struct path_axis axis[2], uint8_t command)
+{
+    const struct knot start = {{od->stream.start_x, od->stream.start_y}};
+    const uint32_t total = od->stream.total;
+    if (!p->progress.standing || atomic_load(&p->loop->command.run)) {
+        return SDO_ABORT_STATE;
+    }
+    if (command == STREAM_COMMAND_DISCARD) {
+        const bool powered[2] = {axis[0].powered, axis[1].powered};
+        hold(p, powered);
+        return SDO_OK;
+    }
+    if (command == STREAM_COMMAND_RESUME) {
+        return resume_stream(p, axis) ? SDO_OK : SDO_ABORT_STATE;
+    }
+    if (!may_begin(p, od, axis, start) || total == 1 || total == 2) {
+        return SDO_ABORT_STATE;
+    }
+    begin_stream(p, od, start, total);
+    return SDO_OK;
+}
+
+/* Tell the tick where the path may end. */
+static void report_end(struct path *p)
+{
+    const bool complete = queue_complete(&p->queue);
+    atomic_store(&p->loop->command.may_end, !complete && p->queue.total == 0 && queue_ends_standing(&p->queue));
+    if (complete) {
+        atomic_store(&p->loop->command.complete, true);
+    }
+}
+
+uint32_t path_total(struct path *p, uint32_t total)
+{
+    const bool open_ended = p->queue.open && p->queue.total == 0 && !p->modes.generating;
+    if (!open_ended || total == 0) {
+        return SDO_OK; /* it is for the next stream */
+    }
+    if (!queue_end(&p->queue, total)) {
+        return SDO_ABORT_STATE;
+    }
+    report_end(p);
+    return SDO_OK;
+}
+
+enum queue_result path_push(struct path *p, struct knot knot)
+{
+    const enum queue_result result = queue_push(&p->queue, knot);
+    if (result == QUEUE_ACCEPTED) {
+        report_end(p);
+    }
+    return result;
+}
+
+enum queue_result path_knot(struct path *p, const struct od_knot *frame)
+{
+    if (p->modes.generating) {
+        p->queue.stream->rejected_state++;
+        return QUEUE_NOT_OPEN;
+    }
+    const enum queue_result result = queue_frame(&p->queue, frame);
+    if (result == QUEUE_ACCEPTED) {
+        report_end(p);
+        p->modes.by_frame = true;
+    }
+    return result;
+}
+
+/* The first record begins a stream at the reference. */
+static bool begin_by_record(struct path *p, const struct od_data *od, const struct path_axis axis[2],
+                            struct knot record)
+{
+    if (!may_begin(p, od, axis, record) || od->axis[0].ip_period.value != od->axis[1].ip_period.value) {
+        return false;
+    }
+    begin_stream(p, od, reference(p), 0);
+    p->modes.by_record = true;
+    return true;
+}
+
+uint32_t path_record(struct path *p, const struct od_data *od, const struct path_axis axis[2], struct knot record)
+{
+    struct od_stream *s = p->queue.stream;
+    const bool open = p->queue.open && s->state != STREAM_DONE;
+    if ((!open && !begin_by_record(p, od, axis, record)) || p->modes.generating || p->modes.by_frame) {
+        s->rejected_state++;
+        return SDO_ABORT_STATE;
+    }
+    if (s->free < p->modes.record.ms) {
+        s->rejected_full++;
+        return SDO_ABORT_STATE;
+    }
+    for (unsigned k = 0; k < p->modes.record.ms; k++) {
+        if (path_push(p, ip_record_step(&p->modes.record, record)) != QUEUE_ACCEPTED) {
+            return SDO_ABORT_STATE;
+        }
+    }
+    return SDO_OK;
+}

@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* drive/path.h: the path that the axes follow, between the queue of knots and the servo tick.
+ *
+ * The knots of a path come from the master, as knot frames (2201h) or interpolation data records (60C1h), or from the
+ * profiles of the modes of operation (motion/axis_modes.h). This module begins, suspends and ends the path, and writes the
+ * command words of the tick that belong to it: stream, complete, may_end, origin_nm.
+ *
+ * Context: background. drive.c calls it in drive_step() and for requests of the master; device.c hands knots over.
+ */
+#ifndef KONTUR_DRIVE_PATH_H
+#define KONTUR_DRIVE_PATH_H
+#include "drive/servo_loop.h"
+#include "motion/axis_modes.h"
+#include "motion/path_clock.h"
+#include "motion/queue.h"
+
+struct path {
+    struct queue queue;
+    struct axis_modes modes;
+    struct servo_loop *loop;
+    struct path_progress progress; /* as read last */
+    uint32_t stream;               /* loop->command.stream as it is to be */
+    struct knot suspended_at;      /* where a suspended path stands */
+};
+
+/* What CiA 402 says of an axis. */
+struct path_axis {
+    uint16_t controlword;
+    bool enabled;       /* operation enabled */
+    bool powered;       /* operation enabled, or stopping */
+    int16_t quick_stop; /* 605Ah while a quick stop is active, else NO_QUICK_STOP */
+};
+
+enum stream_command { STREAM_COMMAND_BEGIN = 1, STREAM_COMMAND_DISCARD, STREAM_COMMAND_RESUME }; /* 2200h:1 */
+
+/* Power-on: no knots. The tick reads the knots of p->queue. */
+void path_init(struct path *p, struct servo_loop *loop, struct od_stream *stream);
+/* No knots, while the tick goes on. The origin stays. No axis has power, and the modes have been reset. */
+void path_reset(struct path *p, struct od_stream *stream);
+/* Read the snapshot of the servo and the progress of path time. What follows works with these. */
+void path_read(struct path *p);
+
+/* Axes get power. They are held where they are, unless a suspended path can go on from there. */
+void path_power_on(struct path *p, const struct od_data *od, const bool powered[2]);
+/* Axes lose power. A stream that stands may be resumed. */
+void path_power_off(struct path *p);
+/* Whether path time may run. */
+bool path_may_run(const struct path *p, const struct od_data *od, const struct path_axis axis[2], bool fault);
+/* Progress and end of the path. false: profiles had no knots in time, which is FAULT_UNDERRUN. */
+bool path_follow(struct path *p, bool may_run, bool powered);
+/* Step the modes of operation, and do what they ask for. */
+void path_step_modes(struct path *p, struct od_data *od, const struct path_axis axis[2], bool may_run);
+
+/* Object 2200h command: SDO abort code, or 0. */
+uint32_t path_command(struct path *p, const struct od_data *od, const struct path_axis axis[2], uint8_t command);
+/* Object 2200h total is to be written: SDO abort code, or 0. An open-ended stream that is open ends with so many. */
+uint32_t path_total(struct path *p, uint32_t total);
+/* A knot frame (2201h). */
+enum queue_result path_knot(struct path *p, const struct od_knot *frame);
+/* A knot by its absolute position. */
+enum queue_result path_push(struct path *p, struct knot knot);
+/* A record of 60C1h for both axes: SDO abort code, or 0. The first one while no stream is open begins one. */
+uint32_t path_record(struct path *p, const struct od_data *od, const struct path_axis axis[2], struct knot record);
+
+/* Where the axes are, user's positions in nm. */
+struct knot path_position(const struct path *p);
+#endif
