@@ -36,14 +36,14 @@ MACHINES = {"m4-f32": "netduinoplus2", "m4-fix": "netduinoplus2", "m3-fix": "net
 # By function, and by source file where no function is named; what is inlined from other files, and library functions,
 # belong to their caller. The last stage is what is left.
 STAGES = {
-    "encoders, inputs": ("read_machine", "measure", "watch_switches", "drive_read"),
+    "encoders, inputs": ("encoder_step", "encoder_scale", "latch_edges", "drive_read"),
     "observer": ("observer.c", "energy.c"),
-    "path, spline": ("change_path", "wanted_rate", "spline_prefetch", "path_clock.c", "spline.c"),
+    "path, spline": ("step_path", "change_path", "wanted_rate", "spline_prefetch", "path_clock.c", "spline.c"),
     "contour": ("contour.c",),
     "law": ("smc.c", "cascade.c"),
     "compensator, feedforward": ("compensator.c", "feedforward.c"),
-    "supervision": ("supervise", "look_closer", "supervise_axis"),
-    "publishing, scope": ("publish", "record_slow", "add_error", "scope_runs", "scope.c"),
+    "supervision": ("supervise", "supervise_in_detail", "supervise_axis", "supervise_inputs"),
+    "telemetry, scope": ("publish", "telemetry.c", "telemetry_gen.h", "scope_runs", "scope.c"),
     "composing, output": (
         *("servo_loop.c", "servo.c", "onchip_plant.c", "configuration.c"),
         *("rig.c", "bench_step.c", "semihost.c"),

@@ -85,6 +85,8 @@ def read(folder: Path, root: Path, elf: Path, tools: str) -> Graph:
     for text in texts:
         for source, target, file, line in _EDGE.findall(text):
             called = {_name(target)} if target != _INDIRECT else _resolve(root / file, int(line), members)
+            if target == _INDIRECT:
+                called.discard(_name(source))  # what stands in front of a HAL calls the one behind it, not itself
             graph.calls.setdefault(_name(source), set()).update(called)
     library = _disassembled(elf, tools)
     for name in library.frame.keys() - graph.frame.keys():
@@ -153,7 +155,7 @@ def worst(graph: Graph) -> tuple[dict[str, int], dict[str, list[str]]]:
         size[level] = EXCEPTION_BYTES + deepest
     known = {BACKGROUND, CRASH, *(f for functions in INTERRUPTS.values() for f in functions)}
     if others := {name for name in graph.frame if name.endswith("_irq")} - known:
-        raise InputError(f"stack: interrupts that kontur/stack.py does not list: {', '.join(sorted(others))}")
+        raise InputError(f"stack: interrupts that tools/stack.py does not list: {', '.join(sorted(others))}")
     size["all"] = sum(size.values())
     size["crash"], path["crash"] = graph.deepest(CRASH_RECORD)
     return size, path

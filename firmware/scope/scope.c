@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* scope.c: the scope of scope.h. The first part runs in the servo tick, the second in the background. */
 #include "scope/scope.h"
 
 #include <stddef.h>
@@ -7,7 +8,7 @@
 #include "core/servo.h"
 #include "hal/hal.h"
 
-/* The tick and the background share a core (scope/scope.h): the order that the compiler keeps is enough. */
+/* Tick and background run on one processor, so no ordering beyond that of the compiler is needed. */
 #define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
 
 /* ---- the tick ---- */
@@ -47,7 +48,7 @@ static bool is_number(const struct scope_signal *s)
     return s->kind == SCOPE_NUM || s->kind == SCOPE_ACC;
 }
 
-/* The level has been crossed in this period, in the direction that was asked for. */
+/* The level has been crossed in this period, in the direction of the trigger. */
 static bool crosses(struct scope *s, const void *const base[])
 {
     const uint32_t now = sample(&s->source, base);
@@ -102,8 +103,8 @@ void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t t
 {
     struct scope_capture *c = &s->half[s->recording];
     const uint8_t state = LOAD(s->state);
-    const uint32_t fault = s->raised | LOAD(s->told);
-    const uint32_t cause = fault | (state == SCOPE_WAITING ? LOAD(s->warned) : 0u);
+    const uint32_t fault = s->raised | LOAD(s->background_faults);
+    const uint32_t cause = fault | (state == SCOPE_WAITING ? LOAD(s->background_warnings) : 0u);
     bool triggered = state == SCOPE_TRIGGERED;
     s->of_fault = s->of_fault || fault != 0;
     if (!triggered && triggers(s, base, cause)) {
@@ -165,8 +166,8 @@ bool scope_arm(struct scope *s, const struct od_data *od, const int32_t origin_n
     s->wait = 0;
     s->primed = s->of_fault = false;
     begin(s, 0);
-    atomic_store(&s->told, 0u);
-    atomic_store(&s->warned, 0u);
+    atomic_store(&s->background_faults, 0u);
+    atomic_store(&s->background_warnings, 0u);
     atomic_store(&s->state, SCOPE_WAITING);
     atomic_store(&s->runs, true);
     return true;
@@ -174,17 +175,17 @@ bool scope_arm(struct scope *s, const struct od_data *od, const int32_t origin_n
 
 void scope_fault(struct scope *s, uint32_t faults)
 {
-    atomic_fetch_or(&s->told, faults);
+    atomic_fetch_or(&s->background_faults, faults);
 }
 
 void scope_warning(struct scope *s, uint32_t warnings)
 {
     if (s->trigger == SCOPE_FAULT) {
-        atomic_fetch_or(&s->warned, warnings);
+        atomic_fetch_or(&s->background_warnings, warnings);
     }
 }
 
-/* The newest one: triggered, or done. */
+/* The capture that was triggered last. */
 static const struct scope_capture *newest(const struct scope *s)
 {
     return &s->half[atomic_load(&s->state) == SCOPE_DONE ? s->done : s->recording];
@@ -213,7 +214,7 @@ uint32_t scope_size(struct scope *s)
     return SCOPE_HEADER + s->half[s->read_half].filled * s->channels * 4u;
 }
 
-/* As many counts as the word of a sample is. */
+/* The counts on the wire of a sample. */
 static uint32_t counts(const struct scope_signal *s, uint32_t word, const int32_t origin_nm[2])
 {
     if (is_number(s)) {
@@ -222,7 +223,7 @@ static uint32_t counts(const struct scope_signal *s, uint32_t word, const int32_
     return is_position(s) ? word + (uint32_t)origin_nm[s->axis] : word;
 }
 
-/* Word i of what is read. */
+/* Word i of 2302h. */
 static uint32_t word_at(const struct scope *s, uint32_t i, const int32_t origin_nm[2])
 {
     const struct scope_capture *c = &s->half[s->read_half];

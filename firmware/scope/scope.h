@@ -1,16 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* scope/scope.h: up to SCOPE_CHANNELS signals of the servo, each control period or each so many, around a trigger.
+/* scope/scope.h: the scope records up to SCOPE_CHANNELS signals of the servo around a trigger.
  *
- * scope_step() runs in the servo tick, everything else in the background, which the tick interrupts and never the other
- * way round. While `runs`, what is the tick's is its own; the background may end that at any time. A capture that is done
- * is not written again before the scope is armed.
+ * Contexts: scope_runs() and scope_step() are called by the servo tick, all other functions by the background (drive.c and
+ * device_objects.c). While `runs` is set, the members of the tick belong to the tick. The background may clear `runs` at
+ * any time; the tick is never interrupted by it.
  *
- * Frames go round in one half of the memory until the trigger, and then on until those before it are the share asked
- * for. A fault triggers always, whatever else is waited for, and a level only once the frames before it are there. When a
- * capture is done that has no fault in it, frames go round in the other half, for the fault that may still come: its
- * capture takes the place of the first one. Armed for faults at power-on (2300h, 2301h as they are by default: 500 ms
- * before, 130 ms after), and again when a fault whose capture it holds is reset, or the axes get power. docs/scope.md has
- * the layout of what is read.
+ * A frame has one sample of each signal. Frames go round in one half of the memory until the trigger comes. After it,
+ * frames are recorded until the share of the memory that is not reserved for the time before the trigger is full.
+ * A fault triggers in every mode. A level triggers only when the frames before it are there.
+ * A capture that is done stays until the scope is armed again, with one exception: a capture without a fault in it is
+ * followed by frames in the other half of the memory, and the capture of a later fault replaces it.
+ *
+ * The scope is armed for faults at power-on (with the defaults of 2300h and 2301h: 500 ms before, 130 ms after). It is
+ * armed again when the fault of its capture is reset, and when the axes get power. docs/scope.md has the layout of 2302h.
  */
 #ifndef KONTUR_SCOPE_H
 #define KONTUR_SCOPE_H
@@ -54,57 +56,59 @@ struct scope_capture {
 struct scope {
     _Atomic bool runs;
     _Atomic uint8_t state;
-    _Atomic uint32_t told;   /* faults that the background has raised */
-    _Atomic uint32_t warned; /* ... and warnings */
-    uint32_t faults, raised; /* of the last period, and which of them are new in it: the tick's, running or not */
+    _Atomic uint32_t background_faults;   /* FAULT_BIT()s that the background has raised since the scope was armed */
+    _Atomic uint32_t background_warnings; /* the same of warnings */
+    uint32_t faults;                      /* FAULT_BIT()s of the last period; the tick keeps them even if `runs` is 0 */
+    uint32_t raised;                      /* FAULT_BIT()s that are new in this period */
 
-    /* set while it does not run */
+    /* Settings, written by the background while `runs` is 0. */
     struct scope_signal signal[SCOPE_CHANNELS], source;
     uint8_t number[SCOPE_CHANNELS];
     uint8_t channels;
-    uint16_t periods;      /* from frame to frame */
-    uint32_t capacity;     /* frames in all */
-    uint32_t before_fault; /* ... wanted before a fault that comes after a capture */
-    uint32_t level;        /* as `source` is sampled */
-    uint32_t serial;       /* captures so far */
-    uint32_t reading;      /* ... the one that is being read, */
-    uint8_t read_half;     /* which is here */
+    uint16_t periods;      /* control periods from frame to frame */
+    uint32_t capacity;     /* frames in a half */
+    uint32_t before_fault; /* frames wanted before a fault that follows a capture */
+    uint32_t level;        /* trigger level, in the form of a sample of `source` */
+    uint32_t serial;       /* number of the capture; it changes when the scope is armed */
+    uint32_t reading;      /* `serial` of the capture that is being read */
+    uint8_t read_half;     /* the half that it is in */
 
-    /* the tick's */
+    /* Members of the tick. */
     uint8_t trigger;
     uint32_t before;         /* frames wanted before the trigger */
     uint16_t wait;           /* periods until the next frame */
-    bool primed, above;      /* a level has been compared, and how */
-    bool of_fault;           /* there has been a fault since it was armed */
-    uint8_t recording, done; /* halves: with the frames to come, with the capture that is done */
+    bool primed, above;      /* a level has been compared once; it was above then */
+    bool of_fault;           /* a fault has come since the scope was armed */
+    uint8_t recording, done; /* the half that frames go to; the half of the capture that is done */
     struct scope_capture half[2];
 };
 
-/* In the servo tick, last: whether scope_step() has something to do. faults: FAULT_BIT()s. */
+/* Servo tick, at its end: notes the faults (FAULT_BIT()s), and says whether scope_step() is to be called. */
 static inline bool scope_runs(struct scope *s, uint32_t faults)
 {
     s->raised = faults & ~s->faults;
     s->faults = faults;
     return atomic_load_explicit(&s->runs, memory_order_relaxed);
 }
-/* base: struct loop, struct servo_out; tick: number of the control period. */
+/* Servo tick: record and trigger. base: the structs of enum scope_base; tick: number of the control period. */
 void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t tick);
 
-/* Start anew with what 2300h and 2301h say; what was captured is gone. origin_nm: 2300h level of a position less the
- * servo's. false: no channel, or no source of a level. */
+/* Arm with the settings of 2300h and 2301h; an earlier capture is discarded. origin_nm: the user's position less the
+ * servo's, for a level of a position. Returns false when 2301h has no channel, or a level has no source. */
 bool scope_arm(struct scope *s, const struct od_data *od, const int32_t origin_nm[2]);
+/* Stop recording and discard the capture. */
 void scope_off(struct scope *s);
 /* The background has raised these faults. */
 void scope_fault(struct scope *s, uint32_t faults);
-/* ... warns of these: no trigger for who waits for something else, or has triggered. */
+/* The background warns of these. A warning triggers only a scope that waits for a fault. */
 void scope_warning(struct scope *s, uint32_t warnings);
-/* It holds, or is about to hold, what led to a fault or a warning. */
+/* The capture, done or under way, was triggered by a fault or a warning, or has a fault in it. */
 bool scope_holds_fault(const struct scope *s);
-/* What 2300h tells of it. */
+/* Write state, frames and time of the trigger to 2300h. */
 void scope_report(const struct scope *s, struct od_data *od);
-/* Bytes of 2302h; 0 while there is no capture. Reading begins. */
+/* Begin to read 2302h: its size in bytes, 0 while no capture is done. */
 uint32_t scope_size(struct scope *s);
-/* `count` of them from `at` on; false when the capture that scope_size() told of is gone. origin_nm: user's positions
- * less the servo's. */
+/* Copy `count` bytes of 2302h from `at` on. Returns false when the scope was armed since scope_size(). origin_nm: the
+ * user's positions less the servo's. */
 bool scope_read(const struct scope *s, uint32_t at, uint8_t *to, uint32_t count, const int32_t origin_nm[2]);
 #endif
