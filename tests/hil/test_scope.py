@@ -14,7 +14,7 @@ from kontur.errors import EmcyError
 
 
 def test_capture_at_once_is_read_whole(rig: Rig) -> None:
-    scope.arm(rig.device, Setup(("encoder_count_x", "count_y"), Trigger("now"), divider=2))
+    scope.arm(rig.device, Setup(("encoder_count_x", "encoder_count_y"), Trigger("now"), divider=2))
     assert scope.wait(rig.device, 5.0)
     shares: list[float] = []
     capture = scope.read(rig.device, shares.append)

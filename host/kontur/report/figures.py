@@ -33,7 +33,7 @@ _NAMES = {
     "cascade": "P-PI cascade with feedforward",
     "ccc": "cascade with cross-coupled control",
 }
-# Okabe and Ito's colours, told apart with any colour vision; the marker says the same without colour
+# Okabe and Ito's colours, distinguishable with any colour vision; the marker says the same without colour
 _LOOKS = {
     "ccu": ("#0072B2", "o"),
     "cascade": ("#D55E00", "D"),
