@@ -198,7 +198,7 @@ static const struct object {
     uint32_t (*check)(const struct device_objects *d, const struct od_entry *entry, int64_t value);
     uint32_t (*command)(const struct device_objects *d, const struct od_entry *entry, int64_t value);
     void (*written)(const struct device_objects *d, const struct od_entry *entry);
-    void (*before_read)(const struct device_objects *d, const struct od_entry *entry);
+    void (*refresh)(const struct device_objects *d, const struct od_entry *entry);
 } objects[] = {
     {OBJ_STORE, ANY_SUB, .without_power = true, .check = check_settings, .command = store, .written = stored},
     {OBJ_RESTORE, ANY_SUB, .without_power = true, .check = check_settings, .command = store, .written = stored},
@@ -206,21 +206,21 @@ static const struct object {
     {OBJ_ERROR_BEHAVIOUR, ANY_SUB, .without_power = true},
     {OBJ_CONTROLLER, ANY_SUB, .written = controller_written},
     {OBJ_NODE, ANY_SUB, .without_power = true, .check = check_settings},
-    {OBJ_ERRORS, ANY_SUB, .before_read = report_errors},
+    {OBJ_ERRORS, ANY_SUB, .refresh = report_errors},
     {OBJ_FEED_OVERRIDE, ANY_SUB, .step = true},
-    {OBJ_MASTER, SUB_MASTER_HOLDER, .before_read = report_holder},
+    {OBJ_MASTER, SUB_MASTER_HOLDER, .refresh = report_holder},
     {OBJ_MASTER, SUB_MASTER_CLAIM, .check = check_claim, .command = claim},
-    {OBJ_MASTER, SUB_MASTER_TICKET, .before_read = draw_ticket},
+    {OBJ_MASTER, SUB_MASTER_TICKET, .refresh = draw_ticket},
     {OBJ_MASTER, SUB_MASTER_ARM, .command = arm},
     {OBJ_STREAM, SUB_STREAM_COMMAND, .command = command_stream},
     {OBJ_STREAM, SUB_STREAM_TOTAL, .command = end_stream},
     {OBJ_ENERGY, SUB_ENERGY_RESET, .written = reset_energy},
     {OBJ_SCOPE, SUB_SCOPE_COMMAND, .check = check_scope, .command = command_scope},
-    {OBJ_SCOPE, SUB_SCOPE_SOURCE, .check = check_signal, .before_read = report_scope},
-    {OBJ_SCOPE, ANY_SUB, .check = check_scope, .before_read = report_scope},
+    {OBJ_SCOPE, SUB_SCOPE_SOURCE, .check = check_signal, .refresh = report_scope},
+    {OBJ_SCOPE, ANY_SUB, .check = check_scope, .refresh = report_scope},
     {OBJ_SCOPE_CHANNELS, ANY_SUB, .check = check_signal},
     {OBJ_CONTROLWORD_X, ANY_SUB, .both_axes = true, .step = true},
-    {OBJ_STATUSWORD_X, ANY_SUB, .both_axes = true, .before_read = statusword_read},
+    {OBJ_STATUSWORD_X, ANY_SUB, .both_axes = true, .refresh = statusword_read},
     {OBJ_QUICK_STOP_OPTION_X, ANY_SUB, .both_axes = true, .check = check_quick_stop},
     {OBJ_MODE_X, ANY_SUB, .both_axes = true, .check = check_mode},
     {OBJ_HOMING_METHOD_X, ANY_SUB, .both_axes = true, .check = check_homing_method},
@@ -289,7 +289,7 @@ bool device_objects_written(const struct device_objects *d, const struct od_entr
 void device_objects_before_read(const struct device_objects *d, const struct od_entry *entry)
 {
     const struct object *o = object_of(entry);
-    if (o->before_read != NULL) {
-        o->before_read(d, entry);
+    if (o->refresh != NULL) {
+        o->refresh(d, entry);
     }
 }

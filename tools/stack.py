@@ -74,6 +74,7 @@ def read(folder: Path, root: Path, elf: Path, tools: str) -> Graph:
     """
     graph = Graph()
     texts = [file.read_text().replace(f"{root}/", "") for file in sorted(folder.rglob("*.ci"))]
+    texts = [text for text in texts if not _of_a_source_that_is_gone(text, root)]
     if not texts:
         raise InputError(f"{folder}: no call graphs (*.ci) there: rm -r {folder}, then make firmware")
     for text in texts:
@@ -95,12 +96,27 @@ def read(folder: Path, root: Path, elf: Path, tools: str) -> Graph:
     return graph
 
 
+def _of_a_source_that_is_gone(text: str, root: Path) -> bool:
+    """Whether a call graph is left over from a source file that has been moved or deleted since."""
+    title = re.match(r'graph: \{ title: "([^"]*\.c)"', text)
+    return title is not None and not (root / title[1]).exists()
+
+
 def _assigned(root: Path, graph: Graph) -> dict[str, set[str]]:
-    """Functions by the member of a structure that they are assigned to, in what the image is made of."""
+    """Functions by the member of a structure that they are assigned to, in what the image is made of.
+
+    A function may come as an argument: `.fits = fits` in `settings_init(..., bool (*fits)(...))` is what callers pass.
+    """
+    files = [file for folder in ("", "*/", "port/stm32f405/") for file in root.glob(f"firmware/{folder}*.c")]
+    texts = {str(file.relative_to(root)): file.read_text() for file in files}
     found: dict[str, set[str]] = {}
-    for file in [file for folder in ("", "*/", "port/stm32f405/") for file in root.glob(f"firmware/{folder}*.c")]:
-        local = str(file.relative_to(root))
-        for member, function in re.findall(r"\.(\w+) = (\w+)\b", file.read_text()):
+    for local, text in texts.items():
+        pairs = re.findall(r"\.(\w+) = (\w+)\b", text)
+        for taker, parameter in re.findall(r"^\w[^\n;]*?(\w+)\([^;{]*\(\*(\w+)\)\([^;{]*\{", text, re.MULTILINE):
+            passed = [call for other in texts.values() for call in re.findall(rf"\b{taker}\(([^;{{]*)\);", other)]
+            pairs += [(member, word) for member, value in pairs if value == parameter
+                      for word in re.findall(r"\w+", " ".join(passed))]  # fmt: skip
+        for member, function in pairs:
             for name in (f"{local}:{function}", function):
                 if name in graph.frame:
                     found.setdefault(member, set()).add(name)

@@ -157,10 +157,10 @@ static void configure(struct drive *d)
     }
 }
 
-void drive_configure(struct drive *d, bool all)
+void drive_configure(struct drive *d, bool reset)
 {
     configure(d);
-    integrity_seal(&d->integrity, cfg_in_use(d), sizeof *cfg_in_use(d), d->od, all);
+    integrity_seal(&d->integrity, cfg_in_use(d), sizeof *cfg_in_use(d), d->od, reset);
 }
 
 /* A bit has flipped: no power, and a state in which FAULT_MEMORY can be reset. */

@@ -56,9 +56,9 @@ struct drive_in {
 void drive_init(struct drive *d, struct od_data *od, const struct hal *hal);
 /* As at power-on, while the tick goes on: power off at once, no stream, no fault. Position and time are kept. */
 void drive_reset(struct drive *d);
-/* Parameters have changed (without power) and fit together: hand them over to the tick. all: every one is new, by a
+/* Parameters have changed (without power) and fit together: hand them over to the tick. reset: every one is new, by a
  * reset. */
-void drive_configure(struct drive *d, bool all);
+void drive_configure(struct drive *d, bool reset);
 /* One step. Once a millisecond, and once for each frame with a controlword. */
 void drive_step(struct drive *d, const struct drive_in *in);
 /* The master can stop the axes no more: stop, then power off. */
@@ -68,7 +68,7 @@ void drive_fault(struct drive *d, enum fault f);
 /* A statusword, as it is in od, goes to the master. */
 void drive_statusword_sent(struct drive *d, int axis);
 
-/* Object 2200h command, enum stream_command: SDO abort code, or 0. */
+/* Object 2200h command: SDO abort code, or 0. */
 uint32_t drive_stream_command(struct drive *d, uint8_t command);
 /* A record of 60C1h for both axes: SDO abort code, or 0. The first one while no stream is open begins one. */
 uint32_t drive_record(struct drive *d, struct knot record);

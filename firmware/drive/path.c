@@ -162,10 +162,10 @@ static struct axis_mode_in axis_mode_in(const struct path *p, const struct path_
 void path_step_modes(struct path *p, struct od_data *od, const struct path_axis axis[2], bool may_run)
 {
     const bool powered[2] = {axis[0].powered, axis[1].powered};
-    const struct axis_modes_in in = {.od = od,
-                                     .path = &p->progress,
-                                     .path_may_run = may_run,
-                                     .axis = {axis_mode_in(p, &axis[0], 0), axis_mode_in(p, &axis[1], 1)}};
+    struct axis_modes_in in = {.od = od, .path = &p->progress, .path_may_run = may_run};
+    for (int i = 0; i < 2; i++) {
+        in.axis[i] = axis_mode_in(p, &axis[i], i);
+    }
     struct axis_modes_out out;
     axis_modes_step(&p->modes, &in, &out);
     if (out.hold) {
@@ -187,10 +187,15 @@ void path_step_modes(struct path *p, struct od_data *od, const struct path_axis 
 
 /* ---- streams of the master ---- */
 
+static bool both_enabled(const struct path_axis axis[2])
+{
+    return axis[0].enabled && axis[1].enabled;
+}
+
 /* A stream may begin: both axes are enabled in interpolated position, and stand within the window of `start`. */
 static bool may_begin(const struct path *p, const struct od_data *od, const struct path_axis axis[2], struct knot start)
 {
-    return axis[0].enabled && axis[1].enabled && p->progress.standing && within_start_window(od, start, reference(p)) &&
+    return p->progress.standing && both_enabled(axis) && within_start_window(od, start, reference(p)) &&
            axis_modes_follow_stream(&p->modes);
 }
 
@@ -205,7 +210,7 @@ static void begin_stream(struct path *p, const struct od_data *od, struct knot s
 static bool resume_stream(struct path *p, const struct path_axis axis[2])
 {
     const unsigned bits = axis[0].controlword | axis[1].controlword;
-    return axis[0].enabled && axis[1].enabled && (bits & CW_ENABLE_IP) == 0 && queue_resume(&p->queue);
+    return both_enabled(axis) && (bits & CW_ENABLE_IP) == 0 && queue_resume(&p->queue);
 }
 
 uint32_t path_command(struct path *p, const struct od_data *od, const struct path_axis axis[2], uint8_t command)

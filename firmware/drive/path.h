@@ -31,7 +31,7 @@ struct path_axis {
     int16_t quick_stop; /* 605Ah while a quick stop is active, else NO_QUICK_STOP */
 };
 
-enum stream_command { STREAM_COMMAND_BEGIN = 1, STREAM_COMMAND_DISCARD, STREAM_COMMAND_RESUME }; /* 2200h:1 */
+enum { STREAM_COMMAND_BEGIN = 1, STREAM_COMMAND_DISCARD, STREAM_COMMAND_RESUME }; /* 2200h:1 */
 
 /* Power-on: no knots. The tick reads the knots of p->queue. */
 void path_init(struct path *p, struct servo_loop *loop, struct od_stream *stream);

@@ -67,7 +67,7 @@ __attribute__((noinline)) static void change_path(struct servo_loop *loop, const
 /* One control period of path time, with the flags `standing`, `at_end`, `starved` and `executed`. */
 static inline void step_path(struct servo_loop *loop, const struct servo_loop_cfg *cfg)
 {
-    /* `complete` is read before the count, so that a count read too early never counts as the whole stream. */
+    /* `complete` is read before the count, so that a count read too early never counts as all knots of the stream. */
     const bool complete = LOAD(loop->command.complete);
     const bool run = LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0;
     const bool on = run && LOAD(loop->command.rate) == 1000u && LOAD(loop->command.stream) == LOAD(loop->stream);
@@ -127,7 +127,7 @@ SELDOM static void supervise_in_detail(struct servo_loop *loop, const struct ser
     supervise_inputs(loop, inputs);
     if (!finite(loop, out)) {
         servo_loop_raise(loop, FAULT_LAW);
-        loop->configured = UINT32_MAX; /* The state has to be reset: the next tick takes the configuration over anew. */
+        loop->configured = UINT32_MAX; /* the next tick configures again, which resets the state */
         return;
     }
     const num e_w[2] = {out->contour.e_w.x, out->contour.e_w.y};
@@ -161,7 +161,7 @@ static inline void supervise(struct servo_loop *loop, const struct servo_loop_cf
     }
 }
 
-/* The position at the edge of a limit switch, exact to a control period however late the background is. */
+/* The position at the edge of a limit switch, exact to a control period, even if the background looks later. */
 SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_in *in, const pos_t measured[2])
 {
     for (int i = 0; i < 2; i++) {
@@ -172,8 +172,8 @@ SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_i
     }
 }
 
-/* The background changes the number of the configuration without power only. With power one of the two numbers has
- * flipped a bit, but for the first tick and the one after FAULT_LAW. */
+/* The background changes the number of the configuration without power only. If an axis has power, a bit of one of the two
+ * numbers has flipped. This does not hold for the first tick, and for the tick after FAULT_LAW. */
 SELDOM static bool may_configure(struct servo_loop *loop)
 {
     const bool powered =
@@ -185,14 +185,14 @@ SELDOM static bool may_configure(struct servo_loop *loop)
     return true;
 }
 
-/* A configuration takes effect, first of all for what is read, */
+/* A configuration takes effect: this part of it before the encoders are read. */
 SELDOM static void select_io(struct servo_loop *loop, uint32_t configured)
 {
     loop->cfg_in_use = &loop->cfg[configured % 2u];
     loop->io = onchip_hal_select(&loop->onchip, &loop->cfg_in_use->onchip_plant);
 }
 
-/* and after the encoders have been read for all the rest. */
+/* The other parts take effect after the encoders have been read. */
 SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t measured[2])
 {
     const struct servo_loop_cfg *cfg = loop->cfg_in_use;
@@ -245,14 +245,14 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
 {
     atomic_signal_fence(memory_order_acquire);
     const uint32_t configured = LOAD(loop->command.configured);
-    const bool anew = configured != loop->configured && may_configure(loop);
+    const bool reconfigure = configured != loop->configured && may_configure(loop);
     struct hal_drive_in in;
     struct servo_in servo;
     struct telemetry_record *record = loop->record;
     struct servo_out *out = &record->out;
 
     /* read */
-    if (anew) {
+    if (reconfigure) {
         select_io(loop, configured);
     }
     const struct servo_loop_cfg *cfg = loop->cfg_in_use;
@@ -263,7 +263,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     if (memcmp(in.inputs, loop->inputs, sizeof in.inputs) != 0) {
         latch_edges(loop, &in, servo.measured);
     }
-    if (anew) {
+    if (reconfigure) {
         configure(loop, configured, servo.measured);
     }
     if (LOAD(loop->command.energy_reset)) {

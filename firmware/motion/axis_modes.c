@@ -33,10 +33,10 @@ bool axis_modes_stands(const struct axis_modes *m, int axis, bool standing)
     return standing || (m->generating && profile_stands(&m->axis[axis].profile));
 }
 
-/* The tick has taken over the queue as it is, and neither `hold` nor an origin of this step changes that. */
+/* The tick has taken over the queue as it is, and this step has not changed that so far (axis 0 comes first). */
 static bool path_current(const struct axis_modes_in *in, const struct axis_modes_out *out)
 {
-    return in->path->current && !out->hold && !out->set_origin[0] && !out->set_origin[1];
+    return in->path->current && !out->hold && !out->set_origin[0];
 }
 
 /* Path time stands and does not start by itself. */
@@ -54,7 +54,9 @@ static void take_over_mode(struct axis_modes *m, int i, const struct axis_modes_
     }
     /* an axis that homes stands on the switch, too, before it turns */
     if (!homing_busy(&a->homing) && (m->generating ? profile_stands(&a->profile) : idle(m, in, out))) {
-        out->hold = out->hold || !m->generating;
+        if (!m->generating) {
+            out->hold = true;
+        }
         a->mode = mode;
     }
 }

@@ -72,9 +72,9 @@ static num stopping(const struct motion *m)
     const num slope = acc_to(m->slope);
     const num square = n_mul(slope, slope);
     const num peak = n_mad(acc_to(m->rate), NUM(3.0 / 32), square);
-    const num full = n_mul(n_mul(NUM(0.125), peak), n_mad(NUM(1), NUM(3), peak));
+    const num from_peak = n_mul(n_mul(NUM(0.125), peak), n_mad(NUM(1), NUM(3), peak));
     const num passed = n_mul(slope, n_sub(n_mul(NUM(3.0 / 512), square), n_mul(NUM(3.0 / 16), peak)));
-    return n_add(n_sub(full, passed), ROUNDING);
+    return n_add(n_sub(from_peak, passed), ROUNDING);
 }
 
 void path_clock_reset(struct path_clock *p)

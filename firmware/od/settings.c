@@ -88,9 +88,6 @@ uint32_t settings_command(struct settings *s, const struct od_entry *entry, uint
     static const unsigned restored[] = {[SUB_RESTORE_ALL] = STORE_COMMUNICATION | STORE_APPLICATION,
                                         [SUB_RESTORE_COMMUNICATION] = STORE_COMMUNICATION,
                                         [SUB_RESTORE_APPLICATION] = STORE_APPLICATION};
-    if (entry->index == OBJ_NODE) { /* no command */
-        return SDO_OK;
-    }
     const bool save = entry->index == OBJ_STORE;
     const unsigned replaced = save ? saved[entry->sub] : restored[entry->sub];
     return write(s, node_id, save ? replaced : 0u, ALL & ~replaced) ? SDO_OK : SDO_ABORT_HARDWARE;

@@ -22,7 +22,7 @@ static uint32_t add_entry(uint32_t sum, const struct od_data *od, const struct o
     return (entry->flags & OD_CONFIG) != 0 ? add(sum, (uint32_t)od_read(od, entry)) : sum;
 }
 
-void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od, bool all)
+void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od, bool reset)
 {
     m->cfg = sum_of(cfg, bytes);
     m->parameters = 0;
@@ -31,7 +31,7 @@ void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const st
     for (uint16_t i = 0; i < od_table_len; i++) {
         m->parameters = add_entry(m->parameters, od, &od_table[i]);
     }
-    m->corrupt = m->corrupt && !all;
+    m->corrupt = m->corrupt && !reset;
 }
 
 bool integrity_intact(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od)

@@ -20,9 +20,9 @@ struct integrity {
     bool corrupt; /* a parameter has changed by itself: until all of them are set anew */
 };
 
-/* Configuration (cfg, `bytes` of it, a multiple of 4) and parameters have just been set. all: every parameter has, by a
+/* Configuration (cfg, `bytes` of it, a multiple of 4) and parameters have just been set. reset: every parameter has, by a
  * reset. */
-void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od, bool all);
+void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od, bool reset);
 /* Once a millisecond. false: a bit has flipped. */
 bool integrity_intact(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od);
 #endif

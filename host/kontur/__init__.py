@@ -11,17 +11,7 @@
 
 Names are imported when they are first used, so `import kontur` costs nothing. All errors are `kontur.KonturError`s.
 
-The rest is in rooms. Each may import the ground floor (`errors`, `files`, `machine`), and of the others:
-
-    path          -
-    can           -
-    planning      path, can
-    sim           can
-    drive         can, planning
-    runs          path, can, planning, drive
-    report        can, drive, runs
-    experiments   path, can, planning, sim, drive, runs, report
-    cli           path, can, planning, sim, drive, runs, report, experiments
+The rest is in rooms. docs/architecture.md says what each room holds and which others it may import.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ def test_page_has_every_table_and_the_baseline_every_figure() -> None:
 
 # --- stack ---
 
-CI = """graph: {{ title: "a.c"
+CI = """graph: {{ title: "firmware/drive/a.c"
 node: {{ title: "reset_irq" label: "reset_irq\\na.c:1:1\\n8 bytes (static)" }}
 node: {{ title: "firmware/drive/a.c:work" label: "work\\na.c:2:1\\n100 bytes ({bound})" }}
 node: {{ title: "small" label: "small\\na.c:3:1\\n16 bytes (static)" }}

@@ -6,6 +6,16 @@
 
 /* ---- modes ---- */
 
+static void test_velocity_that_is_there_before_its_mode_moves_the_axis_once_the_mode_is_in_use(void)
+{
+    rig_enable(&rig);
+    velocity(0, 20000);
+    mode(0, VELOCITY);
+    rig_ms(&rig, 500);
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 20, mmps(0));
+    TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
+}
+
 static void test_modes_that_there_are_not_are_refused(void)
 {
     TEST_ASSERT_EQUAL_HEX32(ABORT_VALUE, rig_write(&rig, 0x6060, 0, 1, 4));
@@ -491,6 +501,7 @@ static void test_jog_that_nobody_makes_knots_for_stops_with_a_fault(void)
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_velocity_that_is_there_before_its_mode_moves_the_axis_once_the_mode_is_in_use);
     RUN_TEST(test_modes_that_there_are_not_are_refused);
     RUN_TEST(test_mode_is_taken_over_at_standstill_only);
     RUN_TEST(test_stream_moves_nothing_unless_both_axes_are_in_its_mode);

@@ -226,6 +226,17 @@ static void test_fault_of_the_tick_is_a_fault_of_the_drive(void)
     TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[1].error_code);
 }
 
+static void test_machine_that_is_another_one_than_configured_while_there_is_power_is_a_fault(void)
+{
+    static struct hal other;
+    other = hal;
+    enable();
+    drive.loop.io = &other; /* a bit has flipped */
+    step(0);
+    TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_MEMORY), drive.faults);
+    TEST_ASSERT_FALSE(drive_powered(&drive));
+}
+
 static void test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes_before_it_is_polled(void)
 {
     ms(3);
@@ -362,6 +373,7 @@ int main(void)
     RUN_TEST(test_end_of_the_last_stream_is_not_taken_for_that_of_the_next);
     RUN_TEST(test_end_is_told_with_all_knots_executed);
     RUN_TEST(test_fault_of_the_tick_is_a_fault_of_the_drive);
+    RUN_TEST(test_machine_that_is_another_one_than_configured_while_there_is_power_is_a_fault);
     RUN_TEST(test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes_before_it_is_polled);
     RUN_TEST(test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled);
     RUN_TEST(test_reset_cuts_the_power_and_keeps_position_and_time);

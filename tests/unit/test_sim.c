@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "sim/kontur_sim.h"
 #include "drive_rig.h"
+#include "sim/kontur_sim.h"
 #include "unity.h"
 #include <stdbool.h>
 
