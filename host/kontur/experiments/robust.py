@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robustness experiment: default gains on random machines whose parameters the drive does not have, on random curves.
+"""The robustness experiment: default gains, random curves, and random machines that the drive does not know.
 
 Each seed draws a machine around the nominal one, a curve, a feed and an acceleration; every controller drives the same
 draw. The drive believes the nominal masses and frictions. It knows what any commissioning knows: the length of an
