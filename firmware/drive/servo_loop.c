@@ -10,7 +10,7 @@
 #define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
 #define STORE(x, value) atomic_store_explicit(&(x), value, memory_order_relaxed)
 
-/* What a period has to do seldom is a function of its own, so that it costs the usual period nothing. */
+/* What few periods have to do stands in functions of its own, so that it costs the usual period nothing. */
 #define SELDOM __attribute__((noinline, cold))
 
 SELDOM void servo_loop_raise(struct servo_loop *loop, enum fault f)
@@ -67,7 +67,7 @@ __attribute__((noinline)) static void change_path(struct servo_loop *loop, const
 /* One control period of path time, with the flags `standing`, `at_end`, `starved` and `executed`. */
 static inline void step_path(struct servo_loop *loop, const struct servo_loop_cfg *cfg)
 {
-    /* `complete` is read before the count, so that a count read too early never counts as the whole stream. */
+    /* `complete` is read before the count, so that a count read too early is never the count of a complete stream. */
     const bool complete = LOAD(loop->command.complete);
     const bool run = LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0;
     const bool on = run && LOAD(loop->command.rate) == 1000u && LOAD(loop->command.stream) == LOAD(loop->stream);
@@ -91,7 +91,7 @@ SELDOM static void supervise_inputs(struct servo_loop *loop, unsigned inputs)
     }
 }
 
-/* A value in the law that is no finite number makes the velocity or the model's force such a one, too. */
+/* If any value in the law is no finite number, the velocity or the model's force is none, too. */
 static bool finite(const struct servo_loop *loop, const struct servo_out *out)
 {
     const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
@@ -185,14 +185,14 @@ SELDOM static bool may_configure(struct servo_loop *loop)
     return true;
 }
 
-/* A configuration takes effect, first of all for what is read, */
+/* Use the new configuration, step 1: HAL and encoders. It is called before the tick reads them. */
 SELDOM static void select_io(struct servo_loop *loop, uint32_t configured)
 {
     loop->cfg_in_use = &loop->cfg[configured % 2u];
     loop->io = onchip_hal_select(&loop->onchip, &loop->cfg_in_use->onchip_plant);
 }
 
-/* and after the encoders have been read for all the rest. */
+/* Use the new configuration, step 2: all other parts. It is called after the tick has read the encoders. */
 SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t measured[2])
 {
     const struct servo_loop_cfg *cfg = loop->cfg_in_use;
@@ -204,7 +204,7 @@ SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t
         loop->highest[i] = pos_add(pos_from_nm(cfg->max_nm[i]), cfg->following_max[i]);
     }
     servo_reset(&cfg->servo, &loop->servo, measured);
-    loop->path.enough = 0; /* it depends on stop_time */
+    loop->path.enough = 0; /* `enough` depends on stop_time */
 }
 
 void servo_loop_init(struct servo_loop *loop, const struct hal *hal, const struct spline_ring *ring)
@@ -230,7 +230,7 @@ SELDOM static void reset_energy(struct servo_loop *loop)
     energy_reset(&loop->servo.energy[1]);
 }
 
-/* Publish the record, and take the next one. */
+/* Publish the record, and switch to the next one. */
 static inline void publish(struct servo_loop *loop)
 {
     const uint32_t ms = LOAD(loop->published) + 1u;
@@ -306,7 +306,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
         scope_step(&loop->scope, base, ticks);
     }
 
-    /* telemetry: each part in a period of its own, and in the others a piece of the curve ahead */
+    /* telemetry in two periods, each with a part of it; in the other periods a part of the curve ahead */
     STORE(loop->ticks, ticks + 1u);
     const uint32_t phase = (ticks + 1u) % TICKS_PER_MS;
     if (phase == TICKS_PER_MS / 2u) {
