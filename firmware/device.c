@@ -12,7 +12,7 @@
 #define KONTUR_VERSION "0.0.0"
 #endif
 
-enum { MOST_BEHIND_MS = 5000 }; /* writing the flash is quicker */
+enum { MOST_BEHIND_MS = 5000 }; /* The background never falls that far behind: writing the flash takes less. */
 
 static void report(struct device *device, const struct servo_snapshot *s)
 {
@@ -56,7 +56,7 @@ static void announce(struct device *device)
     }
 }
 
-/* A condition of the microcontroller itself is a fault when it is new; after a reset it is not new any more. */
+/* Raise a fault for each condition of the microcontroller that is new since the last call, and for none a second time. */
 static void check_health(struct device *device)
 {
     static const struct {
@@ -109,7 +109,7 @@ static void on_rpdo(void *ctx, unsigned number)
     if (co_rpdo_carries(&device->node, number, OBJ_KNOT)) {
         const enum queue_result result = path_knot(&device->drive.path, &device->od.knot);
         if (result != QUEUE_ACCEPTED && result != QUEUE_NOT_OPEN) {
-            co_tpdo_send(&device->node, 1); /* it says which knot is expected next */
+            co_tpdo_send(&device->node, 1); /* TPDO1 says which knot is expected next */
         }
     }
     if (co_rpdo_carries(&device->node, number, OBJ_IP_RECORD_Y)) {
@@ -269,7 +269,7 @@ void device_poll(struct device *device)
         command_guard_drained(&device->drive.command_guard, drive_now(&device->drive));
     }
     const uint32_t published = atomic_load(&device->drive.loop.published);
-    if (published - device->ms > MOST_BEHIND_MS) { /* the background is never so late: a bit has flipped */
+    if (published - device->ms > MOST_BEHIND_MS) { /* the background is never so late, so a bit has flipped */
         servo_loop_raise(&device->drive.loop, FAULT_MEMORY);
         device->ms = published - 1u;
     }

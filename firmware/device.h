@@ -29,6 +29,7 @@ struct device {
 void device_init(struct device *device, const struct hal *hal, uint8_t node_id);
 /* One control period: servo_loop_tick(). */
 void device_tick(struct device *device);
-/* Handle the frames received, and what is due each millisecond. Bounded: one pass over what is there. */
+/* Handle the frames that have come and the milliseconds that have passed since the last call. The time is bounded: frames
+ * and milliseconds that come meanwhile wait for the next call. */
 void device_poll(struct device *device);
 #endif

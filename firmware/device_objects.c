@@ -24,7 +24,7 @@ static uint32_t store(const struct device_objects *d, const struct od_entry *ent
     return settings_command(d->settings, entry, d->node->config.node_id);
 }
 
-/* A command leaves no value: what is read says what can be stored and restored. */
+/* The value of a command is not stored: reading 1010h or 1011h says what can be stored or restored. */
 static void stored(const struct device_objects *d, const struct od_entry *entry)
 {
     od_write(d->od, entry, od_read(&od_defaults, entry));
@@ -188,13 +188,13 @@ static uint32_t check_period(const struct device_objects *d, const struct od_ent
     return queue->open && queue->stream->state != STREAM_DONE ? SDO_ABORT_STATE : SDO_OK;
 }
 
-/* NULL: nothing is to be done. */
+/* One row of the table. A function that is NULL has nothing to do. */
 static const struct object {
     uint16_t index;
     uint8_t sub;
-    bool both_axes;     /* there is a second one for axis y */
-    bool without_power; /* it cannot be written while an axis has power; parameters never can */
-    bool step;          /* a drive step follows when it has been written */
+    bool both_axes;     /* the row also describes the object of axis y */
+    bool without_power; /* it cannot be written while an axis has power; the same holds for all parameters */
+    bool step;          /* a drive step follows the write */
     uint32_t (*check)(const struct device_objects *d, const struct od_entry *entry, int64_t value);
     uint32_t (*command)(const struct device_objects *d, const struct od_entry *entry, int64_t value);
     void (*written)(const struct device_objects *d, const struct od_entry *entry);
@@ -229,7 +229,7 @@ static const struct object {
     {OBJ_IP_BUFFER_X, SUB_IP_BUFFER_CLEAR, .both_axes = true, .command = clear_buffer},
 };
 
-/* The first row for the entry */
+/* The first row of the table that describes the entry, or NULL */
 static const struct object *object_of(const struct od_entry *entry)
 {
     static const struct object none;
@@ -243,7 +243,7 @@ static const struct object *object_of(const struct od_entry *entry)
     return &none;
 }
 
-/* Whether the parameters would still fit together with this one changed */
+/* Whether the parameters would still fit together if this one had the new value */
 static uint32_t check_parameter(struct od_data *od, const struct od_entry *entry, int64_t value)
 {
     const int64_t now = od_read(od, entry);

@@ -20,10 +20,11 @@ struct device_objects {
     struct settings *settings;
 };
 
-/* `value`, which is in range, is to be written: check it and carry out the command. SDO_OK, or the abort code. */
+/* Before a write: check `value`, which is in the object's range, and carry out the command that the write is. Returns SDO_OK,
+ * or the abort code with which the write is refused. */
 uint32_t device_objects_before_write(const struct device_objects *d, const struct od_entry *entry, int64_t value);
-/* It has been written. true: a drive step is to follow; *received: the axes whose controlword it was, as in drive_in. */
+/* After a write. Returns true if a drive step is to follow. *received says whose controlword was written, as in drive_in. */
 bool device_objects_written(const struct device_objects *d, const struct od_entry *entry, unsigned *received);
-/* An object is to be read. */
+/* Before a read: bring the value of the object up to date. */
 void device_objects_before_read(const struct device_objects *d, const struct od_entry *entry);
 #endif

@@ -186,7 +186,7 @@ def docs(faults: list[Fault]) -> str:
         "- **disable**: power off now, in the servo tick that sees it.",
         "- **path stop**: both axes stop on their path (`limits.path_stop_time`), then power off.",
         "- **quick stop**: as 605Ah says: 0 power off now, else as a path stop; then power off.",
-        "- **warn**, **refuse**: told, and not done where it was asked for.",
+        "- **warn**, **refuse**: the drive reports it; with refuse it also refuses the command or frame.",
         "",
         "| code | fault | detection | delay | reaction | latched | capture | cleared |",
         "|---|---|---|---|---|---|---|---|",

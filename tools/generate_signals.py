@@ -222,7 +222,7 @@ def _published(given: dict[str, Any], i: int, names: list[str], objects: _Object
 
 def _whole(scale: Decimal, kind: str, name: str) -> int:
     if (kind in ("num", "acc")) != (0 < scale < 1 << 24) or scale != int(scale):
-        raise SignalsError(f"{name}: core over factor is to be a whole number below 2^24, for num and acc only")
+        raise SignalsError(f"{name}: core over factor must be an integer below 2^24, for num and acc only")
     return int(scale)
 
 

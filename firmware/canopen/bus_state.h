@@ -6,7 +6,7 @@
  *   8140h  The controller was off and has come back. The error ends when it is error active again.
  *   8110h  A frame came for which there was no room. The error ends after a second without another one.
  *
- * None of them stops the axes: it is the loss of the master's heartbeat that does (1016h).
+ * None of them stops the axes. If the bus is gone, the missing heartbeat of the master stops them (1016h).
  * Background only; called by node.c.
  */
 #ifndef CO_BUS_STATE_H

@@ -165,7 +165,7 @@ static void fastscan(struct co_lss *lss, uint32_t number, uint8_t check, uint8_t
     }
     if (check == 0) {
         lss->scanned = next;
-        lss->configuring = next < sub; /* all parts are known */
+        lss->configuring = next < sub; /* the master knows all parts */
     }
     respond(lss, IDENTIFIED, 0, 0);
 }

@@ -38,7 +38,7 @@ struct co_nmt {
     enum co_state state;
     uint16_t producer_ms;      /* since the node's last heartbeat */
     uint32_t watched;          /* node id << 16 | ms, in place of 1016h, by co_nmt_watch(); 0: 1016h holds */
-    uint32_t consumer_left_ms; /* until the watched heartbeat is lost; 0: none is awaited */
+    uint32_t consumer_left_ms; /* time until the watched heartbeat counts as lost; 0: none is awaited */
 };
 
 /* Power-on. co_nmt_reset() is to follow. */

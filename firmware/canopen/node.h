@@ -3,8 +3,8 @@
  *
  * The node is an NMT slave, producer and consumer of heartbeats (nmt.h), an SDO server (sdo.h), sends and receives PDOs
  * and follows SYNC (pdo.h), sends EMCY (emcy.h), and is an LSS slave (lss.h). It answers no remote frame. This module
- * puts these services together: it gives each frame and each millisecond to them in a fixed order, and tells one what
- * it must know of another. A service knows only the other services that its header includes.
+ * puts these services together: it gives each frame and each millisecond to them in a fixed order, and passes between
+ * them what one must know of another. A service knows only the other services that its header includes.
  *
  * Use: od_init(), set the texts of the dictionary (build id, ...), fill a co_config, call co_init(). Then, in the
  * background loop only, call co_receive() for every frame and co_tick_ms() once a millisecond. Values that TPDOs carry

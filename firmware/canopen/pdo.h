@@ -14,7 +14,7 @@
  * a longer one, too; here that may be another frame with a corrupted identifier: a knot of the path is one bit away
  * from the controlwords.
  *
- * Times are whole milliseconds of co_pdo_tick_ms(); an inhibit time is rounded up. Background only; called by node.c,
+ * Times are counted in calls of co_pdo_tick_ms(), one each millisecond; an inhibit time is rounded up. Background only; called by node.c,
  * and by the application through node.h.
  */
 #ifndef CO_PDO_H

@@ -126,7 +126,7 @@ enum co_sdo_block_answer co_sdo_block_upload(struct co_sdo *sdo, const struct od
     return CO_SDO_BLOCK_ANSWERED;
 }
 
-/* Bytes that have not been acknowledged yet, in whole segments. An empty value has one segment, too. */
+/* Bytes that have not been acknowledged yet, rounded up to segments. An empty value has one segment, too. */
 static uint32_t bytes_left(const struct co_sdo_transfer *transfer)
 {
     const uint32_t segments = transfer->size == 0 ? 1 : (transfer->size + CO_SDO_SEGMENT - 1) / CO_SDO_SEGMENT;

@@ -4,8 +4,8 @@
  * In a block transfer several segments follow each other before one acknowledgement.
  *
  * Upload: blocks of 1..127 segments, as the client says. CO_SDO_SEGMENTS_PER_MS go out in a millisecond, so that a long
- * object delays neither PDOs nor anything else on the bus. When time passes with SYNC (2020h:4), a whole block
- * goes out at once. An acknowledgement, also within a block, goes back to the first segment that is missing.
+ * object delays neither PDOs nor anything else on the bus. When time passes with SYNC (2020h:4), all segments of a
+ * block go out at once. An acknowledgement, also within a block, goes back to the first segment that is missing.
  *
  * Download: no object that can be written is longer than one segment, so a block is one segment. That also tells apart
  * a segment and a new request.

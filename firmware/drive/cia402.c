@@ -24,8 +24,9 @@ enum condition { ALWAYS, OFF_AT_ONCE, OPTION_STAYS, STAYS };
 #define FRA CIA402_FAULT_REACTION_ACTIVE
 #define FLT CIA402_FAULT
 
-/* The first row with the present state and the event whose condition holds is taken. `next` at once, `standing` once the
- * axis stands. The numbers are those of the transitions in CiA 402-2. */
+/* The table of transitions. For an event, the first row applies that has the present state and whose condition holds: the
+ * state becomes `next` at once, and `standing` when the axis stands. The numbers are those of the transitions in
+ * CiA 402-2. */
 static const struct transition {
     enum cia402_state state;
     enum event event;
@@ -94,7 +95,7 @@ static bool holds(const struct cia402 *c, enum condition condition)
     }
 }
 
-/* NULL: the event changes nothing. */
+/* The row that applies to an event, or NULL if the event changes nothing. */
 static const struct transition *find(const struct cia402 *c, enum event event)
 {
     for (size_t i = 0; i < sizeof transitions / sizeof transitions[0]; i++) {
@@ -106,7 +107,7 @@ static const struct transition *find(const struct cia402 *c, enum event event)
     return NULL;
 }
 
-/* false: nothing has changed. */
+/* Apply an event. Returns false if nothing has changed. */
 static bool handle(struct cia402 *c, enum event event)
 {
     const struct transition *t = cia402_intact(c) ? find(c, event) : NULL;

@@ -30,7 +30,7 @@ enum {
 
 /* Bits of the statusword 6041h */
 enum {
-    SW_STATE = 0x6F, /* those of the state */
+    SW_STATE = 0x6F, /* the bits that encode the state */
     SW_WARNING = 1u << 7
 };
 
@@ -43,24 +43,25 @@ struct cia402 {
     int16_t quick_stop; /* 605Ah: 0 power off at once, 1..4 once it stands, 5.. stay in quick stop active */
 };
 
-/* Power-on, of a struct that is zero; or a reset, after which `changes` goes on. */
+/* Start in switch on disabled: at power-on, of a struct that is zero, or at a reset, which does not restart `changes`. */
 void cia402_init(struct cia402 *c);
-/* No bit of the state has flipped. Otherwise the axis has no power, and only cia402_fault() changes the state. */
+/* Whether the state and its complement agree. If they do not, a bit has flipped: then the axis has no power, and only
+ * cia402_fault() changes the state. */
 bool cia402_intact(const struct cia402 *c);
-/* The controlword, also one that has not changed. may_enable: the axis may enter operation enabled. */
+/* Act on the controlword, also on one that has not changed. may_enable: the axis may enter operation enabled. */
 void cia402_command(struct cia402 *c, uint16_t controlword, bool may_enable);
-/* Stop and then power off, whatever 605Ah says. */
+/* Stop the axis and then switch its power off, whatever 605Ah says. */
 void cia402_stop(struct cia402 *c);
-/* The axis stands. */
+/* The axis stands: carry out the transition that waits for it. */
 void cia402_standstill(struct cia402 *c);
-/* A fault: stop on the path first, or cut the power at once. */
+/* Enter the state fault: stop on the path first, or cut the power at once. */
 void cia402_fault(struct cia402 *c, bool stop_first);
-/* The power stage is on: operation enabled, or stopping. */
+/* Whether the power stage is on: the axis is in operation enabled, or stops. */
 bool cia402_powered(const struct cia402 *c);
-/* Operation enabled, and no transition out of it waits. */
+/* Whether the axis is in operation enabled and no transition out of it waits. */
 bool cia402_enabled(const struct cia402 *c);
-/* The controlword commands "enable operation" in a state that it leads on from. */
+/* Whether the controlword commands "enable operation" in a state from which it leads to operation enabled. */
 bool cia402_enable_pending(const struct cia402 *c);
-/* The state's bits of 6041h, with bits 4 (voltage enabled) and 9 (remote). */
+/* Bits of the statusword 6041h: those of the state, bit 4 (voltage enabled) and bit 9 (remote). */
 uint16_t cia402_statusword(const struct cia402 *c);
 #endif

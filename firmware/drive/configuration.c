@@ -128,7 +128,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
     };
 }
 
-/* A length in nm in encoder counts of `length` 10 fm each: nearest */
+/* A length in nm as the nearest number of encoder counts of `length` 10 fm each */
 static int32_t counts(int32_t nm, uint32_t length)
 {
     const int64_t half = nm < 0 ? -(int64_t)(length / 2) : (int64_t)(length / 2);
@@ -161,7 +161,8 @@ struct onchip_plant_cfg configuration_onchip_plant(const struct od_data *od)
     return cfg;
 }
 
-/* Four times the speed that FAULT_OVERSPEED trips at is no movement. Coarse speeds get 100 counts more. */
+/* More counts in a period than an axis can move: four times those of the speed at which FAULT_OVERSPEED trips. 100 counts
+ * more leave room where these are few. */
 static uint32_t jump_counts(const struct od_data *od, const struct od_axis *a)
 {
     const uint64_t jump = (uint64_t)od->limits.velocity * 4u * 100000000u / CONTROL_HZ / a->plant.encoder;

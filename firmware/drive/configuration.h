@@ -11,11 +11,11 @@
 #include "hal/hal.h"
 #include "od/od.h"
 
-/* Whether parameters fit together, each within the dictionary's range: k_bar e_max <= 4, k_0 <= k_max, mu_0 <= mu_max,
+/* Whether parameters, each of which is within the dictionary's range, fit together: k_bar e_max <= 4, k_0 <= k_max, mu_0 <= mu_max,
  * 607Dh min <= max, and viscous friction of the plant on the chip that does not stop it within a control period. */
 bool configuration_fits(const struct od_data *od);
-/* The configurations that parameters which fit make: of the law, of the plant on the chip, of the tick with both, and
- * of the machine's wiring. */
+/* Compute a configuration from parameters that fit together: of the law, of the plant on the chip, of the servo tick (which
+ * contains both), and of the machine's wiring. */
 struct servo_cfg configuration_servo(const struct od_data *od);
 struct onchip_plant_cfg configuration_onchip_plant(const struct od_data *od);
 struct servo_loop_cfg configuration_servo_loop(const struct od_data *od);

@@ -35,7 +35,7 @@ void drive_fault(struct drive *d, enum fault f)
 
 /* ---- the step ---- */
 
-/* The scope keeps what led to a fault or a warning. That has been dealt with: arm it again. */
+/* A capture of the scope that a fault or a warning triggered is held until that is reset. Release it: arm the scope again. */
 static void release_capture(struct drive *d)
 {
     if (scope_holds_fault(&d->loop.scope)) {
@@ -43,7 +43,7 @@ static void release_capture(struct drive *d)
     }
 }
 
-/* An axis without power moves: it coasts, or somebody moves it. */
+/* Whether an axis without power moves: it coasts, or somebody moves it. */
 static bool coasting(const struct drive *d)
 {
     const struct servo_snapshot *s = &d->loop.snapshot;
@@ -56,7 +56,7 @@ static bool coasting(const struct drive *d)
     return false;
 }
 
-/* The controlword of one axis; `fresh`: it has just come. */
+/* Act on the controlword of one axis. `fresh`: it has just come. */
 static void take_controlword(struct drive *d, int i, bool fresh, bool may_enable)
 {
     struct cia402 *axis = &d->axis[i];
@@ -67,7 +67,7 @@ static void take_controlword(struct drive *d, int i, bool fresh, bool may_enable
     cia402_command(axis, d->od->axis[i].controlword, may_enable && permitted);
     if (fresh && cia402_enable_pending(axis)) {
         command_guard_refused(&d->command_guard, i, drive_now(d));
-        if (may_enable) { /* so the guard refused it */
+        if (may_enable) { /* all other conditions hold, so the command guard refused it */
             fault_monitor_event(&d->fault_monitor, FAULT_STALE_COMMAND);
         }
     }
@@ -76,7 +76,7 @@ static void take_controlword(struct drive *d, int i, bool fresh, bool may_enable
     }
 }
 
-/* Both axes have left the state fault. */
+/* Both axes have left the state fault: clear the latched faults. */
 static void reset_faults(struct drive *d)
 {
     if (d->faults != 0) {
@@ -163,7 +163,7 @@ void drive_configure(struct drive *d, bool reset)
     integrity_seal(&d->integrity, cfg_in_use(d), sizeof *cfg_in_use(d), d->od, reset);
 }
 
-/* A bit has flipped: no power, and a state in which FAULT_MEMORY can be reset. */
+/* A bit has flipped: switch the power off, and make a state in which FAULT_MEMORY can be reset. */
 static void restore_memory(struct drive *d)
 {
     for (int i = 0; i < 2; i++) {
@@ -173,13 +173,13 @@ static void restore_memory(struct drive *d)
     }
     atomic_store(&d->loop.command.controller, d->od->controller.select);
     atomic_store(&d->loop.command.stream, d->path.stream);
-    d->faults = 0; /* they may have been the bit */
+    d->faults = 0; /* the flipped bit may be one of these */
     if (!d->integrity.corrupt) {
         drive_configure(d, false);
     }
 }
 
-/* A stream has run into a limit switch. Profile velocity and homing stop there without a fault. */
+/* Whether a stream has run into a limit switch. Profile velocity and homing stop there without a fault. */
 static bool stream_on_switch(const struct drive *d)
 {
     const unsigned inputs = (unsigned)d->loop.snapshot.inputs[0] | d->loop.snapshot.inputs[1];
@@ -223,7 +223,7 @@ static void supervise(struct drive *d, const struct drive_in *in)
     d->warnings = raised & warn;
 }
 
-/* Transitions that waited for standstill, and what the controlword asks for after them. */
+/* Carry out the transitions that waited for standstill, and then what the controlword commands in the new state. */
 static void settle(struct drive *d)
 {
     for (int i = 0; i < 2; i++) {
@@ -234,7 +234,7 @@ static void settle(struct drive *d)
     take_controlwords(d, 0);
 }
 
-/* Power of the axes from now on, and what that does to the path. */
+/* Decide which axes have power from now on, and hold, suspend or end the path accordingly. */
 static void switch_power(struct drive *d)
 {
     bool off = false;
@@ -248,7 +248,7 @@ static void switch_power(struct drive *d)
         path_power_on(&d->path, d->od, d->powered);
     }
     if (on && !d->powered[0] && !d->powered[1]) {
-        release_capture(d); /* of a warning: that of a fault was released with it */
+        release_capture(d); /* the capture of a warning: that of a fault was released at its reset */
     }
     if (off && !d->path.modes.generating) {
         path_power_off(&d->path);
@@ -281,7 +281,7 @@ static bool may_run(const struct drive *d)
     return path_may_run(&d->path, d->od, axis, d->faults != 0);
 }
 
-/* Progress of the path, and the modes of operation. */
+/* Update the progress of the path, and step the modes of operation. */
 static void follow_path(struct drive *d)
 {
     const bool run = may_run(d);
@@ -293,7 +293,7 @@ static void follow_path(struct drive *d)
     path_step_modes(&d->path, d->od, axis, run);
 }
 
-/* The words that the tick reads, but those of the path. */
+/* Write the words that the tick reads, except those of the path (path.c). */
 static void write_command(struct drive *d)
 {
     struct servo_loop_command *c = &d->loop.command;
@@ -375,7 +375,7 @@ void drive_reset(struct drive *d)
     }
     axis_modes_reset(&d->path.modes);
     switch_power(d);
-    write_command(d); /* power off first: from here on the tick moves nothing */
+    write_command(d); /* the power goes off first, so that the tick moves nothing from here on */
     atomic_store(&d->loop.command.controller, d->od->controller.select);
     path_reset(&d->path, &d->od->stream);
     drive_configure(d, true);

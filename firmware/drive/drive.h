@@ -41,8 +41,8 @@ struct drive {
     struct fault_monitor fault_monitor;
     struct integrity integrity;
     bool enable_refused;    /* an axis is to be enabled while one without power moves */
-    bool powered[2];        /* loop.command.powered, and */
-    uint32_t configured;    /* loop.command.configured as they are to be */
+    bool powered[2];        /* loop.command.powered as it is to be */
+    uint32_t configured;    /* loop.command.configured as it is to be */
     uint32_t configured_ms; /* snapshots published when the configuration was handed over */
 };
 
@@ -52,30 +52,32 @@ struct drive_in {
     bool node_warns;         /* errors of the CANopen node are in effect */
 };
 
-/* Power-on, before the first tick. */
+/* Initialise at power-on, before the first tick. */
 void drive_init(struct drive *d, struct od_data *od, const struct hal *hal);
-/* As at power-on, while the tick goes on: power off at once, no stream, no fault. Position and time are kept. */
+/* Reset to the state at power-on, while the tick goes on: power off at once, no stream, no fault. Position and time do not
+ * change. */
 void drive_reset(struct drive *d);
 /* Parameters have changed (without power) and fit together: hand them over to the tick. reset: every one is new, by a
  * reset. */
 void drive_configure(struct drive *d, bool reset);
-/* One step. Once a millisecond, and once for each frame with a controlword. */
+/* One step: called once a millisecond, and once for each frame with a controlword. */
 void drive_step(struct drive *d, const struct drive_in *in);
-/* The master can stop the axes no more: stop, then power off. */
+/* The master can no longer stop the axes: stop them, then switch their power off. */
 void drive_stop(struct drive *d);
-/* A fault that stops the axes. */
+/* Whether a fault that stops the axes is latched. */
 void drive_fault(struct drive *d, enum fault f);
-/* A statusword, as it is in od, goes to the master. */
+/* The statusword of od has been sent to the master. */
 void drive_statusword_sent(struct drive *d, int axis);
 
 /* Object 2200h command: SDO abort code, or 0. */
 uint32_t drive_stream_command(struct drive *d, uint8_t command);
-/* A record of 60C1h for both axes: SDO abort code, or 0. The first one while no stream is open begins one. */
+/* A record of 60C1h for both axes has come. The first one opens a stream if none is open. Returns SDO_OK, or the abort
+ * code. */
 uint32_t drive_record(struct drive *d, struct knot record);
-/* Object 2300h command, enum scope_command: SDO abort code, or 0. */
+/* Carry out the command written to object 2300h, enum scope_command. Returns SDO_OK, or the abort code. */
 uint32_t drive_scope_command(struct drive *d, uint8_t command);
 
-/* An axis is in operation enabled or stopping: parameters must not change. */
+/* Whether an axis is in operation enabled or stops, so that parameters must not change. */
 bool drive_powered(const struct drive *d);
 /* Servo periods since power-on: the clock of the command guard. */
 uint32_t drive_now(const struct drive *d);

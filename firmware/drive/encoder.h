@@ -19,16 +19,17 @@ struct encoder {
     int64_t count;           /* since power-on, without wrapping */
     pos_t pos;               /* position: count times the length of a count, */
     uint32_t fraction;       /* and its remainder, 2^-32 of the unit of pos_t */
-    uint32_t length;         /* of a count: the nearest whole number of pos_t's unit, */
+    uint32_t length;         /* of a count, as the nearest multiple of pos_t's unit, */
     int32_t length_fraction; /* and the difference to it, 2^-32 of that unit */
     int32_t edge_nm;         /* position when a limit switch opened or closed last */
 };
 
 /* Before the first tick: the counter stands at `count`. A length must be given before the position is used. */
 void encoder_reset(struct encoder *e, int32_t count);
-/* One count is length_10fm 10 fm, from power-on on: the position becomes count times the new length. */
+/* Set the length of a count to length_10fm times 10 fm. The position becomes the number of counts since power-on times that
+ * length. */
 void encoder_scale(struct encoder *e, uint32_t length_10fm);
-/* Position `counts` before `pos`. */
+/* The position that lies `counts` before `pos`. */
 pos_t encoder_position_before(const struct encoder *e, pos_t pos, int32_t counts);
 
 /* One control period. Returns the position. */
@@ -44,7 +45,7 @@ static inline pos_t encoder_step(struct encoder *e, int32_t count)
     return e->pos;
 }
 
-/* More counts in one period than an axis can move: a jump of the counter. */
+/* Whether the counter has jumped: more counts in one period than an axis can move. */
 static inline bool encoder_jumped(const struct encoder *e, uint32_t jump_counts)
 {
     return (uint32_t)e->moved + jump_counts > 2u * jump_counts;

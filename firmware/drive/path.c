@@ -19,7 +19,7 @@ struct knot path_position(const struct path *p)
     return queue_user(&p->queue, (struct knot){{servo(p)->position_nm[0], servo(p)->position_nm[1]}});
 }
 
-/* Where the servo's reference is or, with no path, where it is to be. */
+/* The servo's reference or, while there is no path, the position at which it will be. */
 static struct knot servo_reference(const struct path *p)
 {
     const struct knot at = {{servo(p)->reference_nm[0], servo(p)->reference_nm[1]}};
@@ -192,7 +192,7 @@ static bool both_enabled(const struct path_axis axis[2])
     return axis[0].enabled && axis[1].enabled;
 }
 
-/* A stream may begin: both axes are enabled in interpolated position, and stand within the window of `start`. */
+/* Whether a stream may begin: both axes are enabled in interpolated position, and stand within the window of `start`. */
 static bool may_begin(const struct path *p, const struct od_data *od, const struct path_axis axis[2], struct knot start)
 {
     return p->progress.standing && both_enabled(axis) && within_start_window(od, start, reference(p)) &&
@@ -235,7 +235,7 @@ uint32_t path_command(struct path *p, const struct od_data *od, const struct pat
     return SDO_OK;
 }
 
-/* Tell the tick where the path may end. */
+/* Write for the tick where the path may end. */
 static void report_end(struct path *p)
 {
     const bool complete = queue_complete(&p->queue);
@@ -249,7 +249,7 @@ uint32_t path_total(struct path *p, uint32_t total)
 {
     const bool open_ended = p->queue.open && p->queue.total == 0 && !p->modes.generating;
     if (!open_ended || total == 0) {
-        return SDO_OK; /* it is for the next stream */
+        return SDO_OK; /* the total holds for the next stream */
     }
     if (!queue_end(&p->queue, total)) {
         return SDO_ABORT_STATE;
@@ -281,7 +281,7 @@ enum queue_result path_knot(struct path *p, const struct od_knot *frame)
     return result;
 }
 
-/* The first record begins a stream at the reference. */
+/* Open a stream at the reference, for the first record. */
 static bool begin_by_record(struct path *p, const struct od_data *od, const struct path_axis axis[2],
                             struct knot record)
 {

@@ -23,7 +23,7 @@ struct path {
     struct knot suspended_at;      /* where a suspended path stands */
 };
 
-/* What CiA 402 says of an axis. */
+/* What the CiA 402 state machine says of an axis. */
 struct path_axis {
     uint16_t controlword;
     bool enabled;       /* operation enabled */
@@ -33,35 +33,39 @@ struct path_axis {
 
 enum { STREAM_COMMAND_BEGIN = 1, STREAM_COMMAND_DISCARD, STREAM_COMMAND_RESUME }; /* 2200h:1 */
 
-/* Power-on: no knots. The tick reads the knots of p->queue. */
+/* Initialise at power-on, without knots. The tick reads the knots of p->queue. */
 void path_init(struct path *p, struct servo_loop *loop, struct od_stream *stream);
-/* No knots, while the tick goes on. The origin stays. No axis has power, and the modes have been reset. */
+/* Discard all knots while the tick goes on; the origin does not change. To be called when no axis has power and the modes
+ * have been reset. */
 void path_reset(struct path *p, struct od_stream *stream);
-/* Read the snapshot of the servo and the progress of path time. What follows works with these. */
+/* Read the snapshot of the servo and the progress of path time, with which the rest of the step works. */
 void path_read(struct path *p);
 
 /* Axes get power. They are held where they are, unless a suspended path can go on from there. */
 void path_power_on(struct path *p, const struct od_data *od, const bool powered[2]);
-/* Axes lose power. A stream that stands may be resumed. */
+/* Axes lose power. A stream that stands is suspended and may be resumed. */
 void path_power_off(struct path *p);
 /* Whether path time may run. */
 bool path_may_run(const struct path *p, const struct od_data *od, const struct path_axis axis[2], bool fault);
-/* Progress and end of the path. false: profiles had no knots in time, which is FAULT_UNDERRUN. */
+/* Update the progress of the path and end it where it is complete. Returns false if the profiles had no knots in time, which
+ * is FAULT_UNDERRUN. */
 bool path_follow(struct path *p, bool may_run, bool powered);
-/* Step the modes of operation, and do what they ask for. */
+/* Step the modes of operation, and carry out their output. */
 void path_step_modes(struct path *p, struct od_data *od, const struct path_axis axis[2], bool may_run);
 
-/* Object 2200h command: SDO abort code, or 0. */
+/* Carry out the command written to object 2200h. Returns SDO_OK, or the abort code. */
 uint32_t path_command(struct path *p, const struct od_data *od, const struct path_axis axis[2], uint8_t command);
-/* Object 2200h total is to be written: SDO abort code, or 0. An open-ended stream that is open ends with so many. */
+/* Before object 2200h total is written: an open-ended stream that is open will end after `total` knots. Returns SDO_OK, or
+ * the abort code. */
 uint32_t path_total(struct path *p, uint32_t total);
-/* A knot frame (2201h). */
+/* A knot frame (2201h) has come. */
 enum queue_result path_knot(struct path *p, const struct od_knot *frame);
-/* A knot by its absolute position. */
+/* A knot has come by its absolute position. */
 enum queue_result path_push(struct path *p, struct knot knot);
-/* A record of 60C1h for both axes: SDO abort code, or 0. The first one while no stream is open begins one. */
+/* A record of 60C1h for both axes has come. The first one opens a stream if none is open. Returns SDO_OK, or the abort
+ * code. */
 uint32_t path_record(struct path *p, const struct od_data *od, const struct path_axis axis[2], struct knot record);
 
-/* Where the axes are, user's positions in nm. */
+/* Measured positions of the axes: user's positions in nm. */
 struct knot path_position(const struct path *p);
 #endif

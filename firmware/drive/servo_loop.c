@@ -10,7 +10,7 @@
 #define LOAD(x) atomic_load_explicit(&(x), memory_order_relaxed)
 #define STORE(x, value) atomic_store_explicit(&(x), value, memory_order_relaxed)
 
-/* What a period has to do seldom is a function of its own, so that it costs the usual period nothing. */
+/* What few periods have to do stands in functions of its own, so that it costs the usual period nothing. */
 #define SELDOM __attribute__((noinline, cold))
 
 SELDOM void servo_loop_raise(struct servo_loop *loop, enum fault f)
@@ -67,7 +67,7 @@ __attribute__((noinline)) static void change_path(struct servo_loop *loop, const
 /* One control period of path time, with the flags `standing`, `at_end`, `starved` and `executed`. */
 static inline void step_path(struct servo_loop *loop, const struct servo_loop_cfg *cfg)
 {
-    /* `complete` is read before the count, so that a count read too early never counts as all knots of the stream. */
+    /* `complete` is read before the count, so that a count read too early is never the count of a complete stream. */
     const bool complete = LOAD(loop->command.complete);
     const bool run = LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0;
     const bool on = run && LOAD(loop->command.rate) == 1000u && LOAD(loop->command.stream) == LOAD(loop->stream);
@@ -91,7 +91,7 @@ SELDOM static void supervise_inputs(struct servo_loop *loop, unsigned inputs)
     }
 }
 
-/* A value in the law that is no finite number makes the velocity or the model's force such a one, too. */
+/* If any value in the law is no finite number, the velocity or the model's force is none, too. */
 static bool finite(const struct servo_loop *loop, const struct servo_out *out)
 {
     const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
@@ -127,7 +127,7 @@ SELDOM static void supervise_in_detail(struct servo_loop *loop, const struct ser
     supervise_inputs(loop, inputs);
     if (!finite(loop, out)) {
         servo_loop_raise(loop, FAULT_LAW);
-        loop->configured = UINT32_MAX; /* the next tick configures again, which resets the state */
+        loop->configured = UINT32_MAX; /* The state has to be reset: the next tick takes the configuration over anew. */
         return;
     }
     const num e_w[2] = {out->contour.e_w.x, out->contour.e_w.y};
@@ -161,7 +161,7 @@ static inline void supervise(struct servo_loop *loop, const struct servo_loop_cf
     }
 }
 
-/* The position at the edge of a limit switch, exact to a control period, even if the background looks later. */
+/* The position at the edge of a limit switch, exact to a control period however late the background is. */
 SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_in *in, const pos_t measured[2])
 {
     for (int i = 0; i < 2; i++) {
@@ -172,8 +172,8 @@ SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_i
     }
 }
 
-/* The background changes the number of the configuration without power only. If an axis has power, a bit of one of the two
- * numbers has flipped. This does not hold for the first tick, and for the tick after FAULT_LAW. */
+/* The background changes the number of the configuration without power only. With power one of the two numbers has
+ * flipped a bit, but for the first tick and the one after FAULT_LAW. */
 SELDOM static bool may_configure(struct servo_loop *loop)
 {
     const bool powered =
@@ -185,14 +185,14 @@ SELDOM static bool may_configure(struct servo_loop *loop)
     return true;
 }
 
-/* A configuration takes effect: this part of it before the encoders are read. */
+/* Use the new configuration, step 1: HAL and encoders. It is called before the tick reads them. */
 SELDOM static void select_io(struct servo_loop *loop, uint32_t configured)
 {
     loop->cfg_in_use = &loop->cfg[configured % 2u];
     loop->io = onchip_hal_select(&loop->onchip, &loop->cfg_in_use->onchip_plant);
 }
 
-/* The other parts take effect after the encoders have been read. */
+/* Use the new configuration, step 2: all other parts. It is called after the tick has read the encoders. */
 SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t measured[2])
 {
     const struct servo_loop_cfg *cfg = loop->cfg_in_use;
@@ -204,7 +204,7 @@ SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t
         loop->highest[i] = pos_add(pos_from_nm(cfg->max_nm[i]), cfg->following_max[i]);
     }
     servo_reset(&cfg->servo, &loop->servo, measured);
-    loop->path.enough = 0; /* it depends on stop_time */
+    loop->path.enough = 0; /* `enough` depends on stop_time */
 }
 
 void servo_loop_init(struct servo_loop *loop, const struct hal *hal, const struct spline_ring *ring)
@@ -230,7 +230,7 @@ SELDOM static void reset_energy(struct servo_loop *loop)
     energy_reset(&loop->servo.energy[1]);
 }
 
-/* Publish the record, and take the next one. */
+/* Publish the record, and switch to the next one. */
 static inline void publish(struct servo_loop *loop)
 {
     const uint32_t ms = LOAD(loop->published) + 1u;
@@ -245,14 +245,14 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
 {
     atomic_signal_fence(memory_order_acquire);
     const uint32_t configured = LOAD(loop->command.configured);
-    const bool reconfigure = configured != loop->configured && may_configure(loop);
+    const bool anew = configured != loop->configured && may_configure(loop);
     struct hal_drive_in in;
     struct servo_in servo;
     struct telemetry_record *record = loop->record;
     struct servo_out *out = &record->out;
 
     /* read */
-    if (reconfigure) {
+    if (anew) {
         select_io(loop, configured);
     }
     const struct servo_loop_cfg *cfg = loop->cfg_in_use;
@@ -263,7 +263,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     if (memcmp(in.inputs, loop->inputs, sizeof in.inputs) != 0) {
         latch_edges(loop, &in, servo.measured);
     }
-    if (reconfigure) {
+    if (anew) {
         configure(loop, configured, servo.measured);
     }
     if (LOAD(loop->command.energy_reset)) {
@@ -306,7 +306,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
         scope_step(&loop->scope, base, ticks);
     }
 
-    /* telemetry: each part in a period of its own, and in the others a piece of the curve ahead */
+    /* telemetry in two periods, each with a part of it; in the other periods a part of the curve ahead */
     STORE(loop->ticks, ticks + 1u);
     const uint32_t phase = (ticks + 1u) % TICKS_PER_MS;
     if (phase == TICKS_PER_MS / 2u) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* drive/servo_loop.h: the servo tick: read the drive, one servo_step(), write the drive. The only place where the order
- * of these steps stands.
+/* drive/servo_loop.h: the servo tick: read the drive, call servo_step() once, write the drive. No other module knows the
+ * order of these steps.
  *
  * Context: the port calls servo_loop_tick() in the servo interrupt (CONTROL_HZ), through device_tick(). All other
  * functions are the background's; servo_loop_raise() is everyone's. Tick and background share
@@ -51,7 +51,7 @@ struct servo_loop_command {
     _Atomic bool may_end;        /* the stream is open-ended, and its last knots are equal: it may end there */
     _Atomic uint8_t controller;  /* enum controller */
     _Atomic uint32_t stream;     /* number of the stream: path time starts from 0 when it changes */
-    _Atomic uint32_t configured; /* number of the configuration: it is taken over when it changes */
+    _Atomic uint32_t configured; /* number of the configuration: the tick uses the new one when it changes */
     _Atomic bool energy_reset;   /* the tick clears it */
     _Atomic int32_t origin_nm[2]; /* user's position less the servo's: for the limits only */
 };
@@ -64,24 +64,24 @@ struct servo_loop {
     /* flags of the tick */
     _Atomic uint32_t faults;    /* FAULT_BIT()s */
     _Atomic uint8_t first;      /* enum fault: the first one of `faults` */
-    _Atomic uint32_t stream;    /* command.stream that the next four words belong to */
+    _Atomic uint32_t stream;    /* number of the stream that the next four words describe */
     _Atomic bool standing;      /* path time does not run */
-    _Atomic bool at_end;        /* it has reached the end of a stream that is complete or may end there */
-    _Atomic bool starved;       /* it is slowed for want of knots */
+    _Atomic bool at_end;        /* path time has reached the end of a stream that is complete or may end there */
+    _Atomic bool starved;       /* path time is slowed because knots are missing */
     _Atomic uint32_t executed;  /* knots passed */
     _Atomic uint32_t published; /* records so far: one a millisecond */
     _Atomic uint32_t ticks;     /* control periods since power-on */
 
     /* state of the tick */
-    uint32_t configured; /* command.configured that was taken over last */
+    uint32_t configured; /* command.configured of the configuration in use */
     const struct servo_loop_cfg *cfg_in_use;
     const struct hal *io; /* what the tick reads and writes: the port's HAL, or the plant on the chip */
     struct onchip_hal onchip;
     struct encoder encoder[2];
     uint8_t inputs[2]; /* enum hal_input of the last period */
     struct path_clock path;
-    uint16_t rate_permille; /* command.rate when it was not 1000 last, */
-    num rate;               /* and the same as a num */
+    uint16_t rate_permille; /* the latest command.rate other than 1000 */
+    num rate;               /* the same as a num */
     struct servo_state servo;
     uint32_t following_ticks[2];     /* periods since the following error is too large */
     pos_t lowest[2], highest[2];     /* user's positions: the position limits, widened by the largest following error */
@@ -99,13 +99,13 @@ struct servo_loop {
 void servo_loop_init(struct servo_loop *loop, const struct hal *hal, const struct spline_ring *ring);
 /* One control period. */
 void servo_loop_tick(struct servo_loop *loop);
-/* A fault has been seen: it holds until its bit in loop->faults is cleared. Any context. */
+/* Raise a fault: it is in effect until its bit in loop->faults is cleared. Any context. */
 void servo_loop_raise(struct servo_loop *loop, enum fault f);
 /* The newest snapshot. Background only. */
 const struct servo_snapshot *servo_loop_snapshot(struct servo_loop *loop);
 /* How far path time has come. Background only. */
 struct path_progress servo_loop_progress(const struct servo_loop *loop);
-/* The tick works on the plant on the chip. Any context. */
+/* Whether the tick works on the plant on the chip. Any context. */
 static inline bool servo_loop_simulated(const struct servo_loop *loop)
 {
     return loop->io != loop->hal;

@@ -2,7 +2,7 @@
 /* drive/telemetry.h: what the servo publishes each millisecond, and its way into the object dictionary.
  *
  *   servo tick   a record in core units: servo_step() writes its output into it, telemetry_collect() and
- *                telemetry_complete() add the other signals
+ *                telemetry_complete() add the rest
  *   background   telemetry_scale() makes the snapshot of a record, telemetry_report() writes that to the dictionary
  *
  * Which signals these are, their units and their objects: scope/signals.toml, of which telemetry_gen.h is generated.
@@ -24,16 +24,18 @@ struct telemetry_record {
     uint8_t controller;
 };
 
-/* Servo tick, half a millisecond before the record is published: what changes slowly. So the work of a record is shared
- * between two periods. */
+/* Servo tick, half a millisecond before the record is published: write the signals that change slowly. In this way two
+ * periods share the work of a record. */
 void telemetry_collect(struct telemetry_record *r, const struct servo_state *servo, const struct encoder encoder[2],
                        const struct hal_drive_in *in);
-/* Servo tick, at the end of millisecond `ms`: all other signals. The statistics take the contour error in while path time runs. */
+/* Servo tick, at the end of millisecond `ms`: write all other signals. The statistics include the contour error of each
+ * millisecond in which path time runs. */
 void telemetry_complete(struct telemetry_record *r, uint32_t ms, const struct servo_state *servo,
                         const struct path_state *path, struct contour_statistics *statistics, bool path_runs);
 
-/* Background: the snapshot of a record. `encoder` has the lengths of a count. */
+/* Background: make the snapshot of a record. `encoder` has the lengths of a count. */
 void telemetry_scale(struct servo_snapshot *s, const struct telemetry_record *r, const struct encoder encoder[2]);
-/* Background: write all objects that report the servo's signals. position_nm: as in the snapshot, but from the user's zero. */
+/* Background: write every object that reports signals of the servo. position_nm: as in the snapshot, but from the user's
+ * zero. */
 void telemetry_report(struct od_data *od, const struct servo_snapshot *s, const int32_t position_nm[2]);
 #endif

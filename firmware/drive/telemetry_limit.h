@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* drive/telemetry_limit.h: how a value of the snapshot is made to fit its object. Background; the generated
+/* drive/telemetry_limit.h: limit a value of the snapshot to the range of its object. Background only; the generated
  * telemetry_gen.h calls it.
  */
 #ifndef KONTUR_TELEMETRY_LIMIT_H
@@ -18,7 +18,7 @@ static inline int32_t telemetry_low_bits(int32_t x, unsigned bits)
     return (int32_t)(((uint32_t)x + half) & (2u * half - 1u)) - (int32_t)half;
 }
 
-/* 0 where the sum is negative. */
+/* The sum, or 0 if it is negative. */
 static inline uint32_t telemetry_sum(int32_t one, int32_t other)
 {
     const int64_t sum = (int64_t)one + other;

@@ -39,7 +39,7 @@ static bool path_current(const struct axis_modes_in *in, const struct axis_modes
     return in->path->current && !out->hold && !out->set_origin[0];
 }
 
-/* Path time stands and does not start by itself. */
+/* Whether path time stands and does not start by itself. */
 static bool idle(const struct axis_modes *m, const struct axis_modes_in *in, const struct axis_modes_out *out)
 {
     return !m->generating && in->path->standing && (!in->path_may_run || (path_current(in, out) && in->path->at_end));
@@ -52,7 +52,7 @@ static void take_over_mode(struct axis_modes *m, int i, const struct axis_modes_
     if (mode == a->mode || !axis_modes_known(mode)) {
         return;
     }
-    /* an axis that homes stands on the switch, too, before it turns */
+    /* a homing axis also stands on the switch, before it turns back */
     if (!homing_busy(&a->homing) && (m->generating ? profile_stands(&a->profile) : idle(m, in, out))) {
         if (!m->generating) {
             out->hold = true;
@@ -96,7 +96,7 @@ static int32_t homing_velocity(struct axis_modes *m, int i, const struct axis_mo
     return homing_step(&a->homing, &homing);
 }
 
-/* The home point has been found and both axes stand: it gets the position 607Ch. */
+/* Give the home point the position 607Ch when it has been found and both axes stand. */
 static void set_origin(struct axis_modes *m, int i, const struct axis_modes_in *in, struct axis_modes_out *out)
 {
     struct homing *h = &m->axis[i].homing;
@@ -112,7 +112,7 @@ static void set_origin(struct axis_modes *m, int i, const struct axis_modes_in *
 
 /* ---- profile velocity ---- */
 
-/* A limit switch stops an axis that has this velocity. */
+/* Whether a limit switch stops an axis that has this velocity. */
 static bool switch_ahead(uint8_t inputs, int64_t velocity)
 {
     return (velocity > 0 && (inputs & HAL_LIMIT_MAX) != 0) || (velocity < 0 && (inputs & HAL_LIMIT_MIN) != 0);
@@ -143,7 +143,7 @@ static int32_t requested_velocity(struct axis_modes *m, int i, const struct axis
     return velocity;
 }
 
-/* The axis slows down with 6085h. So does one without power: it coasts, and its profile is to end soon. */
+/* Slow down with 6085h. This also holds for an axis without power: it coasts, and its profile is to end soon. */
 static bool on_quick_stop_ramp(const struct axis_modes *m, int i, const struct axis_modes_in *in)
 {
     const struct axis_mode_in *axis = &in->axis[i];
@@ -215,7 +215,7 @@ bool axis_modes_end(struct axis_modes *m, struct queue *q, const struct path_pro
     return path->at_end && !m->ending;
 }
 
-/* The profile stands, and is to stay so. */
+/* Whether the profile stands and its target is standstill. */
 static bool ends(const struct axis_mode *a)
 {
     return a->target.target_umps == 0 && profile_stands(&a->profile);

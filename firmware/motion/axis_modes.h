@@ -4,13 +4,13 @@
  * - Interpolated position (7): both axes follow one stream of knots or of interpolation data records (60C1h). The
  *   stream moves them only while both are in this mode.
  * - Profile velocity (3) and homing (6): each axis by itself. Velocity profiles (motion/profile.h) give knots for both
- *   axes, some milliseconds ahead of path time, and these knots are followed as those of a stream are: by the same law,
- *   with the same limits, faults and stop on the path. An axis in mode 7 beside one in mode 3 or 6 is held in place.
+ *   axes, some milliseconds ahead of path time, and the servo follows these knots like those of a stream: by the same
+ *   law, with the same limits, faults and stop on the path. An axis in mode 7 beside one in mode 3 or 6 is held in place.
  *
  * An axis takes over another mode when it stands and its homing is not running; a stream that waits is discarded then.
  *
  * Pure, background only. drive_step() calls axis_modes_end(), axis_modes_step() and axis_modes_generate() once each, in
- * this order, and does in between what axis_modes_step() asks for.
+ * this order, and carries out the output of axis_modes_step() in between.
  */
 #ifndef KONTUR_AXIS_MODES_H
 #define KONTUR_AXIS_MODES_H
@@ -54,7 +54,7 @@ struct axis_modes {
     bool generating; /* the path in the queue is that of the profiles */
     bool ending;     /* the profiles stand, and the queue has all their knots */
     struct ip_record record;
-    bool by_record; /* a record began the stream */
+    bool by_record; /* the stream consists of interpolation data records */
     bool by_frame;  /* knot frames were accepted: then records, which CAN's checksum alone protects, are not */
 };
 
@@ -80,35 +80,35 @@ struct axis_modes_in {
 
 /* What drive_step() is to do, in this order. */
 struct axis_modes_out {
-    bool hold;          /* discard the stream and hold the axes: a mode has been taken over */
+    bool hold;          /* discard the stream and hold the axes, because the mode in use has changed */
     bool begin;         /* begin a path at the reference; axis_modes_generate() fills it */
     bool set_origin[2]; /* homing has found its point: the user's position becomes the servo's plus origin_nm */
     int32_t origin_nm[2];
 };
 
-/* As at power-on; the result of a homing is kept. */
+/* Reset to the state at power-on, except for the result of a homing. */
 void axis_modes_reset(struct axis_modes *m);
-/* The path of the profiles ends where it stands. true: it stands because axis_modes_generate() has not been called for
- * PROFILE_AHEAD milliseconds, which is FAULT_UNDERRUN. */
+/* End the path of the profiles where it stands. Returns true if it stands because axis_modes_generate() has not been called
+ * for PROFILE_AHEAD milliseconds, which is FAULT_UNDERRUN. */
 bool axis_modes_end(struct axis_modes *m, struct queue *q, const struct path_progress *path, bool powered);
-/* Take over modes, and the target velocities of this step. */
+/* Change to the modes of 6060h where the axes stand, and compute the target velocities of this step. */
 void axis_modes_step(struct axis_modes *m, const struct axis_modes_in *in, struct axis_modes_out *out);
-/* While `generating`: knots up to PROFILE_AHEAD milliseconds ahead of path time. */
+/* While `generating`: put knots into the queue, up to PROFILE_AHEAD milliseconds ahead of path time. */
 void axis_modes_generate(struct axis_modes *m, struct queue *q);
 
-/* The axis stands, whatever the other one does. `standing`: path time stands. */
+/* Whether the axis stands, whatever the other one does. `standing`: path time stands. */
 bool axis_modes_stands(const struct axis_modes *m, int axis, bool standing);
-/* Both axes are in interpolated position, so a stream may move them. */
+/* Whether both axes are in interpolated position, so that a stream may move them. */
 bool axis_modes_follow_stream(const struct axis_modes *m);
 /* Bits 10 to 13 of 6041h. */
 uint16_t axis_modes_status(const struct axis_modes *m, int axis, uint8_t stream_state, bool standing);
 
 /* A stream begins at `start`: its first record follows from there. */
 void axis_modes_begin_stream(struct axis_modes *m, uint8_t record_ms, struct knot start);
-/* The stream has enough knots to start. One that a record began needs as many as a stop takes (stop_time, ms), and as
+/* Whether the stream has enough knots to start. A stream of records needs as many as a stop takes (stop_time, ms), and as
  * many as come late from a master whose records come two periods and RECORD_JITTER late. */
 bool axis_modes_enough_knots(const struct axis_modes *m, const struct queue *q, uint32_t stop_time);
 
-/* A value of 6060h is one of the three. */
+/* Whether a value of 6060h is one of the three modes. */
 bool axis_modes_known(int64_t mode);
 #endif

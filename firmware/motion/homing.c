@@ -15,7 +15,7 @@ static bool with_index(int8_t method)
     return method == 1 || method == 2 || method == 33 || method == 34;
 }
 
-/* Of the search for the switch, or for the index pulse alone: odd methods go down */
+/* Direction in which the switch, or an index pulse without switch, is searched: downwards for odd methods */
 static int direction(int8_t method)
 {
     return method % 2 != 0 ? -1 : 1;
@@ -67,7 +67,7 @@ void homing_start(struct homing *h, int8_t method, const struct homing_in *in)
 int32_t homing_step(struct homing *h, const struct homing_in *in)
 {
     const int seek = direction(h->method);
-    const int search = with_switch(h->method) ? -seek : seek; /* of edge or pulse */
+    const int search = with_switch(h->method) ? -seek : seek; /* direction in which the edge or the pulse is searched */
     const int64_t way = in->position_nm - h->from_nm;
     const bool on = (in->inputs & switch_ahead(seek)) != 0;
     const bool searching = h->state == HOMING_SEEK || h->state == HOMING_LEAVE || h->state == HOMING_INDEX;

@@ -53,6 +53,6 @@ bool homing_method_known(int64_t method);
 void homing_start(struct homing *h, int8_t method, const struct homing_in *in);
 /* Returns the target velocity, um/s. */
 int32_t homing_step(struct homing *h, const struct homing_in *in);
-/* Homing is running: HOMING_SEEK to HOMING_FOUND, and HOMING_FAILING. */
+/* Whether homing is running: HOMING_SEEK to HOMING_FOUND, and HOMING_FAILING. */
 bool homing_busy(const struct homing *h);
 #endif

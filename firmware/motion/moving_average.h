@@ -15,10 +15,10 @@ struct moving_average {
     uint8_t length, at;
 };
 
-/* All values so far were `value`. length: 1..MOVING_AVERAGE_MAX. */
+/* Start as if all values so far had been `value`. length: 1..MOVING_AVERAGE_MAX. */
 void moving_average_fill(struct moving_average *b, unsigned length, int64_t value);
-/* The sum of the last `length` values, this one included. */
+/* Add a value. Returns the sum of the last `length` values, this one included. */
 int64_t moving_average_step(struct moving_average *b, int64_t value);
-/* a / b, rounded to the nearest; b > 0. */
+/* a / b, rounded to the nearest integer; b > 0. */
 int64_t moving_average_round(int64_t a, int64_t b);
 #endif

@@ -5,20 +5,20 @@
  * a stop_time: a stop from sigma = 1 takes a quarter of stop_time to reach SLOPE_MAX, a half at it, a quarter to leave. */
 #define SLOPE_MAX NUM(PATH_SLOPE_MAX)
 #define JERK NUM(PATH_JERK_MAX)
-#define RATE_SMALL NUM(5e-6)       /* so close to where it goes sigma is there */
-#define SLOPE_SMALL NUM(1.0 / 128) /* with so small a slope, which ends there */
+#define RATE_SMALL NUM(5e-6)       /* sigma has reached its goal when it is so close to it */
+#define SLOPE_SMALL NUM(1.0 / 128) /* and its slope is so small; the slope then becomes 0 */
 
 #define CRAWL NUM(0.01) /* slower than this sigma goes on only if there are as many knots more than a stop needs: */
 #define CRAWL_RESERVE NUM(0.25)
 
-#define ROUNDING NUM(1e-5) /* what five roundings make of the way of a stop, in fixed point */
+#define ROUNDING NUM(1e-5) /* error that five roundings in fixed point make in the length of a stop */
 
 static struct motion steady(num rate)
 {
     return (struct motion){acc_from(rate), acc_from(NUM(0))};
 }
 
-/* sigma is and stays `rate` */
+/* Whether sigma equals `rate` and does not change */
 static bool is_steady(const struct motion *m, num rate)
 {
     const num now = acc_to(m->rate);
@@ -26,7 +26,7 @@ static bool is_steady(const struct motion *m, num rate)
     return !n_lt(now, rate) && !n_lt(rate, now) && !n_lt(slope, NUM(0)) && !n_lt(NUM(0), slope);
 }
 
-/* Knots from a to b; 1000 stands for more, where it limits nothing. */
+/* Knots from a to b, at most 1000: that many limit nothing. */
 static num knots(path_time_t a, path_time_t b)
 {
     const path_time_t d = b - a;
@@ -40,11 +40,12 @@ static num landing(num distance, num half)
     return n_min(SLOPE_MAX, n_max(n_sub(root, half), NUM(0)));
 }
 
-/* One control period, ACC_GAIN times given, on, towards sigma = goal; it never stands on its way to one above 0. */
+/* Change sigma towards its goal for one control period, whose length is given times ACC_GAIN. sigma never becomes 0 on its
+ * way to a goal above 0. */
 static struct motion moved(const struct motion *m, num goal, num period)
 {
     if (is_steady(m, goal)) {
-        return *m; /* as it mostly is */
+        return *m; /* the usual case */
     }
     const num gap = n_sub(goal, acc_to(m->rate));
     const num half = n_mul(NUM(PATH_JERK_MAX / 2 / ACC_GAIN), period);
@@ -67,7 +68,7 @@ static struct motion moved(const struct motion *m, num goal, num period)
 static num stopping(const struct motion *m)
 {
     if (is_steady(m, NUM(1))) {
-        return n_add(NUM(0.5), ROUNDING); /* as it mostly is */
+        return n_add(NUM(0.5), ROUNDING); /* the usual case */
     }
     const num slope = acc_to(m->slope);
     const num square = n_mul(slope, slope);
@@ -87,7 +88,7 @@ uint32_t path_clock_executed(const struct path_clock *p)
     return p->at.knot == 0 && p->at.fraction == 0 ? 0 : p->at.knot + 1u;
 }
 
-/* Of any rate, also of one that memory has made up: it wraps. */
+/* Add to path time at any rate. Path time wraps, so that this is defined even if a flipped bit has changed the rate. */
 static path_time_t way_at(num rate, path_time_t step)
 {
     return (path_time_t)((uint64_t)(n_to_q32(rate) / 16) * (uint64_t)step) / (1 << 28);
@@ -125,12 +126,13 @@ enum path_clock_event path_clock_step(struct path_clock *p, const struct path_cl
     const struct motion next = room ? faster : start ? steady(NUM(0)) : moved(&p->motion, NUM(0), period);
     p->motion = (struct motion){acc_state(next.rate), acc_state(next.slope)};
     if (room && is_steady(&p->motion, NUM(1))) {
-        p->enough = (uint32_t)n_to_scaled(needed, 1) + 5u; /* 3 of the spline, the knot begun, and rounding */
+        p->enough = (uint32_t)n_to_scaled(needed, 1) +
+                    5u; /* 3 knots of the spline, the knot that path time is in, and rounding */
     }
     p->at.rate = acc_to(p->motion.rate);
     p->at.rate_dot = n_mul(acc_to(p->motion.slope), n_div(NUM(SPLINE_PER_T0), in->stop_time));
     if (!n_lt(NUM(0), p->at.rate)) {
-        return run && !start ? PATH_UNDERRUN : PATH_STANDS; /* with room it would move */
+        return run && !start ? PATH_UNDERRUN : PATH_STANDS; /* it would move if there were more knots */
     }
     return run && !room ? PATH_STARVED : PATH_NOTHING;
 }

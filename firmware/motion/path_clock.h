@@ -3,7 +3,7 @@
  *
  * Path time s runs over the knots at rate sigma; slowing it stops both axes *on the curve*. sigma goes to where it is
  * wanted, 1 or the feed override, without a step in its slope: a stop from rate 1 takes stop_time and half as many knots
- * (slope 0 .. -4/3 .. 0 over stop_time), so does the way back. Whatever is wanted when, slope and its change are limited.
+ * (slope 0 .. -4/3 .. 0 over stop_time), and so does a start. Slope and its change are limited whenever the wanted rate changes.
  * sigma is only ever raised if a stop from there still ends within the knots that are there, unless the stream is
  * complete: an underrun is a stop on the path by construction.
  *
@@ -32,28 +32,29 @@ struct path_clock {
     struct motion {        /* what a control period adds may be far below the resolution of a num */
         acc_t rate, slope; /* sigma, and its change in a stop_time */
     } motion;
-    uint32_t enough; /* while sigma is 1: knots from at.knot on with which it may surely stay so; else 0 */
+    uint32_t
+        enough; /* while sigma is 1: with so many knots from at.knot on, sigma may stay 1 without a check; else 0 */
 };
 
 enum path_clock_event {
     PATH_NOTHING,
     PATH_STANDS,   /* sigma = 0: stopped or not started */
-    PATH_STARVED,  /* held back for want of knots */
-    PATH_UNDERRUN, /* stands on its way for want of knots */
+    PATH_STARVED,  /* sigma is limited because knots are missing */
+    PATH_UNDERRUN, /* stands before the end because knots are missing */
     PATH_AT_END    /* the last knot of a complete stream has been reached */
 };
 
-/* What the servo tick tells the background of path time. */
+/* What the servo tick reports of path time to the background. */
 struct path_progress {
     bool current;      /* path time runs over the knots of the queue as it is; else `standing` alone counts */
-    bool standing;     /* it does not run */
+    bool standing;     /* path time does not run */
     bool at_end;       /* it has reached the end of the knots, which may be the end of the path */
-    bool starved;      /* it is slowed for want of knots */
+    bool starved;      /* path time is slowed because knots are missing */
     uint32_t executed; /* knots passed */
 };
 
 void path_clock_reset(struct path_clock *p);
-/* One control period on. */
+/* Advance path time by one control period. */
 enum path_clock_event path_clock_step(struct path_clock *p, const struct path_clock_in *in);
 /* The same where sigma is 1, is to stay so, and knots enough lie ahead, as mostly: then nothing else is to be found out
  * (PATH_NOTHING). false: nothing is done. */
@@ -70,6 +71,6 @@ static inline bool path_clock_run_on(struct path_clock *p, uint32_t count, bool 
     }
     return true;
 }
-/* Knots passed: those with an index <= s. */
+/* Number of knots that path time has passed: those with an index <= s. */
 uint32_t path_clock_executed(const struct path_clock *p);
 #endif

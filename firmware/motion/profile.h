@@ -33,12 +33,12 @@ struct profile {
     bool limited;     /* slower than the target, because of min_nm or max_nm */
 };
 
-/* The axis stands. */
+/* Start at standstill. */
 void profile_start(struct profile *p, int32_t nm);
-/* The next knot, nm. */
+/* One millisecond: returns the next knot, nm. */
 int32_t profile_step(struct profile *p, const struct profile_in *in);
-/* The profile stands: with target 0 the next knot is the last one again. */
+/* Whether the profile stands: with target 0 the next knot equals the last one. */
 bool profile_stands(const struct profile *p);
-/* The target velocity has been reached. */
+/* Whether the target velocity has been reached. */
 bool profile_reached(const struct profile *p, int32_t target_umps);
 #endif

@@ -122,7 +122,7 @@ void queue_limit_acceleration(struct queue *q, uint32_t max_nmpms2)
 
 static const int64_t standstill_nm[2] = {0, 0};
 
-/* The velocity changes from one step to the next by more than max_nmpms2. */
+/* Whether the velocity changes from one step to the next by more than max_nmpms2. */
 static bool too_much(const struct queue *q, const int64_t from_nm[2], const int64_t to_nm[2])
 {
     for (int i = 0; i < 2; i++) {
@@ -267,7 +267,7 @@ void queue_executed(struct queue *q, uint32_t n)
     update_free(q);
 }
 
-/* Path time has run through an open-ended stream as far as it can. */
+/* Whether path time has run through an open-ended stream as far as it can. */
 static void end_standing(struct queue *q)
 {
     struct od_stream *s = q->stream;

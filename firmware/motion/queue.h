@@ -29,7 +29,7 @@ struct queue {
     int32_t low_nm[2], high_nm[2]; /* the range of knots: the soft limits, widened to where the stream began */
     int32_t origin_nm[2];          /* user's position less the servo's */
     uint32_t equal_knots;          /* knots at the end that are equal */
-    bool starved;                  /* path time was slowed for want of knots when last looked at */
+    bool starved;                  /* path time was slowed in the last step because knots were missing */
     bool open;                     /* knots are accepted */
     bool suspended;                /* closed, but the stream may be resumed */
     bool outside;                  /* a knot was out of range: no more are accepted */
@@ -38,40 +38,40 @@ struct queue {
     int64_t step_nm[2];            /* the last knot less the one before */
 };
 
-/* Closed, empty; no origin, no limits. */
+/* Initialise: the queue is closed and empty, without origin and limits. */
 void queue_init(struct queue *q, struct od_stream *stream);
-/* Forget all knots; the reference stands at start. */
+/* Discard all knots; the reference stands at `start`. */
 void queue_hold(struct queue *q, struct knot start);
-/* Open for a stream of `total` knots (0: open-ended) from `start`. */
+/* Open the queue for a stream of `total` knots (0: open-ended) from `start`. */
 void queue_begin(struct queue *q, struct knot start, uint32_t total);
-/* The open stream accepts knots of this axis beyond the soft limits, too: homing. */
+/* Let the open stream accept knots of this axis beyond the soft limits, for homing. */
 void queue_unlimited(struct queue *q, int axis);
-/* The open stream accepts no knot whose second difference is larger, and none as its last after a larger step.
+/* Let the open stream refuse a knot whose second difference is larger, and a last knot that a larger step leads to.
  * 1 nm/ms2 is 1 mm/s2. */
 void queue_limit_acceleration(struct queue *q, uint32_t max_nmpms2);
-/* An open-ended stream ends with so many knots. false: there is none open, it has more already, or it would end while it
- * moves. */
+/* End the open-ended stream after so many knots. Returns false if none is open, if it already has more, or if it would end
+ * while it moves. */
 bool queue_end(struct queue *q, uint32_t total);
-/* An open-ended stream may end here: its last knots are equal. */
+/* Whether an open-ended stream may end here, because its last knots are equal. */
 bool queue_ends_standing(const struct queue *q);
 /* A position of the servo as the user's. */
 struct knot queue_user(const struct queue *q, struct knot servo);
 /* Accept no more knots. */
 void queue_close(struct queue *q);
-/* Accept none until queue_resume(). A stream with a refused knot cannot be resumed. */
+/* Accept no knots until queue_resume(). A stream with a refused knot cannot be resumed. */
 void queue_suspend(struct queue *q);
 /* Accept knots again. false: no stopped stream is suspended, or its next knots are beyond the soft limits. */
 bool queue_resume(struct queue *q);
-/* A knot frame as received. */
+/* Check a knot frame as received, and accept or refuse its knot. */
 enum queue_result queue_frame(struct queue *q, const struct od_knot *frame);
-/* A knot by its absolute position, without sequence and CRC. */
+/* Accept or refuse a knot by its absolute position, without sequence and CRC. */
 enum queue_result queue_push(struct queue *q, struct knot knot);
-/* Path time has passed the first n knots: free their slots, and take them into the checksum. */
+/* Path time has passed the first n knots: free their slots, and add them to the checksum. */
 void queue_executed(struct queue *q, uint32_t n);
-/* The state of the stream follows path time. may_run: path time may run; generated: the knots are those of
+/* Update the state of the stream from path time. may_run: path time may run; generated: the knots are those of
  * axis_modes_generate(), which says by queue_end() where they end. */
 void queue_follow(struct queue *q, const struct path_progress *path, bool may_run, bool generated);
-/* All knots of the stream have come. */
+/* Whether all knots of the stream have come. */
 bool queue_complete(const struct queue *q);
 /* CRC-8/AUTOSAR over sequence, dx, dy in the order of the wire. */
 uint8_t queue_crc8(const struct od_knot *frame);

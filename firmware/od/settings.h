@@ -26,7 +26,7 @@ struct settings {
  * their defaults. Returns the node id, 1..31 or OD_UNCONFIGURED. */
 uint8_t settings_init(struct settings *s, struct od_data *od, const struct hal *hal, uint8_t node_id,
                       bool (*fits)(const struct od_data *od));
-/* The same for a reset, of the communication objects only or of all. 2001h decides on the node id. */
+/* The same as at power-on, for a reset of the communication objects only or of all objects. 2001h decides on the node id. */
 uint8_t settings_reset(struct settings *s, bool communication_only);
 /* Whether the flash holds values that cannot be used, and have neither been replaced nor restored since. */
 bool settings_invalid(const struct settings *s);

@@ -196,7 +196,7 @@ bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, uns
     const uint32_t room = largest_set();
     struct writer w = {.hal = hal, .sector = s->sector, .at = s->end, .crc = ERASED, .ok = true};
     if (!s->found || s->end + room > HAL_FLASH_BYTES || !is_erased(hal, s->sector, s->end, s->end + room)) {
-        /* never the sector with the newest set */
+        /* the sector with the newest set is never erased */
         w.sector = s->found ? 1u - s->sector : 0u;
         w.at = 0;
         w.ok = hal->flash_erase(hal->ctx, w.sector);

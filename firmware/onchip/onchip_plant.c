@@ -49,7 +49,7 @@ static void axis_step(const struct onchip_axis_cfg *c, struct onchip_axis *a, nu
     num dx = n_mul(dt, n_mad(v, c->share, dv));
     num v_end = n_add(v, dv);
     if (!stands && (forward ? n_lt(v_end, NUM(0)) : n_lt(NUM(0), v_end))) {
-        const num part = n_div(v, n_neg(dv)); /* of the period until v = 0 */
+        const num part = n_div(v, n_neg(dv)); /* share of the period until v = 0 */
         const num remainder = n_sub(NUM(1), part);
         v_end = sticks ? NUM(0) : n_mul(n_mul(remainder, c->gain), n_div(n_sub(force, against), c->mass));
         dx = n_mul(n_mul(NUM(0.5), dt), n_mad(n_mul(part, v), remainder, v_end));

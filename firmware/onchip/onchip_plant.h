@@ -49,7 +49,7 @@ struct onchip_plant {
 
 /* Fill in what does not change from period to period. C h <= M. */
 void onchip_plant_design(struct onchip_plant_cfg *cfg);
-/* Standstill at the start. */
+/* Reset the plant to standstill at `start`. */
 void onchip_plant_reset(const struct onchip_plant_cfg *cfg, struct onchip_plant *m);
 /* The counts of its encoders. No input is active. */
 void onchip_plant_read(const struct onchip_plant *m, struct hal_drive_in *in);

@@ -48,7 +48,7 @@ static bool is_number(const struct scope_signal *s)
     return s->kind == SCOPE_NUM || s->kind == SCOPE_ACC;
 }
 
-/* The level has been crossed in this period, in the direction of the trigger. */
+/* Whether the level has been crossed in this period, in the direction of the trigger. */
 static bool crosses(struct scope *s, const void *const base[])
 {
     const uint32_t now = sample(&s->source, base);

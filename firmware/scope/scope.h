@@ -58,8 +58,8 @@ struct scope {
     _Atomic uint8_t state;
     _Atomic uint32_t background_faults;   /* FAULT_BIT()s that the background has raised since the scope was armed */
     _Atomic uint32_t background_warnings; /* the same of warnings */
-    uint32_t faults;                      /* FAULT_BIT()s of the last period; the tick keeps them even if `runs` is 0 */
-    uint32_t raised;                      /* FAULT_BIT()s that are new in this period */
+    uint32_t faults; /* FAULT_BIT()s of the last period; the tick writes them even if `runs` is 0 */
+    uint32_t raised; /* FAULT_BIT()s that are new in this period */
 
     /* Settings, written by the background while `runs` is 0. */
     struct scope_signal signal[SCOPE_CHANNELS], source;
@@ -83,7 +83,7 @@ struct scope {
     struct scope_capture half[2];
 };
 
-/* Servo tick, at its end: notes the faults (FAULT_BIT()s), and says whether scope_step() is to be called. */
+/* Servo tick, at its end: store the faults (FAULT_BIT()s). Returns whether scope_step() is to be called. */
 static inline bool scope_runs(struct scope *s, uint32_t faults)
 {
     s->raised = faults & ~s->faults;
@@ -98,15 +98,15 @@ void scope_step(struct scope *s, const void *const base[SCOPE_BASES], uint32_t t
 bool scope_arm(struct scope *s, const struct od_data *od, const int32_t origin_nm[2]);
 /* Stop recording and discard the capture. */
 void scope_off(struct scope *s);
-/* The background has raised these faults. */
+/* Report faults that the background has raised. */
 void scope_fault(struct scope *s, uint32_t faults);
-/* The background warns of these. A warning triggers only a scope that waits for a fault. */
+/* Report warnings of the background. A warning triggers only a scope that waits for a fault. */
 void scope_warning(struct scope *s, uint32_t warnings);
-/* The capture, done or under way, was triggered by a fault or a warning, or has a fault in it. */
+/* Whether a fault or a warning triggered the capture (done or under way), or a fault occurred during it. */
 bool scope_holds_fault(const struct scope *s);
 /* Write state, frames and time of the trigger to 2300h. */
 void scope_report(const struct scope *s, struct od_data *od);
-/* Begin to read 2302h: its size in bytes, 0 while no capture is done. */
+/* Select the capture to read as 2302h. Returns its size in bytes, 0 while no capture is done. */
 uint32_t scope_size(struct scope *s);
 /* Copy `count` bytes of 2302h from `at` on. Returns false when the scope was armed since scope_size(). origin_nm: the
  * user's positions less the servo's. */

@@ -40,27 +40,27 @@ struct command_guard {
     } axis[2];
 };
 
-/* Nobody holds the drive, and no statusword has been sent. */
+/* Initialise: nobody holds the drive, and no statusword has been sent. */
 void command_guard_reset(struct command_guard *g);
 /* 2140h claim: 1..127 claims the drive, 0 releases it with the same key. false: refused; always so while an axis has power.
  * The holder may repeat its claim if it has a key, since an answer may have been lost. */
 bool command_guard_claim(struct command_guard *g, uint8_t id, uint32_t key, bool powered);
-/* The holder's heartbeat has ceased. */
+/* The holder's heartbeat has ceased: its claim ends when no axis has power. */
 void command_guard_holder_silent(struct command_guard *g);
-/* Each millisecond: end the time of a ticket. true: the claim of a silent holder has ended. */
+/* Once a millisecond: end a ticket whose time is over. Returns true if the claim of a silent holder has ended. */
 bool command_guard_expire(struct command_guard *g, bool powered, uint32_t now);
-/* 2140h ticket is read. */
+/* Draw a new ticket, for a read of 2140h ticket. */
 uint32_t command_guard_draw(struct command_guard *g, uint32_t now);
-/* 2140h arm is written. false: another ticket, or nobody holds the drive. The same ticket may come again until it is used or
+/* A ticket has been written to 2140h arm. Returns false if it is another one, or if nobody holds the drive. The same ticket may come again until it is used or
  * its time is over, since an answer may have been lost; only a new one gives more time. */
 bool command_guard_arm(struct command_guard *g, uint32_t ticket, uint32_t now);
 /* An axis has lost its power, or both have it: the next command to enable needs another ticket. */
 void command_guard_disarm(struct command_guard *g);
 /* A statusword has been sent for the state after so many changes. */
 void command_guard_sent(struct command_guard *g, int axis, uint32_t changes);
-/* All frames that had come have been handled. */
+/* All frames that had come so far have been handled. */
 void command_guard_drained(struct command_guard *g, uint32_t now);
-/* A command that has just come may enable the axis, whose state is the one after so many changes. */
+/* Whether a command that has just come may enable the axis. Its state is the one after so many changes. */
 bool command_guard_permits(const struct command_guard *g, int axis, uint32_t changes, bool claim_required,
                            uint32_t now);
 /* The command did not enable the axis, for whatever reason: the next one has to wait as long. */

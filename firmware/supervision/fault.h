@@ -28,7 +28,7 @@ extern const struct fault_row fault_table[FAULTS];
 
 #define FAULT_BIT(f) (1u << (f))
 
-/* The reaction with the options that are set: REACT_WARN, REACT_PATH_STOP or REACT_DISABLE. */
+/* The reaction to a fault with the options that are set: REACT_WARN, REACT_PATH_STOP or REACT_DISABLE. */
 enum fault_reaction fault_reaction(const struct od_data *od, enum fault f);
 /* FAULT_BIT()s of all faults with this reaction. */
 uint32_t fault_mask(const struct od_data *od, enum fault_reaction reaction);

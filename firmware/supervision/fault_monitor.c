@@ -20,7 +20,7 @@ static bool lasts_if_wanted(const struct fault_monitor *m, uint16_t *ms, bool ho
     return lasts(m, ms, holds && limit_ms != 0, limit_ms);
 }
 
-/* The encoder stands while the axis is pushed with more than friction can hold. */
+/* Whether the encoder stands while the force is larger than friction can hold. */
 static bool frozen(struct fault_monitor *m, const struct fault_monitor_in *in, int i)
 {
     const struct od_plant *plant = &in->od->axis[i].plant;
@@ -42,7 +42,7 @@ static bool saturated(struct fault_monitor *m, const struct fault_monitor_in *in
     return lasts_if_wanted(m, &m->saturated_ms[i], full, in->od->fault_delay.saturated);
 }
 
-/* An adaptive gain has grown to its limit: units of the snapshot are 0.1 1/s and mm/s2, those of the dictionary 1e-3 and
+/* Whether an adaptive gain has grown to its limit. Units of the snapshot are 0.1 1/s and mm/s2, those of the dictionary 1e-3 and
  * 1e-6 of the SI unit. */
 static bool at_limit(const struct fault_monitor_in *in)
 {
@@ -56,7 +56,7 @@ static bool at_limit(const struct fault_monitor_in *in)
     return at && (in->powered[0] || in->powered[1]);
 }
 
-/* A knot frame was refused and has to be sent again: the bus is bad. A new stream counts from 0. */
+/* Whether a knot frame was refused and has to be sent again, which means that the bus is bad. A new stream counts from 0. */
 static void fault_monitor_stream(struct fault_monitor *m, const struct od_stream *s)
 {
     const uint32_t rejected = s->rejected_crc + s->rejected_sequence;

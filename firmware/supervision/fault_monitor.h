@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* supervision/fault_monitor.h: what is checked once a millisecond: conditions that must last before they are a fault, and
- * those that the servo tick does not know. What is more urgent is checked in drive/servo_loop.c. Rows and times:
- * supervision/faults.toml.
+/* supervision/fault_monitor.h: the checks that run once a millisecond. They detect conditions that must last before they are
+ * a fault, and those that the servo tick does not know. drive/servo_loop.c checks what is more urgent. Rows and times are
+ * those of supervision/faults.toml.
  *
  * Pure, background only. drive.c steps it; events come from drive.c and device_objects.c.
  */
@@ -32,9 +32,9 @@ struct fault_monitor_in {
     bool parameters_invalid; /* stored parameters could not be used */
 };
 
-/* Once for each snapshot; a second call with the same one changes nothing. Returns the FAULT_BIT()s that hold now. */
+/* Check one snapshot; a second call with the same one changes nothing. Returns the FAULT_BIT()s that hold now. */
 uint32_t fault_monitor_step(struct fault_monitor *m, const struct fault_monitor_in *in);
-/* An event, which causes a warning of a second: FAULT_STREAM, FAULT_CONFIG_ENABLED, FAULT_SECOND_MASTER or
+/* Report an event, which causes a warning of one second: FAULT_STREAM, FAULT_CONFIG_ENABLED, FAULT_SECOND_MASTER or
  * FAULT_STALE_COMMAND. */
 void fault_monitor_event(struct fault_monitor *m, enum fault f);
 #endif

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "supervision/integrity.h"
 
-/* A bit of `word` that flips changes the result. */
+/* Add a word to a checksum. A bit of `word` that flips changes the result. */
 static uint32_t add(uint32_t sum, uint32_t word)
 {
     return (sum << 5 | sum >> 27) + word;

@@ -17,12 +17,12 @@ struct integrity {
     uint32_t cfg, parameters; /* checksums when they were set */
     uint32_t sum;             /* of the parameters before od_table[at] */
     uint16_t at;
-    bool corrupt; /* a parameter has changed by itself: until all of them are set anew */
+    bool corrupt; /* a bit of a parameter has flipped; true until all parameters are set anew */
 };
 
 /* Configuration (cfg, `bytes` of it, a multiple of 4) and parameters have just been set. reset: every parameter has, by a
  * reset. */
 void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od, bool reset);
-/* Once a millisecond. false: a bit has flipped. */
+/* Check a part of the parameters, once a millisecond. Returns false if a bit has flipped. */
 bool integrity_intact(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od);
 #endif
