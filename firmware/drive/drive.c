@@ -35,7 +35,8 @@ void drive_fault(struct drive *d, enum fault f)
 
 /* ---- the step ---- */
 
-/* A capture of the scope that a fault or a warning triggered is held until that is reset. Release it: arm the scope again. */
+/* A capture that a fault or a warning triggered stays until the fault is reset or the axes get power. Then the scope is
+ * armed again. */
 static void release_capture(struct drive *d)
 {
     if (scope_holds_fault(&d->loop.scope)) {

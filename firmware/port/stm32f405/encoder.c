@@ -7,7 +7,7 @@
 
 enum { LINE = 4 };
 
-struct encoder {
+struct encoder_input {
     bool running; /* false in an emulator, because QEMU's timers lack the encoder mode and count time */
     bool invert;
     bool paused;     /* since the last read */
@@ -20,7 +20,7 @@ struct encoder {
 };
 
 static const struct board_axis axes[AXES] = {BOARD_X, BOARD_Y};
-static struct encoder encoders[AXES];
+static struct encoder_input encoders[AXES];
 
 /* to - from, modulo the range of the timer: the shorter of the two ways. */
 static int32_t difference(const struct board_encoder *board, uint32_t to, uint32_t from)
@@ -49,7 +49,7 @@ void encoder_init(void)
         tim->EGR = TIM_EGR_UG;
         tim->SR = 0;
         tim->CR1 = TIM_CR1_CEN;
-        encoders[i] = (struct encoder){.running = !cpu_emulated(), .jump_counts = UINT32_MAX, .last = tim->CNT};
+        encoders[i] = (struct encoder_input){.running = !cpu_emulated(), .jump_counts = UINT32_MAX, .last = tim->CNT};
     }
 }
 
@@ -71,7 +71,7 @@ static uint32_t magnitude(int32_t x)
 }
 
 /* Take over an index pulse at `count`. Returns whether it is a multiple of index_counts from the last one. */
-static bool index_plausible(struct encoder *e, uint32_t count)
+static bool index_plausible(struct encoder_input *e, uint32_t count)
 {
     bool plausible = true;
     if (e->index_seen && e->index_counts != 0) {
@@ -85,7 +85,7 @@ static bool index_plausible(struct encoder *e, uint32_t count)
 }
 
 /* Take over the timer's counter, `now`. Returns whether the count is plausible. */
-static bool update(struct encoder *e, const struct board_encoder *board, uint32_t now)
+static bool update(struct encoder_input *e, const struct board_encoder *board, uint32_t now)
 {
     const struct tim *tim = board->tim;
     const int32_t moved = difference(board, now, e->last);
@@ -112,7 +112,7 @@ void encoder_read(struct hal_drive_in *in)
 {
     const uint32_t now[AXES] = {axes[AXIS_X].encoder.tim->CNT, axes[AXIS_Y].encoder.tim->CNT};
     for (int i = 0; i < AXES; i++) {
-        struct encoder *e = &encoders[i];
+        struct encoder_input *e = &encoders[i];
         if (e->running && !update(e, &axes[i].encoder, now[i])) {
             in->inputs[i] |= HAL_ENCODER_FAULT;
         }
