@@ -350,7 +350,7 @@ def _copier(name: str, parts: list[tuple[Signal, Published]]) -> list[str]:
 
 def _scaled(s: Signal, p: Published, place: str) -> str:
     if s.kind in ("num", "acc"):
-        return f"n_to_scaled({place}, {p.scale})"
+        return f"telemetry_counts({place}, {p.scale})"
     if s.kind == "reference":
         return f"pos_to_nm(pos_add({place}, n_neg(out->contour.e_w.{'xy'[s.axis]})))"
     return f"pos_to_nm({place})" if s.kind == "pos" else place

@@ -73,7 +73,8 @@ void onchip_plant_step(const struct onchip_plant_cfg *cfg, struct onchip_plant *
     }
 }
 
-/* ---- the plant in front of a HAL ---- */
+/* ---- the plant in front of a HAL ----
+ * A table has no use for it, so it is compiled for size. */
 
 static void read_plant(void *ctx, struct hal_drive_in *in)
 {
@@ -82,7 +83,7 @@ static void read_plant(void *ctx, struct hal_drive_in *in)
     onchip_plant_read(&o->plant, in);
 }
 
-static void write_plant(void *ctx, const struct hal_drive_out *out)
+__attribute__((cold)) static void write_plant(void *ctx, const struct hal_drive_out *out)
 {
     static const struct hal_drive_out off;
     struct onchip_hal *o = ctx;
