@@ -38,11 +38,6 @@ __attribute__((noinline)) void telemetry_complete(struct telemetry_record *r, ui
 
 /* ---- background ---- */
 
-__attribute__((noinline, noclone)) int32_t telemetry_counts(num x, int32_t scale)
-{
-    return n_to_scaled(x, scale);
-}
-
 void telemetry_scale(struct servo_snapshot *s, const struct telemetry_record *r, const struct encoder encoder[2])
 {
     s->ms = r->ms;

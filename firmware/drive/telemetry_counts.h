@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* drive/telemetry_limit.h: scale a signal to counts, and limit a value of the snapshot to the range of its object.
+/* drive/telemetry_counts.h: scale a signal to counts, and limit a value of the snapshot to the range of its object.
  * Background only; the generated telemetry_gen.h calls it.
  */
-#ifndef KONTUR_TELEMETRY_LIMIT_H
-#define KONTUR_TELEMETRY_LIMIT_H
+#ifndef KONTUR_TELEMETRY_COUNTS_H
+#define KONTUR_TELEMETRY_COUNTS_H
 #include <stdint.h>
 
 #include "core/num.h"
 
-/* A signal in counts, `scale` of them to a unit of the core. It is one function, and not inlined, because there are many
- * signals and the flash is small. */
+/* A signal in counts, `scale` of them to a unit of the core. It is not inline, because there are many signals and
+ * the flash is small. */
 int32_t telemetry_counts(num x, int32_t scale);
 
 static inline int32_t telemetry_limit(int32_t x, int32_t low, int32_t high)
