@@ -33,7 +33,8 @@ bool axis_modes_stands(const struct axis_modes *m, int axis, bool standing)
     return standing || (m->generating && profile_stands(&m->axis[axis].profile));
 }
 
-/* The tick has taken over the queue as it is, and this step has not changed that so far (axis 0 comes first). */
+/* Whether the flags of path time belong to the queue as it is: the tick uses this queue, and this step has discarded or
+ * shifted nothing so far (axis 0 comes first). */
 static bool path_current(const struct axis_modes_in *in, const struct axis_modes_out *out)
 {
     return in->path->current && !out->hold && !out->set_origin[0];

@@ -62,9 +62,9 @@ static struct motion moved(const struct motion *m, num goal, num period)
     return (struct motion){acc_clamp(rate, n_min(goal, RATE_SMALL), NUM(PATH_RATE_MAX)), slope};
 }
 
-/* Way of a stop from m, in knots times stop_time; a little more than that where the slope does not get as far as
- * SLOPE_MAX. peak: the sigma from which a stop that began at slope 0 would pass through m, or which is reached before the
- * slope is 0. */
+/* The distance that path time needs to stop from the motion m, in knots per stop_time. It is a little too large where the
+ * slope does not reach SLOPE_MAX. `peak` is the sigma at slope 0: a stop that began there would pass through m, or sigma
+ * still rises to it. */
 static num stopping(const struct motion *m)
 {
     if (is_steady(m, NUM(1))) {

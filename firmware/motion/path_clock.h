@@ -32,8 +32,8 @@ struct path_clock {
     struct motion {        /* what a control period adds may be far below the resolution of a num */
         acc_t rate, slope; /* sigma, and its change in a stop_time */
     } motion;
-    uint32_t
-        enough; /* while sigma is 1: with so many knots from at.knot on, sigma may stay 1 without a check; else 0 */
+    /* While sigma is 1: the number of knots from at.knot on with which sigma may stay 1 without a further check. Else 0. */
+    uint32_t enough;
 };
 
 enum path_clock_event {
@@ -56,8 +56,8 @@ struct path_progress {
 void path_clock_reset(struct path_clock *p);
 /* Advance path time by one control period. */
 enum path_clock_event path_clock_step(struct path_clock *p, const struct path_clock_in *in);
-/* The same where sigma is 1, is to stay so, and knots enough lie ahead, as mostly: then nothing else is to be found out
- * (PATH_NOTHING). false: nothing is done. */
+/* The short form of path_clock_step() for the usual case: sigma is 1, is to stay 1, and enough knots lie ahead. The event
+ * is PATH_NOTHING then. Returns false in all other cases, and changes nothing. */
 static inline bool path_clock_run_on(struct path_clock *p, uint32_t count, bool complete, path_time_t step)
 {
     if (p->enough == 0 || p->at.knot + (complete ? 2u : p->enough) >= count) {

@@ -20,8 +20,8 @@ static int64_t stopping(int64_t v, int64_t down)
     return steps * v - down * (steps * (steps + 1) / 2);
 }
 
-/* The next speed, >= 0, of an axis that moves upwards at v. `room`: to the limit. What can be stopped within the room
- * this time can be so the next time, too: slowing down is always allowed. */
+/* The next speed, >= 0, of an axis that moves upwards at v. `room` is the distance to the limit. The speed is so low that
+ * the axis can stop within the room. This holds in the next step, too, because slowing down is always allowed. */
 static int64_t upwards(int64_t v, int64_t target, int64_t room, const struct profile_in *in, bool *limited)
 {
     const int64_t up = in->up_umps2;
