@@ -72,7 +72,7 @@ class Piece:
     a: float
     j: float
     entry: float = math.inf  # bound of the speed at its start; 0 is a stop
-    rest: float = 0.0  # dwell before it, s
+    dwell: float = 0.0  # dwell before it, s
     jump: bool = False  # curvature or direction jumps at its start
     fastest: float = 0.0  # duration at the bounds of what was merged into it, s
 
@@ -94,22 +94,22 @@ def pieces_of(program: Program, limits: Limits, report: Callable[[float], None])
     """The pieces of the path in order; one that begins with a stop has `entry` 0. The last one is empty: the end."""
     pieces: list[Piece] = []
     before: Segment | None = None
-    rest = 0.0
+    dwell = 0.0
     for i, item in enumerate(program.items):
         if isinstance(item, Dwell):
-            rest += item.duration_s
+            dwell += item.duration_s
             before = None
             continue
         first, *others = _cut(item, limits, program.where(item.line))
         first.entry, first.jump = _entry(before, item.segment, limits)
-        first.rest = rest
-        rest, before = 0.0, item.segment
+        first.dwell = dwell
+        dwell, before = 0.0, item.segment
         for piece in (first, *others):
             if not (pieces and _merged(pieces[-1], piece)):
                 pieces.append(piece)
         if i % 256 == 0:
             report(0.4 * i / len(program.items))
-    return [*pieces, Piece(0.0, 1.0, 1.0, 1.0, entry=0.0, rest=rest)]
+    return [*pieces, Piece(0.0, 1.0, 1.0, 1.0, entry=0.0, dwell=dwell)]
 
 
 def _cut(move: Move, limits: Limits, where: str) -> list[Piece]:

@@ -144,7 +144,7 @@ def _distance(program: Program, pieces: list[Piece], report: Callable[[float], N
     """Distance travelled (n,) at each millisecond."""
     v0 = _entries(pieces)
     v1 = np.append(v0[1:], 0.0)
-    length, top, a, j, rest = (np.array([getattr(p, k) for p in pieces]) for k in ("length", "v", "a", "j", "rest"))
+    length, top, a, j, dwell = (np.array([getattr(p, k) for p in pieces]) for k in ("length", "v", "a", "j", "dwell"))
     report(0.5)
 
     def short(peak: FloatArray) -> npt.NDArray[np.bool_]:
@@ -163,7 +163,7 @@ def _distance(program: Program, pieces: list[Piece], report: Callable[[float], N
     zero = np.zeros_like(j)
     duration = np.stack([zero, up, up_hold, up, cruise, down, down_hold, down], axis=1)
     jerk = np.stack([zero, j, zero, -j, zero, -j, zero, j], axis=1)
-    _add_stops(duration, np.flatnonzero(v0 == 0.0), rest)
+    _add_stops(duration, np.flatnonzero(v0 == 0.0), dwell)
     total = float(np.sum(duration))
     if total > DURATION_MAX_S:
         raise PathError(
@@ -191,12 +191,12 @@ def _advanced(state: FloatArray, t: FloatArray, jerk: FloatArray) -> FloatArray:
     return np.stack([s + t * (v + t * (a + t * jerk / 3.0) / 2.0), v + t * (a + t * jerk / 2.0), a + t * jerk], axis=1)
 
 
-def _add_stops(duration: FloatArray, stops: npt.NDArray[np.intp], rest: FloatArray) -> None:
+def _add_stops(duration: FloatArray, stops: npt.NDArray[np.intp], dwell: FloatArray) -> None:
     """Fill in the time of the stop before each piece that starts with one; all stops end at a multiple of 1 ms."""
     moving = np.add.reduceat(np.sum(duration, axis=1), stops)
     moving_before = np.append(0.0, moving[:-1]) / KNOT_S
     pad = np.ceil(moving_before - 1e-9) - moving_before
-    duration[stops, 0] = (np.ceil(rest[stops] / KNOT_S - 1e-9) + pad) * KNOT_S + _STOP_S
+    duration[stops, 0] = (np.ceil(dwell[stops] / KNOT_S - 1e-9) + pad) * KNOT_S + _STOP_S
 
 
 def _positions(moves: tuple[Move, ...], s: FloatArray, report: Callable[[float], None]) -> FloatArray:
