@@ -15,7 +15,7 @@ from kontur.experiments.demo import demo
 from kontur.runs.summary import summary
 
 
-@click.command(name="demo")
+@click.command(name="demo", short_help="Cut the demo part under every controller.")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path), default=Path("examples/part.ngc"))
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("build/demo"), show_default=True)
 @simulation_options

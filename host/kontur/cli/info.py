@@ -13,7 +13,7 @@ from kontur.cli.output import print_json, print_warnings, warnings_json
 from kontur.drive.target import Target, open_drive
 
 
-@click.command(name="info")
+@click.command(name="info", short_help="Show the drive that answers, and its state.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(*, target: Target, as_json: bool) -> None:

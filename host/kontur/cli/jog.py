@@ -17,7 +17,7 @@ DURATION_MAX_S = 60.0
 _SPEED = NumberRange(-10_000, 10_000)  # the most that limits.velocity can be
 
 
-@click.command(name="jog")
+@click.command(name="jog", short_help="Move the axes with constant speed for a time.")
 @click.option("--x", type=_SPEED, metavar="MM_PER_S", help="Speed of x.")
 @click.option("--y", type=_SPEED, metavar="MM_PER_S", help="Speed of y.")
 @click.option(

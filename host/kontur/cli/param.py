@@ -14,7 +14,7 @@ from kontur.drive.target import Target
 from kontur.files import write_atomically
 
 
-@click.group(name="param")
+@click.group(name="param", short_help="List, read, set and store parameters.")
 def command() -> None:
     """List, read, set and store parameters (docs/objects.md has all of them).
 

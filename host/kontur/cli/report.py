@@ -12,7 +12,7 @@ from kontur.cli.options import check_output
 from kontur.runs import log
 
 
-@click.command()
+@click.command(short_help="Compare the runs of logs in one page.")
 @click.argument("logs", nargs=-1, required=True, type=click.Path(), metavar="LOG...")
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False, path_type=Path),
               help="The report, .html, or a picture of it, .png.")  # fmt: skip

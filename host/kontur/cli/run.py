@@ -216,7 +216,7 @@ _output_options = grouped(
 )
 
 
-@click.command(name="run")
+@click.command(name="run", short_help="Run a path, and report the contour error.")
 @_program_options
 @click.option(
     "--controller",

@@ -23,7 +23,7 @@ from kontur.errors import DeviceError, KonturError
 from kontur.report import capture_file
 
 
-@click.command(name="scope")
+@click.command(name="scope", short_help="Record signals of the servo tick.")
 @click.option("--signals", default=",".join(scope.DEFAULT_SIGNALS), show_default=True, metavar="NAME,...",
               help=f"What to record, {scope.CHANNELS} at most; --list shows all signals.")  # fmt: skip
 @click.option("--trigger", default="fault", show_default=True, metavar="now|fault|NAME>LEVEL|NAME<LEVEL",
