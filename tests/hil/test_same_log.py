@@ -58,7 +58,7 @@ def log_in_process(
     """The same in this process, on a drive that has been on for as long."""
     options = {"interface": "kontur", "channel": "sim", "pace": "sync", "on_for_ms": on_for_ms}
     in_process = RunTarget(plant, bus=options, seed=SEED)
-    return run(trajectory, "ccu", in_process, RunOptions(parameters=parameters)).log
+    return run(trajectory, "ccu", in_process, RunOptions(parameters=parameters or {})).log
 
 
 def differing(log: RunLog, other: RunLog) -> list[str]:
