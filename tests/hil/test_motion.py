@@ -83,7 +83,7 @@ def test_stop_and_go_on_is_on_the_path_and_loses_no_knot(rig: Rig, controlword: 
     assert rig.off_circle_m(position_m).max() < 25e-6 + count_m
 
 
-def test_stop_that_was_asked_for_is_on_the_path(rig: Rig) -> None:
+def test_stop_that_was_requested_is_on_the_path(rig: Rig) -> None:
     knots_nm = rig.circle(12.0)
     rig.device.axes.enable()
     asked = False

@@ -47,7 +47,7 @@ def true_m(device: Device) -> np.ndarray:
     return sim(device).truth().pos_m[-1]
 
 
-def test_jog_moves_its_axis_with_the_speed_asked_for_and_holds_the_other(device: Device) -> None:
+def test_jog_moves_its_axis_with_the_speed_requested_and_holds_the_other(device: Device) -> None:
     with device.axes.enabled():
         sim(device).record(True)
         assert single_axis.jog(device, {"x": 0.05}, 0.5)
@@ -126,10 +126,10 @@ def test_home_point_is_the_true_edge_of_the_switch_or_the_index(
     with device.axes.enabled():
         assert single_axis.home(device, axis)
         i = single_axis.AXES.index(axis)
-        told_m = device.position_m()[i]
-        assert told_m - 0.007 == pytest.approx(true_m(device)[i] - home_m, abs=5 * COUNT_M)
+        reported_m = device.position_m()[i]
+        assert reported_m - 0.007 == pytest.approx(true_m(device)[i] - home_m, abs=5 * COUNT_M)
         assert device.axes.states() == ("operation enabled", "operation enabled")
-    assert device.position_m()[i] == pytest.approx(told_m, abs=2e-6)  # it stays when the power goes
+    assert device.position_m()[i] == pytest.approx(reported_m, abs=2e-6)  # it stays when the power goes
 
 
 def test_homing_that_finds_nothing_is_an_error_that_says_what_to_look_at(device: Device) -> None:

@@ -149,7 +149,7 @@ def test_short_jobs_end_well_whatever_is_hit(seed: int) -> None:
     assert job(knots_nm, faults, QUIET).result.executed == len(knots_nm)
 
 
-def test_bus_that_goes_off_stops_the_drive_on_the_path_and_the_fault_is_told_though_its_emcy_is_lost() -> None:
+def test_bus_that_goes_off_stops_the_drive_on_the_path_and_the_fault_is_reported_though_its_emcy_is_lost() -> None:
     knots_nm = circle(10.0)
     bus = BadBus(machine=MACHINE, faults=BusFaults(bus_off_s=1.0))
     inner = bus.inner
@@ -177,7 +177,7 @@ def test_bus_that_goes_off_stops_the_drive_on_the_path_and_the_fault_is_told_tho
 
 @pytest.mark.parametrize("fault", [lost, lambda m: flipped(m, 0, 3), lambda m: changed(m, data=m.data[:5])])
 @pytest.mark.parametrize("way", ["on_send", "on_recv"])
-def test_sdo_frames_that_are_lost_or_corrupted_are_asked_for_again(
+def test_sdo_frames_that_are_lost_or_corrupted_are_requested_again(
     device: Device, bus: HookedBus, way: str, fault: Fault
 ) -> None:
     setattr(bus, way, first(1, has_id(SDO_REQUEST if way == "on_send" else SDO_RESPONSE), fault))
@@ -237,7 +237,7 @@ def test_nmt_command_that_is_lost_is_sent_again_and_one_that_became_reset_undoes
 
 @pytest.mark.parametrize("bit", range(16))
 @pytest.mark.parametrize("byte", [0, 2])
-def test_any_corrupted_controlword_ends_in_the_state_asked_for(
+def test_any_corrupted_controlword_ends_in_the_state_requested(
     device: Device, bus: HookedBus, byte: int, bit: int
 ) -> None:
     bus.on_send = first(4, has_id(CONTROL), lambda m: flipped(m, byte + bit // 8, bit % 8))

@@ -69,7 +69,7 @@ def test_without_faults_frames_pass_as_they_are() -> None:
     assert [number(m) for m in received_through(100)] == list(range(100))
 
 
-def test_shares_are_those_asked_for_and_counted() -> None:
+def test_shares_are_those_requested_and_counted() -> None:
     sent, bus = sent_through(20_000, drop=0.02, duplicate=0.01, seed=7)
     assert bus.to_drive.frames == 20_000
     assert 300 < bus.to_drive.lost < 500

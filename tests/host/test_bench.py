@@ -65,7 +65,7 @@ def test_clean_bus_loses_no_knot_and_sends_none_twice() -> None:
     assert result["error"] is None
 
 
-def test_bad_bus_loses_no_knot_and_its_faults_are_told() -> None:
+def test_bad_bus_loses_no_knot_and_its_faults_are_reported() -> None:
     result = bench("stream", "--knots", "3000", "--bus-faults", "drop=0.02,flip=0.005,seed=2", *IN_PROCESS)
     assert (result["lost"], result["underruns"], result["checksum_ok"]) == (0, 0, True)
     assert result["retransmitted"] > 0

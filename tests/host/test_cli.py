@@ -135,7 +135,7 @@ def test_parameters_go_to_a_file_and_back(tmp_path: Path) -> None:
     assert "smc.lambdo: no such parameter; did you mean smc.lambda" in result.stderr
 
 
-def test_parameter_is_told_with_its_unit() -> None:
+def test_parameter_is_reported_with_its_unit() -> None:
     assert succeeds("param", "get", "plant_x.mass") == "plant_x.mass = 88.08 kg\n"
     assert json.loads(succeeds("param", "get", "plant_x.mass", "smc.gamma", "--json")) == [
         {"name": "plant_x.mass", "value": 88.08, "unit": "kg"},
@@ -232,7 +232,7 @@ def test_wrong_usage_is_exit_code_2(args: tuple[str, ...], monkeypatch: pytest.M
         ("--num", "q7", "'q7' is not one of 'f32', 'fix', 'chk'"),
     ],
 )
-def test_wrong_value_is_told_as_it_was_typed(option: str, value: str, message: str) -> None:
+def test_wrong_value_is_reported_as_it_was_typed(option: str, value: str, message: str) -> None:
     result = kontur("run", "circle", "--feed", "50", option, value)
     assert result.exit_code == 2
     assert f"Error: Invalid value for '{option}': {message}" in result.stderr

@@ -88,7 +88,7 @@ def test_what_the_process_has_to_say_is_passed_on() -> None:
 
 
 @pytest.mark.parametrize("option", ["--store", "--record"])
-def test_folder_that_is_not_there_is_told_at_the_start(tmp_path: Path, option: str) -> None:
+def test_folder_that_is_not_there_is_reported_at_the_start(tmp_path: Path, option: str) -> None:
     file = tmp_path / "nowhere" / "file"
     result = CliRunner().invoke(main, ["sim", option, str(file)])
     assert result.exit_code == 1

@@ -31,7 +31,7 @@ def test_negative_value_of_four_bytes_survives_the_wire(device: Device) -> None:
     assert device.read("position_limit_x.min") == -123_456_789
 
 
-def test_machine_is_told_to_the_drive_and_read_back(device: Device) -> None:
+def test_machine_is_sent_to_the_drive_and_read_back(device: Device) -> None:
     values = machine.load().parameters()
     device.parameters.set(values)
     assert {name: device.read(name) for name in values} == pytest.approx(values, rel=1e-12)
@@ -104,7 +104,7 @@ def test_restored_defaults_are_there_after_a_reset(device: Device) -> None:
     assert device.read("smc.lambda") == 200.0
 
 
-def test_communication_objects_are_saved_when_asked_for(device: Device) -> None:
+def test_communication_objects_are_saved_when_requested(device: Device) -> None:
     for everything, kept in ((False, 100.0), (True, 70.0)):
         device.write("heartbeat_producer", 70)
         device.parameters.save(everything)

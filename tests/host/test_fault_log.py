@@ -35,7 +35,7 @@ def test_fault_ends_the_log_and_is_in_it() -> None:
     assert np.abs(columns["true_contour_error_um"][before]).max() < 30.0  # up to the fault, a run like any other
 
 
-def test_fault_is_raised_where_nobody_asked_for_the_log() -> None:
+def test_fault_is_raised_where_nobody_requested_the_log() -> None:
     trajectory = plan(shapes.circle(0.02, 0.1), limits(TARGET.machine))
     with pytest.raises(EmcyError, match="8400h"):
         run(trajectory, "ccu", TARGET, RunOptions(parameters=TOO_FAST))

@@ -64,7 +64,7 @@ def test_host_tells_fault_cause_and_remedy_of_every_row() -> None:
         assert row.remedy in text
 
 
-def test_unknown_code_is_told_as_such() -> None:
+def test_unknown_code_is_reported_as_such() -> None:
     assert describe_emcy(0x1234).startswith("1234h: unknown")
 
 

@@ -92,7 +92,7 @@ def crashed(emulator: Emulator) -> None:
     raise AssertionError("no crash was taken down") from last
 
 
-def test_hard_fault_resets_and_its_record_and_fault_are_told(emulator: Emulator) -> None:
+def test_hard_fault_resets_and_its_record_and_fault_are_reported(emulator: Emulator) -> None:
     set_registers(emulator.gdb_port, {PC: NOWHERE})
     crashed(emulator)
 
@@ -125,7 +125,7 @@ def test_crashes_are_counted(emulator: Emulator) -> None:
             raise AssertionError(f"crash {count} was not counted")
 
 
-def test_time_passes_with_sync_alone_when_told_to(emulator: Emulator) -> None:
+def test_time_passes_with_sync_alone_when_commanded_to(emulator: Emulator) -> None:
     talk(emulator, lambda device: device.write("pace_select", 1))
 
     def ask(device: Device) -> None:

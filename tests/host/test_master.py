@@ -72,7 +72,9 @@ def test_drive_is_released_whatever_happens(device: Device, error: type[BaseExce
     assert device.axes.states() == ("switch on disabled", "switch on disabled")
 
 
-def test_second_program_is_refused_and_told_by_whom_though_its_id_is_the_same(device: Device, other: Device) -> None:
+def test_second_program_is_refused_with_the_name_of_the_holder_though_its_id_is_the_same(
+    device: Device, other: Device
+) -> None:
     with device.master.held():
         for command in (other.master.claim, other.axes.enable):
             with pytest.raises(HeldError, match=r"drive 1 on .* is held by master 127.*stop that program.* 500 ms"):

@@ -99,7 +99,7 @@ def test_a_run_that_ends_in_a_fault_is_reported_as_one(results: Results, page: s
     assert f"**{TRIPS.name}**, cc: **does not run**: low ends in a fault." in page
 
 
-def test_a_value_that_the_drive_refuses_is_told(page: str) -> None:
+def test_a_value_that_the_drive_refuses_is_reported(page: str) -> None:
     line = next(line for line in page.splitlines() if "| ×2 | *smc.e_max: the value does not fit" in line)
     assert line.endswith("| – |")
 

@@ -108,7 +108,7 @@ def test_a_single_run_is_not_called_the_best(tmp_path: Path) -> None:
     assert "best" not in page
 
 
-def test_two_runs_of_one_controller_are_told_apart_by_their_seed(tmp_path: Path) -> None:
+def test_two_runs_of_one_controller_are_distinguished_by_their_seed(tmp_path: Path) -> None:
     page = report_of(tmp_path, [made_run("ccu", seed=1), made_run("ccu", 0.2, seed=2), made_run("cascade", 0.5)])
     assert re.findall(r"</svg>([^<]+?) <", page) == ["ccu, seed 1", "ccu, seed 2", "cascade"]
 

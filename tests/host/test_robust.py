@@ -64,7 +64,7 @@ def test_summary_compares_draw_by_draw_and_leaves_out_what_was_unstable() -> Non
     assert (ccc["over_ccu_median"], ccc["over_ccu_worst"]) == (5.0, 2.0)
 
 
-def test_default_gains_are_stable_and_ccu_is_the_best_on_machines_it_is_not_told_of() -> None:
+def test_default_gains_are_stable_and_ccu_is_the_best_on_machines_that_it_does_not_know() -> None:
     rows = robust(NOMINAL, range(1, 3))
     assert summarise(rows)["unstable"] == 0
     for one in rows:

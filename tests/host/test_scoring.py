@@ -206,7 +206,7 @@ def test_a_run_that_ends_before_scoring_begins_is_refused() -> None:
         score(error, np.array([0.0, 0.1]), np.zeros((2, 2)), from_s=0.3)
 
 
-def test_rapid_moves_are_told_from_feed_moves_by_the_path_position() -> None:
+def test_rapid_moves_are_distinguished_from_feed_moves_by_the_path_position() -> None:
     lines = polyline((0, 0), (10, 0), (10, 10)).moves
     path = Program("rapid first", (Move(lines[0].segment, math.inf, rapid=True), Dwell(1.0), lines[1]), (0.0, 0.0))
     assert on_rapid(path, np.array([0.0, 9.9, 10.0, 10.1, 20.0, 20.1]) * MM).tolist() == [True] * 3 + [False] * 3

@@ -153,7 +153,7 @@ def test_library_that_is_not_built_is_named_with_what_to_do(tmp_path: Path, monk
         library.Sim(machine.load(), seed=1, num="not loaded before")
 
 
-def test_truth_has_a_row_each_control_period_since_it_was_asked_for() -> None:
+def test_truth_has_a_row_each_control_period_since_it_was_requested() -> None:
     sim = library.Sim(machine.load().starting_at((0.01, -0.02)), seed=1)
     sim.run(100)
     assert len(sim.truth().pos_m) == 0

@@ -319,7 +319,7 @@ def test_drive_notices_by_the_heartbeat_that_its_client_has_gone(sim: SimProcess
         assert device.link.wait(lambda: device.read("error_code_x") == 0x8130, TIMEOUT_S)
 
 
-def test_second_client_is_told_that_there_is_one(sim: SimProcess) -> None:
+def test_second_client_gets_the_message_that_there_is_one(sim: SimProcess) -> None:
     with connected(open_bus(sim.options()), 1) as device:
         with socket.create_connection(("127.0.0.1", port_of(sim)), TIMEOUT_S) as second:
             assert b"another client is connected" in second.makefile("rb").read()

@@ -70,7 +70,7 @@ def test_warnings_are_those_since_the_connection_and_those_in_effect() -> None:
         assert device.faults.warnings() == (CONFIG_ENABLED,)
 
 
-def test_warning_from_before_the_connection_is_told_while_it_lasts() -> None:
+def test_warning_from_before_the_connection_is_reported_while_it_lasts() -> None:
     with open_drive(Target(machine=machine.load())) as device:
         refuse_a_parameter(device)
         device.link.reported.clear()  # as if another host had been there

@@ -187,7 +187,7 @@ static void test_jog_goes_on_where_it_ended_as_often_as_it_is_asked(void)
         velocity(0, 0);
         rig_ms(&rig, 113 + (unsigned)i);
         TEST_ASSERT_DOUBLE_WITHIN(1e-2, 0, mmps(0));
-        TEST_ASSERT_DOUBLE_WITHIN(1e-3, mm(0), told_mm(0));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, mm(0), reported_mm(0));
     }
     TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
 }

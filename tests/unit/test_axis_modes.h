@@ -67,7 +67,7 @@ static inline double mm(int axis)
     return rig.plant.pos_m[axis] * 1e3;
 }
 
-static inline double told_mm(int axis)
+static inline double reported_mm(int axis)
 {
     return (int32_t)rig_read(&rig, (uint16_t)(0x6064 + 0x800 * axis), 0) * 1e-6;
 }

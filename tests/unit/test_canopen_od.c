@@ -62,7 +62,7 @@ static void test_signed_types_are_sign_extended(void)
     }
 }
 
-static void test_restore_begins_and_ends_with_the_objects_asked_for(void)
+static void test_restore_begins_and_ends_with_the_objects_requested(void)
 {
     bus.od.heartbeat_producer = 7; /* 1017h */
     bus.od.sync_overflow = 9;      /* 1019h */
@@ -85,6 +85,6 @@ int main(void)
     RUN_TEST(test_number_that_is_not_there_reads_as_0);
     RUN_TEST(test_every_default_is_in_range_and_every_number_keeps_what_is_written);
     RUN_TEST(test_signed_types_are_sign_extended);
-    RUN_TEST(test_restore_begins_and_ends_with_the_objects_asked_for);
+    RUN_TEST(test_restore_begins_and_ends_with_the_objects_requested);
     return UNITY_END();
 }

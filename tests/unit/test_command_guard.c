@@ -300,7 +300,7 @@ static void test_master_that_waits_for_the_statusword_is_enabled_straight_from_r
     expect_power(true);
 }
 
-static void test_state_that_was_told_before_counts_for_its_next_time_no_more(void)
+static void test_state_that_was_reported_before_counts_for_its_next_time_no_more(void)
 {
     both(SHUTDOWN);
     rig_ms(&rig, 50);
@@ -383,7 +383,7 @@ static void test_burst_does_not_enable_an_axis_that_comes_to_stand_in_it(void)
     expect_power(true);
 }
 
-static void test_command_to_an_axis_that_moves_is_told_as_such_only(void)
+static void test_command_to_an_axis_that_moves_is_reported_as_such_only(void)
 {
     both(SHUTDOWN);
     rig_ms(&rig, 5);
@@ -507,7 +507,7 @@ static void test_recording_of_a_whole_session_does_not_enable_a_held_drive_again
     }
 }
 
-static void test_drive_can_be_told_to_serve_only_who_holds_it(void)
+static void test_drive_can_be_set_to_serve_only_who_holds_it(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2141, 0, 1, 1));
     rig_ms(&rig, 5);
@@ -547,18 +547,18 @@ int main(void)
     RUN_TEST(test_command_that_came_before_the_statusword_went_is_no_answer_however_late_it_is_handled);
     RUN_TEST(test_one_stray_frame_after_power_on_a_stop_or_a_fault_gives_no_power);
     RUN_TEST(test_master_that_waits_for_the_statusword_is_enabled_straight_from_ready);
-    RUN_TEST(test_state_that_was_told_before_counts_for_its_next_time_no_more);
+    RUN_TEST(test_state_that_was_reported_before_counts_for_its_next_time_no_more);
     RUN_TEST(test_statusword_that_nobody_was_sent_enables_nothing);
     RUN_TEST(test_quick_stop_active_is_left_by_an_answer_to_it_only);
     RUN_TEST(test_burst_does_not_lead_out_of_quick_stop_active);
     RUN_TEST(test_burst_does_not_enable_an_axis_that_comes_to_stand_in_it);
-    RUN_TEST(test_command_to_an_axis_that_moves_is_told_as_such_only);
+    RUN_TEST(test_command_to_an_axis_that_moves_is_reported_as_such_only);
     RUN_TEST(test_held_drive_is_enabled_with_its_ticket_and_not_without);
     RUN_TEST(test_ticket_is_good_for_one_enabling_and_for_a_second);
     RUN_TEST(test_second_that_is_over_begins_anew_with_a_new_ticket);
     RUN_TEST(test_same_ticket_again_is_right_and_prolongs_nothing);
     RUN_TEST(test_recording_of_a_whole_session_does_not_enable_a_held_drive_again);
-    RUN_TEST(test_drive_can_be_told_to_serve_only_who_holds_it);
+    RUN_TEST(test_drive_can_be_set_to_serve_only_who_holds_it);
     RUN_TEST(test_anybody_may_stop_a_held_drive);
     RUN_TEST(test_ticket_is_good_for_nothing_from_the_moment_in_which_its_holder_is_lost);
     return UNITY_END();

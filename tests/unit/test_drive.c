@@ -198,7 +198,7 @@ static void test_end_of_the_last_stream_is_not_taken_for_that_of_the_next(void)
     TEST_ASSERT_EQUAL_UINT8(STREAM_DONE, od.stream.state);
 }
 
-static void test_end_is_told_with_all_knots_executed(void)
+static void test_end_is_reported_with_all_knots_executed(void)
 {
     enable();
     begin(100, 100);
@@ -371,7 +371,7 @@ int main(void)
     RUN_TEST(test_jump_of_an_encoder_with_the_shortest_counts_is_within_the_range_of_its_counter);
     RUN_TEST(test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled);
     RUN_TEST(test_end_of_the_last_stream_is_not_taken_for_that_of_the_next);
-    RUN_TEST(test_end_is_told_with_all_knots_executed);
+    RUN_TEST(test_end_is_reported_with_all_knots_executed);
     RUN_TEST(test_fault_of_the_tick_is_a_fault_of_the_drive);
     RUN_TEST(test_machine_that_is_another_one_than_configured_while_there_is_power_is_a_fault);
     RUN_TEST(test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes_before_it_is_polled);

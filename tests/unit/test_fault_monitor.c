@@ -63,7 +63,7 @@ static void test_encoder_is_frozen_only_where_the_push_is_more_than_friction_can
     }
 }
 
-static void test_gain_at_its_limit_is_told_of_each_gain_of_each_axis(void)
+static void test_gain_at_its_limit_is_reported_of_each_gain_of_each_axis(void)
 {
     for (int i = 0; i < 4; i++) {
         setUp();
@@ -77,7 +77,7 @@ static void test_gain_at_its_limit_is_told_of_each_gain_of_each_axis(void)
     }
 }
 
-static void test_gain_at_its_limit_is_told_while_an_axis_has_power(void)
+static void test_gain_at_its_limit_is_reported_while_an_axis_has_power(void)
 {
     od.fault_delay.gain = 50;
     snapshot.switching_gain_mmps2[0] = (int32_t)(od.compensator.mu_max / 1000u);
@@ -129,7 +129,7 @@ int main(void)
     RUN_TEST(test_event_is_warned_of_for_a_second_however_seldom_the_background_looks);
     RUN_TEST(test_what_lasts_for_more_than_a_minute_is_still_there);
     RUN_TEST(test_encoder_is_frozen_only_where_the_push_is_more_than_friction_can_hold);
-    RUN_TEST(test_gain_at_its_limit_is_told_of_each_gain_of_each_axis);
-    RUN_TEST(test_gain_at_its_limit_is_told_while_an_axis_has_power);
+    RUN_TEST(test_gain_at_its_limit_is_reported_of_each_gain_of_each_axis);
+    RUN_TEST(test_gain_at_its_limit_is_reported_while_an_axis_has_power);
     return UNITY_END();
 }

@@ -111,7 +111,7 @@ static inline bool in_effect(uint16_t code)
 }
 
 /* EMCY and its register, 1001h, 1003h, 2033h; 603Fh of both axes: of what stops them alone */
-static inline void expect_told(enum row r, bool stops)
+static inline void expect_reported(enum row r, bool stops)
 {
     const struct promise *p = &promises[r];
     unsigned i = 0;
@@ -186,7 +186,7 @@ static inline void expect_power_cut(enum row r)
     expect_trigger(r);
     rig_ms(&rig, 1);
     rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
-    expect_told(r, true);
+    expect_reported(r, true);
 }
 
 /* Path time slows down, both axes stay within off_path_nm of the line, then there is no power. */
@@ -201,7 +201,7 @@ static inline void expect_path_stop(enum row r)
     }
     expect_trigger(r);
     rig_ms(&rig, 1);
-    expect_told(r, true);
+    expect_reported(r, true);
     for (unsigned ms = 0; ms < 130; ms++) {
         rig_ms(&rig, 1);
         TEST_ASSERT_TRUE_MESSAGE(rig_off_line(&rig, &stream) < off_path_nm, "off the path");
@@ -256,7 +256,7 @@ static inline void expect_warning(enum row r)
     expect_trigger(r);
     rig_ms(&rig, 5);
     TEST_ASSERT_TRUE(rig_bit(&rig, WARNING));
-    expect_told(r, false);
+    expect_reported(r, false);
     TEST_ASSERT_EQUAL(powered, rig.out.enable[0] && rig.out.enable[1]);
     TEST_ASSERT_EQUAL_UINT32(rate, rig_read(&rig, 0x2200, 13));
     if (powered) {

@@ -147,7 +147,7 @@ static void test_enable_moving_is_refused_until_the_axis_stands(void)
     rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
 }
 
-static void test_enable_moving_that_is_asked_for_no_more_is_no_warning(void)
+static void test_enable_moving_that_is_requested_no_more_is_no_warning(void)
 {
     rig_nmt(&rig, 1);
     rig_ms(&rig, 3);
@@ -162,7 +162,7 @@ static void test_enable_moving_that_is_asked_for_no_more_is_no_warning(void)
     expect_no_power();
 }
 
-static void test_second_master_is_refused_and_told(void)
+static void test_second_master_is_refused_and_reported(void)
 {
     rig_nmt(&rig, 1);
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 4, 5));
@@ -183,7 +183,7 @@ static void test_second_master_leaves_a_path_alone_that_nobody_has_claimed(void)
     rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
 }
 
-static void test_stale_command_is_refused_and_told(void)
+static void test_stale_command_is_refused_and_reported(void)
 {
     rig_nmt(&rig, 1);
     rig_ms(&rig, 10);
@@ -206,7 +206,7 @@ static void expect_refused(uint16_t index, uint8_t sub, int64_t value)
     TEST_ASSERT_EQUAL_INT64(before, od_read(&rig.device.od, entry));
 }
 
-static void test_config_enabled_is_refused_and_told(void)
+static void test_config_enabled_is_refused_and_reported(void)
 {
     static const struct {
         uint16_t index;
@@ -252,7 +252,7 @@ static void test_can_passive_is_warned_of(void)
     expect_clearing(ROW_CAN_PASSIVE, 3);
 }
 
-static void test_can_off_is_told_when_it_is_over_and_the_heartbeat_stops_the_axes(void)
+static void test_can_off_is_reported_when_it_is_over_and_the_heartbeat_stops_the_axes(void)
 {
     be_on_the_way();
     rig.can = (struct hal_can_status){.state = HAL_CAN_OFF, .bus_offs = 1};
@@ -362,7 +362,7 @@ static void test_later_fault_cuts_a_stop_on_the_path_short_and_603Fh_keeps_the_f
     TEST_ASSERT_EQUAL_HEX16(0x9000, rig_read(&rig, 0x603F, 0));
 }
 
-static void test_warning_is_told_again_after_a_reset_of_the_node(void)
+static void test_warning_is_reported_again_after_a_reset_of_the_node(void)
 {
     rig.flash.word[0][0] = 0x12345678;
     device_init(&rig.device, &rig.hal, 1);
@@ -386,14 +386,14 @@ int main(void)
     RUN_TEST(test_overrun_of_the_servo_tick_cuts_the_power);
     RUN_TEST(test_store_that_is_damaged_is_warned_of_until_the_next_save);
     RUN_TEST(test_enable_moving_is_refused_until_the_axis_stands);
-    RUN_TEST(test_enable_moving_that_is_asked_for_no_more_is_no_warning);
-    RUN_TEST(test_second_master_is_refused_and_told);
+    RUN_TEST(test_enable_moving_that_is_requested_no_more_is_no_warning);
+    RUN_TEST(test_second_master_is_refused_and_reported);
     RUN_TEST(test_second_master_leaves_a_path_alone_that_nobody_has_claimed);
-    RUN_TEST(test_stale_command_is_refused_and_told);
-    RUN_TEST(test_config_enabled_is_refused_and_told);
+    RUN_TEST(test_stale_command_is_refused_and_reported);
+    RUN_TEST(test_config_enabled_is_refused_and_reported);
     RUN_TEST(test_config_enabled_goes_for_every_parameter);
     RUN_TEST(test_can_passive_is_warned_of);
-    RUN_TEST(test_can_off_is_told_when_it_is_over_and_the_heartbeat_stops_the_axes);
+    RUN_TEST(test_can_off_is_reported_when_it_is_over_and_the_heartbeat_stops_the_axes);
     RUN_TEST(test_can_off_for_a_moment_is_warned_of_until_the_controller_is_active);
     RUN_TEST(test_can_overrun_is_warned_of);
     RUN_TEST(test_pdo_short_is_refused_until_a_right_one_comes);
@@ -401,6 +401,6 @@ int main(void)
     RUN_TEST(test_sync_length_is_refused_until_a_right_one_comes);
     RUN_TEST(test_of_two_faults_within_a_millisecond_603Fh_and_the_first_emcy_tell_the_first);
     RUN_TEST(test_later_fault_cuts_a_stop_on_the_path_short_and_603Fh_keeps_the_first);
-    RUN_TEST(test_warning_is_told_again_after_a_reset_of_the_node);
+    RUN_TEST(test_warning_is_reported_again_after_a_reset_of_the_node);
     return UNITY_END();
 }

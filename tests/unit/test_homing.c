@@ -45,8 +45,8 @@ static void test_current_position_becomes_the_home_offset(void)
         set(0, 0x607C, 0, 4, 5000000);
         homing(0, method, 100);
         expect_attained(0);
-        TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, 5.0, told_mm(0));
-        TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, -30.0, told_mm(1));
+        TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, 5.0, reported_mm(0));
+        TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, -30.0, reported_mm(1));
     }
 }
 
@@ -78,7 +78,7 @@ static void test_origin_is_shifted_without_a_force_on_any_axis(void)
         TEST_ASSERT_EQUAL_INT32(force_mN[i][1], rig.out.force_mN[1]);
     }
     expect_attained(0);
-    TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, -120.0, told_mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, -120.0, reported_mm(0));
 }
 
 static void test_homed_axis_follows_streams_and_limits_in_its_new_positions(void)
@@ -93,12 +93,12 @@ static void test_homed_axis_follows_streams_and_limits_in_its_new_positions(void
     TEST_ASSERT_EQUAL_UINT32(DONE, rig_read(&rig, 0x2200, 5));
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 50 + 40, mm(0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 20 + 30, mm(1));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 140, told_mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 140, reported_mm(0));
     rig_controlwords(&rig, ENABLE, ENABLE);
     mode(0, VELOCITY);
     velocity(0, 50000);
     rig_ms(&rig, 1000);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 150, told_mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 150, reported_mm(0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 100, mm(0));
 }
 
@@ -111,8 +111,8 @@ static void test_home_point_of_a_limit_switch_is_where_it_opens(void)
             homing(axis, 17 + max, 3000);
             expect_attained(axis);
             /* the axis stands where it stopped; 0 is the edge of the switch at 198 mm, to half a count and a period */
-            TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(axis) - (max ? 198 : -198), told_mm(axis));
-            TEST_ASSERT_TRUE(max ? told_mm(axis) < 0 : told_mm(axis) > 0); /* off the switch */
+            TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(axis) - (max ? 198 : -198), reported_mm(axis));
+            TEST_ASSERT_TRUE(max ? reported_mm(axis) < 0 : reported_mm(axis) > 0); /* off the switch */
         }
     }
 }
@@ -123,7 +123,7 @@ static void test_axis_that_is_on_the_switch_leaves_it_first(void)
     set(0, 0x607C, 0, 4, -195000000);
     homing(0, 17, 3000);
     expect_attained(0);
-    TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(0) + 198 - 195, told_mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(0) + 198 - 195, reported_mm(0));
 }
 
 static void test_home_point_of_switch_and_index_is_the_first_pulse_off_the_switch(void)
@@ -131,11 +131,11 @@ static void test_home_point_of_switch_and_index_is_the_first_pulse_off_the_switc
     start_at(-0.19, 0);
     homing(0, 1, 8000);
     expect_attained(0);
-    TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(0) + 190, told_mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(0) + 190, reported_mm(0));
     start_at(0, 0.193);
     homing(1, 2, 8000);
     expect_attained(1);
-    TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(1) - 190, told_mm(1));
+    TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(1) - 190, reported_mm(1));
 }
 
 static void test_next_index_pulse_is_found_in_either_direction(void)
@@ -143,11 +143,11 @@ static void test_next_index_pulse_is_found_in_either_direction(void)
     start_at(0.0123, 0);
     homing(0, 33, 3000);
     expect_attained(0);
-    TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(0) - 10, told_mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(0) - 10, reported_mm(0));
     start_at(0.0123, 0);
     homing(0, 34, 6000);
     expect_attained(0);
-    TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(0) - 20, told_mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, mm(0) - 20, reported_mm(0));
 }
 
 static void test_switch_may_lie_beyond_the_soft_limits_and_the_axis_comes_back_from_there(void)
@@ -156,7 +156,7 @@ static void test_switch_may_lie_beyond_the_soft_limits_and_the_axis_comes_back_f
     set(0, 0x607C, 0, 4, -198000000);
     homing(0, 17, 8000);
     expect_attained(0);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-3, mm(0), told_mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, mm(0), reported_mm(0));
     rig_controlwords(&rig, ENABLE, ENABLE);
     mode(0, VELOCITY);
     velocity(0, -50000);
@@ -164,7 +164,7 @@ static void test_switch_may_lie_beyond_the_soft_limits_and_the_axis_comes_back_f
     TEST_ASSERT_TRUE(status(0, SPEED_0));
     velocity(0, 100000);
     rig_ms(&rig, 1500);
-    TEST_ASSERT_TRUE(told_mm(0) > -100);
+    TEST_ASSERT_TRUE(reported_mm(0) > -100);
     TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
 }
 
@@ -183,7 +183,7 @@ static void test_switch_that_is_not_found_within_the_travel_is_a_homing_error(vo
     homing(0, 17, 3000);
     expect_error(0);
     TEST_ASSERT_DOUBLE_WITHIN(1.5, -6, mm(0));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-3, mm(0), told_mm(0)); /* nothing was shifted */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, mm(0), reported_mm(0)); /* nothing was shifted */
 }
 
 static void test_search_for_the_index_ends_at_a_limit_switch(void)
@@ -203,7 +203,7 @@ static void test_homing_is_interrupted_when_bit_4_goes_and_begins_anew_with_its_
     TEST_ASSERT_TRUE(status(0, TARGET_REACHED));
     TEST_ASSERT_FALSE(status(0, ATTAINED) || status(0, HOMING_ERROR));
     TEST_ASSERT_DOUBLE_WITHIN(1e-2, 0, mmps(0));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-3, mm(0), told_mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, mm(0), reported_mm(0));
     rig_controlwords(&rig, RUN, ENABLE);
     rig_ms(&rig, 5000);
     expect_attained(0);
@@ -233,8 +233,8 @@ static void test_both_axes_home_at_once(void)
     rig_ms(&rig, 4000);
     expect_attained(0);
     expect_attained(1);
-    TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(0) + 198, told_mm(0));
-    TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(1) - 198, told_mm(1));
+    TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(0) + 198, reported_mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(1) - 198, reported_mm(1));
 }
 
 static void test_homing_that_loses_its_power_does_not_go_on_by_itself(void)
@@ -276,10 +276,10 @@ static void test_mode_that_is_written_while_an_axis_homes_is_taken_when_it_has_i
     }
     TEST_ASSERT_TRUE(attained);
     TEST_ASSERT_EQUAL(VELOCITY, rig_read(&rig, 0x6061, 0));
-    TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(0) + 198, told_mm(0)); /* 0 is the edge of the switch at 198 mm */
+    TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(0) + 198, reported_mm(0)); /* 0 is the edge of the switch at 198 mm */
 }
 
-static void test_node_that_is_reset_while_an_axis_homes_has_not_begun_to(void)
+static void test_node_that_is_reset_while_an_axis_homes_has_not_started_to(void)
 {
     start_at(-0.15, 0);
     homing(0, 17, 300);
@@ -302,12 +302,12 @@ static void test_home_point_that_puts_the_origin_out_of_range_is_a_homing_error(
         set(0, 0x607C, 0, 4, sign * 2000000000LL);
         homing(0, 37, 100);
         expect_error(0);
-        TEST_ASSERT_DOUBLE_WITHIN(1e-3, -sign * 190, told_mm(0)); /* nothing was shifted */
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, -sign * 190, reported_mm(0)); /* nothing was shifted */
         start_at(-sign * 0.12, 0);
         set(0, 0x607C, 0, 4, sign * 2000000000LL);
         homing(0, 37, 100);
         expect_attained(0);
-        TEST_ASSERT_DOUBLE_WITHIN(1e-3, sign * 2000, told_mm(0));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, sign * 2000, reported_mm(0));
     }
 }
 
@@ -352,7 +352,7 @@ int main(void)
     RUN_TEST(test_both_axes_home_at_once);
     RUN_TEST(test_homing_that_loses_its_power_does_not_go_on_by_itself);
     RUN_TEST(test_mode_that_is_written_while_an_axis_homes_is_taken_when_it_has_its_home);
-    RUN_TEST(test_node_that_is_reset_while_an_axis_homes_has_not_begun_to);
+    RUN_TEST(test_node_that_is_reset_while_an_axis_homes_has_not_started_to);
     RUN_TEST(test_home_point_that_puts_the_origin_out_of_range_is_a_homing_error);
 #ifndef KONTUR_NUM_CHK
     RUN_TEST(test_search_that_leads_out_of_the_range_of_positions_stops_with_a_fault);

@@ -371,7 +371,7 @@ static void test_record_begins_nothing_while_the_axes_still_move(void)
     TEST_ASSERT_EQUAL_UINT32(400, stream(7));
 }
 
-static void test_records_go_into_a_stream_that_was_begun_with_a_total(void)
+static void test_records_go_into_a_stream_that_was_started_with_a_total(void)
 {
     struct rig_stream s = {.count = 10};
     rig_enable(&rig);
@@ -457,7 +457,7 @@ int main(void)
     RUN_TEST(test_full_queue_refuses_a_record_and_loses_nothing);
     RUN_TEST(test_buffer_is_cleared_by_60C4h);
     RUN_TEST(test_record_beyond_the_soft_limits_is_counted_and_a_fault);
-    RUN_TEST(test_records_go_into_a_stream_that_was_begun_with_a_total);
+    RUN_TEST(test_records_go_into_a_stream_that_was_started_with_a_total);
     RUN_TEST(test_record_between_knot_frames_is_refused);
     RUN_TEST(test_path_error_is_kept_over_the_path_time_that_ran);
     RUN_TEST(test_record_after_one_that_was_refused_is_refused_too);

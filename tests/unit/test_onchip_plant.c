@@ -138,7 +138,7 @@ static void test_axis_without_power_gets_no_force_and_no_noise(void)
     TEST_ASSERT_TRUE(machine.axis[0].pos == 0);
 }
 
-static void test_noise_has_no_mean_and_the_deviation_asked_for(void)
+static void test_noise_has_no_mean_and_the_deviation_requested(void)
 {
     double sum = 0, squares = 0;
     cfg.axis[0].coulomb = cfg.axis[0].viscous = mk(0);
@@ -199,7 +199,7 @@ int main(void)
     RUN_TEST(test_moving_axis_stops_within_a_period_and_stays);
     RUN_TEST(test_force_beyond_friction_turns_an_axis_round_within_a_period);
     RUN_TEST(test_axis_without_power_gets_no_force_and_no_noise);
-    RUN_TEST(test_noise_has_no_mean_and_the_deviation_asked_for);
+    RUN_TEST(test_noise_has_no_mean_and_the_deviation_requested);
     RUN_TEST(test_the_same_seed_gives_the_same_motion_and_another_one_does_not);
     RUN_TEST(test_encoder_tells_the_nearest_count_from_the_start_on);
     return UNITY_END();

@@ -64,7 +64,7 @@ static void test_ten_periods_are_one_knot_without_drift_over_a_million_periods(v
     }
 }
 
-static void test_path_waits_at_its_start_until_told_to_run(void)
+static void test_path_waits_at_its_start_until_commanded_to_run(void)
 {
     in.rate = NUM(0);
     TEST_ASSERT_EQUAL(PATH_STANDS, step(100));
@@ -457,7 +457,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_path_starts_at_once_at_rate_1);
     RUN_TEST(test_ten_periods_are_one_knot_without_drift_over_a_million_periods);
-    RUN_TEST(test_path_waits_at_its_start_until_told_to_run);
+    RUN_TEST(test_path_waits_at_its_start_until_commanded_to_run);
     RUN_TEST(test_path_waits_at_its_start_for_the_knots_that_a_stop_needs);
     RUN_TEST(test_complete_stream_starts_however_short_it_is);
     RUN_TEST(test_path_ends_exactly_at_the_last_knot_of_a_complete_stream);

@@ -23,7 +23,7 @@ static void energies(int32_t x_mJ, int32_t y_mJ)
     rig_ms(&rig, 1);
 }
 
-static void test_energy_that_an_axis_gave_back_is_told_as_none(void)
+static void test_energy_that_an_axis_gave_back_is_reported_as_none(void)
 {
     energies(-2000, 5000);
     TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2220, 2));
@@ -86,7 +86,7 @@ static void test_bus_that_is_never_empty_does_not_keep_the_drive_from_its_work(v
 int main(void)
 {
     UNITY_BEGIN();
-    RUN_TEST(test_energy_that_an_axis_gave_back_is_told_as_none);
+    RUN_TEST(test_energy_that_an_axis_gave_back_is_reported_as_none);
     RUN_TEST(test_mean_of_the_contour_error_ends_at_the_largest_number);
     RUN_TEST(test_controlword_of_y_alone_in_a_pdo_commands_y_alone);
     RUN_TEST(test_bus_that_is_never_empty_does_not_keep_the_drive_from_its_work);

@@ -450,7 +450,7 @@ static void test_capture_that_is_being_read_stays_whole_when_a_fault_comes(void)
     TEST_ASSERT_EQUAL_HEX32(1, read.cause);
 }
 
-static void test_what_was_told_before_arming_triggers_nothing(void)
+static void test_what_was_reported_before_arming_triggers_nothing(void)
 {
     scope_fault(&loop.scope, 1);
     arm(SCOPE_FAULT, 0, 500);
@@ -530,7 +530,7 @@ int main(void)
     RUN_TEST(test_fault_after_the_capture_of_a_warning_has_its_own_500_ms);
     RUN_TEST(test_fault_in_the_frames_after_a_trigger_is_in_that_capture_which_then_stays);
     RUN_TEST(test_capture_that_is_being_read_stays_whole_when_a_fault_comes);
-    RUN_TEST(test_what_was_told_before_arming_triggers_nothing);
+    RUN_TEST(test_what_was_reported_before_arming_triggers_nothing);
     RUN_TEST(test_there_is_nothing_to_read_before_it_is_done);
     RUN_TEST(test_reading_ends_when_the_scope_is_armed_again);
     RUN_TEST(test_scope_that_is_off_records_nothing);

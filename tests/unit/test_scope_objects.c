@@ -43,7 +43,7 @@ static void test_scope_waits_from_power_on_and_tells_what_a_fault_has_left(void)
     TEST_ASSERT_GREATER_THAN_UINT32(100, tells(8));
 }
 
-static void test_armed_by_command_it_records_what_it_was_told_to(void)
+static void test_armed_by_command_it_records_what_it_was_commanded_to(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2300, 3, 4, 100));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2300, 4, 1, SCOPE_NOW));
@@ -137,7 +137,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_scope_waits_from_power_on_and_tells_what_a_fault_has_left);
-    RUN_TEST(test_armed_by_command_it_records_what_it_was_told_to);
+    RUN_TEST(test_armed_by_command_it_records_what_it_was_commanded_to);
     RUN_TEST(test_command_off_stops_it_whatever_comes);
     RUN_TEST(test_command_for_the_defaults_puts_them_back_and_arms);
     RUN_TEST(test_capture_of_a_fault_is_kept_until_the_fault_is_reset);

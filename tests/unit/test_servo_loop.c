@@ -488,7 +488,7 @@ static void test_reference_of_a_stream_is_its_own_from_the_first_period_on(void)
     }
 }
 
-static void test_end_of_a_complete_stream_is_told_from_a_stop(void)
+static void test_end_of_a_complete_stream_is_distinguished_from_a_stop(void)
 {
     ring.count = 100;
     atomic_store(&loop.command.run, true);
@@ -507,7 +507,7 @@ static void test_end_of_a_complete_stream_is_told_from_a_stop(void)
     TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
 }
 
-static void test_want_of_knots_is_told_until_the_path_is_at_full_rate_again(void)
+static void test_want_of_knots_is_reported_until_the_path_is_at_full_rate_again(void)
 {
     ring.count = 200;
     atomic_store(&loop.command.run, true);
@@ -559,7 +559,7 @@ int main(void)
     RUN_TEST(test_energy_is_reset_once_for_each_request);
     RUN_TEST(test_begin_starts_path_time_anew);
     RUN_TEST(test_reference_of_a_stream_is_its_own_from_the_first_period_on);
-    RUN_TEST(test_end_of_a_complete_stream_is_told_from_a_stop);
-    RUN_TEST(test_want_of_knots_is_told_until_the_path_is_at_full_rate_again);
+    RUN_TEST(test_end_of_a_complete_stream_is_distinguished_from_a_stop);
+    RUN_TEST(test_want_of_knots_is_reported_until_the_path_is_at_full_rate_again);
     return UNITY_END();
 }

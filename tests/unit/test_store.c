@@ -118,7 +118,7 @@ static void test_areas_are_saved_retained_and_left_out_each_for_itself(void)
     TEST_ASSERT_FALSE(store.damaged);
 }
 
-static void test_only_the_areas_asked_for_are_loaded(void)
+static void test_only_the_areas_requested_are_loaded(void)
 {
     TEST_ASSERT_TRUE(save(3));
     od_init(&od, NODE);
@@ -393,7 +393,7 @@ int main(void)
     RUN_TEST(test_what_is_saved_is_there_after_power_on);
     RUN_TEST(test_every_value_that_is_stored_comes_back_whatever_its_type);
     RUN_TEST(test_areas_are_saved_retained_and_left_out_each_for_itself);
-    RUN_TEST(test_only_the_areas_asked_for_are_loaded);
+    RUN_TEST(test_only_the_areas_requested_are_loaded);
     RUN_TEST(test_identifier_at_its_default_follows_a_new_node_id_and_a_chosen_one_does_not);
     RUN_TEST(test_node_without_id_is_stored_as_such);
     RUN_TEST(test_set_of_another_firmware_gives_what_is_known_and_in_range);
