@@ -45,7 +45,7 @@ static void ms(unsigned count)
     }
 }
 
-/* From a master who has been told the state that there is. */
+/* Controlwords of a master that knows the present state of the axes. */
 static void command(uint16_t x, uint16_t y)
 {
     for (int i = 0; i < 2; i++) {
@@ -212,6 +212,19 @@ static void test_end_is_reported_with_all_knots_executed(void)
     TEST_ASSERT_EQUAL_HEX16(0x0400, od.axis[1].statusword & 0x1400);
 }
 
+static void test_fault_at_standstill_has_switched_the_axes_off_when_the_step_ends(void)
+{
+    enable();
+    ms(1);
+    servo_loop_raise(&drive.loop, FAULT_UNDERRUN); /* a path stop, which has nothing to stop */
+    step(0);
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL(CIA402_FAULT, drive.axis[i].state);
+        TEST_ASSERT_FALSE(drive.powered[i]);
+        TEST_ASSERT_EQUAL_HEX32(SERVO_LOOP_OFF, atomic_load(&drive.loop.command.powered[i]));
+    }
+}
+
 static void test_fault_of_the_tick_is_a_fault_of_the_drive(void)
 {
     enable();
@@ -372,6 +385,7 @@ int main(void)
     RUN_TEST(test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled);
     RUN_TEST(test_end_of_the_last_stream_is_not_taken_for_that_of_the_next);
     RUN_TEST(test_end_is_reported_with_all_knots_executed);
+    RUN_TEST(test_fault_at_standstill_has_switched_the_axes_off_when_the_step_ends);
     RUN_TEST(test_fault_of_the_tick_is_a_fault_of_the_drive);
     RUN_TEST(test_machine_that_is_another_one_than_configured_while_there_is_power_is_a_fault);
     RUN_TEST(test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes_before_it_is_polled);
