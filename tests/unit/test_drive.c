@@ -212,6 +212,20 @@ static void test_end_is_reported_with_all_knots_executed(void)
     TEST_ASSERT_EQUAL_HEX16(0x0400, od.axis[1].statusword & 0x1400);
 }
 
+static void test_jog_begins_from_where_the_axes_are_held_and_runs_in_the_step_that_begins_it(void)
+{
+    od.axis[0].mode = od.axis[1].mode = MODE_PROFILE_VELOCITY;
+    od.axis[0].target_velocity = 10000;
+    enable();
+    TEST_ASSERT_FALSE(drive.path.modes.generating); /* this step holds the axes, so that the tick starts a new path */
+    while (!drive.path.modes.generating) {
+        TEST_ASSERT_FALSE(atomic_load(&drive.loop.command.run));
+        TEST_ASSERT_LESS_THAN(10, drive_now(&drive) / 10u);
+        ms(1);
+    }
+    TEST_ASSERT_TRUE(atomic_load(&drive.loop.command.run));
+}
+
 static void test_fault_at_standstill_has_switched_the_axes_off_when_the_step_ends(void)
 {
     enable();
@@ -385,6 +399,7 @@ int main(void)
     RUN_TEST(test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled);
     RUN_TEST(test_end_of_the_last_stream_is_not_taken_for_that_of_the_next);
     RUN_TEST(test_end_is_reported_with_all_knots_executed);
+    RUN_TEST(test_jog_begins_from_where_the_axes_are_held_and_runs_in_the_step_that_begins_it);
     RUN_TEST(test_fault_at_standstill_has_switched_the_axes_off_when_the_step_ends);
     RUN_TEST(test_fault_of_the_tick_is_a_fault_of_the_drive);
     RUN_TEST(test_machine_that_is_another_one_than_configured_while_there_is_power_is_a_fault);
