@@ -1,28 +1,130 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writing files atomically: the old content stays until the new content is complete. All results are written so."""
+"""Reading and writing files. Results are written atomically: the old content stays until the new one is complete."""
 
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+import secrets
+import select
+import stat
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any, BinaryIO
 
 from kontur.errors import FileError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_PIPE_S = 10.0  # how long a pipe may bring nothing
 
 
 def check_folder(path: Path) -> None:
     """Raise FileError when the folder of `path` does not exist; called before the work whose result goes there."""
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):  # Path.is_dir() raises OSError for a name that is too long
         raise FileError(path, f"the folder {path.parent} does not exist; make it, or name another one")
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write `content` to a file beside `path`, then rename that to `path`. Raises FileError."""
-    part = path.parent / f"{path.name}.part"
+    """Write `content` to `path` as atomic_writer() does. Raises FileError."""
+    with atomic_writer(path) as file:
+        file.write(content)
+
+
+@contextmanager
+def atomic_writer(path: Path) -> Iterator[BinaryIO]:
+    """A file to write to that takes the place of `path`, on the disk, at the end of the block; not after an exception.
+
+    It has a name of its own in the same folder, so programs that write to the same path do not disturb each other. Of
+    a link the target is replaced. A file that is replaced keeps its mode and, where that is allowed, its owner. What is
+    no regular file, such as a device or a pipe, is written to directly. Raises FileError when it cannot be written.
+    """
     try:
-        part.write_bytes(content)
-        os.replace(part, path)
+        old = _status(path)
+        target = Path(os.path.realpath(path))
+        if old is not None and not stat.S_ISREG(old.st_mode):
+            with path.open("wb") as file:
+                yield file
+            return
+        # Its name is unpredictable, and "x" neither follows a link nor opens what is there.
+        part = target.parent / f".kontur-{secrets.token_hex(8)}.part"
+        mode = 0o666 if old is None else 0o600
+        opened = open(part, "xb", opener=lambda name, flags: os.open(name, flags, mode))  # noqa: SIM115
+        try:
+            with opened as file:
+                if old is not None:
+                    _keep_owner_and_mode(file.fileno(), old)
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, target)
+        except BaseException:
+            with suppress(OSError):
+                part.unlink()
+            raise
     except OSError as error:
-        with suppress(OSError):
-            part.unlink()
         raise FileError(path, f"cannot be written ({error.strerror}); name another file") from error
+
+
+def _status(path: Path) -> os.stat_result | None:
+    try:
+        return path.stat()
+    except FileNotFoundError:
+        return None
+
+
+def _keep_owner_and_mode(descriptor: int, old: os.stat_result) -> None:
+    if hasattr(os, "fchown"):  # not on Windows
+        with suppress(PermissionError):
+            os.fchown(descriptor, old.st_uid, old.st_gid)
+        os.fchmod(descriptor, stat.S_IMODE(old.st_mode))
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a regular file, or what another program writes into a pipe. Raises FileError."""
+    try:
+        with open(path, "rb", opener=_open_without_waiting) as file:
+            mode = os.fstat(file.fileno()).st_mode
+            if stat.S_ISFIFO(mode):
+                return _read_pipe(file.fileno(), path)
+            if not stat.S_ISREG(mode):
+                raise FileError(path, "is a device; name a regular file")
+            return file.read()
+    except OSError as error:
+        raise FileError(path, f"cannot be read ({error.strerror}); is the name right?") from error
+
+
+def _open_without_waiting(name: str, flags: int) -> int:
+    return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))  # not on Windows
+
+
+def _read_pipe(descriptor: int, path: Path) -> bytes:
+    content = bytearray()
+    while select.select([descriptor], [], [], _PIPE_S)[0]:
+        piece = os.read(descriptor, 1 << 16)
+        if not piece:
+            return bytes(content)
+        content += piece
+    raise FileError(path, f"is a pipe that brought nothing for {_PIPE_S:g} s; write into it, or name a regular file")
+
+
+def read_text(path: Path) -> str:
+    """The content of a text file, UTF-8. Raises FileError."""
+    try:
+        return read_bytes(path).decode()
+    except UnicodeDecodeError as error:
+        raise FileError(path, "is not a text file (UTF-8)") from error
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The content of a TOML file. Raises FileError."""
+    try:
+        return tomllib.loads(read_text(path))
+    except ValueError as error:  # TOMLDecodeError, and that of a number with thousands of digits
+        raise FileError(path, f"is not a TOML file: {error}") from error
+    except RecursionError as error:
+        raise FileError(path, "is not a TOML file of Kontur: it is nested too deeply") from error

@@ -8,17 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from kontur.errors import MachineError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from kontur.errors import FileError, MachineError
+from kontur.files import read_toml
 
 MACHINES = Path(__file__).with_name("machines")
 DEFAULT = MACHINES / "table1.toml"
@@ -169,14 +164,9 @@ _PAIRS = ("travel_m", "soft_limit_m")
 def load(file: str | Path = DEFAULT) -> Machine:
     """Read a machine file. Raises MachineError, which names file, key and what is wrong with it."""
     try:
-        text = Path(file).read_bytes().decode()
-        table = tomllib.loads(text)
-    except OSError as error:
-        raise MachineError(
-            f"{file}: cannot be read ({error.strerror}); the machines of the package are in {MACHINES}"
-        ) from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise MachineError(f"{file}: not a TOML file: {error}") from error
+        table = read_toml(Path(file))
+    except FileError as error:
+        raise MachineError(f"{error}; the machines of the package are in {MACHINES}") from error
     return _Reader(str(file)).machine(table)
 
 

@@ -66,7 +66,7 @@ def test_optional_keys_may_be_left_out(tmp_path: Path) -> None:
         ("[1.6, 0.0]", "[0.0, 0.0]", r"friction_schedule\.rows\[1\]: times must increase"),
         ("[1.6, 0.0]", "[1.6]", r"friction_schedule\.rows\[1\]: must be \[time_s, scale\]"),
         ("repeat_s = 5.6", "repeat_s = 4.4", r"friction_schedule\.repeat_s: must be 0 or later"),
-        ("name = ", "name : ", r"not a TOML file"),
+        ("name = ", "name : ", r"is not a TOML file"),
     ],
 )
 def test_mistake_is_named_with_file_and_key(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -3,17 +3,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
 from kontur.drive.objects import Parameter
 from kontur.errors import FileError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from kontur.files import read_toml
 
 
 def text(values: Mapping[str, float], parameters: Mapping[str, Parameter]) -> str:
@@ -32,14 +27,8 @@ def text(values: Mapping[str, float], parameters: Mapping[str, Parameter]) -> st
 
 def read(file: Path) -> dict[str, float]:
     """Values by name. Raises FileError: cannot be read, not TOML, or a value that is no number."""
-    try:
-        table = tomllib.loads(file.read_text("utf-8"))
-    except OSError as error:
-        raise FileError(file, f"cannot be read ({error.strerror}); is the name right?") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileError(file, f"is not a file of parameters: {error}") from error
     values: dict[str, float] = {}
-    for key, value in table.items():
+    for key, value in read_toml(file).items():
         entries = {f"{key}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {key: value}
         for name, number in entries.items():
             if isinstance(number, bool) or not isinstance(number, (int, float)):

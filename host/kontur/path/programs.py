@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from kontur.errors import FileError
+from kontur.files import read_text
 from kontur.path import csv, gcode
 from kontur.path.geometry import Program
 
@@ -21,12 +22,7 @@ def load(file: str | Path, feed_mps: float | None = None) -> Program:
     suffix = path.suffix.lower()
     if suffix != ".csv" and suffix not in GCODE_SUFFIXES:
         raise FileError(path, f"neither G-code ({', '.join(GCODE_SUFFIXES)}) nor a table of points (.csv)")
-    try:
-        text = path.read_text("utf-8")
-    except OSError as error:
-        raise FileError(path, f"cannot be read ({error.strerror}); is the name right?") from error
-    except UnicodeDecodeError as error:
-        raise FileError(path, "is not a text file") from error
+    text = read_text(path)
     if suffix == ".csv":
         return csv.parse(text, str(path), feed_mps)
     if feed_mps is not None:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from kontur.can import signals
 from kontur.errors import FileError, LogError
-from kontur.files import write_atomically
+from kontur.files import read_bytes, write_atomically
 
 if TYPE_CHECKING:
     from asammdf import MDF
@@ -142,10 +142,7 @@ def read(path: str | Path) -> RunLog:
     """Read CSV or MF4, by the suffix. Raises LogError: another suffix; FileError: not readable as a log of kontur."""
     path = Path(path)
     suffix = _suffix(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise FileError(path, f"cannot be read ({error.strerror}); is the name right?") from error
+    content = read_bytes(path)
     return _parse_mf4(content, path) if suffix == ".mf4" else _parse_csv(content, path)
 
 
