@@ -97,6 +97,8 @@ void ks_set_can_status(ks *s, const struct ks_can_status *status);
 
 /* The flash in which the drive stores parameters (1010h): `*bytes` bytes at the address returned. */
 const void *ks_flash(const ks *s, uint32_t *bytes);
+/* Number of words written to the flash and of sectors erased, so far. */
+uint32_t ks_flash_operations(const ks *s);
 /* Set the contents of the flash, as many bytes, and power on with them. Call it for a new drive only. */
 void ks_power_on_with(ks *s, const void *flash);
 

@@ -305,6 +305,11 @@ const void *ks_flash(const ks *s, uint32_t *bytes)
     return s->flash.word;
 }
 
+uint32_t ks_flash_operations(const ks *s)
+{
+    return s->flash.operations;
+}
+
 void ks_power_on_with(ks *s, const void *flash)
 {
     memcpy(s->flash.word, flash, sizeof s->flash.word);

@@ -2,8 +2,12 @@
 """The simulated drive as a process (kontur-sim): buses, signals, clients that go, messages that say what to do."""
 
 import dataclasses
+import os
+import re
+import shutil
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import time
@@ -11,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import can
+import canopen
 import numpy as np
 import pytest
 
@@ -20,7 +25,7 @@ from kontur.can.bus import open_bus
 from kontur.drive.device import Device, connected
 from kontur.drive.stream import Operator, stream
 from kontur.drive.target import Target
-from kontur.errors import DeviceError, LibraryError, NoAnswerError, SimulatorError
+from kontur.errors import DeviceError, KonturError, LibraryError, NoAnswerError, SimulatorError
 from kontur.machine import Machine
 from kontur.path import shapes
 from kontur.path.geometry import Line, Move, Program
@@ -122,6 +127,125 @@ def test_store_that_is_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "flash").write_bytes(b"something else")
     assert "holds no store" in refused("--store", str(tmp_path / "flash"))
     assert "remove this one" in refused("--store", str(tmp_path))
+
+
+def test_store_is_on_the_disk_when_the_drive_says_that_it_is_saved(tmp_path: Path) -> None:
+    """After SIGKILL, and after a loss of power since the file has been synchronised."""
+    store = tmp_path / "flash"
+    with start(slcan_tcp="0", store=store) as sim, connected(open_bus(sim.options()), 1) as device:
+        device.write("smc.lambda", 150.0)
+        device.link.node.sdo.download(0x1010, 1, b"save")
+        kept = store.read_bytes()
+    with start(slcan_tcp="0", store=store) as sim, connected(open_bus(sim.options()), 1) as device:
+        assert device.read("smc.lambda") == 150.0
+        device.write("smc.lambda", 160.0)
+        device.link.node.sdo.download(0x1010, 1, b"save")
+        assert store.read_bytes() != kept
+    assert [path.name for path in tmp_path.iterdir()] == ["flash"]
+
+
+def system_calls(sim: SimProcess, tmp_path: Path) -> "subprocess.Popen[bytes]":
+    """strace, which writes the system calls of the process to the file "calls" until the process ends."""
+    if shutil.which("strace") is None:
+        pytest.skip("strace is not installed: apt-get install strace")
+    command = ["strace", "-qq", "-y", "-o", tmp_path / "calls", "-p", str(sim.process.pid)]
+    tracer = subprocess.Popen(command, stderr=subprocess.PIPE)
+    end_s = time.monotonic() + TIMEOUT_S
+    while not (tmp_path / "calls").exists() or not (tmp_path / "calls").stat().st_size:
+        assert tracer.poll() is None, "strace does not start"
+        assert time.monotonic() < end_s, "strace does not start"
+        time.sleep(0.01)
+    return tracer
+
+
+def test_saved_is_answered_after_file_and_folder_are_synchronised(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    with (
+        start(slcan_tcp="0", store=tmp_path / "folder" / "flash") as sim,
+        connected(open_bus(sim.options()), 1) as device,
+        system_calls(sim, tmp_path),
+    ):
+        device.link.node.sdo.download(0x1010, 1, b"save")
+        sim.process.terminate()
+        sim.process.wait(TIMEOUT_S)
+    lines = (tmp_path / "calls").read_text().splitlines()
+    steps = [
+        re.compile(pattern)
+        for pattern in (r"fsync\(\d+<\S*\.part>", r"^rename\(", r"fsync\(\d+<\S*/folder>", r"\bt5818(60|20)101001")
+    ]
+    at = [next(i for i, line in enumerate(lines) if step.search(line)) for step in steps]
+    assert at == sorted(at), [lines[i] for i in at]
+
+
+def test_store_that_cannot_be_written_is_reported_at_the_start(tmp_path: Path) -> None:
+    assert "--store /dev/full: " in refused("--store", "/dev/full")
+    assert "--store /proc/flash cannot be written" in refused("--store", "/proc/flash")
+    assert Path("/dev/full").is_char_device()
+
+
+def test_drive_does_not_say_saved_when_the_store_cannot_be_written(tmp_path: Path) -> None:
+    """The disk is full, or here: the folder is gone. The record is written nevertheless."""
+    (tmp_path / "folder").mkdir()
+    store = tmp_path / "folder" / "flash"
+
+    def save() -> None:
+        with start(slcan_tcp="0", store=store, record=tmp_path / "truth") as sim:
+            with connected(open_bus(sim.options()), 1) as device:
+                store.unlink()
+                store.parent.rmdir()
+                with pytest.raises((KonturError, canopen.SdoCommunicationError)):
+                    device.link.node.sdo.download(0x1010, 1, b"save")
+            sim.process.wait(TIMEOUT_S)
+
+    with pytest.raises(SimulatorError, match="cannot be written: No such file"):
+        save()
+    assert len(sim_process.read_record(tmp_path / "truth").pos_m) > 0
+
+
+@pytest.mark.parametrize("option", ["store", "record"])
+def test_files_of_the_process_are_written_beside_and_links_are_kept(tmp_path: Path, option: str) -> None:
+    (tmp_path / "victim").write_bytes(b"mine")
+    (tmp_path / "file.part").symlink_to("victim")
+    (tmp_path / "target").write_bytes(b"")
+    (tmp_path / "target").chmod(0o600)
+    (tmp_path / "file").symlink_to("target")
+    with start(slcan_tcp="0", pace="sync", **{option: tmp_path / "file"}) as sim:  # type: ignore[arg-type]
+        talk(sim)
+    assert (tmp_path / "file").is_symlink()
+    assert (tmp_path / "target").stat().st_size > 0
+    assert stat.S_IMODE((tmp_path / "target").stat().st_mode) == 0o600
+    assert (tmp_path / "victim").read_bytes() == b"mine"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "file.part", "target", "victim"]
+
+
+def test_new_file_of_the_process_has_the_mode_of_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        with start(slcan_tcp="0", pace="sync", store=tmp_path / "flash"):
+            pass
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "flash").stat().st_mode) == 0o640
+
+
+def test_record_into_a_device_leaves_the_device() -> None:
+    with start(slcan_tcp="0", pace="sync", record=Path("/dev/null")):
+        pass
+    assert Path("/dev/null").is_char_device()
+    with (
+        pytest.raises(SimulatorError, match="--record /dev/full cannot be written: No space"),
+        start(slcan_tcp="0", pace="sync", record=Path("/dev/full")) as sim,
+    ):
+        talk(sim)
+
+
+def test_pipe_as_store_is_refused_and_does_not_hang(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    assert "name another file" in refused("--store", str(tmp_path / "pipe"))
+
+
+def test_control_characters_of_a_name_are_shown_and_not_sent_to_the_terminal() -> None:
+    assert "--num \\x1b[31mf32\\x07\\x9b\u00b5: there" in refused("--num", "\x1b[31mf32\x07\x9b\u00b5")
 
 
 def test_time_that_the_machine_did_not_give_is_lost_and_said_once(sim: SimProcess) -> None:

@@ -19,6 +19,7 @@
     F(ks_build) \
     F(ks_set_can_status) \
     F(ks_flash) \
+    F(ks_flash_operations) \
     F(ks_power_on_with) \
     F(ks_set_paced) \
     F(ks_sync_id) \

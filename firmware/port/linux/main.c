@@ -23,6 +23,7 @@
 #include "port/linux/machine_file.h"
 #include "port/linux/message.h"
 #include "port/linux/pace.h"
+#include "port/linux/whole_file.h"
 
 enum { SLICE_HZ = 1000, FRAMES_PER_PASS = 256, NS_PER_MS = 1000000 };
 
@@ -41,7 +42,8 @@ static const char usage[] =
     "  --seed N          seed of the simulated noise (default 1)\n"
     "  --node ID         CANopen node id, 1..31 (default 1)\n"
     "  --num NUM         numeric back end of the firmware (default f32)\n"
-    "  --store FILE      file of the parameters that the drive stores (1010h): read at the start, written at the end\n"
+    "  --store FILE      file of the parameters that the drive stores (1010h): read at the start, written when it "
+    "stores\n"
     "  --record FILE     write the true motion at the end, a struct ks_truth for each control period since power-on\n"
     "  --with-parent     end when the process that started this one ends\n"
     "SIGINT and SIGTERM end the process.\n";
@@ -58,8 +60,11 @@ struct sim {
     struct bus bus;
     struct pace pace;
     ks *ks;
+    const char *store; /* file of the flash; NULL: none */
+    uint32_t stored;   /* operations of the flash that are in this file */
     bool sync;
     bool loss_reported;
+    bool failed; /* the process has to end */
 };
 
 static uint64_t now_ns(void)
@@ -130,12 +135,31 @@ static struct options parse(int argc, char **argv)
     return o;
 }
 
-/* Send the frames that the device has put out. true: there was at least one. */
+/* Bring the flash to the disk if the device has changed it. false: that is not possible. */
+static bool write_store(struct sim *s)
+{
+    const uint32_t operations = s->lib.ks_flash_operations(s->ks);
+    if (s->store == NULL || operations == s->stored) {
+        return true;
+    }
+    uint32_t bytes;
+    const void *flash = s->lib.ks_flash(s->ks, &bytes);
+    if (!whole_file_write(s->store, flash, bytes)) {
+        print_message("--store %s cannot be written: %s; make room, or name another file", s->store, strerror(errno));
+        return false;
+    }
+    s->stored = operations;
+    return true;
+}
+
+/* Send the frames that the device has put out. true: there was at least one. The store is on the disk before, since
+ * one of them may say so; if it cannot be, none is sent, and the process ends. */
 static bool send_pending(struct sim *s)
 {
     struct ks_frame frame;
     bool sent = false;
-    while (s->lib.ks_recv(s->ks, &frame)) {
+    s->failed = s->failed || !write_store(s);
+    while (!s->failed && s->lib.ks_recv(s->ks, &frame)) {
         s->bus.send(s->bus.ctx, &frame, (uint32_t)(frame.tick * 1000u / s->pace.hz));
         pace_frame(&s->pace, frame.tick);
         sent = true;
@@ -227,7 +251,7 @@ static void run(struct sim *s, int signals)
 {
     const int timer = timer_each_ms();
     bool more = false, frames = false; /* more time is due; there may be frames to receive */
-    for (;;) {
+    while (!s->failed) {
         struct pollfd fds[2 + BUS_FDS] = {{.fd = signals, .events = POLLIN}, {.fd = timer, .events = POLLIN}};
         const unsigned count = s->bus.before_poll(s->bus.ctx, &fds[2]);
         if (poll(fds, 2 + count, more || frames ? 0 : -1) < 0 && errno != EINTR) {
@@ -256,47 +280,31 @@ static void run(struct sim *s, int signals)
     close(timer);
 }
 
-/* Write a file completely or not at all. */
-static void write_file(const char *option, const char *path, const void *data, size_t bytes)
-{
-    char part[4096];
-    snprintf(part, sizeof part, "%s.part", path);
-    FILE *file = fopen(part, "wb");
-    if (file == NULL || fwrite(data, 1, bytes, file) != bytes || fclose(file) != 0 || rename(part, path) != 0) {
-        fatal("--%s %s cannot be written: %s", option, path, strerror(errno));
-    }
-}
-
-/* Power on with the flash of the last run, if its file exists. */
-static void load_store(const struct sim *s, const char *path)
+/* Power on with the flash of the last run, if its file exists and is not empty. */
+static void load_store(const struct sim *s)
 {
     static char flash[1 << 20];
     uint32_t bytes;
     (void)s->lib.ks_flash(s->ks, &bytes);
-    FILE *file = fopen(path, "rb");
-    if (file == NULL && errno == ENOENT) {
+    const ssize_t got = whole_file_read(s->store, flash, sizeof flash);
+    if (got == 0 || (got < 0 && errno == ENOENT)) {
         return;
     }
-    const size_t got = file == NULL ? 0 : fread(flash, 1, sizeof flash, file);
-    if (file == NULL || got != bytes) {
-        fatal("--store %s: %s; name another file, or remove this one to start with an empty store", path,
-              file == NULL ? strerror(errno) : "holds no store of this program");
+    if (got != (ssize_t)bytes) {
+        fatal("--store %s: %s; name another file, or remove this one to start with an empty store", s->store,
+              got < 0 ? strerror(errno) : "holds no store of this program");
     }
-    fclose(file);
     s->lib.ks_power_on_with(s->ks, flash);
 }
 
-static void write_results(const struct sim *s, const struct options *options)
+static bool write_record(const struct sim *s, const char *path)
 {
-    uint32_t bytes;
-    const void *flash = s->lib.ks_flash(s->ks, &bytes);
-    if (options->store != NULL) {
-        write_file("store", options->store, flash, bytes);
+    const uint64_t bytes = s->lib.ks_record_count(s->ks) * sizeof(struct ks_truth);
+    const bool ok = whole_file_write(path, s->lib.ks_record_data(s->ks), bytes);
+    if (!ok) {
+        print_message("--record %s cannot be written: %s", path, strerror(errno));
     }
-    if (options->record != NULL) {
-        write_file("record", options->record, s->lib.ks_record_data(s->ks),
-                   s->lib.ks_record_count(s->ks) * sizeof(struct ks_truth));
-    }
+    return ok;
 }
 
 int main(int argc, char **argv)
@@ -318,8 +326,13 @@ int main(int argc, char **argv)
     if (s.ks == NULL) {
         fatal("not enough memory");
     }
-    if (options.store != NULL) {
-        load_store(&s, options.store);
+    s.store = options.store;
+    if (s.store != NULL) {
+        load_store(&s);
+        s.stored = ~s.lib.ks_flash_operations(s.ks);
+        if (!write_store(&s)) { /* rather now than when something is to be stored */
+            return 1;
+        }
     }
     s.sync = options.sync;
     s.lib.ks_set_paced(s.ks, s.sync);
@@ -338,7 +351,9 @@ int main(int argc, char **argv)
     fflush(stdout);
     run(&s, signals);
     s.bus.close(s.bus.ctx);
-    write_results(&s, &options);
+    if (options.record != NULL) {
+        s.failed = !write_record(&s, options.record) || s.failed;
+    }
     s.lib.ks_free(s.ks);
-    return 0;
+    return s.failed ? 1 : 0;
 }
