@@ -164,5 +164,5 @@ def test_drive_that_does_not_answer_is_named() -> None:
 
 
 def test_bus_that_cannot_be_opened_is_named_with_what_to_do() -> None:
-    with pytest.raises(BusError, match=r"bus socketcan:nocan0 cannot be opened: .*Check -i, -c and -b"):
+    with pytest.raises(BusError, match=r"bus socketcan nocan0 cannot be opened: .*Check -i, -c and -b"):
         open_bus({"interface": "socketcan", "channel": "nocan0"})

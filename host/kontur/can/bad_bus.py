@@ -22,6 +22,8 @@ from typing import Any
 
 import can
 
+from kontur.can.bus import open_bus
+
 _ID_BITS, _DLC_BITS = 11, 4
 _SWAP_WAIT_S = 0.01  # a swapped frame waits no longer than that for the next one
 _FOREVER_S = 3600.0
@@ -181,7 +183,7 @@ class BadBus(can.BusABC):
     the simulated drive's bus; give `faults` where both are needed.
 
     `to_drive` and `to_host` count what happened to the frames sent and received. Raises can.CanInitializationError, or
-    what the inner bus raises. Error frames pass unchanged.
+    what open_bus() raises for the inner bus. Error frames pass unchanged.
     """
 
     def __init__(
@@ -199,7 +201,8 @@ class BadBus(can.BusABC):
                 faults = BusFaults(**given)
             except (TypeError, ValueError) as error:
                 raise can.CanInitializationError(f"kontur-bad-bus: {error}") from error
-        self.inner = inner if isinstance(inner, can.BusABC) else can.Bus(channel=channel, interface=inner, **options)
+        named = {"interface": inner, **({} if channel is None else {"channel": channel}), **options}
+        self.inner = inner if isinstance(inner, can.BusABC) else open_bus(named)
         self.channel_info = f"{self.inner.channel_info}, with faults"
         self._wait_clock = _clock_of(self.inner)
         self.clock = self._wait_clock

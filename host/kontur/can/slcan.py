@@ -33,6 +33,26 @@ class SlcanBus(slcanBus):
             # so that TCP does not delay a frame by some 40 ms until the one before is acknowledged; serial ports do not
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
+    def _write(self, string: str) -> None:
+        """Send a line, the first one only if no other program uses the port: it would end what that one does."""
+        port = self.serialPortOrig
+        if port.is_open and not port.exclusive:
+            try:
+                port.exclusive = True
+            except OSError:
+                port.close()
+                raise
+        try:
+            super()._write(string)
+        except can.CanOperationError as error:
+            raise can.CanOperationError(f"{self._closed()} ({error.__cause__})") from error
+
+    def _closed(self) -> str:
+        port = str(self.serialPortOrig.port)
+        if "://" not in port:
+            return f"{port}: the other end has closed the connection, or is unplugged"
+        return f"{port}: the other end has closed the connection; it has ended, or serves another program at present"
+
     def _read(self, timeout: float | None) -> str | None:
         end_s = None if timeout is None else time.monotonic() + timeout
         while not self._lines:
@@ -45,7 +65,7 @@ class SlcanBus(slcanBus):
             except (OSError, ValueError) as error:
                 raise can.CanOperationError(f"{self.serialPortOrig.port}: cannot be read: {error}") from error
             if not data:
-                raise can.CanOperationError(f"{self.serialPortOrig.port}: the other end has closed the connection")
+                raise can.CanOperationError(self._closed())
             # An answer ends in CR, a refusal is a BEL.
             *lines, self._rest = (self._rest + data).replace(b"\a", b"\a\r").split(b"\r")
             self._lines += [line.decode(errors="replace") + "\r" for line in lines]

@@ -20,6 +20,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from kontur import machine as machines
 from kontur.can.bad_bus import BUS_FAULT_NAMES, BusFaults
+from kontur.can.bus import configured_interface
 from kontur.cli.output import print_warnings
 from kontur.drive.controllers import named
 from kontur.drive.device import Device
@@ -218,8 +219,7 @@ def _bus_config(
         if value is not None
     }
     given |= {key: can.util.cast_from_string(value) for key, value in more}
-    elsewhere = {**can.rc, **can.util.load_file_config(), **can.util.load_environment_config()}
-    if found := given.get("interface") or elsewhere.get("interface"):
+    if found := given.get("interface") or configured_interface():
         return given | {"interface": found}
     if given:
         raise click.UsageError(
