@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Feed hold, feed override and going on after a fault, as the host asks for them, on the simulated drive."""
 
+import math
 import os
 import signal
 from collections.abc import Iterator
@@ -13,12 +14,13 @@ from kontur import machine
 from kontur.can.link import Link
 from kontur.cli.options import held_by_signals
 from kontur.drive.device import Device
-from kontur.drive.stream import Operator, stream
+from kontur.drive.stream import UNATTENDED, Operator, stream
 from kontur.drive.target import Target
 from kontur.errors import EmcyError, ParameterError, StreamError
 from kontur.path import shapes
 from kontur.planning import planner
 from kontur.planning.bounds import limits
+from kontur.runs import resume
 from kontur.runs.runner import run
 
 MACHINE = machine.load().starting_at((0.02, 0.0))
@@ -101,6 +103,33 @@ def test_path_does_not_go_on_with_other_knots(device: Device) -> None:
     other[3] += 1
     with pytest.raises(StreamError, match=r"has left another path than this one"):
         stream(device, other, resume=True)
+
+
+def test_axes_that_crept_without_power_go_back_in_a_straight_line_and_on(device: Device) -> None:
+    share = [0.0]
+    assert not stream(device, CIRCLE.knots_nm, Operator(share.append, lambda: share[-1] > 0.75)).completed
+    device.axes.disable()
+    device.link.wait(lambda: False, 40.0)
+    left = resume.left_by(device, CIRCLE, resume.RETURN_MAX_M)
+    crept_m = math.dist(device.position_m(), left.at_m)
+    assert crept_m > 2e-5
+    device.axes.enable()
+    rest, has_knots = resume.return_to(device, left, limits(MACHINE), UNATTENDED)
+    assert not has_knots
+    assert math.dist(device.position_m(), left.at_m) < 2e-6
+    assert stream(device, rest.trajectory.knots_nm).completed
+    assert math.dist(device.position_m(), CIRCLE.position_m[-1]) < 2e-6
+
+
+def test_path_on_which_the_axes_lost_their_power_is_not_gone_on_with(device: Device) -> None:
+    device.axes.disable()
+    device.parameters.set({"following_window_x": 1000, "plant_x.force_limit": 60.0})
+    device.axes.enable()
+    with pytest.raises(EmcyError, match="8611h: an axis was further"):
+        stream(device, CIRCLE.knots_nm)
+    device.link.wait(lambda: False, 1.0)
+    with pytest.raises(StreamError, match=r"further from its reference.*lost their power on the way; plan anew"):
+        resume.left_by(device, CIRCLE, resume.RETURN_MAX_M)
 
 
 def test_path_that_was_not_left_does_not_go_on(device: Device) -> None:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """`kontur run --resume`: another run goes on with the path on which the drive was stopped."""
 
+import itertools
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,11 +15,11 @@ from kontur import machine
 from kontur.cli import main
 from kontur.drive.stream import Operator, stream
 from kontur.drive.target import Target, open_drive
-from kontur.errors import EmcyError, StreamError
+from kontur.errors import DeviceError, EmcyError, StreamError
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
-from kontur.runs import log
+from kontur.runs import log, resume
 from kontur.runs.log import RunLog
 from kontur.runs.runner import RunOptions, run
 from kontur.sim import process as sim_process
@@ -107,6 +109,80 @@ def test_another_path_does_not_go_on_and_nothing_moves(target: Target) -> None:
     with pytest.raises(StreamError, match="has left another path than this one"):
         run(other, "ccu", target, RunOptions(resume=True))
     assert passed_s(target) == begin_s
+
+
+def creep(target: Target, at_least_m: float) -> float:
+    """Time passes, in which friction vanishes now and then and axes without power float away; returns how far."""
+    with open_drive(target) as device:
+        before_m = device.position_m()
+        for _ in range(60):
+            device.link.wait(lambda: False, 10.0)
+            off_m = math.dist(device.position_m(), before_m)
+            if off_m > at_least_m:
+                return off_m
+    raise AssertionError(f"the axes have crept {off_m * 1e6} um only")
+
+
+def test_axes_that_have_crept_go_back_to_the_path_before_it_goes_on(target: Target) -> None:
+    interrupt(target)
+    begin_s = passed_s(target)
+    off_m = creep(target, 3e-5)
+    notices: list[str] = []
+    result = run(CIRCLE, "ccu", target, RunOptions(resume=True), Operator(notice=notices.append))
+    assert result.completed
+    rest = result.log
+    assert rest.meta["status"] == "complete"
+    assert rest.meta["resumed_at_s"] == pytest.approx(begin_s - 1e-3)
+    assert rest.meta["trajectory"] == CIRCLE.digest
+    at_mm = CIRCLE.position_m[round(begin_s * 1e3) - 1] * 1e3
+    columns = rest.columns
+    assert columns["reference_x_mm"][0] == pytest.approx(at_mm[0], abs=1e-4)
+    assert columns["reference_y_mm"][0] == pytest.approx(at_mm[1], abs=1e-4)
+    radius_mm = np.hypot(columns["position_x_mm"], columns["position_y_mm"])
+    assert np.abs(radius_mm - 20.0).max() < 0.005
+    assert columns["reference_x_mm"][-1] == pytest.approx(20.0, abs=1e-4)
+    assert columns["time_s"][-1] == pytest.approx(CIRCLE.duration_s - begin_s + 0.05, abs=0.01)
+    (notice,) = notices
+    assert "from where they left the path, since axes without power creep. They go back in a straight line" in notice
+    told = re.search(r"stand (\d+) µm from", notice)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(off_m * 1e6, abs=100.0)  # 1 ms of the way
+
+
+def test_path_that_went_on_after_creeping_goes_on_after_a_second_stop_and_a_third(target: Target) -> None:
+    interrupt(target)
+    parts: list[RunLog] = []
+    for stops in (150, 150, 1_000_000):  # times that the operator is asked
+        creep(target, 3e-5)
+        asked = itertools.count()
+        operator = Operator(stop_requested=lambda: next(asked) > stops)  # noqa: B023
+        parts.append(run(CIRCLE, "ccu", target, RunOptions(resume=True), operator).log)
+    assert [part.meta["status"] for part in parts] == ["interrupted", "interrupted", "complete"]
+    ways = [np.unwrap(np.arctan2(part.columns["reference_y_mm"], part.columns["reference_x_mm"])) for part in parts]
+    for before, after in itertools.pairwise(ways):
+        assert len(before) > 100
+        gap_mm = (after[0] - before[-1]) * 20.0
+        assert -0.3 < gap_mm < 0.1  # where the one ended: some ms of the way twice, and nothing left out
+
+
+def test_axes_too_far_from_the_path_get_no_power_and_go_back_only_with_approach(target: Target) -> None:
+    interrupt(target)
+    off_m = creep(target, 3e-5)
+    left = resume.RETURN_MAX_M
+    resume.RETURN_MAX_M = 2e-5
+    try:
+        with pytest.raises(
+            DeviceError, match=r"the axes stand 0\.\d+ mm from where they left.*add --approach"
+        ) as caught:
+            run(CIRCLE, "ccu", target, RunOptions(resume=True))
+    finally:
+        resume.RETURN_MAX_M = left
+    told = re.search(r"stand ([0-9.]+) mm", str(caught.value))
+    assert told is not None
+    assert float(told[1]) == pytest.approx(off_m * 1e3, abs=0.1)  # 1 ms of the way
+    with open_drive(target) as device:
+        assert device.read("stream.state") == 5  # still there: no axis has had power
+    assert run(CIRCLE, "ccu", target, RunOptions(resume=True, approach=limits(MACHINE))).completed
 
 
 def test_new_run_may_begin_where_one_was_left(target: Target) -> None:

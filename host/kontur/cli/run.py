@@ -40,6 +40,7 @@ from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.report import capture_file
 from kontur.runs import log as logs
+from kontur.runs.resume import RETURN_MAX_M
 from kontur.runs.runner import RunOptions, RunResult, run
 from kontur.runs.summary import summary
 
@@ -171,10 +172,15 @@ _motion_options = grouped(
         help="Feed override, at most 120. Above 100 the accelerations grow with its square, beyond the planned ones.",
     ),
     click.option(
-        "--approach", is_flag=True, help="Let a real drive go to the start of the path first, in a straight line."
+        "--approach",
+        is_flag=True,
+        help="Let a real drive go to the start of the path first, or back to it, in a straight line.",
     ),
     click.option(
-        "--resume", is_flag=True, help="Go on with this path where a fault, or Ctrl-C, stopped the drive on it."
+        "--resume",
+        is_flag=True,
+        help="Go on with this path where a fault, or Ctrl-C, stopped the drive on it. Axes that have crept go back, at "
+        f"most {RETURN_MAX_M * 1e3:g} mm.",
     ),
 )
 _scope_options = grouped(
@@ -245,8 +251,8 @@ def command(
     """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and show the contour error.
 
     SIGUSR1 holds the drive on the path, SIGUSR2 lets it go on. Ctrl-C stops it on the path. So do the faults whose
-    reaction is "path stop" (docs/faults.md), and the end of this program. As long as the drive has power and the axes
-    are not moved, the same command with --resume goes on from there.
+    reaction is "path stop" (docs/faults.md), and the end of this program. As long as the drive has power, the
+    same command with --resume goes on from there; axes that have crept meanwhile go back to the path first.
 
     The log is complete up to where the drive stopped, also when a fault ends the run. The drive records the 500 ms
     before a fault; that is saved beside the log as LOG-fault.csv and .png. Warnings of the drive are printed at the
@@ -299,8 +305,12 @@ def _plan(program: Program, motion: Motion, recording: Recording, target: Target
 def _run(trajectory: Trajectory, name: str, target: Target, options: RunOptions, override: float) -> RunResult:
     """One run with a progress bar, which Ctrl-C stops and signals hold."""
     with progress_bar(name) as progress, interruptible() as stop_requested, held_by_signals() as held:
-        operator = Operator(progress, stop_requested, lambda: 0.0 if held() else override / 100.0)
+        operator = Operator(progress, stop_requested, lambda: 0.0 if held() else override / 100.0, _notice)
         return run(trajectory, name, target, options, operator)
+
+
+def _notice(text: str) -> None:
+    click.echo(text, err=True)
 
 
 def _save(result: RunResult, controller: str, several: bool, output: Output, recording: Recording) -> None:

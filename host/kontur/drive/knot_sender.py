@@ -65,21 +65,30 @@ def begin_stream(device: Device, knots_nm: NDArray[np.int32]) -> None:
     raise StreamError("the drive does not open its queue for the path; does the bus corrupt frames?")
 
 
-def resume_stream(device: Device, knots_nm: NDArray[np.int32]) -> int:
-    """Open the drive's queue again for the rest of `knots_nm` (N, 2); returns how many knots it has.
+def stopped_after(device: Device, knots_nm: NDArray[np.int32]) -> int:
+    """How many knots of the stream `knots_nm` (N, 2) the drive has executed, which it stopped on.
 
-    Raises StreamError: the drive stopped on another path, or cannot resume.
+    Raises StreamError: the drive did not stop on a path, or on another one.
     """
     if device.read_stable("stream.state") != STOPPED:
         raise StreamError(
             "the drive cannot go on with the path: it did not stop on it, or the axes were moved since; plan anew from "
             "where they stand"
         )
-    accepted, executed = (int(device.read_stable(f"stream.{name}")) for name in ("accepted", "executed"))
-    total, checksum = (int(device.read_stable(f"stream.{name}")) for name in ("total", "checksum"))
+    total, executed, checksum = (int(device.read_stable(f"stream.{n}")) for n in ("total", "executed", "checksum"))
     known = zlib.crc32(np.ascontiguousarray(knots_nm[:executed], dtype="<i4").tobytes())
-    if total != len(knots_nm) or accepted > total or checksum != known:
+    if total != len(knots_nm) or checksum != known:
         raise StreamError(f"the drive has left another path than this one, at knot {executed} of {total}")
+    return executed
+
+
+def resume_stream(device: Device, knots_nm: NDArray[np.int32]) -> int:
+    """Open the drive's queue again for the rest of `knots_nm` (N, 2); returns how many knots it has.
+
+    Raises StreamError: the drive stopped on another path, or cannot resume.
+    """
+    stopped_after(device, knots_nm)
+    accepted = int(device.read_stable("stream.accepted"))
     device.write("stream.command", _RESUME)
     return accepted
 

@@ -27,12 +27,14 @@ class Operator:
     """Who attends a path while it runs. Each function is called again and again until the axes stand.
 
     `progress` gets the share of the knots that the drive has accepted, 0 to 1. When `stop_requested` returns True the
-    drive stops on the path. `feed_override` returns the wanted rate, 0 to 1.2 of the programmed feed, 0 to hold.
+    drive stops on the path. `feed_override` returns the wanted rate, 0 to 1.2 of the programmed feed, 0 to hold. Only
+    `notice` is called once: it gets a sentence on a motion that is not the path's.
     """
 
     progress: Callable[[float], None] = lambda share: None
     stop_requested: Callable[[], bool] = lambda: False
     feed_override: Callable[[], float] = lambda: 1.0
+    notice: Callable[[str], None] = lambda text: None
 
 
 UNATTENDED = Operator()

@@ -8,6 +8,7 @@ parameters are set to those of the machine that it moves, and its true position 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,14 +22,14 @@ from kontur.drive.device import Device
 from kontur.drive.stream import UNATTENDED, Operator, StreamResult, stream
 from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, EmcyError
-from kontur.path.geometry import KNOT_S, Line, Move, Program
-from kontur.planning.bounds import Limits
-from kontur.planning.planner import Trajectory, plan
+from kontur.path.geometry import KNOT_S
+from kontur.planning.bounds import Limits, limits
+from kontur.planning.planner import Trajectory
+from kontur.planning.rest import Rest, whole
+from kontur.runs import resume
 from kontur.runs.clock import RunClock
 from kontur.runs.columns import add_truth, columns, of_the_path
 from kontur.runs.log import RunLog
-
-APPROACH_FEED_MPS = 0.02
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,8 @@ class RunOptions:
 
     `parameters` are set before, by name, in their units. `approach`: a real drive that does not stand at the start goes
     there first, in a straight line within these limits; without them the run is refused. `resume`: go on with this same
-    trajectory where the drive stopped on it; the log has the rest of the path. `scope` is armed just before the start.
+    trajectory where the drive stopped on it; the log has the rest of the path. Axes that have crept go back to it, at
+    most resume.RETURN_MAX_M, or with `approach` as far as it is. `scope` is armed just before the start.
 
     `score_from_s`: the error is scored from this time on. `raise_fault`: a fault during the motion is raised; else the
     log ends there. `command` is kept in the log: the command that makes the run again.
@@ -74,8 +76,10 @@ class RunResult:
 
 @dataclass(frozen=True)
 class _Recorded:
-    """What a motion left: the stream's result, telemetry, and the truth from control period `first` on."""
+    """What a motion left: the stream's result, telemetry, and the truth from control period `first` on. `driven`: what
+    was streamed."""
 
+    driven: Rest
     streamed: StreamResult
     telemetry: Telemetry
     truth: Truth | None
@@ -103,30 +107,44 @@ def run(
         sim = simulated(device.link.bus)
         device.parameters.set(options.parameters)
         device.select_controller(controller)
+        left = None
+        if options.resume:
+            left = resume.left_by(device, trajectory, resume.RETURN_MAX_M if options.approach is None else math.inf)
         with device.axes.enabled():
-            recorded = _move(device, sim, trajectory, options, operator)
+            recorded = _move(device, sim, trajectory, left, options, operator, limits(target.machine))
+        driven = recorded.driven.trajectory
         streamed = recorded.streamed
         warnings = device.faults.warnings()
         capture = _capture(device, streamed, warnings, options, operator)
         meta: dict[str, Any] = {"program": trajectory.program.name, "controller": controller}
         meta |= _outcome(device, trajectory, target, streamed, warnings, options)
         meta |= _drive(device, recorded, options)
-        clock = RunClock(trajectory, streamed, meta["control_hz"], device.read("limits.path_stop_time") * 1e-3)
+        clock = RunClock(driven, streamed, meta["control_hz"], device.read("limits.path_stop_time") * 1e-3)
     time_s = clock.of_ticks(recorded.telemetry.tick, by_device_time=device.link.by_device_time)
-    found = columns(recorded.telemetry, time_s, trajectory, clock)
+    found = columns(recorded.telemetry, time_s, driven, clock)
     truth = None
     if recorded.truth is not None:
         truth = of_the_path(recorded.truth, recorded.first, clock)
-        meta |= add_truth(found, truth, trajectory, clock, options.score_from_s)
+        meta |= add_truth(found, truth, driven, clock, options.score_from_s)
     return RunResult(RunLog(meta, found), truth, streamed.completed, streamed.fault, capture, warnings)
 
 
 def _move(
-    device: Device, sim: SimulatedBus | None, trajectory: Trajectory, options: RunOptions, operator: Operator
+    device: Device,
+    sim: SimulatedBus | None,
+    trajectory: Trajectory,
+    left: resume.Left | None,
+    options: RunOptions,
+    operator: Operator,
+    bounds: Limits,
 ) -> _Recorded:
-    """Go to the start, stream the trajectory, and record telemetry and truth from the start of the motion on."""
-    if not options.resume:
+    """Go to the start, or back to where the path was `left`, within `bounds`; stream the trajectory or the rest of it,
+    and record telemetry and truth from the start of the motion on."""
+    driven, has_knots = whole(trajectory), False
+    if left is None:
         _go_to_start(device, trajectory.program.start_m, options.approach, operator)
+    else:
+        driven, has_knots = resume.return_to(device, left, bounds, operator)
     device.write("energy.reset", 1)
     start_nm = device.position_nm()
     first = 0
@@ -141,14 +159,14 @@ def _move(
 
     streamed = stream(
         device,
-        trajectory.knots_nm,
+        driven.trajectory.knots_nm,
         operator,
         before_start=before_start,
-        resume=options.resume,
+        resume=has_knots,
         raise_fault=options.raise_fault,
     )
     truth = sim.truth() if sim is not None else None
-    return _Recorded(streamed, device.link.recorded_telemetry(start_nm), truth, first)
+    return _Recorded(driven, streamed, device.link.recorded_telemetry(start_nm), truth, first)
 
 
 def _go_to_start(device: Device, start_m: tuple[float, float], approach: Limits | None, operator: Operator) -> None:
@@ -159,12 +177,9 @@ def _go_to_start(device: Device, start_m: tuple[float, float], approach: Limits 
     if approach is None:
         raise DeviceError(
             f"the axes stand at {_mm(here_m)} mm, the program starts at {_mm(start_m)} mm; "
-            f"jog there, or let --approach go there in a straight line at {APPROACH_FEED_MPS * 1e3:g} mm/s"
+            f"jog there, or let --approach go there in a straight line at {resume.LINE_FEED_MPS * 1e3:g} mm/s"
         )
-    line = Program("approach", (Move(Line(here_m, start_m), APPROACH_FEED_MPS),), here_m)
-    only_stop = Operator(stop_requested=operator.stop_requested)
-    if not stream(device, plan(line, approach).knots_nm, only_stop).completed:
-        raise KeyboardInterrupt
+    resume.go_straight(device, start_m, approach, operator)
 
 
 def _capture(
@@ -196,8 +211,6 @@ def _outcome(
     }
     if streamed.fault is not None:
         meta["fault"] = str(streamed.fault)
-    if options.resume:
-        meta["resumed_at_s"] = streamed.passed * KNOT_S
     if warnings:
         meta["warnings"] = [emcy.describe_emcy(code) for code in warnings]
     if is_simulated:
@@ -207,7 +220,9 @@ def _outcome(
 
 def _drive(device: Device, recorded: _Recorded, options: RunOptions) -> dict[str, Any]:
     """What the log says of the drive and of the transmission."""
-    return {
+    at_ms = recorded.driven.path_ms[recorded.streamed.passed]
+    resumed = {"resumed_at_s": float(at_ms) * KNOT_S} if options.resume else {}
+    return resumed | {
         "firmware": device.read("build_id"),
         "num": device.read("num_backend"),
         "control_hz": device.read("clock.control_hz"),

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Going on with a path on which a drive was stopped: what it has left, and the way back to it.
+
+A drive whose axes have stayed where they were goes on by itself with the knots that it has. Axes without power creep,
+and beyond limits.start_window the drive drops the path when they are enabled. Then they go back to it in a straight
+line, and get the rest of the path as a new stream, which starts from standstill.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from kontur.can import emcy
+from kontur.drive.device import Device
+from kontur.drive.knot_sender import STOPPED, stopped_after
+from kontur.drive.stream import UNATTENDED, Operator, stream
+from kontur.errors import DeviceError, StreamError
+from kontur.path.geometry import Line, Move, Program
+from kontur.planning.bounds import Limits
+from kontur.planning.planner import Trajectory, plan
+from kontur.planning.rest import Rest, rest, rest_of_length, whole
+
+LINE_FEED_MPS = 0.02
+RETURN_MAX_M = 0.001
+"""The longest way back to a path without being asked to approach: what axes creep, and no more."""
+
+
+@dataclass(frozen=True)
+class Left:
+    """Where a drive has left `trajectory`: `executed` knots of `driven`, at path time `at_ms` of the trajectory, where
+    the path is at `at_m`."""
+
+    trajectory: Trajectory
+    driven: Rest
+    executed: int
+    at_ms: int
+    at_m: tuple[float, float]
+
+
+def left_by(device: Device, trajectory: Trajectory, reach_m: float) -> Left:
+    """Where the drive has left `trajectory`; to be read before the axes are enabled.
+
+    Raises StreamError: it did not stop on a path, or on another one; DeviceError: the axes are further than `reach_m`
+    from there.
+    """
+    total = int(device.read_stable("stream.total"))
+    driven = whole(trajectory)
+    if total != len(trajectory.knots_nm):
+        driven = rest_of_length(trajectory, total, _stop_time_ms(device)) or driven
+    executed = stopped_after(device, driven.trajectory.knots_nm)
+    for axis in "xy":
+        fault = emcy.faults().get(int(device.read_stable(f"error_code_{axis}")))
+        if fault is not None and fault.reaction == "disable":
+            raise StreamError(
+                f"the drive cannot go on with the path: {fault.fault}, and the axes lost their power on the way; plan "
+                "anew from where they stand"
+            )
+    at_ms = min(int(driven.path_ms[max(executed - 1, 0)]), len(trajectory.knots_nm) - 2)
+    x, y = trajectory.position_m[at_ms]
+    left = Left(trajectory, driven, executed, at_ms, (float(x), float(y)))
+    off_m = math.dist(device.position_m(), left.at_m)
+    if off_m > reach_m:
+        raise DeviceError(
+            f"the axes stand {off_m * 1e3:.3f} mm from where they left the path: without power they creep, or somebody "
+            f"has moved them. --resume goes back at most {reach_m * 1e3:g} mm by itself; add --approach to let it go "
+            "back in a straight line from where they stand"
+        )
+    return left
+
+
+def return_to(device: Device, left: Left, limits: Limits, operator: Operator) -> tuple[Rest, bool]:
+    """Bring the enabled axes back to the path. Returns what to stream, and whether the drive has its knots still.
+
+    Raises KeyboardInterrupt when the operator requested the stop on a long way back: nothing is left to go on with.
+    """
+    if device.read_stable("stream.state") == STOPPED:
+        return left.driven, True
+    off_m = math.dist(device.position_m(), left.at_m)
+    operator.notice(
+        f"The axes stand {off_m * 1e6:.0f} µm from where they left the path, since axes without power creep. They go "
+        "back in a straight line first."
+    )
+    short = off_m <= RETURN_MAX_M  # not stopped on its way, so that the path can still go on afterwards
+    go_straight(device, left.at_m, limits, UNATTENDED if short else operator)
+    return rest(left.trajectory, left.at_ms, _stop_time_ms(device)), False
+
+
+def go_straight(device: Device, to_m: tuple[float, float], limits: Limits, operator: Operator) -> None:
+    """Let the enabled axes go to `to_m` in a straight line. Raises KeyboardInterrupt: the operator requested a stop."""
+    here_m = device.position_m()
+    line = Program("approach", (Move(Line(here_m, to_m), LINE_FEED_MPS),), here_m)
+    only_stop = Operator(stop_requested=operator.stop_requested)
+    if not stream(device, plan(line, limits).knots_nm, only_stop).completed:
+        raise KeyboardInterrupt
+
+
+def _stop_time_ms(device: Device) -> float:
+    return float(device.read("limits.path_stop_time"))
