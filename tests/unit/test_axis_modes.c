@@ -403,6 +403,24 @@ static void test_axis_alone_jogs_while_the_other_one_has_no_power(void)
     rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
 }
 
+/* It coasts, and its next mode must not wait for a ramp that nothing follows. */
+static void test_axis_whose_power_is_cut_ends_its_profile_with_the_quick_stop_ramp(void)
+{
+    set(1, 0x6084, 0, 4, 10000); /* 10 mm/s2: from 50 mm/s it would take 5 s */
+    start_jog_mode();
+    velocity(0, 20000);
+    velocity(1, 50000);
+    rig_ms(&rig, 200);
+    TEST_ASSERT_DOUBLE_WITHIN(0.5, 50, mmps(1));
+    rig_controlwords(&rig, ENABLE, 0);
+    rig_ms(&rig, 1);
+    TEST_ASSERT_FALSE(rig.out.enable[1]);
+    set(1, 0x6060, 0, 1, HOMING);
+    rig_ms(&rig, 200);
+    TEST_ASSERT_EQUAL(HOMING, rig_read(&rig, 0x6861, 0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.2, 20, mmps(0));
+}
+
 static void test_disabled_axis_slows_down_first_while_the_other_one_goes_on(void)
 {
     start_jog_mode();
@@ -521,6 +539,7 @@ int main(void)
     RUN_TEST(test_master_that_falls_silent_stops_the_jog_and_the_power);
     RUN_TEST(test_pre_operational_stops_the_jog_whatever_the_quick_stop_option);
     RUN_TEST(test_axis_alone_jogs_while_the_other_one_has_no_power);
+    RUN_TEST(test_axis_whose_power_is_cut_ends_its_profile_with_the_quick_stop_ramp);
     RUN_TEST(test_disabled_axis_slows_down_first_while_the_other_one_goes_on);
     RUN_TEST(test_knots_from_the_bus_do_not_get_into_a_jog);
     RUN_TEST(test_stream_that_runs_into_a_limit_switch_stops_on_its_path_with_a_fault);

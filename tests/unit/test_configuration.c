@@ -272,6 +272,38 @@ static void test_start_beyond_what_the_counter_holds_is_its_end(void)
     TEST_ASSERT_EQUAL_INT32(INT32_MIN, configuration_onchip_plant(&od).axis[1].start);
 }
 
+static void test_wiring_of_each_axis_for_the_hal(void)
+{
+    struct hal_axis_cfg c[AXES];
+    od.limits.velocity = 500000; /* um/s */
+    for (int i = 0; i < 2; i++) {
+        od.axis[i].plant.encoder = i == 0 ? 1000000 : 2000000; /* 10 fm: 10 and 20 nm */
+        od.axis[i].wiring.full_scale = 123456 + (uint32_t)i;
+        od.axis[i].wiring.index_counts = 4321 + (uint32_t)i;
+    }
+    for (int i = 0; i < 2; i++) { /* each flag of each axis by itself */
+        for (int flag = 0; flag < 3; flag++) {
+            struct od_wiring *w = &od.axis[i].wiring;
+            w->output = flag == 0;
+            w->invert_force = flag == 1;
+            w->invert_encoder = flag == 2;
+            configuration_hal(&od, c);
+            TEST_ASSERT_EQUAL(flag == 0 ? HAL_OUTPUT_PWM : HAL_OUTPUT_DAC, c[i].output);
+            TEST_ASSERT_EQUAL(flag == 1, c[i].invert_force);
+            TEST_ASSERT_EQUAL(flag == 2, c[i].invert_encoder);
+            w->invert_encoder = false;
+            configuration_hal(&od, c);
+            TEST_ASSERT_FALSE(c[i].invert_encoder);
+        }
+    }
+    TEST_ASSERT_EQUAL_UINT32(123456, c[0].full_scale_mN);
+    TEST_ASSERT_EQUAL_UINT32(123457, c[1].full_scale_mN);
+    TEST_ASSERT_EQUAL_UINT32(4321, c[0].index_counts);
+    TEST_ASSERT_EQUAL_UINT32(4322, c[1].index_counts);
+    TEST_ASSERT_EQUAL_UINT32(4 * 5000 + 100, c[0].jump_counts); /* 50 um in 0.1 ms */
+    TEST_ASSERT_EQUAL_UINT32(4 * 2500 + 100, c[1].jump_counts);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -293,5 +325,6 @@ int main(void)
     RUN_TEST(test_friction_of_the_simulated_machine_lets_it_move_on_within_a_period);
     RUN_TEST(test_simulated_machine_starts_at_the_nearest_count);
     RUN_TEST(test_start_beyond_what_the_counter_holds_is_its_end);
+    RUN_TEST(test_wiring_of_each_axis_for_the_hal);
     return UNITY_END();
 }

@@ -42,6 +42,11 @@ static void test_telemetry_carries_forces_gains_and_energy_in_their_units(void)
 {
     rig_enable(&rig);
     rig_go(&rig, &stream, 695);
+    struct servo_state *servo = &rig.device.drive.loop.servo; /* so that the two gains of a kind differ */
+    servo->compensator.mu[0] = acc_from(NUM(175));            /* um/T0^2: 7 m/s2 */
+    servo->compensator.mu[1] = acc_from(NUM(200));
+    servo->smc.k_hat[0] = acc_from(NUM(1)); /* 1/T0: 200 1/s */
+    servo->smc.k_hat[1] = acc_from(NUM(1.5));
     do { /* TPDO4 comes every 10 ms, TPDO5 every 20 */
         rig_ms(&rig, 1);
     } while (rig.telemetry_ms[2] != rig.ms - 1 || rig.telemetry_ms[3] != rig.ms - 1);
@@ -54,6 +59,10 @@ static void test_telemetry_carries_forces_gains_and_energy_in_their_units(void)
     TEST_ASSERT_EQUAL_UINT16(s->adaptive_gain_per_10s[1], co_get(&force[6], 2));
     TEST_ASSERT_EQUAL_UINT16(s->switching_gain_mmps2[0], co_get(&energy[0], 2));
     TEST_ASSERT_EQUAL_UINT16(s->switching_gain_mmps2[1], co_get(&energy[2], 2));
+    TEST_ASSERT_UINT16_WITHIN(20, 7000, s->switching_gain_mmps2[0]);
+    TEST_ASSERT_UINT16_WITHIN(20, 8000, s->switching_gain_mmps2[1]);
+    TEST_ASSERT_UINT16_WITHIN(100, 2000, s->adaptive_gain_per_10s[0]);
+    TEST_ASSERT_UINT16_WITHIN(100, 3000, s->adaptive_gain_per_10s[1]);
     TEST_ASSERT_UINT32_WITHIN(200, rig_read(&rig, 0x2220, 2) + rig_read(&rig, 0x2220, 3), co_get(&energy[4], 4));
     TEST_ASSERT_TRUE(co_get(&energy[4], 4) > 1000);
     TEST_ASSERT_INT32_WITHIN(3000, (int32_t)lround(rig.plant.vel_mps[0] * 1e6), (int32_t)rig_read(&rig, 0x606C, 0));

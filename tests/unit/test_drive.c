@@ -25,6 +25,14 @@ static void drive_write(void *ctx, const struct hal_drive_out *written)
     out = *written;
 }
 
+static struct hal_axis_cfg wiring[AXES];
+
+static void drive_configured(void *ctx, const struct hal_axis_cfg cfg[AXES])
+{
+    (void)ctx;
+    memcpy(wiring, cfg, sizeof wiring);
+}
+
 static void tick(unsigned count)
 {
     for (unsigned i = 0; i < count; i++) {
@@ -153,6 +161,22 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
         TEST_ASSERT_EQUAL_INT32(5678912 + i, c->max_nm[i]);
         TEST_ASSERT_EQUAL_INT32(-4567891 - i, drive.path.queue.min_nm[i]);
         TEST_ASSERT_EQUAL_INT32(5678912 + i, drive.path.queue.max_nm[i]);
+    }
+}
+
+static void test_wiring_reaches_the_hal_from_power_on_and_with_each_configuration(void)
+{
+    hal.drive_configure = drive_configured;
+    for (uint32_t i = 0; i < 2; i++) {
+        od.axis[0].wiring.full_scale = 111000 + i;
+        od.axis[1].wiring.full_scale = 222000 + i;
+        if (i == 0) {
+            drive_init(&drive, &od, &hal);
+        } else {
+            drive_configure(&drive, false);
+        }
+        TEST_ASSERT_EQUAL_UINT32(111000 + i, wiring[0].full_scale_mN);
+        TEST_ASSERT_EQUAL_UINT32(222000 + i, wiring[1].full_scale_mN);
     }
 }
 
@@ -395,6 +419,7 @@ int main(void)
     RUN_TEST(test_axes_are_enabled_no_sooner_than_their_position_is_known);
     RUN_TEST(test_new_parameters_are_in_force_before_the_axes_can_be_enabled);
     RUN_TEST(test_limits_of_the_dictionary_reach_the_tick_in_its_units);
+    RUN_TEST(test_wiring_reaches_the_hal_from_power_on_and_with_each_configuration);
     RUN_TEST(test_jump_of_an_encoder_with_the_shortest_counts_is_within_the_range_of_its_counter);
     RUN_TEST(test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled);
     RUN_TEST(test_end_of_the_last_stream_is_not_taken_for_that_of_the_next);

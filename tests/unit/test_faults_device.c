@@ -74,6 +74,16 @@ static void test_memory_of_a_parameter_that_changes_is_mended_by_a_reset_of_the_
     rig_enable(&rig);
 }
 
+/* The configuration is right, and its checksum is not. It is made anew with the fault, so that the drive can go on. */
+static void test_memory_of_a_checksum_that_changes_is_a_fault_that_can_be_reset(void)
+{
+    be_on_the_way();
+    rig.device.drive.integrity.cfg ^= 0x40u;
+    expect_reaction(ROW_MEMORY);
+    rig_ms(&rig, 400); /* the axes run out */
+    expect_clearing(ROW_MEMORY, 0);
+}
+
 static void test_clock_that_fails_cuts_the_power(void)
 {
     be_on_the_way();
@@ -92,6 +102,19 @@ static void test_restart_by_watchdog_or_crash_is_a_fault_from_power_on(void)
         expect_reaction(ROW_RESTART);
         expect_clearing(ROW_RESTART, 0);
         TEST_ASSERT_EQUAL_UINT32(causes[i], rig_read(&rig, 0x2031, 0));
+    }
+}
+
+static void test_restart_by_a_crash_reports_each_register_of_it(void)
+{
+    rig.health = (struct hal_health){
+        .bits = HAL_RESET,
+        .reset = HAL_RESET_CRASH,
+        .crash = {.pc = 0x08001111, .lr = 0x08002222, .psr = 0x01000003, .cfsr = 4, .hfsr = 5, .bfar = 6, .count = 7}};
+    rig_ms(&rig, 1);
+    const uint32_t expected[] = {0x08001111, 0x08002222, 0x01000003, 4, 5, 6, 7};
+    for (uint8_t i = 0; i < 7; i++) {
+        TEST_ASSERT_EQUAL_HEX32(expected[i], rig_read(&rig, 0x2030, (uint8_t)(i + 1)));
     }
 }
 
@@ -380,8 +403,10 @@ int main(void)
     RUN_TEST(test_memory_that_changes_by_itself_cuts_the_power);
     RUN_TEST(test_memory_of_a_command_to_the_tick_that_changes_gives_no_power_and_takes_it);
     RUN_TEST(test_memory_of_a_parameter_that_changes_is_mended_by_a_reset_of_the_node);
+    RUN_TEST(test_memory_of_a_checksum_that_changes_is_a_fault_that_can_be_reset);
     RUN_TEST(test_clock_that_fails_cuts_the_power);
     RUN_TEST(test_restart_by_watchdog_or_crash_is_a_fault_from_power_on);
+    RUN_TEST(test_restart_by_a_crash_reports_each_register_of_it);
     RUN_TEST(test_brown_out_is_a_fault_from_power_on);
     RUN_TEST(test_overrun_of_the_servo_tick_cuts_the_power);
     RUN_TEST(test_store_that_is_damaged_is_warned_of_until_the_next_save);

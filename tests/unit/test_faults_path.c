@@ -289,11 +289,13 @@ static void test_law_that_gives_no_number_cuts_the_power(void)
 {
     const float no_numbers[] = {(float)NAN, (float)INFINITY, -(float)INFINITY};
     for (unsigned i = 0; i < 3; i++) {
-        for (int where = 0; where < 3; where++) {
+        for (unsigned where = 0; where < 6; where++) {
             power_on();
             be_on_the_way();
             struct servo_state *servo = &rig.device.drive.loop.servo;
-            float *const places[] = {&servo->compensator.q_bar_dot.x, &servo->offset.y, &servo->observer[1].vel};
+            float *const places[] = {
+                &servo->compensator.q_bar_dot.x, &servo->compensator.q_bar_dot.y, &servo->offset.x, &servo->offset.y,
+                &servo->observer[0].vel,         &servo->observer[1].vel};
             servo->blending = true; /* so that the offset counts */
             *places[where] = no_numbers[i];
             rig_run(&rig, 1); /* in the tick that computes it */
@@ -302,8 +304,9 @@ static void test_law_that_gives_no_number_cuts_the_power(void)
             expect_reaction(ROW_LAW);
             rig_ms(&rig, 1000);
             expect_clearing(ROW_LAW, 0); /* with numbers again */
-            TEST_ASSERT_TRUE(isfinite(servo->compensator.q_bar_dot.x) && isfinite(servo->offset.y) &&
-                             isfinite(servo->observer[1].vel));
+            for (unsigned k = 0; k < 6; k++) {
+                TEST_ASSERT_TRUE(isfinite(*places[k]));
+            }
         }
     }
 }

@@ -282,6 +282,23 @@ static void test_buffer_is_cleared_by_60C4h(void)
     TEST_ASSERT_EQUAL_UINT32(IDLE, stream(5));
 }
 
+static void test_buffer_position_60C4h_is_the_number_of_knots_that_wait(void)
+{
+    rig_enable(&rig);
+    rig_controlwords(&rig, RUN, RUN);
+    for (int i = 0; i < 400; i++) {
+        const struct knot k = on_the_way(i, 800);
+        record(k.nm[0], k.nm[1]);
+    }
+    for (int i = 0; i < 3; i++) {
+        rig_ms(&rig, 100);
+        const uint32_t waiting = 400 - stream(8);
+        TEST_ASSERT_TRUE(waiting > 0 && waiting < 400);
+        TEST_ASSERT_UINT32_WITHIN(1, waiting, rig_read(&rig, 0x60C4, 4));
+        TEST_ASSERT_UINT32_WITHIN(1, waiting, rig_read(&rig, 0x68C4, 4));
+    }
+}
+
 static void test_record_beyond_the_soft_limits_is_counted_and_a_fault(void)
 {
     rig_enable(&rig);
@@ -323,6 +340,27 @@ static void test_way_shorter_than_a_stop_starts_once_it_is_whole(void)
     rig_ms(&rig, 200);
     TEST_ASSERT_EQUAL_UINT32(DONE, stream(5));
     TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, 900e-6, mm(0));
+}
+
+/* docs/protocol.md: with fewer, a stop at the first want of records would end beyond the last of them. */
+static void test_way_starts_with_half_of_a_stop_and_20_knots_and_two_records(void)
+{
+    static const uint32_t stop_ms[] = {100, 200, 100}, record_ms[] = {1, 1, 10};
+    for (int n = 0; n < 3; n++) {
+        setUp();
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2130, 2, 2, stop_ms[n]));
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x60C2, 1, 1, record_ms[n]));
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x68C2, 1, 1, record_ms[n]));
+        rig_enable(&rig);
+        rig_controlwords(&rig, RUN, RUN);
+        const uint32_t least = stop_ms[n] / 2 + 20 + 2 * record_ms[n];
+        while (stream(7) < least) {
+            TEST_ASSERT_TRUE(stream(7) == 0 || stream(5) == FILLING);
+            record(0, 0);
+            rig_ms(&rig, 3);
+        }
+        TEST_ASSERT_EQUAL_UINT32(RUNNING, stream(5));
+    }
 }
 
 static void test_total_of_0_does_not_end_an_open_stream(void)
@@ -456,12 +494,14 @@ int main(void)
     RUN_TEST(test_period_must_be_the_same_for_both_axes_and_stay_so_while_a_stream_is_open);
     RUN_TEST(test_full_queue_refuses_a_record_and_loses_nothing);
     RUN_TEST(test_buffer_is_cleared_by_60C4h);
+    RUN_TEST(test_buffer_position_60C4h_is_the_number_of_knots_that_wait);
     RUN_TEST(test_record_beyond_the_soft_limits_is_counted_and_a_fault);
     RUN_TEST(test_records_go_into_a_stream_that_was_started_with_a_total);
     RUN_TEST(test_record_between_knot_frames_is_refused);
     RUN_TEST(test_path_error_is_kept_over_the_path_time_that_ran);
     RUN_TEST(test_record_after_one_that_was_refused_is_refused_too);
     RUN_TEST(test_way_shorter_than_a_stop_starts_once_it_is_whole);
+    RUN_TEST(test_way_starts_with_half_of_a_stop_and_20_knots_and_two_records);
     RUN_TEST(test_total_of_0_does_not_end_an_open_stream);
     RUN_TEST(test_record_begins_the_next_stream_after_one_with_a_total);
     RUN_TEST(test_record_begins_nothing_while_the_axes_still_move);

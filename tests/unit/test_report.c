@@ -46,6 +46,20 @@ static void test_mean_of_the_contour_error_ends_at_the_largest_number(void)
     TEST_ASSERT_EQUAL_UINT32(UINT32_MAX, rig_read(&rig, 0x2211, 1));
 }
 
+static void test_friction_and_mass_that_ccu_has_learned_are_reported_for_each_axis(void)
+{
+    struct feedforward_state *learned = &rig.device.drive.loop.servo.feedforward;
+    learned->friction[0] = acc_from(NUM(1.5)); /* N */
+    learned->friction[1] = acc_from(NUM(-2.5));
+    learned->mass[0] = acc_from(NUM(0.125)); /* N T0^2/um: 25 kg */
+    learned->mass[1] = acc_from(NUM(-0.25));
+    rig_ms(&rig, 2);
+    TEST_ASSERT_EQUAL_INT32(1500, (int32_t)rig_read(&rig, 0x2102, 1)); /* mN */
+    TEST_ASSERT_EQUAL_INT32(-2500, (int32_t)rig_read(&rig, 0x2902, 1));
+    TEST_ASSERT_EQUAL_INT32(3125, (int32_t)rig_read(&rig, 0x2102, 2)); /* g */
+    TEST_ASSERT_EQUAL_INT32(-6250, (int32_t)rig_read(&rig, 0x2902, 2));
+}
+
 static void test_controlword_of_y_alone_in_a_pdo_commands_y_alone(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1400, 1, 4, 0x80000201));
@@ -88,6 +102,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_energy_that_an_axis_gave_back_is_reported_as_none);
     RUN_TEST(test_mean_of_the_contour_error_ends_at_the_largest_number);
+    RUN_TEST(test_friction_and_mass_that_ccu_has_learned_are_reported_for_each_axis);
     RUN_TEST(test_controlword_of_y_alone_in_a_pdo_commands_y_alone);
     RUN_TEST(test_bus_that_is_never_empty_does_not_keep_the_drive_from_its_work);
     return UNITY_END();

@@ -281,6 +281,29 @@ static void test_cc_has_no_compensation_and_ccu_has(void)
     TEST_ASSERT_TRUE(fabs(val(out.compensator.u.x)) > 0.1);
 }
 
+/* `out` is used again: what another controller has left there must not be taken for a gain or an error of this one. */
+static void test_what_a_law_does_not_compute_is_reported_as_zero(void)
+{
+    for (int c = 0; c < CONTROLLERS; c++) {
+        if (c == CONTROLLER_CCU) {
+            continue;
+        }
+        setUp();
+        run(CONTROLLER_CCU, 50);
+        TEST_ASSERT_TRUE(val(out.compensator.mu.x) > 0 && val(out.smc.k_hat.x) > 0);
+        run((enum controller)c, 1);
+        const vec2 compensator[] = {out.compensator.z_n, out.compensator.s, out.compensator.v, out.compensator.mu,
+                                    out.compensator.u};
+        for (unsigned i = 0; i < sizeof compensator / sizeof compensator[0]; i++) {
+            TEST_ASSERT_EQUAL_DOUBLE(0, val(compensator[i].x));
+            TEST_ASSERT_EQUAL_DOUBLE(0, val(compensator[i].y));
+        }
+        const bool cascade = c == CONTROLLER_CASCADE || c == CONTROLLER_CCC;
+        TEST_ASSERT_EQUAL(cascade, !(val(out.smc.k_hat.x) > 0));
+        TEST_ASSERT_EQUAL(cascade, !(val(out.smc.k_hat.y) > 0));
+    }
+}
+
 /* Adapt so fast that each period adds 1 % of the compensation. */
 static void adapt_quickly(void)
 {
@@ -451,6 +474,7 @@ int main(void)
     RUN_TEST(test_reference_model_sees_the_switching_offset);
     RUN_TEST(test_reference_model_sees_that_the_force_is_limited);
     RUN_TEST(test_cc_has_no_compensation_and_ccu_has);
+    RUN_TEST(test_what_a_law_does_not_compute_is_reported_as_zero);
     RUN_TEST(test_only_ccu_adapts_the_feedforward_and_only_ccu_uses_it);
     RUN_TEST(test_the_feedforward_is_added_to_the_force_and_is_no_part_of_the_models_input);
     RUN_TEST(test_a_limited_force_does_not_adapt_the_feedforward);

@@ -98,6 +98,28 @@ static void test_every_value_that_is_stored_comes_back_whatever_its_type(void)
     TEST_ASSERT_EQUAL_UINT8(od_defaults.controller.select, od.controller.select); /* no parameter */
 }
 
+static void test_commands_and_the_error_history_are_not_stored(void)
+{
+    static const uint16_t not_stored[] = {0x1003, 0x1010, 0x1011};
+    for (uint16_t i = 0; i < od_table_len; i++) {
+        for (unsigned k = 0; k < 3; k++) {
+            if (od_table[i].index == not_stored[k] && (od_table[i].flags & OD_WRITE) != 0) {
+                od_write(&od, &od_table[i], od_read(&od_defaults, &od_table[i]) + 1);
+            }
+        }
+    }
+    TEST_ASSERT_TRUE(store_write(&store, &od, NODE, ALL, 0));
+    for (uint32_t at = store.begin; at < store.end; at += 8) {
+        uint32_t key;
+        hal.flash_read(hal.ctx, store.sector, at, &key, sizeof key);
+        for (unsigned k = 0; k < 3; k++) {
+            TEST_ASSERT_NOT_EQUAL_HEX32(not_stored[k], key >> 8);
+        }
+    }
+    power_on();
+    TEST_ASSERT_TRUE(is_default(&od));
+}
+
 static void test_areas_are_saved_retained_and_left_out_each_for_itself(void)
 {
     TEST_ASSERT_TRUE(save(1));
@@ -392,6 +414,7 @@ int main(void)
     RUN_TEST(test_empty_flash_leaves_the_defaults_and_is_no_damage);
     RUN_TEST(test_what_is_saved_is_there_after_power_on);
     RUN_TEST(test_every_value_that_is_stored_comes_back_whatever_its_type);
+    RUN_TEST(test_commands_and_the_error_history_are_not_stored);
     RUN_TEST(test_areas_are_saved_retained_and_left_out_each_for_itself);
     RUN_TEST(test_only_the_areas_requested_are_loaded);
     RUN_TEST(test_identifier_at_its_default_follows_a_new_node_id_and_a_chosen_one_does_not);

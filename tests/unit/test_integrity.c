@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Checksums over configuration and parameters (supervision/integrity.h): none of them is left out. */
+#include "supervision/integrity.h"
+
+#include "unity.h"
+
+static struct od_data od;
+static struct integrity m;
+static uint32_t cfg[3];
+
+static bool intact(void)
+{
+    return integrity_intact(&m, cfg, sizeof cfg, &od);
+}
+
+/* Whether all is intact for as long as it takes to read all parameters */
+static bool stays_intact(void)
+{
+    bool all = true;
+    for (unsigned i = 0; i <= od_table_len / INTEGRITY_ENTRIES_MS; i++) {
+        all = intact() && all;
+    }
+    return all;
+}
+
+static void seal(bool reset)
+{
+    integrity_seal(&m, cfg, sizeof cfg, &od, reset);
+}
+
+void setUp(void)
+{
+    od_init(&od, 1);
+    cfg[0] = 0x12345678;
+    cfg[1] = 0x9ABCDEF0;
+    cfg[2] = 7;
+    m = (struct integrity){0};
+    seal(true);
+}
+
+void tearDown(void)
+{
+}
+
+static void test_what_nobody_changes_stays_intact_round_after_round(void)
+{
+    for (int i = 0; i < 5; i++) {
+        TEST_ASSERT_TRUE(stays_intact());
+    }
+}
+
+static void test_every_bit_of_the_configuration_is_checked_in_every_millisecond(void)
+{
+    for (unsigned bit = 0; bit < 8 * sizeof cfg; bit++) {
+        cfg[bit / 32] ^= 1u << bit % 32;
+        TEST_ASSERT_FALSE(intact());
+        cfg[bit / 32] ^= 1u << bit % 32;
+        TEST_ASSERT_TRUE(intact());
+    }
+}
+
+static void test_every_parameter_is_checked_and_one_that_changed_stays_corrupt_until_a_reset(void)
+{
+    unsigned parameters = 0;
+    for (uint16_t i = 0; i < od_table_len; i++) {
+        const int64_t value = od_read(&od, &od_table[i]);
+        if ((od_table[i].flags & OD_CONFIG) == 0) {
+            continue;
+        }
+        parameters++;
+        od_write(&od, &od_table[i], value ^ 1);
+        TEST_ASSERT_FALSE(stays_intact());
+        seal(false); /* another parameter has been written */
+        TEST_ASSERT_FALSE(intact());
+        od_write(&od, &od_table[i], value);
+        seal(true);
+        TEST_ASSERT_TRUE(stays_intact());
+    }
+    TEST_ASSERT_TRUE(parameters > 80);
+}
+
+static void test_parameter_that_is_written_by_a_master_is_no_corruption(void)
+{
+    (void)intact(); /* in the middle of a round */
+    od.smc.lambda++;
+    seal(false);
+    TEST_ASSERT_TRUE(stays_intact());
+}
+
+static void test_value_that_is_no_parameter_may_change(void)
+{
+    od.axis[0].controlword ^= 1u;
+    od.telemetry.tick++;
+    TEST_ASSERT_TRUE(stays_intact());
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_what_nobody_changes_stays_intact_round_after_round);
+    RUN_TEST(test_every_bit_of_the_configuration_is_checked_in_every_millisecond);
+    RUN_TEST(test_every_parameter_is_checked_and_one_that_changed_stays_corrupt_until_a_reset);
+    RUN_TEST(test_parameter_that_is_written_by_a_master_is_no_corruption);
+    RUN_TEST(test_value_that_is_no_parameter_may_change);
+    return UNITY_END();
+}
