@@ -101,9 +101,14 @@ static void on_rpdo(void *ctx, unsigned number)
 {
     struct device *device = ctx;
     const struct od_axis *axis = device->od.axis;
+    static const uint16_t set_points[] = {OBJ_MODE_X, OBJ_MODE_Y, OBJ_TARGET_VELOCITY_X, OBJ_TARGET_VELOCITY_Y};
     const unsigned received = (co_rpdo_carries(&device->node, number, OBJ_CONTROLWORD_X) ? 1u : 0u) |
                               (co_rpdo_carries(&device->node, number, OBJ_CONTROLWORD_Y) ? 2u : 0u);
-    if (received != 0) {
+    bool commands = received != 0;
+    for (unsigned i = 0; i < sizeof set_points / sizeof set_points[0]; i++) {
+        commands = commands || co_rpdo_carries(&device->node, number, set_points[i]);
+    }
+    if (commands) {
         step(device, received);
     }
     if (co_rpdo_carries(&device->node, number, OBJ_KNOT)) {

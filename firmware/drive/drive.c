@@ -305,9 +305,9 @@ static void write_command(struct drive *d)
     atomic_store(&c->run, may_run(d));
 }
 
-static void report_status(struct drive *d, bool node_warns)
+static void report_status(struct drive *d)
 {
-    const unsigned warning = d->warnings != 0 || node_warns ? SW_WARNING : 0u;
+    const unsigned warning = d->warnings != 0 || d->node_warns ? SW_WARNING : 0u;
     for (int i = 0; i < 2; i++) {
         const unsigned mode = axis_modes_status(&d->path.modes, i, d->od->stream.state, d->path.progress.standing);
         d->od->axis[i].mode_display = d->path.modes.axis[i].mode;
@@ -326,7 +326,8 @@ void drive_step(struct drive *d, const struct drive_in *in)
     switch_power(d);
     follow_path(d);
     write_command(d);
-    report_status(d, in->node_warns);
+    d->node_warns = in->node_warns;
+    report_status(d);
 }
 
 void drive_statusword_sent(struct drive *d, int axis)
@@ -344,7 +345,9 @@ uint32_t drive_stream_command(struct drive *d, uint8_t command)
     struct path_axis axis[2];
     get_axes(d, axis);
     path_read(&d->path);
-    return path_command(&d->path, d->od, axis, command);
+    const uint32_t code = path_command(&d->path, d->od, axis, command);
+    report_status(d); /* bit 10 of the path before is gone before the answer is sent */
+    return code;
 }
 
 uint32_t drive_record(struct drive *d, struct knot record)
@@ -352,7 +355,9 @@ uint32_t drive_record(struct drive *d, struct knot record)
     struct path_axis axis[2];
     get_axes(d, axis);
     path_read(&d->path);
-    return path_record(&d->path, d->od, axis, record);
+    const uint32_t code = path_record(&d->path, d->od, axis, record);
+    report_status(d);
+    return code;
 }
 
 void drive_stop(struct drive *d)

@@ -2,8 +2,8 @@
 /* drive/drive.h: the drive as its master sees it: two axes (CiA 402), one stream of knots, faults. Background only; the
  * caller is device.c.
  *
- * drive_step() runs once a millisecond, and once for each frame that brings a controlword. It calls these functions once
- * each, in this order:
+ * drive_step() runs once a millisecond, and once for each write of a controlword, a mode or a target velocity, so that
+ * the statusword never answers an older command. It calls these functions once each, in this order:
  *
  *  1. path_read            the servo's snapshot and the progress of path time
  *  2. take_controlwords    CiA 402 of each axis: controlwords that have just come; reset of faults
@@ -40,6 +40,7 @@ struct drive {
     uint8_t first;     /* enum fault: the first one of `faults` */
     struct fault_monitor fault_monitor;
     struct integrity integrity;
+    bool node_warns;        /* drive_in.node_warns of the last step */
     bool enable_refused;    /* an axis is to be enabled while one without power moves */
     bool powered[2];        /* loop.command.powered as it is to be */
     uint32_t configured;    /* loop.command.configured as it is to be */
@@ -60,7 +61,7 @@ void drive_reset(struct drive *d);
 /* Parameters have changed (without power) and fit together: hand them over to the tick. reset: every one is new, by a
  * reset. */
 void drive_configure(struct drive *d, bool reset);
-/* One step: called once a millisecond, and once for each frame with a controlword. */
+/* One step: called once a millisecond, and once for each write of a command. */
 void drive_step(struct drive *d, const struct drive_in *in);
 /* The master can no longer stop the axes: stop them, then switch their power off. */
 void drive_stop(struct drive *d);

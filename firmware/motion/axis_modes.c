@@ -11,9 +11,7 @@ void axis_modes_reset(struct axis_modes *m)
     for (int i = 0; i < 2; i++) {
         m->axis[i].mode = MODE_INTERPOLATED_POSITION;
         profile_start(&m->axis[i].profile, 0); /* not followed; its moving average needs a length */
-        if (homing_busy(&m->axis[i].homing)) {
-            m->axis[i].homing.state = HOMING_NONE;
-        }
+        m->axis[i].homing.state = HOMING_NONE;
     }
 }
 
@@ -59,6 +57,7 @@ static void take_over_mode(struct axis_modes *m, int i, const struct axis_modes_
             out->hold = true;
         }
         a->mode = mode;
+        a->homing.state = HOMING_NONE; /* bits 12 and 13 are about a homing of this stay in the mode */
     }
 }
 
@@ -81,18 +80,20 @@ static struct homing_in homing_in(const struct axis_modes *m, int i, const struc
     };
 }
 
-/* Target velocity of an axis in mode 6. An edge of bit 4 starts the homing, which runs while the bit stays set. */
+/* Target velocity of an axis in mode 6. A rising edge of bit 4 clears the result of the homing before. It starts the next
+ * one, which runs while the bit stays set, unless the axis is not enabled or on halt. */
 static int32_t homing_velocity(struct axis_modes *m, int i, const struct axis_modes_in *in)
 {
     struct axis_mode *a = &m->axis[i];
     const uint16_t cw = in->axis[i].controlword;
+    const bool edge = (cw & ~(unsigned)a->controlword & CW_ENABLE_IP) != 0;
     const struct homing_in homing = homing_in(m, i, in);
     if (!in->axis[i].enabled || (cw & CW_ENABLE_IP) == 0 || (cw & CW_HALT) != 0) {
-        a->homing.state = homing_busy(&a->homing) ? HOMING_NONE : a->homing.state;
+        a->homing.state = edge || homing_busy(&a->homing) ? HOMING_NONE : a->homing.state;
         return 0;
     }
-    if ((a->controlword & CW_ENABLE_IP) == 0) {
-        homing_start(&a->homing, in->od->axis[i].homing_method, &homing);
+    if (edge) {
+        homing_start(&a->homing, in->od->axis[i].homing_method);
     }
     return homing_step(&a->homing, &homing);
 }

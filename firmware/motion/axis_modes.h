@@ -86,7 +86,7 @@ struct axis_modes_out {
     int32_t origin_nm[2];
 };
 
-/* Reset to the state at power-on, except for the result of a homing. */
+/* Reset to the state at power-on. */
 void axis_modes_reset(struct axis_modes *m);
 /* End the path of the profiles where it stands. Returns true if it stands because axis_modes_generate() has not been called
  * for PROFILE_AHEAD milliseconds, which is FAULT_UNDERRUN. */

@@ -50,9 +50,14 @@ static void found(struct homing *h, int64_t nm)
     h->found_nm = nm;
 }
 
-void homing_start(struct homing *h, int8_t method, const struct homing_in *in)
+void homing_start(struct homing *h, int8_t method)
 {
-    *h = (struct homing){.method = method};
+    *h = (struct homing){.state = HOMING_BEGIN, .method = method};
+}
+
+static void begin(struct homing *h, const struct homing_in *in)
+{
+    const int8_t method = h->method;
     if (!homing_method_known(method) || (with_switch(method) && (in->inputs & LIMITS) == LIMITS)) {
         go(h, HOMING_FAILING, in);
     } else if (with_switch(method)) {
@@ -66,6 +71,13 @@ void homing_start(struct homing *h, int8_t method, const struct homing_in *in)
 
 int32_t homing_step(struct homing *h, const struct homing_in *in)
 {
+    if (h->state == HOMING_BEGIN) {
+        if (h->shown < HOMING_SHOWN) {
+            h->shown++;
+            return 0;
+        }
+        begin(h, in);
+    }
     const int seek = direction(h->method);
     const int search = with_switch(h->method) ? -seek : seek; /* direction in which the edge or the pulse is searched */
     const int64_t way = in->position_nm - h->from_nm;

@@ -8,6 +8,9 @@
  * | 33, 34 | next index pulse in negative, positive direction                                  |
  * | 35, 37 | where the axis stands                                                             |
  *
+ * A homing begins with HOMING_SHOWN steps at standstill, in which the statusword says that it is in progress. So TPDO1
+ * shows each master, at least twice, that the result of the homing before is gone.
+ *
  * The servo tick records the position at the edge of a switch and at an index pulse, so the velocity does not blur it. It
  * is an error to go further than `reach_nm` without finding what is searched, and to reach the other switch.
  *
@@ -20,6 +23,7 @@
 
 enum homing_state {
     HOMING_NONE,  /* not started, or interrupted */
+    HOMING_BEGIN, /* stands, while the statusword shows that it has started */
     HOMING_SEEK,  /* moves towards the switch */
     HOMING_TURN,  /* slows down on the switch */
     HOMING_LEAVE, /* moves off the switch */
@@ -29,6 +33,8 @@ enum homing_state {
     HOMING_FAILING, /* slows down */
     HOMING_FAILED
 };
+
+enum { HOMING_SHOWN = 25 }; /* drive steps, one a millisecond; TPDO1 is sent at once and each 10 ms */
 
 struct homing_in {
     uint8_t inputs;       /* enum hal_input */
@@ -44,15 +50,16 @@ struct homing_in {
 struct homing {
     enum homing_state state;
     int8_t method;
+    uint8_t shown;        /* steps in HOMING_BEGIN */
     uint8_t index_pulses; /* when the search began */
     int64_t from_nm;      /* position where the search began that `reach_nm` bounds */
     int64_t found_nm;
 };
 
 bool homing_method_known(int64_t method);
-void homing_start(struct homing *h, int8_t method, const struct homing_in *in);
+void homing_start(struct homing *h, int8_t method);
 /* Returns the target velocity, um/s. */
 int32_t homing_step(struct homing *h, const struct homing_in *in);
-/* Whether homing is running: HOMING_SEEK to HOMING_FOUND, and HOMING_FAILING. */
+/* Whether homing is running: HOMING_BEGIN to HOMING_FOUND, and HOMING_FAILING. */
 bool homing_busy(const struct homing *h);
 #endif

@@ -6,17 +6,21 @@ import sys
 import time
 from pathlib import Path
 
+import canopen
 import cantools
 import pytest
+from canopen.profiles.p402 import BaseNode402
 from rig import Rig
-from targets import Target, needs_clock
+from targets import MACHINE, Target, needs_clock
 
 from kontur.can import wire
 
 ROOT = Path(__file__).resolve().parents[2]
 DBC = ROOT / "host" / "kontur" / "kontur.dbc"
+EDS = ROOT / "host" / "kontur" / "kontur.eds"
 EXAMPLE = ROOT / "examples" / "canopen_only.py"
-_EXAMPLE_S, _LISTEN_S = 180.0, 10.0
+_EXAMPLE_S, _LISTEN_S, _ANSWER_S = 180.0, 10.0, 30.0
+_SWITCH_NM = -148_000_000
 
 
 @pytest.mark.motion
@@ -52,3 +56,28 @@ def test_cantools_reads_the_frames_by_the_dbc(clock_rig: Rig) -> None:
             assert list(signals.values()) == [*status.statusword, status.free, status.accepted]
         wanted.discard(message.arbitration_id)
     assert not wanted
+
+
+@pytest.mark.motion
+def test_python_canopen_alone_homes_again_with_other_methods_and_offsets(target: Target) -> None:
+    """By its own CiA 402 node, which takes bit 12 of the first statusword for the end of the homing."""
+    if not target.simulated:
+        pytest.skip("needs more room than the 2 mm of this suite")
+    needs_clock(target)
+    with (
+        target.power_on(pace="clock", plant=MACHINE.starting_at((-0.14, 0.0))) as drive,
+        canopen.Network() as network,
+    ):
+        network.connect(**drive.bus_options)
+        node = network.add_node(BaseNode402(drive.node_id, str(EDS)))
+        node.sdo.RESPONSE_TIMEOUT = _ANSWER_S
+        node.TIMEOUT_SWITCH_OP_MODE = node.TIMEOUT_CHECK_TPDO = _ANSWER_S
+        node.TIMEOUT_SWITCH_STATE_SINGLE = node.TIMEOUT_SWITCH_STATE_FINAL = _ANSWER_S
+        node.nmt.state = "OPERATIONAL"
+        node.setup_402_state_machine()
+        for method, offset_nm, around_nm in ((37, 20_000_000, 100), (17, _SWITCH_NM, 500_000), (35, 5_000_000, 100)):
+            node.state = "SWITCH ON DISABLED"
+            node.sdo[0x6098].raw, node.sdo[0x607C].raw = method, offset_nm
+            assert node.homing(timeout=_ANSWER_S)
+            assert node.sdo[0x6064].raw == pytest.approx(offset_nm, abs=around_nm), f"method {method}"
+            assert node.is_homed()

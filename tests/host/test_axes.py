@@ -2,18 +2,21 @@
 """Jogging and homing over CAN, against the true position of the simulated machine, which no encoder sees."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import can
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hooked_bus import HookedBus
 
 from kontur import machine
+from kontur.can import wire
 from kontur.can.link import Link
 from kontur.cli import main
 from kontur.drive import single_axis
 from kontur.drive.device import Device
+from kontur.drive.state_machine import FAULT_RESET
 from kontur.errors import DeviceError, EmcyError, ParameterError
 from kontur.sim.library import Sim
 
@@ -130,6 +133,89 @@ def test_home_point_is_the_true_edge_of_the_switch_or_the_index(
         assert reported_m - 0.007 == pytest.approx(true_m(device)[i] - home_m, abs=5 * COUNT_M)
         assert device.axes.states() == ("operation enabled", "operation enabled")
     assert device.position_m()[i] == pytest.approx(reported_m, abs=2e-6)  # it stays when the power goes
+
+
+@pytest.fixture
+def lossy() -> Iterator[tuple[Device, Callable[[float], None]]]:
+    """A drive near its lower limit switch, and what loses all TPDO1 for a time, from now on."""
+    with HookedBus(channel="sim", machine=MACHINE.starting_at((-0.14, 0.0)), seed=1) as bus:
+        drive = Device(Link(bus, 1))
+        drive.parameters.set(MACHINE.parameters())
+
+        def lose_status(duration_s: float) -> None:
+            end_s = bus.time_s + duration_s
+            bus.on_recv = lambda message: (
+                None if message.arbitration_id == wire.TPDO1 + 1 and bus.time_s < end_s else message
+            )
+
+        yield drive, lose_status
+
+
+@pytest.mark.parametrize("silent_s", [0.0, 0.02, 0.3])
+def test_homing_again_ends_at_the_home_point_of_the_second_method(
+    lossy: tuple[Device, Callable[[float], None]], silent_s: float
+) -> None:
+    device, lose_status = lossy
+    for method, offset_nm in (("here", 20_000_000), ("switch-", -148_000_000), ("here", 5_000_000)):
+        device.parameters.set({"homing_method_x": single_axis.METHODS[method], "home_offset_x": offset_nm})
+        with device.axes.enabled():
+            device.write("mode_x", 6)  # as a master before may have left it
+            device.axes.refresh()
+            lose_status(silent_s)
+            assert single_axis.home(device, "x")
+            at_m = device.position_m()[0]
+            truly_m = true_m(device)[0]
+        expected_m = truly_m if method == "switch-" else offset_nm * 1e-9
+        assert at_m == pytest.approx(expected_m, abs=5 * COUNT_M), method
+
+
+def test_homing_twice_with_power_on_homes_twice(lossy: tuple[Device, Callable[[float], None]]) -> None:
+    device, lose_status = lossy
+    device.parameters.set({"homing_method_x": single_axis.METHODS["switch-"], "home_offset_x": -148_000_000})
+    with device.axes.enabled():
+        for _ in range(2):
+            begin_s = device.link.time_s
+            lose_status(0.1)
+            assert single_axis.home(device, "x")
+            assert device.link.time_s - begin_s > 0.2
+            assert device.position_m()[0] == pytest.approx(true_m(device)[0], abs=5 * COUNT_M)
+
+
+def test_jog_back_from_a_limit_is_not_taken_for_the_one_that_it_stopped(
+    lossy: tuple[Device, Callable[[float], None]],
+) -> None:
+    device, lose_status = lossy
+    device.write("position_limit_x.min", -141_000_000)
+    with device.axes.enabled():
+        assert not single_axis.jog(device, {"x": -0.05}, 5.0)
+        lose_status(0.1)
+        assert single_axis.jog(device, {"x": 0.05}, 0.3)
+
+
+def test_short_jog_returns_when_the_axis_stands(lossy: tuple[Device, Callable[[float], None]]) -> None:
+    device, lose_status = lossy
+    with device.axes.enabled():
+        device.write("mode_x", 3)
+        device.link.wait(lambda: False, 0.05)
+        lose_status(0.1)
+        single_axis.jog(device, {"x": 0.05}, 0.08)
+        at_m = true_m(device)[0]
+        device.link.wait(lambda: False, 0.2)
+        assert true_m(device)[0] == pytest.approx(at_m, abs=2e-6)
+
+
+def test_fault_reset_bit_that_a_master_left_set_does_not_keep_the_next_one_out(device: Device) -> None:
+    device.axes.enable()
+    device.write("mode_x", 3)
+    device.write("target_velocity_x", 50_000)
+    device.link.wait(lambda: False, 0.3)
+    device.link.stop_heartbeat()
+    device.link.wait(lambda: "fault reaction active" in device.axes.states(), 2.0)
+    for axis in "xy":
+        device.write(f"controlword_{axis}", FAULT_RESET)  # too early: its edge is gone
+    device.link.wait(lambda: device.axes.states() == ("fault", "fault"), 2.0)
+    device.axes.enable()
+    assert device.axes.states() == ("operation enabled", "operation enabled")
 
 
 def test_homing_that_finds_nothing_is_an_error_that_says_what_to_look_at(device: Device) -> None:

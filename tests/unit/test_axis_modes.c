@@ -162,6 +162,44 @@ static void test_axis_in_profile_velocity_goes_with_the_target_velocity(void)
     TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2200, 18)); /* underruns */
 }
 
+/* Bit 10 is about the latest set-point, also for a master that reads 6041h in the same millisecond. */
+static void test_target_reached_is_gone_with_the_next_set_point(void)
+{
+    start_jog_mode();
+    rig_ms(&rig, 20);
+    TEST_ASSERT_TRUE(status(0, TARGET_REACHED));
+    velocity(0, 20000);
+    TEST_ASSERT_BITS_LOW(1u << TARGET_REACHED, rig_read(&rig, 0x6041, 0));
+    rig_ms(&rig, 1000);
+    TEST_ASSERT_TRUE(status(0, TARGET_REACHED));
+    velocity(0, 0);
+    TEST_ASSERT_BITS_LOW(1u << TARGET_REACHED, rig_read(&rig, 0x6041, 0));
+    rig_ms(&rig, 1000);
+    TEST_ASSERT_TRUE(status(0, TARGET_REACHED));
+}
+
+/* An RPDO with 60FFh, as the one of a master that has mapped it */
+static void test_target_reached_is_gone_with_the_next_set_point_of_a_pdo(void)
+{
+    rig_enable(&rig);
+    rig_nmt(&rig, 128);
+    rig_ms(&rig, 300);
+    set(0, 0x1402, 1, 4, 0x80000401);
+    set(0, 0x1602, 0, 1, 0);
+    set(0, 0x1602, 1, 4, 0x60FF0020);
+    set(0, 0x1602, 0, 1, 1);
+    set(0, 0x1402, 1, 4, 0x401);
+    start_jog_mode();
+    rig_ms(&rig, 20);
+    TEST_ASSERT_TRUE(status(0, TARGET_REACHED));
+    static const uint8_t fast[4] = {0x20, 0x4E};
+    rig_send(&rig, 0x401, 4, fast);
+    TEST_ASSERT_BITS_LOW(1u << TARGET_REACHED, rig_read(&rig, 0x6041, 0));
+    rig_ms(&rig, 1000);
+    TEST_ASSERT_TRUE(status(0, TARGET_REACHED));
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 20, mmps(0));
+}
+
 static void test_both_axes_jog_at_once_each_with_its_own_ramp(void)
 {
     start_jog_mode();
@@ -525,6 +563,8 @@ int main(void)
     RUN_TEST(test_stream_moves_nothing_unless_both_axes_are_in_its_mode);
     RUN_TEST(test_stream_that_waits_is_forgotten_with_its_mode);
     RUN_TEST(test_axis_in_profile_velocity_goes_with_the_target_velocity);
+    RUN_TEST(test_target_reached_is_gone_with_the_next_set_point);
+    RUN_TEST(test_target_reached_is_gone_with_the_next_set_point_of_a_pdo);
     RUN_TEST(test_both_axes_jog_at_once_each_with_its_own_ramp);
     RUN_TEST(test_jog_goes_on_where_it_ended_as_often_as_it_is_asked);
     RUN_TEST(test_jog_ends_at_a_soft_limit_by_slowing_down);

@@ -180,6 +180,17 @@ static void test_second_stream_follows_the_first(void)
     TEST_ASSERT_DOUBLE_WITHIN(200e-9, 18e-3, rig.plant.pos_m[1]);
 }
 
+static void test_target_reached_of_the_stream_before_is_gone_when_the_next_one_has_begun(void)
+{
+    rig_enable(&rig);
+    rig_go(&rig, &stream, 1600);
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    TEST_ASSERT_BITS_HIGH(1u << TARGET_REACHED, rig_read(&rig, 0x6041, 0));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &stream));
+    TEST_ASSERT_BITS_LOW(1u << TARGET_REACHED, rig_read(&rig, 0x6041, 0));
+    TEST_ASSERT_BITS_LOW(1u << TARGET_REACHED, rig_read(&rig, 0x6841, 0));
+}
+
 static void test_second_stream_waits_for_its_own_knots(void)
 {
     rig_enable(&rig);
@@ -297,6 +308,7 @@ int main(void)
     RUN_TEST(test_halt_holds_the_path_and_clearing_it_goes_on);
     RUN_TEST(test_halt_of_one_axis_stops_both);
     RUN_TEST(test_second_stream_follows_the_first);
+    RUN_TEST(test_target_reached_of_the_stream_before_is_gone_when_the_next_one_has_begun);
     RUN_TEST(test_second_stream_waits_for_its_own_knots);
     RUN_TEST(test_stream_that_never_started_is_stopped_when_the_axes_are_disabled);
     RUN_TEST(test_stopped_stream_is_given_up_by_command_2);

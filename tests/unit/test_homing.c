@@ -221,6 +221,74 @@ static void test_halt_ends_homing_until_the_next_edge(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-2, 0, mmps(0));
 }
 
+/* The next homing of axis x, by the edge of bit 4: TPDO1 shows twice or more that the last result is gone. */
+static void expect_result_gone(void)
+{
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    rig_ms(&rig, 2);
+    const unsigned before = rig.status_count;
+    rig_controlwords(&rig, RUN, ENABLE);
+    TEST_ASSERT_BITS(1u << TARGET_REACHED | 1u << ATTAINED | 1u << HOMING_ERROR, 0, rig_read(&rig, 0x6041, 0));
+    rig_ms(&rig, 20);
+    TEST_ASSERT_FALSE(status(0, ATTAINED) || status(0, HOMING_ERROR) || status(0, TARGET_REACHED));
+    TEST_ASSERT_GREATER_OR_EQUAL_UINT(before + 2, rig.status_count);
+}
+
+static void test_homing_again_shows_that_the_result_before_is_gone(void)
+{
+    start_at(-0.19, 0);
+    homing(0, 37, 100);
+    expect_attained(0);
+    expect_result_gone(); /* it finds its home where it stands */
+    rig_ms(&rig, 20);
+    expect_attained(0);
+    rig_controlwords(&rig, 0, 0); /* another method and offset, in the same mode */
+    rig_ms(&rig, 2);
+    set(0, 0x6098, 0, 1, 17);
+    set(0, 0x607C, 0, 4, -150000000);
+    rig_enable(&rig);
+    expect_result_gone();
+    rig_ms(&rig, 4000);
+    expect_attained(0);
+    TEST_ASSERT_DOUBLE_WITHIN(0.4e-3, mm(0) + 198 - 150, reported_mm(0));
+}
+
+static void test_homing_that_fails_again_shows_that_the_error_before_is_gone(void)
+{
+    rig.inputs[0] = HAL_LIMIT_MIN | HAL_LIMIT_MAX;
+    homing(0, 17, 100);
+    expect_error(0);
+    expect_result_gone();
+    rig_ms(&rig, 20);
+    expect_error(0);
+}
+
+static void test_result_of_a_homing_ends_when_its_mode_is_left(void)
+{
+    homing(0, 37, 100);
+    expect_attained(0);
+    mode(0, PATH);
+    mode(0, HOMING);
+    TEST_ASSERT_TRUE(status(0, TARGET_REACHED)); /* not started */
+    TEST_ASSERT_FALSE(status(0, ATTAINED) || status(0, HOMING_ERROR));
+}
+
+/* Power comes with bit 4 set already: nothing starts, and nothing is attained. */
+static void test_start_that_comes_before_power_attains_nothing(void)
+{
+    homing(0, 37, 100);
+    expect_attained(0);
+    rig_controlwords(&rig, SHUTDOWN, ENABLE);
+    rig_ms(&rig, 2);
+    rig_expect_states(&rig, RIG_READY, RIG_ENABLED);
+    rig_controlwords(&rig, SHUTDOWN | 0x10, ENABLE);
+    rig_controlwords(&rig, 0x17, ENABLE);
+    rig_controlwords(&rig, RUN, ENABLE);
+    rig_ms(&rig, 50);
+    rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
+    TEST_ASSERT_FALSE(status(0, ATTAINED) || status(0, HOMING_ERROR));
+}
+
 static void test_both_axes_home_at_once(void)
 {
     start_at(-0.19, 0.195);
@@ -349,6 +417,10 @@ int main(void)
     RUN_TEST(test_search_for_the_index_ends_at_a_limit_switch);
     RUN_TEST(test_homing_is_interrupted_when_bit_4_goes_and_begins_anew_with_its_edge);
     RUN_TEST(test_halt_ends_homing_until_the_next_edge);
+    RUN_TEST(test_homing_again_shows_that_the_result_before_is_gone);
+    RUN_TEST(test_homing_that_fails_again_shows_that_the_error_before_is_gone);
+    RUN_TEST(test_result_of_a_homing_ends_when_its_mode_is_left);
+    RUN_TEST(test_start_that_comes_before_power_attains_nothing);
     RUN_TEST(test_both_axes_home_at_once);
     RUN_TEST(test_homing_that_loses_its_power_does_not_go_on_by_itself);
     RUN_TEST(test_mode_that_is_written_while_an_axis_homes_is_taken_when_it_has_its_home);

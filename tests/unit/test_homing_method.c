@@ -20,6 +20,16 @@ void tearDown(void)
 {
 }
 
+/* Start, and step up to where the search begins. */
+static void start(int8_t method)
+{
+    homing_start(&homing, method);
+    for (int i = 0; i < HOMING_SHOWN; i++) {
+        TEST_ASSERT_EQUAL_INT32(0, homing_step(&homing, &in));
+        TEST_ASSERT_EQUAL(HOMING_BEGIN, homing.state);
+    }
+}
+
 static void expect_error_at_standstill_only(void)
 {
     TEST_ASSERT_EQUAL_INT32(0, homing_step(&homing, &in));
@@ -33,13 +43,13 @@ static void expect_error_at_standstill_only(void)
 
 static void test_method_that_there_is_not_is_an_error_and_moves_nothing(void)
 {
-    homing_start(&homing, 3, &in);
+    start(3);
     expect_error_at_standstill_only();
 }
 
 static void test_both_switches_on_while_it_searches_is_an_error(void)
 {
-    homing_start(&homing, 17, &in);
+    start(17);
     TEST_ASSERT_EQUAL_INT32(-SEARCH, homing_step(&homing, &in));
     in.inputs = HAL_LIMIT_MIN | HAL_LIMIT_MAX;
     expect_error_at_standstill_only();
@@ -50,7 +60,8 @@ static void test_search_reaches_as_far_as_it_may_in_either_direction_and_no_furt
     for (int dir = -1; dir <= 1; dir += 2) {
         setUp();
         in.position_nm = 50;
-        homing_start(&homing, dir < 0 ? 33 : 34, &in);
+        start(dir < 0 ? 33 : 34);
+        TEST_ASSERT_EQUAL_INT32(dir * ZERO, homing_step(&homing, &in));
         in.position_nm = 50 + dir * 1000;
         TEST_ASSERT_EQUAL_INT32(dir * ZERO, homing_step(&homing, &in));
         in.position_nm += dir;

@@ -168,6 +168,7 @@ static void test_next_record_after_the_end_begins_the_next_stream(void)
     for (int i = 399; i >= 0; i--) { /* and back */
         const struct knot k = on_the_way(i, 400);
         record(k.nm[0], k.nm[1]);
+        TEST_ASSERT_BITS_LOW(1u << TARGET_REACHED, rig_read(&rig, 0x6041, 0)); /* that of the stream before */
         rig_ms(&rig, 1);
     }
     rig_ms(&rig, 300);

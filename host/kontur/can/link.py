@@ -72,6 +72,7 @@ class Link:
         self.status: Status | None = None
         self.status_count = 0
         self.statuswords = (0, 0)
+        self._statuswords_count = 0  # `status_count` when they came the second time
         self.misdirected: list[tuple[int, int]] = []
         self._round_trips_s: deque[float] = deque(maxlen=16)
         self.emergencies: list[tuple[int, int, bytes]] = []
@@ -197,6 +198,14 @@ class Link:
             self.poll(left_s)
         return True
 
+    def statuswords_since(self, status_count: int) -> bool:
+        """Whether both TPDO1 that `statuswords` rest on have come since `status_count` had this value.
+
+        Where that was after an SDO write, they are about what was written: the drive's TPDO1 and answers keep their
+        order.
+        """
+        return self._statuswords_count >= status_count + 2
+
     @property
     def answer_time_s(self) -> float:
         """Now, by the clock of the timeout of an SDO request.
@@ -287,6 +296,7 @@ class Link:
             self.status_count += 1
             if before is not None and before.statusword == self.status.statusword:
                 self.statuswords = self.status.statusword
+                self._statuswords_count = self.status_count
 
 
 class _PolledNode(canopen.RemoteNode):  # type: ignore[misc]  # the library is not typed

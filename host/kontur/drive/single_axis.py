@@ -47,17 +47,19 @@ def jog(
         for name, value in targets.items():
             device.write(name, value)
         end_s = device.link.time_s + duration_s
+        written = device.link.status_count
         moving_freely = True
         while moving_freely and device.link.time_s < end_s:
             device.link.wait(lambda: False, min(_POLL_S, end_s - device.link.time_s))
             device.faults.check()
-            blocked = all(
+            blocked = device.link.statuswords_since(written) and all(
                 device.axes.status(axis) & (_LIMITED | _STANDS) == _LIMITED | _STANDS for axis in velocity_mps
             )
             moving_freely = not stop_requested() and not blocked
     finally:
         for name in targets:
             device.write(name, 0)
+    device.axes.refresh()
     slowest_s = max(_deceleration_time_s(device, axis, abs(value)) for axis, value in velocity_mps.items())
     device.wait(
         lambda: all(device.axes.status(axis) & _STANDS for axis in velocity_mps),
@@ -81,6 +83,7 @@ def home(device: Device, axis: str, stop_requested: Callable[[], bool] = lambda:
     device.write(f"controlword_{axis}", RUN_PATH)
     end_s = device.link.time_s + longest_s
     try:
+        device.axes.refresh()  # the result of a homing before is gone
         while True:
             device.link.wait(lambda: False, _POLL_S)
             device.faults.check()
@@ -108,7 +111,7 @@ def _change_mode(device: Device, axes: Mapping[str, float] | tuple[str, ...], mo
         if device.link.time_s > end_s:
             raise DeviceError(f"the drive does not change to mode {mode}; it changes at standstill only")
         device.link.wait(lambda: False, _POLL_S)
-    device.link.wait(lambda: False, 2 * _POLL_S)  # until the statuswords are those of the mode
+    device.axes.refresh()  # the statuswords are those of the mode
 
 
 def _deceleration_time_s(device: Device, axis: str, speed_mps: float) -> float:

@@ -76,6 +76,8 @@ class StateMachine:
                 raise DeviceError(self._stuck("enabled", states))
             if "switched on" in states:
                 self.master.allow_enabling()
+            if "fault" in states:  # a reset is an edge of its bit, which a master before may have left set
+                self.controlwords(DISABLE_VOLTAGE, DISABLE_VOLTAGE)
             self.controlwords(*(_TOWARDS_ENABLED.get(state, DISABLE_VOLTAGE) for state in states))
             self._link.wait(lambda before=states: self.states() != before, RESEND_S)  # type: ignore[misc]
         self._link.wait(lambda: False, SETTLE_S)
@@ -133,6 +135,18 @@ class StateMachine:
     def status(self, axis: str) -> int:
         """Latest statusword received of `axis`, "x" or "y"."""
         return self.statuswords()[0 if axis == "x" else 1]
+
+    def refresh(self) -> None:
+        """Wait for statuswords that the drive has sent since now.
+
+        After an SDO write they are about what was written; those before may be about an older command. Raises
+        NoAnswerError.
+        """
+        now = self._link.status_count
+        if not self._link.wait(lambda: self._link.statuswords_since(now), _STATE_TIMEOUT_S):
+            raise NoAnswerError(
+                f"the drive (node {self._link.node_id}) sends no status any more, {_STATE_TIMEOUT_S:g} s waited"
+            )
 
     def states(self) -> tuple[str, str]:
         """Latest states of both axes received."""

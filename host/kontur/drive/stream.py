@@ -167,7 +167,10 @@ def _start(device: Device) -> float:
 
 def _started(device: Device) -> bool:
     device.faults.check()
-    return device.axes.both(BIT_PATH_RUNS) or device.axes.both(BIT_TARGET_REACHED)
+    return device.axes.both(BIT_PATH_RUNS) or (
+        # the bit may be that of the path before
+        device.axes.both(BIT_TARGET_REACHED) and device.read_stable("stream.state") == DONE
+    )
 
 
 def _runs(device: Device) -> bool:
