@@ -11,6 +11,7 @@
 #include "drive/configuration.h"
 #include "sim/flash.h"
 #include "sim/plant.h"
+#include "sim/wiring.h"
 
 #define QUEUE_FRAMES 4096u
 
@@ -23,6 +24,7 @@ struct ks {
     struct device device;
     struct hal hal;
     struct plant plant;
+    struct wiring wiring;
     struct sim_flash flash;
     struct hal_can_status can;
     uint8_t node_id;
@@ -60,7 +62,7 @@ static int pop(struct fifo *f, struct ks_frame *frame)
 
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
-    const ks *s = ctx;
+    ks *s = ctx;
     *in = (struct hal_drive_in){0};
     plant_encoders(&s->plant, in->count);
     plant_switches(&s->plant, in->inputs);
@@ -68,14 +70,21 @@ static void drive_read(void *ctx, struct hal_drive_in *in)
         in->index_pulses[i] = s->plant.index_pulses[i];
         in->index_count[i] = s->plant.index_count[i];
     }
+    wiring_read(&s->wiring, in);
 }
 
 static void drive_write(void *ctx, const struct hal_drive_out *out)
 {
     ks *s = ctx;
     for (int i = 0; i < 2; i++) {
-        s->force_N[i] = out->enable[i] ? out->force_mN[i] * 1e-3 : 0.0;
+        s->force_N[i] = wiring_force_N(&s->wiring, out, i);
     }
+}
+
+static void drive_wiring(void *ctx, const struct hal_axis_cfg cfg[AXES])
+{
+    ks *s = ctx;
+    wiring_configure(&s->wiring, cfg);
 }
 
 static bool can_send(void *ctx, const struct can_frame *frame)
@@ -158,6 +167,7 @@ ks *ks_new(const struct ks_machine *machine, uint64_t seed, uint8_t node_id)
     s->hal = (struct hal){.ctx = s,
                           .drive_read = drive_read,
                           .drive_write = drive_write,
+                          .drive_configure = drive_wiring,
                           .can_send = can_send,
                           .can_receive = can_receive,
                           .can_status = can_status,
@@ -314,6 +324,7 @@ void ks_power_on_with(ks *s, const void *flash)
 {
     memcpy(s->flash.word, flash, sizeof s->flash.word);
     s->to_host.count = 0;
+    wiring_init(&s->wiring);
     device_init(&s->device, &s->hal, s->node_id);
 }
 

@@ -94,6 +94,22 @@ def test_stop_request_ends_the_jog(device: Device) -> None:
     assert 0.0 < at_m[0] < 0.02
 
 
+@pytest.mark.parametrize("inverted", ["invert_force", "invert_encoder"])
+def test_wrong_polarity_is_rehearsed_by_an_axis_that_runs_away(device: Device, inverted: str) -> None:
+    device.parameters.set({f"wiring_x.{inverted}": 1})
+    with pytest.raises(EmcyError, match="8611h"), device.axes.enabled():
+        single_axis.jog(device, {"x": 0.02}, 1.0)
+    assert abs(true_m(device)[0]) > 5e-5
+
+
+def test_force_and_encoder_inverted_together_are_the_other_direction(device: Device) -> None:
+    device.parameters.set({"wiring_x.invert_force": 1, "wiring_x.invert_encoder": 1})
+    with device.axes.enabled():
+        assert single_axis.jog(device, {"x": 0.02}, 1.0)
+        assert device.position_m()[0] == pytest.approx(-true_m(device)[0], abs=5 * COUNT_M)
+        assert true_m(device)[0] < -0.015
+
+
 @pytest.mark.parametrize("speed_mps", [float("nan"), float("inf"), 1e9])
 def test_jog_at_no_speed_that_a_drive_can_be_given_is_refused(device: Device, speed_mps: float) -> None:
     with device.axes.enabled(), pytest.raises(ParameterError, match="target_velocity_x"):

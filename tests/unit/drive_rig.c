@@ -12,11 +12,14 @@ static void drive_read(void *ctx, struct hal_drive_in *in)
     plant_encoders(&r->plant, in->count);
     plant_switches(&r->plant, in->inputs);
     for (int i = 0; i < 2; i++) {
+        in->index_pulses[i] = r->plant.index_pulses[i];
+        in->index_count[i] = r->plant.index_count[i];
+    }
+    wiring_read(&r->wiring, in);
+    for (int i = 0; i < 2; i++) {
         in->count[i] = r->frozen[i] ? r->frozen_count[i] : in->count[i] - r->lost[i];
         r->frozen_count[i] = in->count[i];
         in->inputs[i] |= r->inputs[i];
-        in->index_pulses[i] = r->plant.index_pulses[i];
-        in->index_count[i] = r->plant.index_count[i];
     }
 }
 
@@ -25,6 +28,12 @@ static void drive_write(void *ctx, const struct hal_drive_out *out)
     struct rig *r = ctx;
     r->writes++;
     r->out = *out;
+}
+
+static void drive_wiring(void *ctx, const struct hal_axis_cfg cfg[AXES])
+{
+    struct rig *r = ctx;
+    wiring_configure(&r->wiring, cfg);
 }
 
 bool rig_can_send(void *ctx, const struct can_frame *f)
@@ -124,8 +133,7 @@ void rig_run(struct rig *r, unsigned periods)
 {
     for (unsigned i = 0; i < periods; i++) {
         device_tick(&r->device);
-        const double force_N[2] = {r->out.enable[0] ? r->out.force_mN[0] * 1e-3 : 0.0,
-                                   r->out.enable[1] ? r->out.force_mN[1] * 1e-3 : 0.0};
+        const double force_N[2] = {wiring_force_N(&r->wiring, &r->out, 0), wiring_force_N(&r->wiring, &r->out, 1)};
         if (!r->busy) {
             device_poll(&r->device);
         }
@@ -168,6 +176,7 @@ void rig_start(struct rig *r, const struct ks_machine *machine)
     r->hal = (struct hal){.ctx = r,
                           .drive_read = drive_read,
                           .drive_write = drive_write,
+                          .drive_configure = drive_wiring,
                           .can_send = rig_can_send,
                           .can_receive = rig_can_receive,
                           .can_status = can_status,

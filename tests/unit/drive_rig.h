@@ -6,6 +6,7 @@
 #include "device.h"
 #include "sim/flash.h"
 #include "sim/plant.h"
+#include "sim/wiring.h"
 #include "unity.h"
 
 enum { INBOX = 64, EMCY_MAX = 64 };
@@ -14,6 +15,7 @@ struct rig {
     struct device device;
     struct hal hal;
     struct plant plant;
+    struct wiring wiring;
     struct sim_flash flash;
     uint16_t bitrate;                 /* last changed to */
     struct hal_drive_out out;         /* last written */
