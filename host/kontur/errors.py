@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exception tree. Every room raises these.
+"""The exception tree. Every room raises these. And visible(), for texts from outside.
 
 A message says what went wrong, where, and what to do next. The command line prints it, without a traceback.
 """
@@ -7,6 +7,16 @@ A message says what went wrong, where, and what to do next. The command line pri
 from __future__ import annotations
 
 from pathlib import Path
+
+
+def visible(text: str) -> str:
+    """`text` with what a terminal would obey and not show, such as control characters, as escapes like \\x1b.
+
+    Line breaks and tabs stay.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
 
 
 class KonturError(Exception):

@@ -24,9 +24,16 @@ _PIPE_S = 10.0  # how long a pipe may bring nothing
 
 
 def check_folder(path: Path) -> None:
-    """Raise FileError when the folder of `path` does not exist; called before the work whose result goes there."""
+    """Raise FileError when `path` cannot be written, because its folder does not exist or for another reason that is
+    known before; called before the work whose result goes there."""
     if not os.path.isdir(path.parent):  # Path.is_dir() raises OSError for a name that is too long
         raise FileError(path, f"the folder {path.parent} does not exist; make it, or name another one")
+    try:
+        exists = _status(path) is not None
+    except OSError as error:
+        raise FileError(path, f"cannot be written ({error.strerror}); name another file") from error
+    if not os.access(path if exists else path.parent, os.W_OK):
+        raise FileError(path, "you may not write there; name another file")
 
 
 def write_atomically(path: Path, content: bytes) -> None:

@@ -186,6 +186,13 @@ def test_longest_name_that_the_file_system_allows_is_written(tmp_path: Path) -> 
     assert (tmp_path / ("a" * 255)).read_bytes() == NEW
 
 
+@pytest.mark.parametrize("name", ["link", "x" * 300 + ".csv", "x" * 300 + "/a.csv", "nowhere/a.csv"])
+def test_file_that_cannot_be_written_is_known_before_the_work(tmp_path: Path, name: str) -> None:
+    (tmp_path / "link").symlink_to("link")
+    with pytest.raises(FileError, match="name another"):
+        files.check_folder(tmp_path / name)
+
+
 def test_pipe_that_somebody_writes_into_is_read(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     writer = threading.Thread(target=lambda: (tmp_path / "pipe").write_bytes(NEW * 100_000))

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import importlib
 import sys
+from typing import Any
 
 import click
 
 from kontur import __version__
+from kontur.cli import terminal
 from kontur.errors import KonturError
 
 _VERBS = ("run", "jog", "home", "sim", "experiment", "info", "param", "scope", "log", "report", "bench", "demo")
@@ -17,6 +19,10 @@ EXIT_INTERRUPTED = 130
 
 class _Verbs(click.Group):
     """Imports a command's module when it is used, and prints an error that the user can correct as one message."""
+
+    def main(self, *args: Any, **extra: Any) -> Any:
+        with terminal.guarded():
+            return super().main(*args, **extra)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_VERBS)

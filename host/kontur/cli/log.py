@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from kontur.cli.output import cell, console, print_json
 from kontur.runs import log
 
 _LONG = ("plant", "parameters")  # shown by --json only
@@ -29,14 +29,14 @@ def show(file: str, as_json: bool) -> None:
     run = log.read(file)
     columns = _ranges(run)
     if as_json:
-        click.echo(json.dumps({"meta": run.meta, "rows": len(run), "columns": columns}, indent=2))
+        print_json({"meta": run.meta, "rows": len(run), "columns": columns})
         return
-    console = Console()
+    out = console()
     head = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for key, value in run.meta.items():
         shown = f"{len(value)} values (--json shows them)" if key in _LONG else value
-        head.add_row(key, shown if isinstance(shown, str) else json.dumps(shown))
-    console.print(head)
+        head.add_row(cell(key), cell(shown if isinstance(shown, str) else json.dumps(shown)))
+    out.print(head)
     table = Table("column", "unit", box=None, padding=(0, 2, 0, 0))
     for name in ("rows", "min", "mean", "max"):
         table.add_column(name, justify="right")
@@ -47,7 +47,7 @@ def show(file: str, as_json: bool) -> None:
                 "" if known[key] is None else f"{known[key]:.{column.digits}f}" for key in ("min", "mean", "max")
             )
             table.add_row(column.name, column.unit, str(known["rows"]), *numbers)
-    console.print(table)
+    out.print(table)
 
 
 @command.command()

@@ -15,13 +15,12 @@ from typing import Any, TypeVar
 
 import can.util
 import click
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from kontur import machine as machines
 from kontur.can.bad_bus import BUS_FAULT_NAMES, BusFaults
 from kontur.can.bus import configured_interface
-from kontur.cli.output import print_warnings
+from kontur.cli.output import console, print_warnings
 from kontur.drive.controllers import named
 from kontur.drive.device import Device
 from kontur.drive.target import Target, open_drive
@@ -40,7 +39,7 @@ class _KeyValue(click.ParamType[tuple[str, str]]):
             return value
         key, separator, text = str(value).partition("=")
         if not separator or not key or not text:
-            self.fail(f"{value!r} is not NAME=VALUE", param, ctx)
+            self.fail(f"{value!r} is not NAME=VALUE; write {key or 'NAME'}=VALUE, without spaces", param, ctx)
         return key, text
 
 
@@ -275,7 +274,7 @@ def progress_bars() -> Iterator[Callable[[str, float], None]]:
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    with Progress(*columns, console=console(stderr=True), transient=True) as progress:
         task = progress.add_task("", total=1.0)
         doing = ""
 

@@ -11,27 +11,40 @@ from typing import Any
 import click
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from kontur.can.emcy import describe_emcy
+from kontur.cli.terminal import styled
+from kontur.errors import visible
 from kontur.runs.summary import SUMMARY
 
 _PIPED_WIDTH = 200
 
 
 def print_json(value: Any) -> None:
-    """Print JSON on stdout."""
-    click.echo(json.dumps(value, indent=2))
+    """Print JSON on stdout. It has ASCII only, without control characters, so that each terminal shows it as it is."""
+    click.echo(json.dumps(value, indent=2).replace("\x7f", "\\u007f"))
+
+
+def console(stderr: bool = False, width: int | None = None) -> Console:
+    """rich's console on stdout or stderr. Texts from outside are given to it as cell()."""
+    return Console(file=styled(sys.stderr if stderr else sys.stdout), width=width)
+
+
+def cell(text: str) -> Text:
+    """A text from outside, in which rich reads no markup, and the terminal no escape sequences."""
+    return Text(visible(text))
 
 
 def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Mapping[str, str] = SUMMARY) -> None:
     """Print a table on stdout; keys of the rows are its columns, numbers have four digits."""
-    table = Table(title=title or None, title_justify="left", title_style="bold")
+    table = Table(title=Text(visible(title), "bold") if title else None, title_justify="left")
     for key in rows[0]:
         number = any(isinstance(row[key], (int, float)) for row in rows)
         table.add_column(headings.get(key, key), justify="right" if number else "left", overflow="fold")
     for row in rows:
-        table.add_row(*(_text(value) for value in row.values()))
-    Console(width=None if sys.stdout.isatty() else _PIPED_WIDTH).print(table)
+        table.add_row(*(cell(_text(value)) for value in row.values()))
+    console(width=None if sys.stdout.isatty() else _PIPED_WIDTH).print(table)
 
 
 def _text(value: Any) -> str:

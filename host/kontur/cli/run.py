@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from collections.abc import Callable
@@ -105,7 +106,7 @@ def _program(source: str, feed: float | None, **sizes: float | None) -> Program:
         if name not in fitting:
             raise click.UsageError(f"--{name.replace('_', '-')} does not belong to {source}")
     if source not in SHAPES:
-        if not Path(source).exists():
+        if not os.path.exists(source):  # Path.exists() raises OSError for a name that is too long
             raise FileError(source, f"no such file, and no shape either; shapes are {', '.join(SHAPES)}")
         return programs.load(source, feed_mps)
     if feed_mps is None:

@@ -65,6 +65,7 @@ _STYLE = {
     "legend.frameon": False,
     "svg.fonttype": "none",
     "svg.hashsalt": "kontur",
+    "text.parse_math": False,  # names come from outside
 }
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from kontur.errors import LogError
+from kontur.errors import LogError, visible
 from kontur.files import write_atomically
 from kontur.report import figures
 from kontur.report.figures import Entry, number
@@ -47,7 +47,7 @@ def write_report(
     """
     entries = _entries(runs)
     title = title or f"Contour report: {entries[0].log.meta['program']}"
-    write_atomically(Path(path), _page(entries, title, command).encode())
+    write_atomically(Path(path), visible(_page(entries, title, command)).encode())
 
 
 def commands_of(runs: Sequence[RunLog]) -> list[str]:
@@ -61,6 +61,8 @@ def picture(path: str | Path, runs: Sequence[RunLog]) -> None:
     Raises LogError: no run, runs of different trajectories; FileError.
     """
     entries = _entries(runs)
+    if not _has_path(entries):
+        raise LogError("the logs do not have the path (reference_x_mm, reference_y_mm), so there is nothing to draw on")
     with figures.style():
         out = io.BytesIO()
         figures.overview(entries).savefig(out, format="png", dpi=160, metadata={"Software": None})
@@ -78,9 +80,13 @@ def _entries(runs: Sequence[RunLog]) -> list[Entry]:
                     f"{run.meta['controller']} ran another {key} ({run.meta.get(key)}) than {first.meta['controller']} "
                     f"({first.meta.get(key)}); only runs of the same path can be compared"
                 )
-    controllers = [str(run.meta["controller"]) for run in runs]
+    controllers = [visible(run.meta["controller"]) for run in runs]
     named = zip(runs, _labels(runs, controllers), figures.looks(controllers), strict=True)
     return sorted((Entry(run, summarise(run), label, *look) for run, label, look in named), key=_rank)
+
+
+def _has_path(entries: Sequence[Entry]) -> bool:
+    return all("reference_x_mm" in e.log.columns and "reference_y_mm" in e.log.columns for e in entries)
 
 
 def _rank(entry: Entry) -> tuple[bool, bool, float]:
@@ -238,7 +244,7 @@ def _pictures(entries: Sequence[Entry]) -> list[str]:
     has_rapid = any(np.any(e.log.columns.get("rapid", 0.0)) for e in entries)
     rapid = " Rapid moves are dashed; they are scored like all others." if has_rapid else ""
     rapid_error = " On rapid moves it is not drawn." if has_rapid else ""
-    has_path = all("reference_x_mm" in e.log.columns and "reference_y_mm" in e.log.columns for e in entries)
+    has_path = _has_path(entries)
     out = [
         '<div class="pair">',
         _figure(

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from kontur.can import signals
 from kontur.errors import FileError, LogError
 from kontur.files import read_bytes, write_atomically
+from kontur.runs.head import problem_of_kinds
 
 if TYPE_CHECKING:
     from asammdf import MDF
@@ -167,7 +168,7 @@ def _parse_csv(content: bytes, path: Path) -> RunLog:
         key, _, value = lines[head][1:].partition(":")
         try:
             meta[key.strip()] = json.loads(value)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise FileError(path, "the value after ':' is not JSON", line=head + 1, word=key.strip()) from error
         head += 1
     if head == len(lines):
@@ -276,7 +277,7 @@ def _meta_problem(meta: object) -> str | None:
         return f"the head lacks {', '.join(missing)}"
     if meta["status"] not in STATUS:
         return f"status is {meta['status']!r}, not one of {', '.join(STATUS)}"
-    return None
+    return problem_of_kinds(meta)
 
 
 def _columns_problem(columns: Mapping[str, Array]) -> str | None:

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the entries of the head of a log, its `meta`, are of the right kind: a log may come from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+_NUMBERS = ("seed", "control_hz", "frames_lost", "accepted", "resumed_at_s", "force_max_N", "force_step_N")
+_TEXTS = ("program", "controller", "status", "fault", "trajectory", "machine", "firmware", "num", "command")
+_TABLES = ("plant", "parameters", "rejected", "score", "path")
+_TABLES_OF_NUMBERS = ("rejected", "score", "path")
+_LISTS = ("warnings",)
+_LEVELS = 8  # of tables and lists in one another
+_LARGEST = 2.0**64
+
+
+def problem_of_kinds(meta: Mapping[str, Any]) -> str | None:
+    """The first entry that is of another kind than the table `META` of kontur.runs.log says; None: there is none."""
+    for key, value in meta.items():
+        wanted = _wanted(key, value)
+        if wanted:
+            return f"{key} is no {wanted}"
+        if _is_deeper(value, _LEVELS):
+            return f"{key} is nested more than {_LEVELS} levels deep"
+    return None
+
+
+def _wanted(key: str, value: Any) -> str | None:
+    """What the entry had to be, where it is not."""
+    if key in _NUMBERS and not _is_number(value):
+        return "number"
+    if key in _TEXTS and not isinstance(value, str):
+        return "text"
+    if key in _LISTS and not isinstance(value, list):
+        return "list"
+    if key in _TABLES and not isinstance(value, Mapping):
+        return "table"
+    if key in _TABLES_OF_NUMBERS and not all(inner is None or _is_number(inner) for inner in value.values()):
+        return "table of numbers"
+    return None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and -_LARGEST <= value <= _LARGEST
+
+
+def _is_deeper(value: Any, levels: int) -> bool:
+    if not isinstance(value, (Mapping, list)):
+        return False
+    inner = value.values() if isinstance(value, Mapping) else value
+    return levels == 0 or any(_is_deeper(one, levels - 1) for one in inner)
