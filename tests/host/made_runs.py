@@ -13,8 +13,10 @@ ROWS = 3000
 
 
 def made_run(controller: str = "ccu", mean_um: float = 0.1, peak_um: float = 2.0, peak_row: int = 1200, *,
-             truth: bool = True, rows: int = ROWS, **meta: Any) -> RunLog:  # fmt: skip
-    """A circle of 10 mm radius in 3 s; |error| is `mean_um` but for one row that has `peak_um`."""
+             truth: bool = True, rows: int = ROWS, part: tuple[float, float] | None = None, known: float | None = None,
+             **meta: Any) -> RunLog:  # fmt: skip
+    """A circle of 10 mm radius in 3 s; |error| is `mean_um` but for one row that has `peak_um`. `part`: from which to
+    which share of the path the log says that it went, of which it knows `known`."""
     time_s = np.arange(ROWS) * 1e-3
     angle = 2.0 * np.pi * np.arange(ROWS) / (ROWS - 1)
     error_um = mean_um * np.where(np.arange(ROWS) % 2 == 0, 1.0, -1.0)
@@ -64,4 +66,8 @@ def made_run(controller: str = "ccu", mean_um: float = 0.1, peak_um: float = 2.0
         "rejected": {"crc": 0, "sequence": 0, "full": 0},
         "command": f"kontur run circle --controller {controller}",
     }
+    if part is not None:
+        first, last = part
+        head["path"] = {"length_mm": 62.0, "from_mm": 62.0 * first, "to_mm": 62.0 * last,
+                        "known_mm": 62.0 * (last - first if known is None else known)}  # fmt: skip
     return RunLog(head | meta, {name: values[:rows] for name, values in columns.items()})

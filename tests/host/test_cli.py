@@ -47,6 +47,7 @@ def test_run_under_all_controllers_as_json() -> None:
     assert [run["controller"] for run in result["runs"]] == list(CONTROLLERS)
     for run in result["runs"]:
         assert 0.0 < run["mean_um"] < run["max_um"] < 100.0
+        assert run["path_percent"] == pytest.approx(100.0, abs=0.01)
         assert run["frames_lost"] == 0
 
 
@@ -105,7 +106,7 @@ def test_experiment_prints_the_agreed_fields() -> None:
         ("high-tight", "ccu", 4, "f32"),
     ]
     assert set(rows[0]) == {
-        *("case", "controller", "seed", "num", "mean_um", "rms_um", "max_um"),
+        *("case", "controller", "seed", "num", "path_percent", "mean_um", "rms_um", "max_um"),
         *("energy_J", "force_max_N", "force_step_N"),
     }
     assert rows[0]["mean_um"] != rows[1]["mean_um"]

@@ -20,7 +20,7 @@ from PIL import Image
 from kontur.cli import main
 from kontur.errors import FileError, LogError
 from kontur.report import figures
-from kontur.report.page import write_report
+from kontur.report.page import picture, write_report
 from kontur.runs import log
 from kontur.runs.log import RunLog
 from kontur.runs.summary import summarise
@@ -76,7 +76,7 @@ def test_summary_takes_what_was_scored_at_the_control_rate() -> None:
 def test_the_answer_names_the_best_by_how_much_and_its_worst_point(page_of_five: str) -> None:
     page = text_of(page_of_five)
     assert "ccu keeps closest to the path: 0.0506 µm off the programmed path on average, 9.99 times closer" in page
-    assert "closer than cascade (0.506 µm)" in page
+    assert "closer than cascade (0.506 µm), 9.77 times by rms and 9.26 times by max. Its worst" in page
     assert "Its worst point is 1.90 µm off, at t = 1.50 s, x = -10.000 mm, y = -0.010 mm." in page
 
 
@@ -86,6 +86,62 @@ def test_rows_of_the_table_go_from_the_best_to_the_worst(page_of_five: str) -> N
     names = re.findall(r"</svg>(\w+)", table[0])
     assert names == ["ccu", "ccc", "cascade", "track", "cc"]
     assert table[0].count("best</span>") == 1
+
+
+def test_where_mean_rms_and_max_disagree_all_three_are_said_and_no_run_is_the_best(tmp_path: Path) -> None:
+    runs = [made_run("ccu", 0.035, 7.0), made_run("cascade", 0.054, 0.5), made_run("track", 1.0, 9.0)]
+    html_page = report_of(tmp_path, runs)
+    page = text_of(html_page)
+    assert "Which run keeps closest to the path depends on the measure." in page
+    assert "By mean it is ccu : 0.0373 µm , before cascade with 0.0541 µm." in page
+    assert "By rms it is cascade : 0.0548 µm , before ccu with 0.133 µm." in page
+    assert "By max it is cascade : 0.500 µm , before ccu with 7.00 µm." in page
+    assert "closer than" not in page
+    assert "best</span>" not in html_page
+    assert "class=best" not in html_page
+
+
+def test_part_of_the_path_stands_beside_the_figures_and_other_parts_are_not_compared(tmp_path: Path) -> None:
+    runs = [made_run("ccu", 0.01, part=(0.48, 1.0)), made_run("cascade", 0.5, part=(0.0, 1.0)),
+            made_run("ccc", 0.3, part=(0.0, 0.999))]  # fmt: skip
+    page = text_of(report_of(tmp_path, runs))
+    assert "ccc keeps closest to the path" in page
+    assert "Not compared, for the reason in the table: ccu, 48 to 100 % of the path." in page
+    rows = re.findall(r"</svg>(\w+).*?<td>([\d.]+)</td>", report_of(tmp_path, runs))
+    assert rows == [("ccc", "99.9"), ("cascade", "100"), ("ccu", "52.0")]
+
+
+def test_runs_that_have_covered_the_same_part_are_compared_and_the_part_is_said(tmp_path: Path) -> None:
+    page = text_of(report_of(tmp_path, [made_run("ccu", part=(0.2, 1.0)), made_run("ccc", 0.5, part=(0.202, 1.0))]))
+    assert "ccu keeps closest to the path" in page
+    assert "This holds for 20 to 100 % of the path." in page
+
+
+def test_run_whose_axes_did_not_move_is_not_scored_and_never_best(tmp_path: Path) -> None:
+    still = made_run("ccu", 1e-14, 1e-13, rows=300, status="fault", part=(0.0, 0.0))
+    summary = summarise(still)
+    assert (summary.mean_um, summary.rms_um, summary.max_um, summary.tangential_mean_um) == (None,) * 4
+    assert summary.path_percent == 0.0
+    assert summary.energy_J is not None
+    page = text_of(report_of(tmp_path, [still, made_run("cascade", 0.5, part=(0.0, 1.0))]))
+    assert "cascade was 0.500 µm off the programmed path on average." in page
+    assert "did not move" in page
+    alone = text_of(report_of(tmp_path, [still]))
+    assert "No axis has moved along the path" in alone
+    assert "Error over time" not in alone
+    with pytest.raises(LogError, match="no axis has moved along the path"):
+        picture(tmp_path / "a.png", [still])
+
+
+def test_telemetry_that_was_lost_without_truth_is_missing_in_the_part(tmp_path: Path) -> None:
+    run = made_run("ccu", truth=False, part=(0.0, 1.0), known=0.9)
+    page = text_of(report_of(tmp_path, [run]))
+    assert "This holds for 0 to 100 %, without 10 % whose telemetry was lost, of the path." in page
+
+
+def test_log_that_does_not_know_its_part_is_compared_by_its_status(tmp_path: Path) -> None:
+    page = text_of(report_of(tmp_path, [made_run("ccu", 0.05), made_run("cascade", 0.5, part=(0.0, 1.0))]))
+    assert "ccu keeps closest to the path" in page
 
 
 def test_an_interrupted_run_is_marked_and_not_compared(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from kontur.planning.planner import plan
 from kontur.runs import log, resume
 from kontur.runs.log import RunLog
 from kontur.runs.runner import RunOptions, run
+from kontur.runs.summary import summarise
 from kontur.sim import process as sim_process
 
 MACHINE = machine.load()
@@ -134,6 +135,11 @@ def test_axes_that_have_crept_go_back_to_the_path_before_it_goes_on(target: Targ
     assert rest.meta["status"] == "complete"
     assert rest.meta["resumed_at_s"] == pytest.approx(begin_s - 1e-3)
     assert rest.meta["trajectory"] == CIRCLE.digest
+    found = summarise(rest)
+    assert found.path_from_percent == pytest.approx(
+        CIRCLE.path_s_m[round(begin_s * 1e3)] / CIRCLE.path_s_m[-1] * 100, abs=0.2
+    )
+    assert found.path_to_percent == pytest.approx(100.0, abs=0.01)
     at_mm = CIRCLE.position_m[round(begin_s * 1e3) - 1] * 1e3
     columns = rest.columns
     assert columns["reference_x_mm"][0] == pytest.approx(at_mm[0], abs=1e-4)

@@ -17,7 +17,13 @@ def row(seed: int, **mean_um: float | None) -> dict[str, Any]:
     return {
         "seed": seed,
         "controllers": {
-            name: {"mean_um": mean, "unstable": "tripped" if mean is None else None} for name, mean in mean_um.items()
+            name: {
+                "mean_um": mean,
+                "rms_um": mean,
+                "max_um": mean and 1.0 / mean,
+                "unstable": "tripped" if mean is None else None,
+            }
+            for name, mean in mean_um.items()
         },
     }
 
@@ -62,6 +68,7 @@ def test_summary_compares_draw_by_draw_and_leaves_out_what_was_unstable() -> Non
     ccc = found["controllers"]["ccc"]
     assert (ccc["unstable"], ccc["median_um"], ccc["worst_um"], ccc["worst_seed"]) == (1, 2.0, 8.0, 2)
     assert (ccc["over_ccu_median"], ccc["over_ccu_worst"]) == (5.0, 2.0)
+    assert (ccc["over_ccu_rms_worst"], ccc["over_ccu_max_worst"]) == (2.0, 0.125)  # of the max ccu was not the best
 
 
 def test_default_gains_are_stable_and_ccu_is_the_best_on_machines_that_it_does_not_know() -> None:

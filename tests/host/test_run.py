@@ -19,7 +19,7 @@ from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs import log
 from kontur.runs.runner import RunOptions, RunResult, run
-from kontur.runs.summary import summary
+from kontur.runs.summary import summarise, summary
 from kontur.sim.bus import KonturBus
 
 TARGET = Target(machine=machine.load())
@@ -95,6 +95,30 @@ def test_time_to_speed_up_can_be_left_out_of_the_score(trajectory: Trajectory) -
     assert result.truth is not None
     distance_um = np.abs(np.hypot(*result.truth.pos_m[3000:].T) - 0.02) * 1e6
     assert result.log.meta["score"]["mean_um"] == pytest.approx(distance_um.mean(), rel=1e-6)
+
+
+def test_run_that_never_moved_says_so_and_has_no_score(trajectory: Trajectory) -> None:
+    weak = {"plant_x.force_limit": 30.0, "plant_y.force_limit": 30.0}
+    result = run(trajectory, "ccu", TARGET, RunOptions(parameters=weak, raise_fault=False))
+    assert result.fault is not None
+    found = summary(result.log)
+    assert (found["path_percent"], found["mean_um"], found["rms_um"], found["max_um"]) == (0.0, None, None, None)
+    assert found["force_max_N"] == 30.0
+
+
+def test_summary_says_what_part_of_the_path_it_covers(trajectory: Trajectory, result: RunResult) -> None:
+    assert summary(result.log)["path_percent"] == pytest.approx(100.0, abs=0.01)
+    late = summarise(run(trajectory, "ccu", TARGET, RunOptions(score_from_s=0.4)).log)
+    before = trajectory.path_s_m[400] / trajectory.path_s_m[-1] * 100.0
+    assert late.path_from_percent == pytest.approx(before, abs=0.1)
+    assert late.path_to_percent == pytest.approx(100.0, abs=0.01)
+    assert late.path_percent == pytest.approx(100.0 - before, abs=0.1)
+    shares = [0.0]
+    asked = Operator(shares.append, lambda: shares[-1] > 0.95)
+    part = summarise(run(trajectory, "ccu", TARGET, operator=asked).log)
+    assert part.path_percent is not None
+    assert 1.0 < part.path_percent < 99.0
+    assert part.path_from_percent == pytest.approx(0.0, abs=0.01)
 
 
 def test_parameters_are_set_and_logged(trajectory: Trajectory) -> None:

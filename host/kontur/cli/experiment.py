@@ -31,8 +31,10 @@ _ROBUST_HEADINGS = {
     "median_um": "median µm",
     "worst_um": "worst µm",
     "worst_seed": "at seed",
-    "over_ccu_median": "over ccu: median",
-    "over_ccu_worst": "over ccu: least",
+    "over_ccu_median": "mean over ccu: median",
+    "over_ccu_worst": "least",
+    "over_ccu_rms_worst": "least by rms",
+    "over_ccu_max_worst": "least by max",
 }
 
 

@@ -70,7 +70,10 @@ def stopped_after(device: Device, knots_nm: NDArray[np.int32]) -> int:
 
     Raises StreamError: the drive did not stop on a path, or on another one.
     """
-    if device.read_stable("stream.state") != STOPPED:
+    state = device.read_stable("stream.state")
+    if state == DONE:
+        raise StreamError("the drive has nothing to go on with: it has gone to the end of its path")
+    if state != STOPPED:
         raise StreamError(
             "the drive cannot go on with the path: it did not stop on it, or the axes were moved since; plan anew from "
             "where they stand"

@@ -17,6 +17,7 @@ from kontur.path.geometry import Program
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
 from kontur.runs.runner import RunOptions, run
+from kontur.runs.summary import summarise
 
 LAP_S = 5.6
 
@@ -65,17 +66,18 @@ def paper(
                     replace(target, seed=seed),
                     RunOptions(parameters=parameters or {}, score_from_s=case.score_from_s),
                 ).log
-                score = log.meta["score"]
+                found = summarise(log)
                 progress()
                 yield {
                     "case": name,
                     "controller": controller,
                     "seed": seed,
                     "num": log.meta["num"],
-                    "mean_um": score["mean_um"],
-                    "rms_um": score["rms_um"],
-                    "max_um": score["max_um"],
+                    "path_percent": found.path_percent,
+                    "mean_um": found.mean_um,
+                    "rms_um": found.rms_um,
+                    "max_um": found.max_um,
                     "energy_J": float(log.columns["energy_J"][-1]),
-                    "force_max_N": log.meta["force_max_N"],
-                    "force_step_N": log.meta["force_step_N"],
+                    "force_max_N": found.force_max_N,
+                    "force_step_N": found.force_step_N,
                 }

@@ -27,6 +27,7 @@ from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs.log import RunLog
 from kontur.runs.runner import RunOptions, run
+from kontur.runs.summary import NOT_MOVED, summarise
 
 NUMS = ("f32", "fix")
 
@@ -248,6 +249,8 @@ def _outcome(job: Job, target: Target, keep_log: bool) -> Outcome:
     except (DeviceError, ParameterError) as error:
         return Outcome(fault=str(error))
     log, truth = result.log, result.truth
+    if not summarise(log).scored:
+        return Outcome(fault=NOT_MOVED)
     assert truth is not None  # the drive is simulated
     columns = log.columns
     rows = columns["time_s"] >= from_s

@@ -26,10 +26,12 @@ from kontur.path.geometry import Program
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Limits, Trajectory, plan
 from kontur.runs.runner import RunOptions, run
+from kontur.runs.summary import summarise as summarise_run
 
 CONTROLLERS = ("ccu", "cascade", "ccc")
 DURATION_S = 2.0
 """About how long a draw drives; in this time the friction schedule is gone through once."""
+_FIGURES = ("mean_um", "rms_um", "max_um", "force_step_N")
 UNSTABLE_MAX_UM = 1000.0
 UNSTABLE_STEP_SHARE = 0.1
 VELOCITY_TRIP_MPS = 0.8
@@ -108,9 +110,11 @@ def robust(
     parameters: Mapping[str, float] | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[dict[str, Any]]:
-    """One row a seed: the draw, and for each controller mean_um, max_um, force_step_N and why it is unstable, if it is.
+    """One row a seed: the draw, and for each controller mean_um, rms_um, max_um, force_step_N and why it is unstable,
+    if it is.
 
-    Unstable: the drive trips, the true contour error exceeds 1 mm, or the force jumps by a tenth of its limit a period.
+    Unstable: the drive trips, the axes do not go all the way, the true contour error exceeds 1 mm, or the force jumps
+    by a tenth of its limit a period.
 
     `parameters` are set besides the nominal ones. Uses all processors; the rows do not depend on how many there are.
     """
@@ -126,7 +130,7 @@ def robust(
 def summarise(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """`unstable`: runs that were, of all controllers. For each controller: its unstable runs; median and worst mean
     contour error of the stable ones, and the worst one's seed; median and least ratio of its mean error to that of ccu
-    on the same draw.
+    on the same draw, and the least ratios of rms and max. A ratio below 1: ccu was not the best there.
     """
     controllers = {name: _summarise(rows, name) for name in rows[0]["controllers"]}
     return {
@@ -140,18 +144,23 @@ def _summarise(rows: Sequence[dict[str, Any]], name: str) -> dict[str, Any]:
     stable = [row for row in rows if row["controllers"][name]["unstable"] is None]
     errors = {row["seed"]: float(row["controllers"][name]["mean_um"]) for row in stable}
     worst_seed = max(errors, key=errors.__getitem__, default=None)
-    ratios = [
-        errors[row["seed"]] / row["controllers"]["ccu"]["mean_um"]
-        for row in stable
-        if row["controllers"]["ccu"]["unstable"] is None
-    ]
+    ratios = {
+        measure: [
+            row["controllers"][name][f"{measure}_um"] / row["controllers"]["ccu"][f"{measure}_um"]
+            for row in stable
+            if row["controllers"]["ccu"]["unstable"] is None
+        ]
+        for measure in ("mean", "rms", "max")
+    }
     return {
         "unstable": len(rows) - len(stable),
         "median_um": float(np.median(list(errors.values()))) if errors else None,
         "worst_um": errors[worst_seed] if worst_seed is not None else None,
         "worst_seed": worst_seed,
-        "over_ccu_median": float(np.median(ratios)) if ratios else None,
-        "over_ccu_worst": min(ratios, default=None),
+        "over_ccu_median": float(np.median(ratios["mean"])) if ratios["mean"] else None,
+        "over_ccu_worst": min(ratios["mean"], default=None),
+        "over_ccu_rms_worst": min(ratios["rms"], default=None),
+        "over_ccu_max_worst": min(ratios["max"], default=None),
     }
 
 
@@ -210,12 +219,14 @@ def _score(trajectory: Trajectory, controller: str, target: Target, parameters: 
     try:
         log = run(trajectory, controller, target, RunOptions(parameters=parameters)).log
     except DeviceError as error:  # the drive tripped
-        return {"mean_um": None, "max_um": None, "force_step_N": None, "unstable": str(error)}
-    score, step_N = log.meta["score"], float(log.meta["force_step_N"])
+        return dict.fromkeys(_FIGURES) | {"unstable": str(error)}
+    found, step_N = summarise_run(log), float(log.meta["force_step_N"])
     limit_N = min(axis.force_limit_N for axis in target.machine.axes)
     unstable = None
-    if score["max_um"] > UNSTABLE_MAX_UM:
-        unstable = f"contour error of {score['max_um']:.0f} µm"
+    if found.max_um is None or found.part is not None:
+        unstable = f"the axes went only {found.path_percent:.3g} % of the path"
+    elif found.max_um > UNSTABLE_MAX_UM:
+        unstable = f"contour error of {found.max_um:.0f} µm"
     elif step_N > UNSTABLE_STEP_SHARE * limit_N:
         unstable = f"force jumps by {step_N:.0f} N a period, of {limit_N:.0f} N that there are"
-    return {"mean_um": score["mean_um"], "max_um": score["max_um"], "force_step_N": step_N, "unstable": unstable}
+    return {name: getattr(found, name) for name in _FIGURES} | {"unstable": unstable}

@@ -84,6 +84,16 @@ class Entry:
         return _NAMES.get(str(self.log.meta["controller"]), "")
 
     @property
+    def mean_um(self) -> float:
+        """Mean error; 0 where the run is not scored."""
+        return self.summary.mean_um or 0.0
+
+    @property
+    def max_um(self) -> float:
+        """Greatest error; 0 where the run is not scored."""
+        return self.summary.max_um or 0.0
+
+    @property
     def error_um(self) -> Array:
         """True contour error, or the drive's estimate where the truth is not known."""
         return self.log.columns["true_contour_error_um" if self.summary.truth else "contour_error_um"]
@@ -137,19 +147,18 @@ def _draw_sizes(axes: Any, entries: Sequence[Entry]) -> None:
     axes.set_xscale("log")
     for row, entry in enumerate(entries):
         error = np.abs(_scored(entry, entry.error_um))
-        summary = entry.summary
-        mean, p95, greatest = (max(v, _LEAST_UM) for v in (summary.mean_um, np.percentile(error, 95.0), summary.max_um))
+        mean, p95, greatest = (max(v, _LEAST_UM) for v in (entry.mean_um, np.percentile(error, 95.0), entry.max_um))
         axes.plot([mean, greatest], [row, row], color=entry.colour, alpha=0.35, lw=5.0,
                   solid_capstyle="butt")  # fmt: skip
         axes.plot(mean, row, entry.marker, color=entry.colour, ms=9)
         axes.plot(p95, row, "|", color=entry.colour, ms=13, mew=2.0)
         axes.plot(greatest, row, ">", color=entry.colour, ms=7)
-        axes.annotate(number(summary.mean_um), (mean, row), (0, 8), textcoords="offset points",
+        axes.annotate(number(entry.mean_um), (mean, row), (0, 8), textcoords="offset points",
                       ha="center", weight="bold")  # fmt: skip
-        axes.annotate(number(summary.max_um), (greatest, row), (7, -3), textcoords="offset points")
+        axes.annotate(number(entry.max_um), (greatest, row), (7, -3), textcoords="offset points")
     axes.set_yticks(range(len(entries)), [entry.label for entry in entries], weight="bold")
     axes.set_ylim(len(entries) - 0.5, -0.7)
-    low, high = min(e.summary.mean_um for e in entries), max(e.summary.max_um for e in entries)
+    low, high = min(e.mean_um for e in entries), max(e.max_um for e in entries)
     axes.set_xlim(max(low, _LEAST_UM) / 3.0, max(high, _LEAST_UM) * 2.5)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.tick_params(axis="y", length=0)
@@ -165,7 +174,7 @@ def where(entries: Sequence[Entry]) -> Figure:
         summary = entry.summary
         if summary.worst_x_mm is None or summary.worst_y_mm is None:
             continue
-        label = f"{entry.label} {number(summary.max_um)} µm"
+        label = f"{entry.label} {number(entry.max_um)} µm"
         axes.plot(summary.worst_x_mm, summary.worst_y_mm, entry.marker, ms=8 + 2.5 * i, mfc="none", mec=entry.colour,
                   mew=2.0, clip_on=False, zorder=10 - i, label=label)  # fmt: skip
     axes.set_xlabel("x, mm")
@@ -201,16 +210,16 @@ def over_time(entries: Sequence[Entry]) -> Figure:
     columns = 1 if len(entries) == 1 else 2
     figure = Figure(figsize=(11.2, 0.6 + 1.25 * len(entries)), layout="constrained")
     panels = figure.subplots(len(entries), columns, sharex=True, squeeze=False)
-    greatest = max(entry.summary.max_um for entry in entries)
+    greatest = max(entry.max_um for entry in entries)
     for row, entry in zip(panels, entries, strict=True):
-        for axes, limit in zip(row[::-1], (entry.summary.max_um, greatest), strict=False):
+        for axes, limit in zip(row[::-1], (entry.max_um, greatest), strict=False):
             _error_panel(axes, entry, limit)
         row[0].set_ylabel("µm")
     titles = ("one scale", "each at its own scale") if columns == 2 else ("",)
     for axes, entry, text in ((panels[i, j], e, t) for i, e in enumerate(entries) for j, t in enumerate(titles)):
         summary = entry.summary
         axes.set_title(f"{entry.label}, {text}" if text == titles[0] and text else
-                       f"{entry.label}: mean {number(summary.mean_um)}, max {number(summary.max_um)} µm "
+                       f"{entry.label}: mean {number(entry.mean_um)}, max {number(entry.max_um)} µm "
                        f"at {summary.worst_time_s:.2f} s", pad=3.0, weight="bold")  # fmt: skip
     _time_axes(panels[-1], entries)
     return figure
@@ -222,7 +231,7 @@ def _error_panel(axes: Any, entry: Entry, limit: float) -> None:
     keep = thinned(time_s, entry.error_um)
     axes.plot(time_s[keep], entry.error_um[keep], color=entry.colour, lw=0.8)
     sign = np.sign(entry.error_um[np.argmin(np.abs(time_s - summary.worst_time_s))]) or 1.0
-    axes.plot(summary.worst_time_s, sign * summary.max_um, "o", ms=7, mfc="none", mec=INK, mew=1.0, clip_on=False,
+    axes.plot(summary.worst_time_s, sign * entry.max_um, "o", ms=7, mfc="none", mec=INK, mew=1.0, clip_on=False,
               zorder=5)  # fmt: skip
     if summary.from_s > time_s[0]:
         axes.axvspan(time_s[0], summary.from_s, color="#eef0f3", zorder=0)

@@ -23,7 +23,7 @@ from kontur.files import write_atomically
 from kontur.report import figures
 from kontur.report.figures import Entry, number
 from kontur.runs.log import RunLog
-from kontur.runs.summary import Summary, summarise
+from kontur.runs.summary import ALIKE_PERCENT, Summary, summarise
 
 _COLUMNS = (  # key of Summary, heading, unit
     ("mean_um", "mean", "µm"),
@@ -60,7 +60,9 @@ def picture(path: str | Path, runs: Sequence[RunLog]) -> None:
 
     Raises LogError: no run, runs of different trajectories; FileError.
     """
-    entries = _entries(runs)
+    entries = [entry for entry in _entries(runs) if entry.summary.scored]
+    if not entries:
+        raise LogError("no axis has moved along the path in these logs, so there is no error to draw")
     if not _has_path(entries):
         raise LogError("the logs do not have the path (reference_x_mm, reference_y_mm), so there is nothing to draw on")
     with figures.style():
@@ -81,17 +83,31 @@ def _entries(runs: Sequence[RunLog]) -> list[Entry]:
                     f"({first.meta.get(key)}); only runs of the same path can be compared"
                 )
     controllers = [visible(run.meta["controller"]) for run in runs]
-    named = zip(runs, _labels(runs, controllers), figures.looks(controllers), strict=True)
-    return sorted((Entry(run, summarise(run), label, *look) for run, label, look in named), key=_rank)
+    summaries = [summarise(run) for run in runs]
+    labels = _labels(runs, controllers)
+    if not all(summary.same_part(summaries[0]) for summary in summaries):
+        labels = [f"{label}, {s.part}" if s.part else label for label, s in zip(labels, summaries, strict=True)]
+    most = max(_percent(summary) for summary in summaries)
+
+    def rank(entry: Entry) -> tuple[bool, bool, bool, float, float]:
+        """Smallest mean error first; before others a run that moved and is complete, a true error, more of the path."""
+        less = most - _percent(entry.summary)
+        return *_kept_apart(entry), less if less > ALIKE_PERCENT else 0.0, entry.mean_um
+
+    named = zip(runs, summaries, labels, figures.looks(controllers), strict=True)
+    return sorted((Entry(run, summary, label, *look) for run, summary, label, look in named), key=rank)
+
+
+def _percent(summary: Summary) -> float:
+    return 100.0 if summary.path_percent is None else summary.path_percent
+
+
+def _kept_apart(entry: Entry) -> tuple[bool, bool, bool]:
+    return not entry.summary.scored, not _complete(entry), not entry.summary.truth
 
 
 def _has_path(entries: Sequence[Entry]) -> bool:
     return all("reference_x_mm" in e.log.columns and "reference_y_mm" in e.log.columns for e in entries)
-
-
-def _rank(entry: Entry) -> tuple[bool, bool, float]:
-    """Smallest mean error first; a complete run and a true error before others."""
-    return not _complete(entry), not entry.summary.truth, entry.summary.mean_um
 
 
 def _labels(runs: Sequence[RunLog], controllers: Sequence[str]) -> list[str]:
@@ -136,29 +152,62 @@ def _page(entries: Sequence[Entry], title: str, command: str | None) -> str:
 
 
 def _comparable(entries: Sequence[Entry]) -> list[Entry]:
-    """The runs that may be compared with the best: as complete, and known as well."""
-    return [entry for entry in entries if _rank(entry)[:2] == _rank(entries[0])[:2]]
+    """The runs that may be compared with the first: of the same part of the path, as complete, and known as well."""
+    first = entries[0]
+    return [e for e in entries if _kept_apart(e) == _kept_apart(first) and e.summary.same_part(first.summary)]
+
+
+_MEASURES = {"mean_um": "mean", "rms_um": "rms", "max_um": "max"}
+
+
+def _by(entries: Sequence[Entry], measure: str) -> list[Entry]:
+    """`entries`, the least error first."""
+    return sorted(entries, key=lambda entry: _value(entry, measure))
+
+
+def _value(entry: Entry, measure: str) -> float:
+    return float(getattr(entry.summary, measure) or 0.0)
+
+
+def _best(entries: Sequence[Entry]) -> Entry | None:
+    """The run that is best by mean, rms and max of those that may be compared; None: there is none, or one run only."""
+    first, *others = _comparable(entries)
+    if not others or not first.summary.scored:
+        return None
+    return first if all(_value(first, m) <= _value(e, m) for e in others for m in _MEASURES) else None
 
 
 def _answer(entries: Sequence[Entry]) -> str:
-    best, *others = _comparable(entries)
+    compared = _comparable(entries)
+    best, *others = compared
     summary = best.summary
+    if not summary.scored:
+        return "No axis has moved along the path, so there is no error of it."
     mean = f"<b>{number(summary.mean_um)} µm</b>"
     kind = "off the programmed path on average" if summary.truth else "off the path on average by the drive's estimate"
-    if others:
+    if _best(entries):
         other = next((e for e in others if e.log.meta["controller"] == "cascade"), others[0])
-        times = other.summary.mean_um / summary.mean_um if summary.mean_um > 0.0 else float("inf")
-        text = (f"<b>{escape(best.label)}</b> keeps closest to the path: {mean} {kind}, {number(times)} times "
-                f"closer than {escape(other.label)} ({number(other.summary.mean_um)} µm).")  # fmt: skip
+        times = {m: _value(other, m) / _value(best, m) if _value(best, m) > 0.0 else float("inf") for m in _MEASURES}
+        text = (f"<b>{escape(best.label)}</b> keeps closest to the path: {mean} {kind}, "
+                f"{number(times['mean_um'])} times closer than {escape(other.label)} "
+                f"({number(other.summary.mean_um)} µm), {number(times['rms_um'])} times by rms and "
+                f"{number(times['max_um'])} times by max.")  # fmt: skip
+    elif others:
+        text = "Which run keeps closest to the path depends on the measure."
+        for measure, name in _MEASURES.items():
+            least, second, *_ = _by(compared, measure)
+            text += (f" By {name} it is <b>{escape(least.label)}</b>: <b>{number(_value(least, measure))} µm</b>, "
+                     f"before {escape(second.label)} with {number(_value(second, measure))} µm.")  # fmt: skip
     else:
         text = f"<b>{escape(best.label)}</b> was {mean} {kind}."
-    text += (f" Its worst point is <b>{number(summary.max_um)} µm</b> off, at t = {summary.worst_time_s:.2f} s"
-             f"{_place(summary)}.")  # fmt: skip
+    if _best(entries) or not others:
+        text += (f" Its worst point is <b>{number(summary.max_um)} µm</b> off, at t = {summary.worst_time_s:.2f} s"
+                 f"{_place(summary)}.")  # fmt: skip
     left_out = [e for e in entries if e is not best and e not in others]
     if left_out:
         text += f" Not compared, for the reason in the table: {escape(', '.join(e.label for e in left_out))}."
-    if not _complete(best):
-        text += " This holds for the part of the path that was run."
+    if summary.part or not _complete(best):
+        text += f" This holds for {summary.part or 'the part of the path that was run'}."
     return text
 
 
@@ -182,15 +231,16 @@ def _table(entries: Sequence[Entry]) -> str:
         least[key] = min((v for v in values if v is not None), default=None) if len(compared) > 1 else None
     body = []
     for entry in entries:
-        best = len(compared) > 1 and entry is entries[0]
-        cells = [_name_cell(entry, best)]
+        best = entry is _best(entries)
+        cells = [_name_cell(entry, best), f"<td>{number(entry.summary.path_percent)}</td>"]
         for key, _, _ in _COLUMNS:
             value = getattr(entry.summary, key)
             text = str(value) if isinstance(value, int) else number(value)
             mark = key != "frames_lost" and value is not None and value == least[key] and entry in compared
             cells.append(f"<td>{f'<b>{text}</b>' if mark else text}</td>")
             if key == "max_um":
-                cells.append(f'<td class="place">{entry.summary.worst_time_s:.2f} s{_short_place(entry.summary)}</td>')
+                place = f"{entry.summary.worst_time_s:.2f} s{_short_place(entry.summary)}"
+                cells.append(f'<td class="place">{place if entry.summary.scored else number(None)}</td>')
         body.append(f"<tr{' class=best' if best else ''}>{''.join(cells)}</tr>")
     heads = []
     for key, text, unit in _COLUMNS:
@@ -201,10 +251,12 @@ def _table(entries: Sequence[Entry]) -> str:
     group = {"truth": "true contour error", "estimate": "contour error, estimate", "mixed": "contour error"}[kind]
     bold = " Bold: least of its column." if len(compared) > 1 else ""
     return f"""<div class="scroll"><table class="scores">
-<thead><tr><th scope="col" rowspan="2">controller</th><th scope="colgroup" colspan="4" class="group">{group}</th>
+<thead><tr><th scope="col" rowspan="2">controller</th><th scope="col" rowspan="2">path<small>%</small></th>
+<th scope="colgroup" colspan="4" class="group">{group}</th>
 <th colspan="5"></th></tr><tr>{"".join(heads)}</tr></thead>
 <tbody>{"".join(body)}</tbody></table></div>
-<p class="note">Means of absolute values.{bold} {_NOTES[kind]}</p>"""
+<p class="note">Means of absolute values, over the part of the path that the column <i>path</i> says.{bold}
+{_NOTES[kind]}</p>"""
 
 
 def _name_cell(entry: Entry, best: bool) -> str:
@@ -213,6 +265,10 @@ def _name_cell(entry: Entry, best: bool) -> str:
         badges.append(
             f'<span class="badge warn">{entry.log.meta["status"]} at {entry.log.columns["time_s"][-1]:.2f} s</span>'
         )
+    if not entry.summary.scored:
+        badges.append('<span class="badge warn">did not move</span>')
+    elif entry.summary.part:
+        badges.append(f'<span class="badge warn">{entry.summary.part}</span>')
     if not entry.summary.truth:
         badges.append('<span class="badge warn">estimate</span>')
     return (f'<th scope="row"><svg class="key" viewBox="0 0 10 10" aria-hidden="true"><circle cx="5" cy="5" r="5" '
@@ -236,7 +292,26 @@ def _kind(entries: Sequence[Entry]) -> str:
 
 
 def _pictures(entries: Sequence[Entry]) -> list[str]:
-    names = ", ".join(entry.label for entry in entries)
+    everyone, entries = entries, [entry for entry in entries if entry.summary.scored]
+    out = _error_pictures(entries) if entries else []
+    for draw, heading, note in (
+        (figures.forces, "Force", "Asked for by the drive."),
+        (figures.gains, "Adaptive gains", "Of the controllers that use them."),
+        (figures.energy, "Energy", "By the drive's energy model, both axes."),
+    ):
+        drawn = draw(everyone)
+        if drawn is not None:
+            out.append(_figure(drawn, heading, note, f"{heading} over time for {_names(everyone)}."))
+    return out
+
+
+def _names(entries: Sequence[Entry]) -> str:
+    return ", ".join(entry.label for entry in entries)
+
+
+def _error_pictures(entries: Sequence[Entry]) -> list[str]:
+    """The pictures of the contour error, of runs that have one."""
+    names = _names(entries)
     worst = "; ".join(f"{e.label} {number(e.summary.max_um)} µm{_place(e.summary)}" for e in entries)
     means = ", ".join(f"{e.label} {number(e.summary.mean_um)} µm" for e in entries)
     scales = ("the scale stands over each picture" if len(entries) == 1 else
@@ -270,14 +345,6 @@ def _pictures(entries: Sequence[Entry]) -> list[str]:
     out.append(_figure(figures.over_time(entries), "Error over time", sides + "Left of the path is positive. The line "
                        "goes through the smallest and the greatest value of every stretch of time; the ring is the max."
                        + shaded, f"Contour error over time for {names}."))  # fmt: skip
-    for draw, heading, note in (
-        (figures.forces, "Force", "Asked for by the drive."),
-        (figures.gains, "Adaptive gains", "Of the controllers that use them."),
-        (figures.energy, "Energy", "By the drive's energy model, both axes."),
-    ):
-        drawn = draw(entries)
-        if drawn is not None:
-            out.append(_figure(drawn, heading, note, f"{heading} over time for {names}."))
     return out
 
 
@@ -302,6 +369,7 @@ def _measured(entries: Sequence[Entry], command: str | None) -> str:
         ("control rate, Hz", _meta(entries, "control_hz")),
         ("knots refused", _meta(entries, "rejected")),
         ("scored from", ", ".join(sorted({f"{e.summary.from_s:g} s" for e in entries}))),
+        ("part of the path", "; ".join(f"{e.label}: {e.summary.part or 'all of it'}" for e in entries)),
     ]
     commands = command or "\n".join(commands_of([entry.log for entry in entries]))
     if commands:

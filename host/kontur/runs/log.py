@@ -89,6 +89,8 @@ META = {
     "accepted": "knots that the drive accepted",
     "rejected": "knot frames that the drive rejected, by reason",
     "command": "the command that makes this run again",
+    "resumed_at_s": "path time at which a path that had been stopped was gone on with",
+    "path": "length of the path, and what of it was covered (kontur.runs.coverage)",
     "score": "kontur.runs.scoring.Score of the run at the control rate, by field",
     "force_max_N": "greatest force of an axis at the control rate",
     "force_step_N": "mean change of force from one control period to the next",

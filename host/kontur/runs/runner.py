@@ -29,6 +29,7 @@ from kontur.planning.rest import Rest, whole
 from kontur.runs import resume
 from kontur.runs.clock import RunClock
 from kontur.runs.columns import add_truth, columns, of_the_path
+from kontur.runs.coverage import covered
 from kontur.runs.log import RunLog
 
 
@@ -126,6 +127,7 @@ def run(
     if recorded.truth is not None:
         truth = of_the_path(recorded.truth, recorded.first, clock)
         meta |= add_truth(found, truth, driven, clock, options.score_from_s)
+    meta["path"] = covered(driven, clock, found, options.score_from_s)
     return RunResult(RunLog(meta, found), truth, streamed.completed, streamed.fault, capture, warnings)
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,7 @@ from kontur.errors import LogError
 from kontur.runs.log import RunLog
 
 SUMMARY = {
+    "path_percent": "path %",
     "mean_um": "mean µm",
     "rms_um": "rms µm",
     "max_um": "max µm",
@@ -24,17 +26,27 @@ SUMMARY = {
 """The figures of a run that are printed and saved, with the headings of their columns."""
 
 _SCORES = ("mean_um", "rms_um", "max_um", "tangential_mean_um")  # as in the `score` of a log
+NOT_MOVED = "the axes did not move along the path"
+_MOVED_MM = 1e-3  # axes that went less of the path did not move along it
+ALIKE_PERCENT = 1.0  # of the path: runs that differ by more have not covered the same part of it
 
 
 @dataclass(frozen=True)
 class Summary:
     """The figures of a run. `truth`: errors are distances of the true position to the programmed path; otherwise the
-    drive's own estimates. None: not known. `worst_*` is where the greatest error was; scored from `from_s`."""
+    drive's own estimates. None: not known. `worst_*` is where the greatest error was; scored from `from_s`.
 
-    mean_um: float
-    rms_um: float
-    max_um: float
-    tangential_mean_um: float
+    The figures hold for `path_percent` of the path, which lies between `path_from_percent` and `path_to_percent`. A run
+    whose axes did not move along the path has no errors: they are None.
+    """
+
+    path_percent: float | None
+    path_from_percent: float | None
+    path_to_percent: float | None
+    mean_um: float | None
+    rms_um: float | None
+    max_um: float | None
+    tangential_mean_um: float | None
     energy_J: float | None
     force_max_N: float | None
     force_step_N: float | None
@@ -44,6 +56,28 @@ class Summary:
     worst_y_mm: float | None
     from_s: float
     truth: bool
+
+    @property
+    def scored(self) -> bool:
+        """Whether there are errors: the axes moved along the path."""
+        return self.mean_um is not None
+
+    def same_part(self, other: Summary) -> bool:
+        """Whether both runs have covered the same part of their path as far as is known, and may be compared."""
+        mine, others = ((s.path_percent, s.path_from_percent, s.path_to_percent) for s in (self, other))
+        return all(a is None or b is None or abs(a - b) <= ALIKE_PERCENT for a, b in zip(mine, others, strict=True))
+
+    @property
+    def part(self) -> str | None:
+        """The part of the path that the figures hold for, in words; None: all of it, or not known."""
+        percent, first, last = self.path_percent, self.path_from_percent, self.path_to_percent
+        if percent is None or first is None or last is None:
+            return None
+        lost = last - first - percent
+        if first <= ALIKE_PERCENT and last >= 100.0 - ALIKE_PERCENT and lost <= ALIKE_PERCENT:
+            return None
+        gaps = f", without {lost:.3g} % whose telemetry was lost," if lost > ALIKE_PERCENT else ""
+        return f"{max(first, 0.0):.3g} to {last:.3g} %{gaps} of the path"
 
 
 def summarise(run: RunLog) -> Summary:
@@ -76,8 +110,11 @@ def summarise(run: RunLog) -> Summary:
     forces = [np.nanmax(np.abs(columns[name])) for name in ("force_x_N", "force_y_N") if _has(columns.get(name))]
     energy = columns.get("energy_J", np.empty(0))
     energy = energy[np.isfinite(energy)]
+    path = meta.get("path", {})
+    moved = not path or path["to_mm"] - path["from_mm"] > _MOVED_MM
     return Summary(
-        **{key: score[key] for key in _SCORES},
+        **_percent(path),
+        **{key: score[key] if moved else None for key in _SCORES},
         energy_J=float(energy[-1] - energy[0]) if energy.size else None,
         force_max_N=meta.get("force_max_N", float(max(forces)) if forces else None),
         force_step_N=meta.get("force_step_N"),
@@ -94,6 +131,16 @@ def summary(log: RunLog) -> dict[str, Any]:
     """The figures of SUMMARY of a run, name to value; None where not known."""
     values = summarise(log)
     return {name: getattr(values, name) for name in SUMMARY}
+
+
+def _percent(path: Mapping[str, float]) -> dict[str, float | None]:
+    if not path:
+        return dict.fromkeys(("path_percent", "path_from_percent", "path_to_percent"))
+    percent = 100.0 / path["length_mm"]
+    return {
+        f"path_{name}percent": round(percent * path[key], 3)
+        for name, key in (("", "known_mm"), ("from_", "from_mm"), ("to_", "to_mm"))
+    }
 
 
 def _has(values: Any) -> bool:
