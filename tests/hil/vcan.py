@@ -30,13 +30,14 @@ TIMEOUT_S = 900
 NO_VCAN, TOOK_TOO_LONG = 3, 124
 MEMORY_MB = 768
 MODULES = Path("/usr/lib/uml/modules")
-# can-bcm: python-can's periodic messages
+# can-bcm: python-can's periodic messages; sch_tbf: a queue that fills
 _MODULES = (
     "drivers/net/can/dev/can-dev",
     "net/can/can",
     "net/can/can-raw",
     "net/can/can-bcm",
     "drivers/net/can/vcan",
+    "net/sched/sch_tbf",
 )
 _PATH = f"{os.environ.get('PATH', '/usr/bin:/bin')}:/usr/sbin:/sbin"
 _PACKAGES = {"linux.uml": "user-mode-linux", "insmod": "kmod", "ip": "iproute2", "mount": "mount"}

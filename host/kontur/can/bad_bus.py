@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import errno
+import math
 import random
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import can
@@ -37,6 +39,9 @@ class BusFaults:
     it. `reorder`: it changes places with the next one. `flip`: 1 to `flip_bits` bits of its identifier, length or data
     are inverted, as if CAN's CRC had not detected that. `burst`: it is lost, and so are the next ones, `burst_frames`
     in all. `bus_off`: from it on, no frame passes in either direction for `bus_off_s`. Times are of the target's clock.
+
+    `txqueuelen`: what the host sends waits in a queue for so many frames, as that of a SocketCAN interface, from which
+    `frames_per_s` leave; send() raises ENOBUFS while it is full. 0: frames leave at once.
     """
 
     drop: float = 0.0
@@ -50,6 +55,8 @@ class BusFaults:
     flip_bits: int = 3
     burst_frames: int = 20
     bus_off_s: float = 1.0
+    txqueuelen: int = 0
+    frames_per_s: float = 8000.0
     seed: int = 1
 
     def __post_init__(self) -> None:
@@ -59,6 +66,8 @@ class BusFaults:
         for name, least, greatest in (("delay_s", 0.0, 60.0), ("bus_off_s", 0.0, 60.0)):
             if not least <= getattr(self, name) <= greatest:
                 raise ValueError(f"{name}={getattr(self, name):g} is out of range; it must be {least:g}..{greatest:g}")
+        if not 0 <= self.txqueuelen <= 1_000_000 or not 1e-3 <= self.frames_per_s <= 1e6:
+            raise ValueError("txqueuelen must be 0..1000000 frames, frames_per_s 0.001..1000000")
         if not 1 <= self.flip_bits <= 64 or not 1 <= self.burst_frames <= 1_000_000:
             raise ValueError("flip_bits must be 1..64, burst_frames 1..1000000")
 
@@ -68,7 +77,8 @@ BUS_FAULT_NAMES = tuple(field.name for field in dataclasses.fields(BusFaults))
 
 @dataclasses.dataclass
 class Counts:
-    """Counts of one direction; `lost` are frames that were dropped one by one, not in bursts."""
+    """Counts of one direction; `lost` are frames that were dropped one by one, not in bursts, and `refused` those that
+    found the transmit queue full."""
 
     frames: int = 0
     lost: int = 0
@@ -78,6 +88,7 @@ class Counts:
     flipped: int = 0
     lost_in_bursts: int = 0
     lost_bus_off: int = 0
+    refused: int = 0
 
 
 class _Direction:
@@ -176,6 +187,32 @@ class _Direction:
         )
 
 
+class _TransmitQueue:
+    """Holds `length` frames, which leave one after the other, `frames_per_s`; the one that is leaving still counts."""
+
+    def __init__(self, length: int, frames_per_s: float, clock: Callable[[], float]) -> None:
+        self.clock = clock
+        self._length, self._frame_s = length, 1.0 / frames_per_s
+        self._waiting: deque[tuple[float, can.Message]] = deque()  # and when they have left
+
+    def put(self, message: can.Message) -> bool:
+        """Whether there is room for the frame."""
+        if len(self._waiting) >= self._length:
+            return False
+        begin_s = max(self.clock(), self._waiting[-1][0] if self._waiting else self.clock())
+        self._waiting.append((begin_s + self._frame_s, copy.copy(message)))
+        return True
+
+    def due(self) -> Iterator[can.Message]:
+        """The frames that have left by now."""
+        while self._waiting and self._waiting[0][0] <= self.clock():
+            yield self._waiting.popleft()[1]
+
+    def until_due_s(self) -> float:
+        """Time until the next one has left; infinity when none waits."""
+        return self._waiting[0][0] - self.clock() if self._waiting else math.inf
+
+
 class BadBus(can.BusABC):
     """A bad bus around `inner`, which is a python-can interface, or a bus; that is shut down with this one.
 
@@ -206,7 +243,9 @@ class BadBus(can.BusABC):
         self.channel_info = f"{self.inner.channel_info}, with faults"
         self._wait_clock = _clock_of(self.inner)
         self.clock = self._wait_clock
-        """Clock of delays and of bus-off. A link to a drive whose time passes with SYNC sets its own."""
+        """Clock of delays and of bus-off."""
+        self._queue = _TransmitQueue(faults.txqueuelen, faults.frames_per_s, self._wait_clock)
+        self._has_queue = faults.txqueuelen > 0
         self._to_drive = _Direction(faults, "to the drive", lambda: self.clock())
         self._to_host = _Direction(faults, "to the host", lambda: self.clock())
         self.to_drive, self.to_host = self._to_drive.counts, self._to_host.counts
@@ -221,19 +260,29 @@ class BadBus(can.BusABC):
         """Time of the target."""
         return self.clock()
 
+    def follow(self, clock: Callable[[], float]) -> None:
+        """Use the clock of a link to a drive whose time passes with SYNC. The queue empties by the wall clock then,
+        since SYNC itself may wait in it."""
+        self.clock = clock
+        self._queue.clock = time.monotonic
+
     def go_bus_off(self, duration_s: float | None = None) -> None:
         """Let no frame pass for `duration_s` of the target's time, by default `bus_off_s`."""
         self._off_until_s = self.clock() + (self._bus_off_s if duration_s is None else duration_s)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame through the faults. A lost one raises nothing, as on a real bus."""
+        """Send a frame through the faults. A lost one raises nothing, as on a real bus.
+
+        Raises can.CanOperationError when the transmit queue is full, like SocketCAN.
+        """
         with self._lock:
-            out = self._to_drive.due() if self._to_drive.has_delayed else []
-            now, goes_off = self._to_drive.put(msg, self.clock() < self._off_until_s)
-            if goes_off:
-                self.go_bus_off()
-            for message in out + now:
-                self.inner.send(message, timeout)
+            if not self._has_queue:
+                self._transmit(msg)
+                return
+            self._release()
+            if not self._queue.put(msg):
+                self.to_drive.refused += 1
+                raise can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The oldest frame that came through; None when none does within `timeout`, in the target's time."""
@@ -246,6 +295,7 @@ class BadBus(can.BusABC):
                     return message
             left_s = end_s - self._wait_clock()
             until_due_s = min(self._to_drive.next_s(), self._to_host.next_s()) - self.clock()
+            until_due_s = min(until_due_s, self._queue.until_due_s())
             received = self.inner.recv(max(0.0, min(left_s, until_due_s)))
             if received is None:
                 if self._wait_clock() >= end_s:
@@ -263,8 +313,20 @@ class BadBus(can.BusABC):
         super().shutdown()
         self.inner.shutdown()
 
+    def _transmit(self, message: can.Message) -> None:
+        out = self._to_drive.due() if self._to_drive.has_delayed else []
+        now, goes_off = self._to_drive.put(message, self.clock() < self._off_until_s)
+        if goes_off:
+            self.go_bus_off()
+        for message in out + now:
+            self.inner.send(message)
+
     def _release(self) -> None:
-        """Pass on the delayed frames that are due."""
+        """Pass on the frames that have left the queue, and the delayed ones that are due."""
+        if self._has_queue:
+            with self._lock:
+                for message in self._queue.due():
+                    self._transmit(message)
         if self._to_drive.has_delayed:
             with self._lock:
                 for message in self._to_drive.due():

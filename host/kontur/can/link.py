@@ -13,9 +13,11 @@ frame was lost, and every 64 rounds, the drive's tick is read by SDO; so no SYNC
 
 from __future__ import annotations
 
+import errno
 import logging
 import math
 import queue
+import re
 import time
 from collections import deque
 from collections.abc import Callable
@@ -46,8 +48,12 @@ _HEARTBEAT_OPERATIONAL = b"\x05"
 _TICK, _ERROR_REGISTER = "clock.tick", "error_register"
 _ROUND_S = 0.02  # wall clock; after it a frame of the round counts as lost, and the drive's tick is read
 _SILENCE_S = 10.0  # wall clock
+_QUEUE_FULL_S = 2.0  # as long as a stream waits for a silent drive
+_QUEUE_POLL_S = 1e-3
 _ASK_EACH = 64  # rounds: a SYNC that the bus repeated leaves frames behind, which would accumulate
 _AHEAD_MS = 1000  # greatest lead of a drive's tick over its frames
+_QUEUE_FULL = re.compile(r"(buffer|queue)\b.*\b(full|overflow)", re.IGNORECASE)
+_SOCKETCAN = re.compile(r"socketcan channel '([^']+)'")
 
 # Their warnings are about what is raised as an exception here anyway.
 logging.getLogger("canopen").addHandler(logging.NullHandler())
@@ -85,13 +91,15 @@ class Link:
         self._next_heartbeat_s = math.inf
         self.frames = 0
         """Sent and received so far."""
+        self.foreign = 0
+        """Of these, those that no CANopen node sends: with a 29-bit identifier, of CAN FD, or remote frames."""
         self._recording = False
         self._frames: list[tuple[int, bytearray]] = []
         # Services of fixed length; frames of another one are corrupted.
         self._lengths = {_SDO_RESPONSE + node_id: 8, _EMCY + node_id: 8, wire.HEARTBEAT + node_id: 1}
         self._tick_ids = (wire.TPDO2 + node_id, wire.TPDO3 + node_id)
         self._telemetry_ids = frozenset(cob + node_id for cob in wire.TELEMETRY)
-        self._network = canopen.Network(bus)
+        self._network = _LinkedNetwork(self, bus)
         self.node = _PolledNode(self, node_id, str(eds))
         self._network.add_node(self.node)
         self._network.subscribe(wire.TPDO1 + node_id, self._on_status)
@@ -121,17 +129,25 @@ class Link:
         self._tick_ms, self._sync_ms = tick_ms, period_ms
         self._clock = lambda: self._tick_ms * 1e-3
         if isinstance(self.bus, BadBus):
-            self.bus.clock = self._clock
+            self.bus.follow(self._clock)
         if self._next_heartbeat_s < math.inf:
             self._next_heartbeat_s = self._clock()
 
     def send(self, cob_id: int, data: bytes) -> None:
-        """Send one frame. Raises BusError."""
+        """Send one frame; while the transmit queue of the bus is full, wait and handle frames. Raises BusError."""
         self.frames += 1
-        try:
-            self.bus.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
-        except can.CanError as error:
-            raise BusError(f"{self.bus.channel_info}: sending failed: {error}") from error
+        message = can.Message(arbitration_id=cob_id, data=data, is_extended_id=False)
+        end_s = self.answer_time_s + _QUEUE_FULL_S
+        while True:
+            try:
+                self.bus.send(message)
+                return
+            except can.CanError as error:
+                if not _is_queue_full(error):
+                    raise BusError(f"{self.bus.channel_info}: sending failed: {error}") from error
+                if self.answer_time_s > end_s:
+                    raise BusError(_queue_full(str(self.bus.channel_info))) from error
+            self._receive(_QUEUE_POLL_S)
 
     def send_heartbeat(self) -> None:
         """Send the host's heartbeat now, and in poll() every HEARTBEAT_S until stop_heartbeat(). Raises BusError.
@@ -166,16 +182,16 @@ class Link:
         if message is None:
             return False
         self.frames += 1
-        if message.arbitration_id in self._telemetry_ids:
+        if message.is_error_frame:
+            pass
+        elif message.is_extended_id or message.is_fd or message.is_remote_frame:
+            self.foreign += 1
+        elif message.arbitration_id in self._telemetry_ids:
             if self._sync_ms and message.arbitration_id in self._tick_ids and len(message.data) == 8:
                 self._see_tick(message.data[0] | message.data[1] << 8)
             if self._recording and len(message.data) == 8:
                 self._frames.append((message.arbitration_id - self.node_id, message.data))
-        elif (
-            not message.is_error_frame
-            and not message.is_remote_frame
-            and self._lengths.get(message.arbitration_id, message.dlc) == message.dlc
-        ):
+        elif self._lengths.get(message.arbitration_id, message.dlc) == message.dlc:
             self._network.notify(message.arbitration_id, message.data, message.timestamp)
         return True
 
@@ -299,7 +315,36 @@ class Link:
                 self._statuswords_count = self.status_count
 
 
-class _PolledNode(canopen.RemoteNode):  # type: ignore[misc]  # the library is not typed
+def _is_queue_full(error: can.CanError) -> bool:
+    """python-can has no exception for it: SocketCAN gives an error number or a text, other interfaces a text."""
+    return error.error_code in (errno.ENOBUFS, errno.EAGAIN) or bool(_QUEUE_FULL.search(str(error)))
+
+
+def _queue_full(channel: str) -> str:
+    text = (
+        f"{channel}: its transmit queue has been full for {_QUEUE_FULL_S:g} s. Either no node acknowledges (check the "
+        "drive's supply, cable, termination, bit rate), or other nodes leave no room on the bus"
+    )
+    if interface := _SOCKETCAN.match(channel):
+        text += (
+            f"; `ip -details link show {interface[1]}` says which. A longer queue: as root, "
+            f"`ip link set {interface[1]} txqueuelen 1000`"
+        )
+    return text
+
+
+class _LinkedNetwork(canopen.Network):  # type: ignore[misc]  # the library is not typed
+    """A network that sends through the link."""
+
+    def __init__(self, link: Link, bus: can.BusABC) -> None:
+        super().__init__(bus)
+        self._link = link
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        self._link.send(can_id, data)
+
+
+class _PolledNode(canopen.RemoteNode):  # type: ignore[misc]
     """A remote node whose SDO client polls the link while it waits."""
 
     def __init__(self, link: Link, node_id: int, eds: str) -> None:

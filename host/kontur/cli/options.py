@@ -71,7 +71,7 @@ class _BusFaults(click.ParamType[BusFaults]):
             if name not in BUS_FAULT_NAMES:
                 self.fail(f"{part.strip()!r} is not NAME=VALUE with one of {', '.join(BUS_FAULT_NAMES)}", param, ctx)
             try:
-                given[name] = int(text) if name in ("seed", "flip_bits", "burst_frames") else float(text)
+                given[name] = int(text) if name in ("seed", "flip_bits", "burst_frames", "txqueuelen") else float(text)
             except ValueError:
                 self.fail(f"{name}: {text!r} is not a number", param, ctx)
         try:

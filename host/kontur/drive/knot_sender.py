@@ -144,11 +144,10 @@ class KnotSender:
         Raises EmcyError when the drive reports a fault, StreamError when it has fallen silent.
         """
         link, device = self.device.link, self.device
-        now_s = link.time_s
         limit = min(self._credit, self.total)
         for i in range(self._sent, min(self._sent + _BURST, limit)):
-            link.send(self._cob_id, self._frames[8 * i : 8 * i + 8])
-            self._sent_s[i % _NUMBERS] = now_s
+            link.send(self._cob_id, self._frames[8 * i : 8 * i + 8])  # which may wait
+            self._sent_s[i % _NUMBERS] = link.time_s
             self._sent = i + 1
         self._ever_sent = max(self._ever_sent, self._sent)
         link.poll(1e-3 if self._sent < limit else FLIGHT_MAX_S)

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
 
-import can
 from canopen.objectdictionary import ObjectDictionaryError, ODVariable, datatypes
 from canopen.sdo import SdoAbortedError, SdoCommunicationError
 
 from kontur.can.link import Link
-from kontur.errors import BusError, DeviceError, NoAnswerError, ParameterError
+from kontur.errors import DeviceError, NoAnswerError, ParameterError
 
 _SDO_ATTEMPTS = 6
 # SDO abort codes, CiA 301 table 22
@@ -186,8 +185,6 @@ class Objects:
                         f"node {self.link.node_id} on {self.link.bus.channel_info} does not answer (asked for {name}). "
                         "Is the drive powered, the bitrate right, the node id right (--node)?"
                     ) from error
-            except can.CanError as error:
-                raise BusError(f"{self.link.bus.channel_info}: sending failed: {error}") from error
 
 
 def refused_in_this_state(error: DeviceError) -> bool:
