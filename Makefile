@@ -7,11 +7,13 @@ IMAGE   := image
 TARGET  := inproc slcan vcan qemu
 SECONDS := 60
 SEED    := 1
+SAMPLE  := 200
+ROOMS   := core drive
 export CTEST_PARALLEL_LEVEL ?= $(shell nproc)
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-c test-target test-host test-hil lint lib firmware flash flash-dfu fuzz setup clean
+.PHONY: help demo test test-c test-target test-host test-hil lint lib firmware flash flash-dfu fuzz mutants setup clean
 
 # Configure, build and, where it has tests, run each of these presets.
 workflow = for preset in $(1); do cmake --workflow --preset $$preset || exit 1; done
@@ -68,6 +70,10 @@ flash flash-dfu: setup build/need/arm
 fuzz: setup build/need/clang  ## run each fuzzer for SECONDS=60 from SEED=1
 	@$(call workflow,fuzz-asan)
 	$(PY) tests/fuzz/campaign.py --short $(SECONDS) $(SEED)
+
+mutants: setup  ## put SAMPLE=200 faults into ROOMS="core drive" from SEED=1, and see a C test fail at each
+	@cmake --preset mutants && cmake --build --preset mutants
+	@nice $(PY) tests/unit/mutants.py build/mutants $(ROOMS) --sample $(SAMPLE) --seed $(SEED) --json build/mutants/mutants.json
 
 setup: .venv/stamp  ## Debian packages, installed by apt-get where it may, and the Python environment
 

@@ -23,7 +23,7 @@ void tearDown(void)
 
 static void near(double expected, num actual)
 {
-    TEST_ASSERT_DOUBLE_WITHIN(NUM_FIXED ? 0x1.01p-20 : 1e-6 * fabs(expected), expected, val(actual));
+    TEST_ASSERT_DOUBLE_WITHIN(NUM_FIXED ? 0x1.01p-20 : 0x1p-23 * fabs(expected), expected, val(actual));
 }
 
 static void test_plant_of_each_axis(void)

@@ -310,6 +310,24 @@ static void test_law_that_gives_no_number_cuts_the_power(void)
         }
     }
 }
+
+static void test_law_without_power_that_has_no_number_starts_anew(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        power_on();
+        rig_nmt(&rig, 1);
+        rig_ms(&rig, 5);
+        struct servo_state *servo = &rig.device.drive.loop.servo;
+        servo->observer[axis].vel = (float)NAN; /* which no force of the law shows */
+        rig_run(&rig, 1);
+        TEST_ASSERT_TRUE(detected(ROW_LAW));
+        rig_ms(&rig, 10);
+        TEST_ASSERT_TRUE(isfinite(servo->observer[axis].vel));
+        rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
+        rig_ms(&rig, 2);
+        rig_expect_states(&rig, RIG_DISABLED, RIG_DISABLED);
+    }
+}
 #endif
 
 static void test_stream_of_damaged_frames_is_warned_of(void)
@@ -346,6 +364,7 @@ int main(void)
     RUN_TEST(test_gain_that_cannot_grow_is_no_warning);
 #ifndef KONTUR_NUM_FIX
     RUN_TEST(test_law_that_gives_no_number_cuts_the_power);
+    RUN_TEST(test_law_without_power_that_has_no_number_starts_anew);
 #endif
     RUN_TEST(test_stream_of_damaged_frames_is_warned_of);
     return UNITY_END();
