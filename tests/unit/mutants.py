@@ -112,7 +112,7 @@ def changes(node: Node) -> Iterator[tuple[Node, str]]:
         kind == "identifier" and node.parent is not None and node.parent.type == "call_expression"
     ):
         yield from ((node, other) for other in OTHERS.get(text, ()))
-    elif kind == "number_literal":
+    elif kind == "number_literal" and node.parent is not None and node.parent.type != "array_declarator":
         yield from ((node, f"({text} {sign} 1)") for sign in "+-")
     elif kind == "unary_expression" and text[0] in "!-~":
         yield node, text[1:]

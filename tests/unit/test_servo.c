@@ -136,6 +136,22 @@ static void test_force_within_its_limits_is_not_called_saturated(void)
     TEST_ASSERT_FALSE(out.saturated);
 }
 
+static void test_force_that_is_limited_in_either_axis_alone_is_called_saturated(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        for (int powered = 0; powered < 2; powered++) {
+            setUp();
+            cfg.plant.force_max = axis == 0 ? mk2(1, 600) : mk2(600, 1);
+            in.enabled[axis] = powered != 0;
+            step(20, 4);
+            TEST_ASSERT_EQUAL(powered, out.saturated); /* what a disabled axis would need is of no interest */
+            const double force[2] = {val(out.force.x), val(out.force.y)};
+            ASSERT_NEAR(powered, fabs(force[axis]), 1.0);
+            TEST_ASSERT_TRUE(fabs(force[1 - axis]) > 10);
+        }
+    }
+}
+
 static void test_a_disabled_axis_gets_no_force(void)
 {
     run(CONTROLLER_CCU, 20);
@@ -455,6 +471,30 @@ static void test_energy_is_counted_for_both_axes(void)
     TEST_ASSERT_EQUAL_DOUBLE(0, state.energy[1].mJ + val(state.energy[1].fraction_mJ));
 }
 
+static void test_energy_of_each_axis_is_that_of_its_own_plant_motor_and_movement(void)
+{
+    struct energy_state expected[2] = {{.mJ = 0}};
+    cfg.energy[1].impedance = mk(5);
+    cfg.plant.coulomb = mk2(45.5, 90);
+    cfg.plant.viscous = mk2(VISCOUS_X, 2 * VISCOUS_X);
+    cfg.plant.mass = mk2(MASS_X, 2 * MASS_X);
+    for (int i = 0; i < 200; i++) {
+        step(20, 4);
+        const unsigned slot = state.slot;
+        if (slot < 2) {
+            const struct plant_cfg *p = &cfg.plant;
+            energy_step(&cfg.energy[slot], &expected[slot], slot == 0 ? p->mass.x : p->mass.y,
+                        slot == 0 ? p->viscous.x : p->viscous.y, slot == 0 ? p->coulomb.x : p->coulomb.y,
+                        state.observer[slot].vel, state.observer[slot].acc);
+        }
+    }
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL_INT32(expected[i].mJ, state.energy[i].mJ);
+        TEST_ASSERT_EQUAL_DOUBLE(val(expected[i].fraction_mJ), val(state.energy[i].fraction_mJ));
+    }
+    TEST_ASSERT_TRUE(expected[0].mJ > 0 && expected[1].mJ > 2 * expected[0].mJ);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -464,6 +504,7 @@ int main(void)
     RUN_TEST(test_a_switch_starts_the_new_law_with_fresh_gains_and_integrals);
     RUN_TEST(test_force_is_within_its_limits);
     RUN_TEST(test_force_within_its_limits_is_not_called_saturated);
+    RUN_TEST(test_force_that_is_limited_in_either_axis_alone_is_called_saturated);
     RUN_TEST(test_a_disabled_axis_gets_no_force);
     RUN_TEST(test_an_axis_that_is_disabled_and_rests_is_seen_at_rest);
     RUN_TEST(test_enabling_starts_without_an_offset_and_from_where_the_axes_are);
@@ -485,5 +526,6 @@ int main(void)
     RUN_TEST(test_velocity_is_that_of_the_encoders);
     RUN_TEST(test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_slots);
     RUN_TEST(test_energy_is_counted_for_both_axes);
+    RUN_TEST(test_energy_of_each_axis_is_that_of_its_own_plant_motor_and_movement);
     return UNITY_END();
 }

@@ -221,6 +221,25 @@ static void test_following_error_cuts_the_power_in_the_period_that_sees_it(void)
     }
 }
 
+static void test_encoder_jump_counts_for_an_axis_with_power_alone_and_by_its_own_limit(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        for (int jumps = 0; jumps < 2; jumps++) {
+            start(0, 0);
+            loop.cfg[0].jump_counts[jumps] = 1000;
+            loop.cfg[0].jump_counts[1 - jumps] = 100000;
+            atomic_store(&loop.command.powered[axis], SERVO_LOOP_ON);
+            tick(1);
+            wires.count[jumps] += 1000;
+            tick(1);
+            TEST_ASSERT_FALSE((atomic_load(&loop.faults) & FAULT_BIT(FAULT_ENCODER_JUMP)) != 0);
+            wires.count[jumps] += 1001;
+            tick(1);
+            TEST_ASSERT_EQUAL(axis == jumps, (atomic_load(&loop.faults) & FAULT_BIT(FAULT_ENCODER_JUMP)) != 0);
+        }
+    }
+}
+
 static void test_following_error_within_its_window_is_no_fault(void)
 {
     power();
@@ -250,6 +269,23 @@ static void test_overspeed_cuts_the_power_in_the_period_that_sees_it(void)
                 TEST_ASSERT_EQUAL(fabs(v) > 5, (atomic_load(&loop.faults) & FAULT_BIT(FAULT_OVERSPEED)) != 0);
             }
             expect_cut(FAULT_OVERSPEED);
+        }
+    }
+}
+
+static void test_overspeed_counts_for_an_axis_with_power_alone(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        for (int moved = 0; moved < 2; moved++) {
+            start(0, 0);
+            loop.cfg[0].speed_max = NUM(5); /* 1 mm/s */
+            ring.start.nm[0] = ring.start.nm[1] = 0;
+            atomic_store(&loop.command.powered[axis], SERVO_LOOP_ON);
+            for (int i = 0; i < 200; i++) {
+                wires.count[moved] += 2; /* 2 mm/s */
+                tick(1);
+            }
+            TEST_ASSERT_EQUAL_HEX32(axis == moved ? FAULT_BIT(FAULT_OVERSPEED) : 0, atomic_load(&loop.faults));
         }
     }
 }
@@ -322,6 +358,32 @@ static void test_travel_ends_where_the_limits_and_the_window_do(void)
                 TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
             }
         }
+    }
+}
+
+static void test_limits_and_window_of_each_axis_are_its_own(void)
+{
+    static const int32_t limit_um[2][2] = {{-1000, 1500}, {-2000, 2500}}, window_um[2] = {100, 200};
+    for (int i = 0; i < 8; i++) {
+        const int axis = i % 2, side = i / 2 % 2, beyond = i / 4;
+        const int32_t out_um = window_um[axis] + (beyond != 0 ? 2 : -2);
+        const int32_t um = limit_um[axis][side] + (side != 0 ? out_um : -out_um);
+        start(axis == 0 ? um * 10 : 0, axis == 1 ? um * 10 : 0);
+        loop.cfg[1] = loop.cfg[0];
+        for (int k = 0; k < 2; k++) {
+            loop.cfg[1].min_nm[k] = limit_um[k][0] * 1000;
+            loop.cfg[1].max_nm[k] = limit_um[k][1] * 1000;
+            loop.cfg[1].following_max[k] = mk(window_um[k]);
+            loop.cfg[1].following_ticks[k] = 1000000;
+        }
+        atomic_store(&loop.command.configured, 1);
+        tick(20);
+        ring.start.nm[1 - axis] = 0;
+        ring.start.nm[axis] = um * 1000 + (side != 0 ? -250000 : 250000); /* inside: it moves out from there */
+        atomic_store(&loop.command.powered[0], SERVO_LOOP_ON);
+        atomic_store(&loop.command.powered[1], SERVO_LOOP_ON);
+        tick(1);
+        TEST_ASSERT_EQUAL_HEX32(beyond != 0 ? FAULT_BIT(FAULT_TRAVEL) : 0, atomic_load(&loop.faults));
     }
 }
 
@@ -413,6 +475,30 @@ static void test_snapshot_is_in_units_of_the_wire(void)
     TEST_ASSERT_INT32_WITHIN(5, 1000, s->adaptive_gain_per_10s[1]);
     TEST_ASSERT_INT32_WITHIN(5, 6000, s->switching_gain_mmps2[0]); /* mu_0 = 6 m/s2 */
     TEST_ASSERT_EQUAL_INT32(0, s->path_rate_permille);
+}
+
+static void test_position_of_an_index_pulse_and_of_an_edge_is_counted_by_the_encoder_of_its_axis(void)
+{
+    loop.cfg[1] = loop.cfg[0];
+    loop.cfg[1].encoder_10fm[1] = 30000000; /* 0.3 um; x has 0.1 um */
+    atomic_store(&loop.command.configured, 1);
+    wires.count[0] = 1000;
+    wires.count[1] = 2000;
+    tick(10);
+    wires.inputs[0] = HAL_LIMIT_MIN;
+    wires.inputs[1] = HAL_LIMIT_MAX;
+    wires.index_count[0] = 400;
+    wires.index_count[1] = 2500;
+    wires.index_pulses[0] = 3;
+    wires.index_pulses[1] = 5;
+    tick(20);
+    const struct servo_snapshot *s = servo_loop_snapshot(&loop);
+    TEST_ASSERT_EQUAL_INT32(40000, s->index_nm[0]);
+    TEST_ASSERT_EQUAL_INT32(750000, s->index_nm[1]);
+    TEST_ASSERT_EQUAL_UINT8(3, s->index_pulses[0]);
+    TEST_ASSERT_EQUAL_UINT8(5, s->index_pulses[1]);
+    TEST_ASSERT_EQUAL_INT32(100000, s->edge_nm[0]);
+    TEST_ASSERT_EQUAL_INT32(600000, s->edge_nm[1]);
 }
 
 static void test_velocity_of_the_snapshot_is_in_um_per_s(void)
@@ -542,12 +628,15 @@ int main(void)
     RUN_TEST(test_new_configuration_takes_the_axes_where_they_are_and_at_rest);
     RUN_TEST(test_second_configuration_before_a_tick_is_taken_over_like_the_first);
     RUN_TEST(test_following_error_cuts_the_power_in_the_period_that_sees_it);
+    RUN_TEST(test_encoder_jump_counts_for_an_axis_with_power_alone_and_by_its_own_limit);
     RUN_TEST(test_following_error_within_its_window_is_no_fault);
     RUN_TEST(test_overspeed_cuts_the_power_in_the_period_that_sees_it);
+    RUN_TEST(test_overspeed_counts_for_an_axis_with_power_alone);
     RUN_TEST(test_axis_outside_the_limits_is_no_fault_while_it_is_where_its_reference_is);
     RUN_TEST(test_limits_are_the_users_and_move_with_the_origin);
     RUN_TEST(test_following_error_may_last_as_long_as_its_timeout);
     RUN_TEST(test_travel_ends_where_the_limits_and_the_window_do);
+    RUN_TEST(test_limits_and_window_of_each_axis_are_its_own);
     RUN_TEST(test_axis_without_power_has_no_limits);
     RUN_TEST(test_fault_of_the_amplifier_or_encoder_cuts_both_axes_in_the_same_period);
     RUN_TEST(test_fault_with_a_path_stop_keeps_the_power);
@@ -555,6 +644,7 @@ int main(void)
     RUN_TEST(test_snapshot_is_published_once_a_millisecond);
     RUN_TEST(test_snapshot_that_is_read_is_not_written_for_a_millisecond);
     RUN_TEST(test_snapshot_is_in_units_of_the_wire);
+    RUN_TEST(test_position_of_an_index_pulse_and_of_an_edge_is_counted_by_the_encoder_of_its_axis);
     RUN_TEST(test_velocity_of_the_snapshot_is_in_um_per_s);
     RUN_TEST(test_energy_is_reset_once_for_each_request);
     RUN_TEST(test_begin_starts_path_time_anew);

@@ -195,10 +195,57 @@ static void test_piece_of_a_ring_that_was_emptied_is_made_anew(void)
     four_knots();
     const num before = spline_cached_piece(&cache, &ring, ring.count, 3)->c1.x;
     TEST_ASSERT_TRUE(val(before) != 0);
-    TEST_ASSERT_TRUE(spline_cached_piece(&cache, &ring, ring.count, 3)->final);
+    TEST_ASSERT_EQUAL_UINT32(4, spline_cached_piece(&cache, &ring, ring.count, 3)->final);
+    TEST_ASSERT_EQUAL_UINT32(0, spline_cached_piece(&cache, &ring, ring.count, 5)->final); /* knot 7 may still come */
     spline_piece(&ring, 0, 3, &empty); /* the background loop has emptied the ring, and the next path has not started */
     TEST_ASSERT_EQUAL_DOUBLE(0, val(empty.c1.x));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(spline_cached_piece(&cache, &ring, 0, 3)->c1.x));
+}
+
+/* How many pieces from that of `knot` on are in the cache */
+static uint32_t cached(const struct spline_cache *cache, uint32_t knot)
+{
+    uint32_t n = 0;
+    while (n < SPLINE_CACHE_SIZE && cache->piece[(knot + n) % SPLINE_CACHE_SIZE].final == knot + n + 1u) {
+        n++;
+    }
+    return n;
+}
+
+static void test_pieces_ahead_are_prefetched_one_in_a_period_up_to_the_look_ahead(void)
+{
+    struct spline_cache cache = {0};
+    for (int i = 0; i < 60; i++) {
+        add_knot(&ring, i, i * i);
+    }
+    for (uint32_t n = 1; n <= 12; n++) {
+        spline_prefetch(&cache, &ring, 60, 0);
+        TEST_ASSERT_EQUAL_UINT32(n < SPLINE_LOOKAHEAD + 1u ? n : SPLINE_LOOKAHEAD + 1u, cached(&cache, 0));
+    }
+    spline_prefetch(&cache, &ring, 60, 30); /* path time has jumped */
+    TEST_ASSERT_EQUAL_UINT32(1, cached(&cache, 30));
+    for (int i = 0; i < 20; i++) {
+        spline_prefetch(&cache, &ring, 35, 30); /* fewer knots are accepted: pieces 30, 31, 32 have all of theirs */
+    }
+    TEST_ASSERT_EQUAL_UINT32(3, cached(&cache, 30));
+}
+
+static void test_period_whose_foot_point_moved_to_another_piece_prefetches_none_unless_it_is_close(void)
+{
+    struct spline_cache cache = {0};
+    for (int i = 0; i < 60; i++) {
+        add_knot(&ring, i, i * i);
+    }
+    for (uint32_t n = 1; n <= 3; n++) { /* 0, 1 and 2 knots ahead */
+        cache.piece_changed = true;
+        spline_prefetch(&cache, &ring, 60, 0);
+        TEST_ASSERT_EQUAL_UINT32(n, cached(&cache, 0));
+    }
+    cache.piece_changed = true;
+    spline_prefetch(&cache, &ring, 60, 0);
+    TEST_ASSERT_EQUAL_UINT32(3, cached(&cache, 0));
+    spline_prefetch(&cache, &ring, 60, 0); /* the next period has time for it */
+    TEST_ASSERT_EQUAL_UINT32(4, cached(&cache, 0));
 }
 
 int main(void)
@@ -219,5 +266,7 @@ int main(void)
     RUN_TEST(test_control_periods_of_10_and_20_khz_are_whole_numbers_of_path_time);
     RUN_TEST(test_knots_passed_are_those_of_a_division_however_long_the_path);
     RUN_TEST(test_piece_of_a_ring_that_was_emptied_is_made_anew);
+    RUN_TEST(test_pieces_ahead_are_prefetched_one_in_a_period_up_to_the_look_ahead);
+    RUN_TEST(test_period_whose_foot_point_moved_to_another_piece_prefetches_none_unless_it_is_close);
     return UNITY_END();
 }
