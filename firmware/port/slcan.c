@@ -66,6 +66,21 @@ static bool read_frame(const struct slcan *s, struct can_frame *frame)
     return true;
 }
 
+/* Frames that classic CANopen does not have: with 29-bit identifiers (T, R), and of CAN FD (d, D, b, B, as CANable 2.0
+ * writes them). */
+static bool is_foreign_frame(char letter)
+{
+    switch (letter) {
+    case 'T':
+    case 'R':
+    case 'd':
+    case 'D':
+    case 'b':
+    case 'B': return true;
+    default: return false;
+    }
+}
+
 /* The length of the line of a command. 0: there is no such command. */
 static unsigned length(char letter)
 {
@@ -128,15 +143,19 @@ enum slcan_event slcan_parse(struct slcan *s, char byte, struct can_frame *frame
 {
     enum slcan_event event = SLCAN_NOTHING;
     answer->count = 0;
-    if (byte == LF) {
+    if (byte == LF && s->count == 0) { /* of CR LF */
         return event;
     }
-    if (byte != CR) {
+    if (byte != CR && byte != LF) {
         if (s->count < SLCAN_LINE) {
             s->line[s->count++] = byte;
         } else {
             s->count = SLCAN_LINE + 1;
         }
+        return event;
+    }
+    if (s->count > 0 && s->open && is_foreign_frame(s->line[0])) {
+        s->count = 0;
         return event;
     }
     bool good;

@@ -8,10 +8,11 @@
  * Context: the process kontur-sim uses it on a TCP socket or a pseudo-terminal (linux/slcan_bus.c), and a board on
  * its serial port, in the background loop (stm32f405/bus.c). A struct slcan has one user at a time.
  *
- * A line ends in CR; LF is ignored. Hex digits may be of either case.
+ * A line ends in CR, LF, or both. Hex digits may be of either case.
  *   tiiildd..  riiil   data and remote frame with an 11-bit identifier: received while the channel is open, and not
  *                      answered (the manual's answer `z` costs a host up to half of its throughput; hosts ignore it)
- *   T R                frames with 29-bit identifiers: refused, because classic CANopen has none
+ *   T R  d D b B       frames with 29-bit identifiers, and of CAN FD: ignored while the channel is open, as on a bus,
+ *                      because classic CANopen has none; what they say is not looked at
  *   O L C              open, open to listen only (frames are sent to the host, none is received from it), and close;
  *                      accepted in every state
  *   S0..S8, sxxyy      bit rate and bit timing: accepted while closed, without effect, because the line has no bus

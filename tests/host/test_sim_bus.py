@@ -142,11 +142,6 @@ def test_bus_that_cannot_be_opened_says_why(options: dict[str, object], message:
         open_bus(**options)
 
 
-def test_extended_identifier_is_refused() -> None:
-    with open_bus() as bus, pytest.raises(can.CanOperationError, match="11-bit"):
-        bus.send(can.Message(arbitration_id=0x601, data=[], is_extended_id=True))
-
-
 def test_library_that_is_not_built_is_named_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library, "LIBRARIES", tmp_path)
     with pytest.raises(LibraryError, match="the simulator is not built; run `make lib`"):

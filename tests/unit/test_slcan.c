@@ -59,13 +59,52 @@ static void test_data_frame_is_received_and_not_answered(void)
 
 static void test_frames_of_every_length_back_to_back(void)
 {
-    answered("t7FF0\rt0001A5\nt08020102\r", "\a"); /* LF ends no line */
+    answered("t7FF0\r", "");
     TEST_ASSERT_EQUAL_UINT(1, frame_count);
-    answered("t0001A5\r\nt08020102\r", "");
+    answered("t0001A5\rt08020102\r", "");
     TEST_ASSERT_EQUAL_UINT(2, frame_count);
     TEST_ASSERT_EQUAL_HEX8(0xA5, frames[0].data[0]);
     TEST_ASSERT_EQUAL_HEX16(0x080, frames[1].id);
     TEST_ASSERT_EQUAL_UINT8(2, frames[1].len);
+}
+
+static void test_lines_end_in_cr_lf_or_both(void)
+{
+    static const char *const ends[] = {"\r", "\n", "\r\n"};
+    for (unsigned i = 0; i < sizeof ends / sizeof *ends; i++) {
+        char text[64];
+        snprintf(text, sizeof text, "t0001A5%sO%st08020102%s\n", ends[i], ends[i], ends[i]);
+        answered(text, "\r");
+        TEST_ASSERT_EQUAL_UINT(2, frame_count);
+        TEST_ASSERT_EQUAL_HEX8(0xA5, frames[0].data[0]);
+        TEST_ASSERT_EQUAL_HEX16(0x080, frames[1].id);
+    }
+    TEST_ASSERT_EQUAL_UINT32(0, s.refused);
+}
+
+static void test_frames_that_classic_canopen_does_not_have_are_ignored_as_on_a_bus(void)
+{
+    static const char *const foreign[] = {
+        "T000002018AAAAAAAAAAAAAAAA\r",
+        "R000006018\r",
+        "d2012AABB\r",
+        "b2012AABB\r",
+        "D000002012AABB\r",
+        "B000002012AABB\r",
+        "T\r",
+        "d201F",
+    };
+    for (unsigned i = 0; i < sizeof foreign / sizeof *foreign; i++) {
+        answered(foreign[i], "");
+        TEST_ASSERT_EQUAL_UINT_MESSAGE(0, frame_count, foreign[i]);
+    }
+    for (unsigned i = 0; i < 64; i++) { /* more than the longest line of this parser */
+        answered("00", "");
+    }
+    answered("\rt0010\r", "");
+    TEST_ASSERT_EQUAL_UINT(1, frame_count);
+    TEST_ASSERT_EQUAL_UINT32(0, s.refused);
+    answered("C\rT000002010\r", "\r\a"); /* while closed nothing is a frame */
 }
 
 static void test_remote_frame_has_a_length_and_no_data(void)
@@ -80,10 +119,8 @@ static void test_remote_frame_has_a_length_and_no_data(void)
 static void test_bad_frames_are_refused_and_counted(void)
 {
     const char *const bad[] = {
-        "t\r",         "t123\r",     "t8000\r",      "t1239000000000000000000\r",
-        "t12g0\r",     "t1231\r",    "t1231A\r",     "t1231AG\r",
-        "t1231A5 \r",  "t1231A5B\r", "T000001230\r", "R000001230\r",
-        "t12310\t0\r", "rFFFF\r",
+        "t\r",       "t123\r",     "t8000\r",    "t1239000000000000000000\r", "t12g0\r",     "t1231\r", "t1231A\r",
+        "t1231AG\r", "t1231A5 \r", "t1231A5B\r", "t1231A5t1231A5\r",          "t12310\t0\r", "rFFFF\r",
     };
     for (unsigned i = 0; i < sizeof bad / sizeof *bad; i++) {
         answered(bad[i], "\a");
@@ -214,7 +251,8 @@ static void test_random_bytes_are_survived(void)
         const enum slcan_event event = slcan_parse(&s, byte, &frame, &answer);
         TEST_ASSERT_LESS_OR_EQUAL(SLCAN_ANSWER, answer.count);
         TEST_ASSERT_LESS_OR_EQUAL(SLCAN_LINE + 1, s.count);
-        TEST_ASSERT_TRUE(byte == '\r' ? (answer.count > 0) != (event == SLCAN_HAS_FRAME) : answer.count == 0);
+        TEST_ASSERT_TRUE(byte == '\r' || byte == '\n' ? answer.count == 0 || event != SLCAN_HAS_FRAME
+                                                      : answer.count == 0);
         if (event == SLCAN_HAS_FRAME) {
             TEST_ASSERT_TRUE(frame.id <= 0x7FF && frame.len <= 8);
             received++;
@@ -222,7 +260,7 @@ static void test_random_bytes_are_survived(void)
     }
     TEST_ASSERT_GREATER_THAN(0, received);
     type("\rO\r");
-    answered("t1230\r", "");
+    answered("t1230\n", "");
     TEST_ASSERT_EQUAL_UINT(1, frame_count);
 }
 
@@ -231,6 +269,8 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_data_frame_is_received_and_not_answered);
     RUN_TEST(test_frames_of_every_length_back_to_back);
+    RUN_TEST(test_lines_end_in_cr_lf_or_both);
+    RUN_TEST(test_frames_that_classic_canopen_does_not_have_are_ignored_as_on_a_bus);
     RUN_TEST(test_remote_frame_has_a_length_and_no_data);
     RUN_TEST(test_bad_frames_are_refused_and_counted);
     RUN_TEST(test_what_python_can_sends_on_opening_is_accepted);

@@ -40,6 +40,9 @@ EDS = Path(__file__).parents[1] / "kontur.eds"
 HEARTBEAT_S = 0.1
 RESEND_S = 0.05
 """Time after which a command that shows no effect is sent again."""
+DROPPED = ("foreign", "length", "status", "line")
+"""Why what was received is not used. foreign: a drive sends no 29-bit identifiers, CAN FD, or remote frames.
+length: it is corrupted. status: a TPDO1 whose count of knots cannot be. line: text in slcan that is no frame."""
 _EMCY, _SDO_RESPONSE = 0x80, 0x580
 _DOWNLOAD, _UPLOAD = 1, 2
 _REQUESTS_BY_NAME = (_DOWNLOAD, _UPLOAD)  # command specifiers whose answers name their object
@@ -91,12 +94,12 @@ class Link:
         self._next_heartbeat_s = math.inf
         self.frames = 0
         """Sent and received so far."""
-        self.foreign = 0
-        """Of these, those that no CANopen node sends: with a 29-bit identifier, of CAN FD, or remote frames."""
+        self._dropped = dict.fromkeys(DROPPED, 0)
         self._recording = False
         self._frames: list[tuple[int, bytearray]] = []
-        # Services of fixed length; frames of another one are corrupted.
+        # Services and PDOs of fixed length; frames of another one are corrupted.
         self._lengths = {_SDO_RESPONSE + node_id: 8, _EMCY + node_id: 8, wire.HEARTBEAT + node_id: 1}
+        self._lengths |= {cob + node_id: 8 for cob in (wire.TPDO1, *wire.TELEMETRY)}
         self._tick_ids = (wire.TPDO2 + node_id, wire.TPDO3 + node_id)
         self._telemetry_ids = frozenset(cob + node_id for cob in wire.TELEMETRY)
         self._network = _LinkedNetwork(self, bus)
@@ -114,6 +117,16 @@ class Link:
     def round_trip_s(self) -> float:
         """The longest time that one of the last SDO requests took until it was answered."""
         return max(self._round_trips_s, default=0.0)
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """What was received so far and not used, by reason (DROPPED)."""
+        garbled = getattr(getattr(self.bus, "inner", self.bus), "garbled", 0)
+        return self._dropped | {"line": garbled}
+
+    def count_dropped(self, reason: str) -> None:
+        """Note that a frame was not used."""
+        self._dropped[reason] += 1
 
     def answered(self, round_trip_s: float) -> None:
         """Note that an SDO request was answered after `round_trip_s`."""
@@ -183,15 +196,17 @@ class Link:
             return False
         self.frames += 1
         if message.is_error_frame:
-            pass
-        elif message.is_extended_id or message.is_fd or message.is_remote_frame:
-            self.foreign += 1
+            return True
+        if message.is_extended_id or message.is_fd or message.is_remote_frame:
+            self.count_dropped("foreign")
+        elif self._lengths.get(message.arbitration_id, message.dlc) != message.dlc:
+            self.count_dropped("length")
         elif message.arbitration_id in self._telemetry_ids:
-            if self._sync_ms and message.arbitration_id in self._tick_ids and len(message.data) == 8:
+            if self._sync_ms and message.arbitration_id in self._tick_ids:
                 self._see_tick(message.data[0] | message.data[1] << 8)
-            if self._recording and len(message.data) == 8:
+            if self._recording:
                 self._frames.append((message.arbitration_id - self.node_id, message.data))
-        elif self._lengths.get(message.arbitration_id, message.dlc) == message.dlc:
+        else:
             self._network.notify(message.arbitration_id, message.data, message.timestamp)
         return True
 
@@ -307,12 +322,11 @@ class Link:
             self.reported.append(emcy.code)
 
     def _on_status(self, _cob_id: int, data: bytearray, _timestamp: float) -> None:
-        if len(data) == 8:
-            before, self.status = self.status, wire.unpack_status(bytes(data))
-            self.status_count += 1
-            if before is not None and before.statusword == self.status.statusword:
-                self.statuswords = self.status.statusword
-                self._statuswords_count = self.status_count
+        before, self.status = self.status, wire.unpack_status(bytes(data))
+        self.status_count += 1
+        if before is not None and before.statusword == self.status.statusword:
+            self.statuswords = self.status.statusword
+            self._statuswords_count = self.status_count
 
 
 def _is_queue_full(error: can.CanError) -> bool:

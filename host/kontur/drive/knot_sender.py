@@ -114,6 +114,7 @@ class KnotSender:
         self._knots_nm = knots_nm
         self._frames = wire.pack_knots(knots_nm, start_nm(knots_nm))
         self.total = len(knots_nm)
+        self._first = self.accepted
         self._sent = self._ever_sent = self.accepted  # the next knot to send, and the greatest one that was sent
         self._sent_s = [0.0] * _NUMBERS  # of the knots on their way, by number
         self._sent_once = self.accepted  # from this knot on, each was sent once only
@@ -165,8 +166,9 @@ class KnotSender:
         status = self.device.link.status
         assert status is not None
         newly = (status.accepted - self.accepted + 0x8000 & 0xFFFF) - 0x8000
-        if not -WINDOW <= newly <= self._ever_sent - self.accepted:
-            return  # corrupted, or not of this stream
+        if not max(-WINDOW, self._first - self.accepted) <= newly <= self._ever_sent - self.accepted:
+            self.device.link.count_dropped("status")  # corrupted, or not of this stream
+            return
         self.accepted += newly  # negative if the count before was corrupted
         if newly > 0:
             self._accepted_s = self._heard_s

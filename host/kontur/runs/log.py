@@ -88,6 +88,7 @@ META = {
     "frames_lost": "telemetry frames that did not arrive",
     "accepted": "knots that the drive accepted",
     "rejected": "knot frames that the drive rejected, by reason",
+    "dropped": "frames that the host received and did not use, by reason (kontur.can.link.DROPPED)",
     "command": "the command that makes this run again",
     "resumed_at_s": "path time at which a path that had been stopped was gone on with",
     "path": "length of the path, and what of it was covered (kontur.runs.coverage)",

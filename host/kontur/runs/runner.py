@@ -232,6 +232,7 @@ def _drive(device: Device, recorded: _Recorded, options: RunOptions) -> dict[str
         "frames_lost": recorded.telemetry.frames_lost,
         "accepted": recorded.streamed.accepted,
         "rejected": recorded.streamed.rejected,
+        "dropped": device.link.dropped,
         "command": options.command,
     }
 

@@ -93,12 +93,16 @@ class KonturBus(SimulatedBus):
         return self.sim.truth()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame, which the drive handles in this call; with pace "clock", after its time on a wire."""
+        """Send a frame, which the drive handles in this call; with pace "clock", after its time on a wire.
+
+        A frame that classic CANopen does not have does nothing, as on a real bus.
+        """
         with self._lock:
             if self.by_clock:
                 self._wait_for_wire()
-            if msg.is_extended_id or msg.is_fd or not self.sim.send(msg.arbitration_id, msg.data, msg.is_remote_frame):
-                raise can.CanOperationError("the simulated drive takes classic frames with 11-bit identifiers only")
+            if msg.is_extended_id or msg.is_fd or msg.is_error_frame:
+                return
+            self.sim.send(msg.arbitration_id, msg.data, msg.is_remote_frame)
             if self._by_sync and not msg.is_remote_frame:
                 self.sim.run(self.sim.periods_of(msg.arbitration_id))
 
