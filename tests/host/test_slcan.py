@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The slcan bus that reads all that waits, against a socket that says what an adapter would."""
 
+import errno
+import itertools
 import os
 import select
 import socket
@@ -10,20 +12,31 @@ from collections.abc import Iterator
 
 import can
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from kontur import machine
 from kontur.can.bad_bus import BadBus
 from kontur.can.bus import open_bus
 from kontur.can.link import Link
+from kontur.drive.device import connected
+from kontur.drive.stream import stream
 from kontur.errors import BusError
+from kontur.path import shapes
+from kontur.planning import planner
+from kontur.planning.bounds import limits
+from kontur.sim import process as sim_process
 
 
-@pytest.fixture
-def wire() -> Iterator[tuple[can.BusABC, socket.socket]]:
+def wires() -> Iterator[tuple[can.BusABC, socket.socket]]:
     with socket.create_server(("127.0.0.1", 0)) as server:
         bus = open_bus({"interface": "slcan", "channel": f"socket://127.0.0.1:{server.getsockname()[1]}"})
         peer, _ = server.accept()
         with peer, bus:
             yield bus, peer
+
+
+wire = pytest.fixture(wires)
 
 
 def test_frames_cut_anywhere_come_whole_and_in_order(wire: tuple[can.BusABC, socket.socket]) -> None:
@@ -93,3 +106,160 @@ def test_serial_port_of_another_program_is_left_alone_and_the_message_says_what_
             open_bus({"interface": "slcan", "channel": port, "bitrate": 1_000_000})
         assert not select.select([said], [], [], 0.1)[0], "it was sent to an adapter in use"
     os.close(terminal)
+
+
+# --- lines that are damaged ---
+
+GOOD = [
+    b"t1232ABCD",
+    b"t7FF0",
+    b"t0818ffffFFFF00000000",
+    b"t1811A51234",
+    b"r0014",
+    b"T1FFFFFFF1FF",
+    b"d1239" + b"00" * 12,
+]
+DAMAGED = [
+    b"t1232ABCDt1232ABCD",
+    b"t1232AB",
+    b"t1232ABCDE",
+    b"t1232ABCG",
+    b"t8001AA",
+    b"t123",
+    b"t",
+    b"t1239000000000000000000",
+    b"t123 2ABCD",
+    b"T200000001AA",
+    b"rFFFFF",
+    b"\xff\xfe",
+    b"hello",
+    b"d123F00",
+    b"t1232AB\a",
+    b"t" * 100_000,
+]
+
+
+def received(bus: can.BusABC, until: int) -> list[can.Message]:
+    messages = []
+    while (message := bus.recv(30.0)) is not None and message.arbitration_id != until:
+        messages.append(message)
+    assert message is not None, "the last frame has not come"
+    return messages
+
+
+@pytest.mark.parametrize("line", DAMAGED, ids=lambda line: repr(line[:24]))
+def test_damaged_line_is_dropped_and_counted_and_the_next_frame_comes(
+    wire: tuple[can.BusABC, socket.socket], line: bytes
+) -> None:
+    bus, peer = wire
+    peer.sendall(b"t1001AA\r" + line + b"\rt1011BB\r")
+    assert [(m.arbitration_id, bytes(m.data)) for m in received(bus, 0x101)] == [(0x100, b"\xaa")]
+    assert bus.garbled == 1  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("end", [b"\r", b"\n", b"\r\n"])
+def test_lines_end_in_cr_lf_or_both(wire: tuple[can.BusABC, socket.socket], end: bytes) -> None:
+    bus, peer = wire
+    peer.sendall(end.join([*GOOD, b"", b"z", b"Z", b"t1011BB", b""]))
+    assert len(received(bus, 0x101)) == len(GOOD)
+    assert bus.garbled == 0  # type: ignore[attr-defined]
+
+
+def test_time_stamp_behind_the_data_is_no_damage(wire: tuple[can.BusABC, socket.socket]) -> None:
+    bus, peer = wire
+    peer.sendall(b"t1811A5EA5F\rr7011EA5F\rt1010\r")
+    assert [(m.arbitration_id, bytes(m.data)) for m in received(bus, 0x101)] == [(0x181, b"\xa5"), (0x701, b"")]
+
+
+def test_frame_behind_damage_is_received_without_waiting(wire: tuple[can.BusABC, socket.socket]) -> None:
+    bus, peer = wire
+    peer.sendall(b"t1230\r\r\a\rhello\rt1240\r")
+    assert bus.recv(30.0).arbitration_id == 0x123  # type: ignore[union-attr]
+    assert bus.recv(0).arbitration_id == 0x124  # type: ignore[union-attr]
+
+
+@pytest.fixture(scope="module")
+def one_wire() -> Iterator[tuple[can.BusABC, socket.socket]]:
+    yield from wires()
+
+
+@settings(deadline=None)
+@given(
+    lines=st.lists(st.tuples(st.sampled_from(GOOD) | st.binary(max_size=40), st.sampled_from([b"\r", b"\n", b"\r\n"]))),
+    cut=st.integers(1, 50),
+)
+def test_whatever_comes_the_good_lines_are_received_in_order(
+    one_wire: tuple[can.BusABC, socket.socket], lines: list[tuple[bytes, bytes]], cut: int
+) -> None:
+    bus, peer = one_wire
+    text = b"".join(line + end for line, end in lines) + b"\rt7651BB\r"
+    for at in range(0, len(text), cut):
+        peer.sendall(text[at : at + cut])
+    messages = received(bus, 0x765)
+    good = [
+        line
+        for part in text.replace(b"\n", b"\r").replace(b"\a", b"\a\r").split(b"\r")
+        for line in GOOD
+        if line == part
+    ]
+    heads = [(m.arbitration_id, m.dlc) for m in messages]
+    for line in good:  # random bytes may be a frame, too
+        digits = 8 if line[:1].isupper() else 3
+        head = int(line[1 : 1 + digits], 16), can.util.dlc2len(int(line[1 + digits : 2 + digits], 16))
+        assert head in heads
+        del heads[: heads.index(head) + 1]
+
+
+def test_peer_that_does_not_read_fills_the_queue_and_then_gets_every_frame_whole() -> None:
+    """As a serial port whose write times out: send() does not block, and what was taken is sent once."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        bus = open_bus({"interface": "slcan", "channel": f"socket://127.0.0.1:{server.getsockname()[1]}"})
+        peer, _ = server.accept()
+        peer.settimeout(30.0)
+        with peer, bus:
+            sent = 0
+
+            def fill() -> None:
+                nonlocal sent
+                while True:
+                    bus.send(can.Message(arbitration_id=0x301, data=sent.to_bytes(8, "big"), is_extended_id=False))
+                    sent += 1
+
+            with pytest.raises(can.CanOperationError, match="transmit buffer is full") as raised:
+                fill()
+            assert raised.value.error_code == errno.ENOBUFS
+            text = bytearray()
+            while len(text) < len(b"O\r") + sent * len(b"t3018%016X\r" % 0):
+                bus.recv(0)
+                text += peer.recv(65536)
+            bus.send(can.Message(arbitration_id=0x302, is_extended_id=False))
+            while not text.endswith(b"t3020\r"):
+                text += peer.recv(65536)
+    assert text == b"O\r" + b"".join(b"t3018%016X\r" % i for i in range(sent)) + b"t3020\r"
+
+
+def test_stream_over_a_line_that_is_damaged_both_ways_arrives_completely(monkeypatch: pytest.MonkeyPatch) -> None:
+    plant = machine.load().starting_at((0.02, 0.0))
+    knots_nm = planner.plan(shapes.circle(0.02, 0.1, duration_s=1.0), limits(plant)).knots_nm
+    damage = itertools.cycle(DAMAGED[:-1])
+    with (
+        sim_process.start(slcan_tcp="0", pace="sync", machine=plant) as process,
+        connected(bus := open_bus(process.options()), 1) as device,
+    ):
+        split, write, written = bus._split, bus._write, itertools.count()  # type: ignore[attr-defined]
+        monkeypatch.setattr(
+            bus, "_split", lambda data: split(next(damage) + b"\r" + data.replace(b"\rt181", b"t181", 1))
+        )
+
+        def write_damaged(line: str) -> None:
+            if (number := next(written)) % 40 == 0:
+                write(line + line)
+            elif number % 40 == 20:
+                write(line[:-1] + "\n\x00\xe4")
+            write(line)
+
+        monkeypatch.setattr(bus, "_write", write_damaged)
+        with device.axes.enabled():
+            assert stream(device, knots_nm).executed == len(knots_nm)
+        assert device.link.dropped["line"] > 100

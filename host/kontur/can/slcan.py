@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""python-can's slcan bus, read as fast as the drive sends: `can.Bus(interface="kontur-slcan", ...)`, as slcan.
+"""python-can's slcan bus, for a drive that sends 2,700 frames a second: `can.Bus(interface="kontur-slcan", ...)`.
 
-python-can reads a byte at a time, which takes about 100 us a frame. A host that has fallen behind a drive with 2,700
-frames a second then hardly catches up, and acts on old statuswords. Here all bytes that have arrived are read together,
-and recv(0) returns a frame that has arrived.
+python-can reads a byte at a time, which takes about 100 us a frame. A host that has fallen behind then hardly catches
+up, and acts on old statuswords. Here all bytes that have arrived are read together, and recv(0) returns a frame that
+has arrived. A line that is damaged is dropped and counted; python-can raises ValueError, or takes it for another frame.
+Sending does not block: while the serial port takes no more, send() raises ENOBUFS, like SocketCAN.
 """
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import select
 import socket
 import time
@@ -18,20 +21,62 @@ from typing import Any
 
 import can
 from can.interfaces.slcan import slcanBus
+from can.util import dlc2len
 
 _READ = 65536
+_LINE = 256  # bytes; a frame of CAN FD has 142 at most
+_STAMP = 4  # digits behind the data, if the other end sends time stamps
+_FRAME = re.compile(rb"([trdb][0-7][0-9A-Fa-f]{2}|[TRDBx][01][0-9A-Fa-f]{7})([0-9A-Fa-f])([0-9A-Fa-f]*)")
+_REMOTE, _FD = b"rR", b"dDbB"
+_ANSWER = re.compile(rb"[VNF][0-9A-Fa-f]*")
+_NO_FRAME = (b"", b"\a", b"z", b"Z", b"z\a", b"Z\a")  # accepted, refused, a frame was accepted
 
 
 class SlcanBus(slcanBus):
-    """python-can's slcan, but fast. Raises what slcanBus raises; CanOperationError when the other end closes."""
+    """python-can's slcan, but fast. Raises what slcanBus raises; CanOperationError when the other end closes.
+
+    `garbled`: lines received that were no frame.
+    """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
+        self.garbled = 0
         self._lines: deque[str] = deque()
-        self._rest = b""
+        self._rest = b""  # of the line that is being received
+        self._out = b""  # of the line that is being sent
         super().__init__(*arguments, **options)
         with suppress(OSError), socket.socket(fileno=os.dup(self.serialPortOrig.fileno())) as connection:
             # so that TCP does not delay a frame by some 40 ms until the one before is acknowledged; serial ports do not
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def _read(self, timeout: float | None) -> str | None:
+        end_s = None if timeout is None else time.monotonic() + timeout
+        while not self._lines:
+            left_s = None if end_s is None else max(0.0, end_s - time.monotonic())
+            self._send_rest()
+            try:
+                descriptor = self.serialPortOrig.fileno()
+                readable, writable, _ = select.select([descriptor], [descriptor] if self._out else [], [], left_s)
+                if writable and not readable:
+                    continue
+                if not readable:
+                    return None
+                data = os.read(descriptor, _READ)
+            except (OSError, ValueError) as error:
+                raise can.CanOperationError(f"{self.serialPortOrig.port}: cannot be read: {error}") from error
+            if not data:
+                raise can.CanOperationError(self._closed())
+            self._split(data)
+        return self._lines.popleft()
+
+    def _split(self, data: bytes) -> None:
+        # A line ends in CR, LF, or both; a refusal is a BEL.
+        *lines, rest = (self._rest + data).replace(b"\n", b"\r").replace(b"\a", b"\a\r").split(b"\r")
+        self._rest = rest[:_LINE]
+        for line in lines:
+            if _is_frame(line) or _ANSWER.fullmatch(line):
+                self._lines.append(line.decode() + "\r")
+            elif line not in _NO_FRAME:
+                self.garbled += 1
 
     def _write(self, string: str) -> None:
         """Send a line, the first one only if no other program uses the port: it would end what that one does."""
@@ -42,34 +87,27 @@ class SlcanBus(slcanBus):
             except OSError:
                 port.close()
                 raise
+        if not self._send_rest():
+            raise can.CanOperationError(f"{port.port}: the transmit buffer is full", errno.ENOBUFS)
+        self._out = string.encode() + self.LINE_TERMINATOR
+        self._send_rest()
+
+    def _send_rest(self) -> bool:
+        """Whether the line is sent completely."""
         try:
-            super()._write(string)
-        except can.CanOperationError as error:
-            raise can.CanOperationError(f"{self._closed()} ({error.__cause__})") from error
+            while self._out:
+                self._out = self._out[os.write(self.serialPortOrig.fileno(), self._out) :]
+        except BlockingIOError:
+            return False
+        except (OSError, ValueError) as error:
+            raise can.CanOperationError(f"{self._closed()} ({error})") from error
+        return True
 
     def _closed(self) -> str:
         port = str(self.serialPortOrig.port)
         if "://" not in port:
             return f"{port}: the other end has closed the connection, or is unplugged"
         return f"{port}: the other end has closed the connection; it has ended, or serves another program at present"
-
-    def _read(self, timeout: float | None) -> str | None:
-        end_s = None if timeout is None else time.monotonic() + timeout
-        while not self._lines:
-            left_s = None if end_s is None else max(0.0, end_s - time.monotonic())
-            try:
-                descriptor = self.serialPortOrig.fileno()
-                if not select.select([descriptor], [], [], left_s)[0]:
-                    return None
-                data = os.read(descriptor, _READ)
-            except (OSError, ValueError) as error:
-                raise can.CanOperationError(f"{self.serialPortOrig.port}: cannot be read: {error}") from error
-            if not data:
-                raise can.CanOperationError(self._closed())
-            # An answer ends in CR, a refusal is a BEL.
-            *lines, self._rest = (self._rest + data).replace(b"\a", b"\a\r").split(b"\r")
-            self._lines += [line.decode(errors="replace") + "\r" for line in lines]
-        return self._lines.popleft()
 
     def close(self) -> None:
         """Close the channel, if the other end is still there."""
@@ -81,3 +119,14 @@ class SlcanBus(slcanBus):
         self._lines.clear()
         self._rest = b""
         super().flush()
+
+
+def _is_frame(line: bytes) -> bool:
+    match = _FRAME.fullmatch(line)
+    if match is None:
+        return False
+    kind, code = match[1][:1], int(match[2], 16)
+    if kind not in _FD and code > 8:
+        return False
+    digits = 0 if kind in _REMOTE else 2 * dlc2len(code)
+    return len(match[3]) in (digits, digits + _STAMP)
