@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The simulated drive as a process (kontur-sim): buses, signals, clients that go, messages that say what to do."""
 
+import contextlib
 import dataclasses
 import os
 import re
@@ -10,6 +11,7 @@ import socket
 import stat
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -443,11 +445,99 @@ def test_drive_notices_by_the_heartbeat_that_its_client_has_gone(sim: SimProcess
         assert device.link.wait(lambda: device.read("error_code_x") == 0x8130, TIMEOUT_S)
 
 
-def test_second_client_gets_the_message_that_there_is_one(sim: SimProcess) -> None:
+def connect(sim: SimProcess) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", port_of(sim)), TIMEOUT_S)
+
+
+def read_until(client: socket.socket, end: bytes) -> bytes:
+    text = b""
+    while end not in text:
+        more = client.recv(4096)
+        assert more, f"the connection was closed after {text!r}"
+        text += more
+    return text
+
+
+def test_clients_that_say_nothing_lock_nobody_out(sim: SimProcess) -> None:
+    with contextlib.ExitStack() as idle:
+        for _ in range(3):
+            idle.enter_context(connect(sim))
+        talk(sim)
+
+
+def test_clients_see_the_frames_of_the_drive_and_of_each_other_as_on_one_bus(sim: SimProcess) -> None:
+    with connect(sim) as one, connect(sim) as other, connect(sim) as closed:
+        for client in (one, other):
+            client.sendall(b"O\r")
+            read_until(client, b"\r")
+        one.sendall(b"t60184000100000000000\r")
+        assert b"t60184000100000000000\r" in (text := read_until(other, b"t5818"))
+        assert text.index(b"t601") < text.index(b"t5818")
+        assert b"t601" not in read_until(one, b"t5818"), "its own frame came back"
+        closed.sendall(b"O\r")  # what was before it opened its channel is not for it
+        assert b"t5818" not in read_until(closed, b"t701")
+
+
+def test_two_programs_use_one_drive_at_the_same_time(sim: SimProcess) -> None:
     with connected(open_bus(sim.options()), 1) as device:
-        with socket.create_connection(("127.0.0.1", port_of(sim)), TIMEOUT_S) as second:
-            assert b"another client is connected" in second.makefile("rb").read()
+        device.axes.enable()
+        talk_to = connected(open_bus(sim.options()), 1)
+        with talk_to as looker:
+            assert looker.info().state == ("operation enabled", "operation enabled")
+        assert device.link.wait(lambda: device.axes.states() == ("operation enabled",) * 2, TIMEOUT_S)
+
+
+def test_when_there_is_no_place_the_client_that_has_been_silent_longest_is_told_and_goes(sim: SimProcess) -> None:
+    with connected(open_bus(sim.options()), 1) as device, contextlib.ExitStack() as idle:
+        clients = []
+        for _ in range(20):
+            clients.append(idle.enter_context(connect(sim)))
+            device.read("clock.tick")  # a host that works is not silent
+        for client in clients[:13]:
+            assert b"has been silent longest" in client.makefile("rb").read()
+        for client in clients[13:]:
+            client.sendall(b"V\r")
+            assert read_until(client, b"\r") == b"V1010\r"
         device.info()
+
+
+def test_client_that_never_reads_blocks_no_other_one(sim: SimProcess) -> None:
+    with connect(sim) as deaf:
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        deaf.sendall(b"O\r")
+        with connected(open_bus(sim.options()), 1) as device:
+            device.link.send(wire.NMT, bytes([wire.NMT_START, 1]))
+            before = device.link.frames
+            assert device.link.wait(lambda: device.link.frames > before + 20_000, TIMEOUT_S)  # 400 kB for each client
+            device.info()
+        deaf.shutdown(socket.SHUT_WR)
+        end_s = time.monotonic() + TIMEOUT_S
+        while "frames were dropped, since the client did not read them" not in sim.messages():
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
+
+
+def test_client_that_floods_the_line_blocks_no_other_one(sim: SimProcess) -> None:
+    """Neither with frames nor with what is none."""
+    with contextlib.ExitStack() as flood:
+        stop = threading.Event()
+        for text in (b"y\r" * 500, b"y" * 1000, b"t7E00\r" * 100):
+            client = flood.enter_context(connect(sim))
+            client.sendall(b"O\r")
+            writer = threading.Thread(target=_flood, args=(client, text, stop))
+            writer.start()
+            flood.callback(writer.join)
+        flood.callback(stop.set)
+        talk(sim)
+
+
+def _flood(client: socket.socket, text: bytes, stop: threading.Event) -> None:
+    client.settimeout(0.05)
+    while not stop.is_set():
+        with contextlib.suppress(TimeoutError):
+            client.send(text)
+        with contextlib.suppress(TimeoutError):
+            client.recv(65536)
 
 
 def test_client_that_does_not_read_does_not_stop_the_drive() -> None:

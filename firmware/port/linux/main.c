@@ -35,7 +35,8 @@ static const char usage[] =
     "file.\n"
     "  --machine FILE    machine file as plain text (firmware/port/linux/machine_file.h); -: standard input\n"
     "  --can INTERFACE   SocketCAN interface with classic frames, such as vcan0 or can0\n"
-    "  --slcan-tcp PORT  slcan over TCP for one client at a time, on 127.0.0.1 unless HOST is given; 0: any free port\n"
+    "  --slcan-tcp PORT  slcan over TCP, on 127.0.0.1 unless HOST is given, for up to 8 clients that share one bus;\n"
+    "                    0: any free port\n"
     "  --slcan-pty       slcan over a pseudo-terminal\n"
     "  --pace clock      device time follows the wall clock (default)\n"
     "  --pace sync       device time passes with SYNC only, by 1006h at each: every run is the same\n"
@@ -135,6 +136,11 @@ static struct options parse(int argc, char **argv)
     return o;
 }
 
+static uint32_t device_ms(const struct sim *s, uint64_t tick)
+{
+    return (uint32_t)(tick * 1000u / s->pace.hz);
+}
+
 /* Bring the flash to the disk if the device has changed it. false: that is not possible. */
 static bool write_store(struct sim *s)
 {
@@ -160,7 +166,7 @@ static bool send_pending(struct sim *s)
     bool sent = false;
     s->failed = s->failed || !write_store(s);
     while (!s->failed && s->lib.ks_recv(s->ks, &frame)) {
-        s->bus.send(s->bus.ctx, &frame, (uint32_t)(frame.tick * 1000u / s->pace.hz));
+        s->bus.send(s->bus.ctx, &frame, device_ms(s, frame.tick));
         pace_frame(&s->pace, frame.tick);
         sent = true;
     }
@@ -187,7 +193,7 @@ static bool receive_frames(struct sim *s)
         s->lib.ks_set_can_status(s->ks, &status);
     }
     for (unsigned i = 0; i < FRAMES_PER_PASS; i++) {
-        if (!s->bus.receive(s->bus.ctx, &frame)) {
+        if (!s->bus.receive(s->bus.ctx, &frame, device_ms(s, s->lib.ks_tick(s->ks)))) {
             return false;
         }
         pace_frame(&s->pace, s->lib.ks_tick(s->ks));

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* slcan_bus.c: a bus (bus.h) of slcan lines (slcan.h) over a TCP socket, which one client at a time may use, or over a
- * pseudo-terminal. The loop of the process kontur-sim calls it. */
+/* slcan_bus.c: a bus (bus.h) of slcan lines (slcan.h) over TCP, or over a pseudo-terminal. The clients of the TCP socket
+ * share one bus: each receives the frames of the drive and of the others. None can keep the others from it: each has its
+ * turn to send a frame, one that does not read loses frames, and one more than there are places for takes the place of
+ * the client that has been silent longest. The loop of the process kontur-sim calls it. */
 #include <arpa/inet.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -20,80 +22,121 @@
 
 /* OUT_BYTES is one second of telemetry. A client that leaves
  * more unread than this and the kernel's buffer loses frames. */
-enum { IN_BYTES = 4096, OUT_BYTES = 131072, SOCKET_BYTES = 131072 };
+enum { CLIENTS = BUS_FDS - 1, IN_BYTES = 4096, OUT_BYTES = 131072, SOCKET_BYTES = 131072 };
 
-struct slcan_bus {
+struct client {
     struct slcan codec;
-    int listener; /* -1: the bus is a pseudo-terminal */
-    int client;   /* -1: none */
-    int slave;    /* open as long as the process runs, so that the terminal outlives its users */
+    int fd;         /* -1: none */
+    uint64_t heard; /* when it has connected or sent something last */
     uint32_t dropped;
     unsigned in_at, in_count, out_count;
     char in[IN_BYTES], out[OUT_BYTES];
 };
 
-static void reset_session(struct slcan_bus *s)
+struct slcan_bus {
+    int listener;   /* -1: the bus is a pseudo-terminal, whose user is the first client */
+    int slave;      /* open as long as the process runs, so that the terminal outlives its users */
+    uint64_t heard; /* counts what is heard of clients */
+    unsigned turn;  /* of this client */
+    struct client client[CLIENTS];
+};
+
+static void reset_session(struct client *c)
 {
-    if (s->dropped > 0) {
-        print_message("%u frames were dropped, since the client did not read them", s->dropped);
+    if (c->dropped > 0) {
+        print_message("%u frames were dropped, since the client did not read them", c->dropped);
     }
-    slcan_init(&s->codec, 0);
-    s->dropped = 0;
-    s->in_at = s->in_count = s->out_count = 0;
+    slcan_init(&c->codec, 0);
+    c->dropped = 0;
+    c->in_at = c->in_count = c->out_count = 0;
 }
 
-static void hang_up(struct slcan_bus *s)
+static void hang_up(struct client *c)
 {
-    close(s->client);
-    s->client = -1;
-    reset_session(s);
+    close(c->fd);
+    c->fd = -1;
+    reset_session(c);
 }
 
-static void flush_output(struct slcan_bus *s)
+static void flush_output(const struct slcan_bus *s, struct client *c)
 {
-    while (s->client >= 0 && s->out_count > 0) {
-        const ssize_t done = write(s->client, s->out, s->out_count);
+    while (c->fd >= 0 && c->out_count > 0) {
+        const ssize_t done = write(c->fd, c->out, c->out_count);
         if (done < 0) {
             if (errno == EINTR) {
                 continue;
             }
             if (errno != EAGAIN && s->listener >= 0) {
-                hang_up(s);
+                hang_up(c);
             }
             return;
         }
-        s->out_count -= (unsigned)done;
-        memmove(s->out, &s->out[done], s->out_count);
+        c->out_count -= (unsigned)done;
+        memmove(c->out, &c->out[done], c->out_count);
     }
 }
 
 /* Append a line to the output completely, or not at all: false. */
-static bool append_output(struct slcan_bus *s, const char *text, unsigned count)
+static bool append_output(const struct slcan_bus *s, struct client *c, const char *text, unsigned count)
 {
-    if (s->out_count + count > OUT_BYTES) {
-        flush_output(s);
+    if (c->out_count + count > OUT_BYTES) {
+        flush_output(s, c);
     }
-    if (s->client < 0 || s->out_count + count > OUT_BYTES) {
+    if (c->fd < 0 || c->out_count + count > OUT_BYTES) {
         return false;
     }
-    memcpy(&s->out[s->out_count], text, count);
-    s->out_count += count;
+    memcpy(&c->out[c->out_count], text, count);
+    c->out_count += count;
     return true;
+}
+
+/* Send a frame to all clients but `sender`. NULL: it is the drive's. */
+static void put_frame(struct slcan_bus *s, const struct client *sender, const struct can_frame *frame, uint32_t ms)
+{
+    for (struct client *c = s->client; c < &s->client[CLIENTS]; c++) {
+        char line[SLCAN_FRAME];
+        const unsigned count = c != sender && c->fd >= 0 ? slcan_format(&c->codec, frame, ms, line) : 0;
+        if (count > 0 && !append_output(s, c, line, count)) {
+            c->codec.flags |= SLCAN_TX_FULL;
+            c->dropped++;
+        }
+    }
 }
 
 static unsigned before_poll(void *ctx, struct pollfd *fds)
 {
     struct slcan_bus *s = ctx;
     unsigned count = 0;
-    flush_output(s);
     if (s->listener >= 0) {
         fds[count++] = (struct pollfd){.fd = s->listener, .events = POLLIN};
     }
-    if (s->client >= 0) {
-        const short out = s->out_count > 0 ? POLLOUT : 0;
-        fds[count++] = (struct pollfd){.fd = s->client, .events = (short)(POLLIN | POLLRDHUP | out)};
+    for (struct client *c = s->client; c < &s->client[CLIENTS]; c++) {
+        flush_output(s, c);
+        if (c->fd >= 0) {
+            const short out = c->out_count > 0 ? POLLOUT : 0;
+            fds[count++] = (struct pollfd){.fd = c->fd, .events = (short)(POLLIN | POLLRDHUP | out)};
+        }
     }
     return count;
+}
+
+/* A place for a new client: a free one, or that of the client that has been silent longest. */
+static struct client *make_place(struct slcan_bus *s)
+{
+    static const char told[] =
+        "kontur-sim: a new client takes the place of this one, which has been silent longest\r\n";
+    struct client *longest = s->client;
+    for (struct client *c = s->client; c < &s->client[CLIENTS]; c++) {
+        if (c->fd < 0) {
+            return c;
+        }
+        if (c->heard < longest->heard) {
+            longest = c;
+        }
+    }
+    (void)!write(longest->fd, told, sizeof told - 1);
+    hang_up(longest);
+    return longest;
 }
 
 static void after_poll(void *ctx, const struct pollfd *fds, unsigned count)
@@ -102,35 +145,33 @@ static void after_poll(void *ctx, const struct pollfd *fds, unsigned count)
     if (s->listener < 0 || count == 0 || fds[0].revents == 0) {
         return;
     }
-    if (count > 1 && (fds[1].revents & (POLLRDHUP | POLLHUP | POLLERR)) != 0) {
-        return; /* the client before has gone, but its last frames are not read yet: the next client waits */
+    for (unsigned i = 1; i < count; i++) {
+        if ((fds[i].revents & (POLLRDHUP | POLLHUP | POLLERR)) != 0) {
+            return; /* this client has gone, but its last frames are not read yet: the next client waits */
+        }
     }
-    const int client = accept4(s->listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
-    if (client < 0) {
-        return;
-    }
-    if (s->client >= 0) {
-        static const char busy[] = "kontur-sim: another client is connected; there can be one at a time\r\n";
-        (void)!write(client, busy, sizeof busy - 1);
-        close(client);
+    const int fd = accept4(s->listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    if (fd < 0) {
         return;
     }
     const int on = 1, bytes = SOCKET_BYTES;
-    setsockopt(client, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-    setsockopt(client, SOL_SOCKET, SO_SNDBUF, &bytes, sizeof bytes);
-    s->client = client;
+    setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &bytes, sizeof bytes);
+    struct client *c = make_place(s);
+    c->fd = fd;
+    c->heard = ++s->heard;
 }
 
 /* Read what the client has sent. false: there is nothing to read. */
-static bool read_input(struct slcan_bus *s)
+static bool read_input(struct slcan_bus *s, struct client *c)
 {
-    if (s->client < 0) {
+    if (c->fd < 0) {
         return false;
     }
-    const ssize_t got = read(s->client, s->in, sizeof s->in);
+    const ssize_t got = read(c->fd, c->in, sizeof c->in);
     if (got <= 0) {
         if (s->listener >= 0 && (got == 0 || (errno != EAGAIN && errno != EINTR))) {
-            hang_up(s);
+            hang_up(c);
         }
         return false;
     }
@@ -138,82 +179,88 @@ static bool read_input(struct slcan_bus *s)
         /* A client that writes frame by frame (pyserial) waits for each acknowledgement (Nagle's algorithm), which must
          * therefore not be delayed. */
         const int on = 1;
-        setsockopt(s->client, IPPROTO_TCP, TCP_QUICKACK, &on, sizeof on);
+        setsockopt(c->fd, IPPROTO_TCP, TCP_QUICKACK, &on, sizeof on);
     }
-    s->in_at = 0;
-    s->in_count = (unsigned)got;
+    c->heard = ++s->heard;
+    c->in_at = 0;
+    c->in_count = (unsigned)got;
     return true;
 }
 
-static bool receive(void *ctx, struct ks_frame *frame)
+/* The next frame in what the client has sent; answers go back to it. It reads once at most, so that a client whose text
+ * has no end, and no frames, does not keep the others waiting. */
+static bool next_frame(struct slcan_bus *s, struct client *c, struct can_frame *frame)
 {
-    struct slcan_bus *s = ctx;
-    for (;;) {
-        while (s->in_at < s->in_count) {
-            struct can_frame got;
-            struct slcan_answer answer;
-            const enum slcan_event event = slcan_parse(&s->codec, s->in[s->in_at++], &got, &answer);
-            if (event == SLCAN_OPENED || event == SLCAN_CLOSED) {
-                s->out_count = 0; /* frames that were meant for the user before */
-                if (s->listener < 0) {
-                    tcflush(s->slave, TCIFLUSH);
-                }
-            }
-            (void)append_output(s, answer.text, answer.count);
-            if (event == SLCAN_HAS_FRAME) {
-                *frame = (struct ks_frame){.id = got.id, .len = got.len, .rtr = got.rtr};
-                memcpy(frame->data, got.data, sizeof frame->data);
-                return true;
-            }
+    if (c->in_at == c->in_count && !read_input(s, c)) {
+        return false;
+    }
+    while (c->in_at < c->in_count) {
+        struct slcan_answer answer;
+        const enum slcan_event event = slcan_parse(&c->codec, c->in[c->in_at++], frame, &answer);
+        if (s->listener < 0 && (event == SLCAN_OPENED || event == SLCAN_CLOSED)) {
+            c->out_count = 0; /* frames that were meant for the user before */
+            tcflush(s->slave, TCIFLUSH);
         }
-        if (!read_input(s)) {
-            return false;
+        (void)append_output(s, c, answer.text, answer.count);
+        if (event == SLCAN_HAS_FRAME) {
+            return true;
         }
     }
+    return false;
+}
+
+static bool receive(void *ctx, struct ks_frame *frame, uint32_t ms)
+{
+    struct slcan_bus *s = ctx;
+    for (unsigned i = 0; i < CLIENTS; i++) {
+        struct client *c = &s->client[s->turn];
+        struct can_frame got;
+        s->turn = (s->turn + 1) % CLIENTS;
+        if (next_frame(s, c, &got)) {
+            put_frame(s, c, &got, ms);
+            *frame = (struct ks_frame){.id = got.id, .len = got.len, .rtr = got.rtr};
+            memcpy(frame->data, got.data, sizeof frame->data);
+            return true;
+        }
+    }
+    return false;
 }
 
 static void send_frame(void *ctx, const struct ks_frame *frame, uint32_t ms)
 {
-    struct slcan_bus *s = ctx;
     struct can_frame out = {.id = (uint16_t)frame->id, .len = frame->len, .rtr = frame->rtr != 0};
-    char line[SLCAN_FRAME];
     memcpy(out.data, frame->data, sizeof out.data);
-    const unsigned count = slcan_format(&s->codec, &out, ms, line);
-    if (count > 0 && !append_output(s, line, count)) {
-        s->codec.flags |= SLCAN_TX_FULL;
-        s->dropped++;
-    }
+    put_frame(ctx, NULL, &out, ms);
 }
 
 static void close_bus(void *ctx)
 {
     struct slcan_bus *s = ctx;
-    flush_output(s);
-    reset_session(s);
-    if (s->listener >= 0) {
-        close(s->listener);
-    } else {
-        close(s->slave);
+    for (struct client *c = s->client; c < &s->client[CLIENTS]; c++) {
+        flush_output(s, c);
+        if (c->fd >= 0) {
+            hang_up(c);
+        }
     }
-    if (s->client >= 0) {
-        close(s->client);
-    }
+    close(s->listener >= 0 ? s->listener : s->slave);
 }
 
-static struct slcan_bus *start(struct bus *bus, int listener, int client, int slave)
+static void start(struct bus *bus, int listener, int client, int slave)
 {
     static struct slcan_bus s;
     s.listener = listener;
-    s.client = client;
     s.slave = slave;
-    reset_session(&s);
+    for (unsigned i = 0; i < CLIENTS; i++) {
+        s.client[i].fd = -1;
+        reset_session(&s.client[i]);
+    }
+    s.client[0].fd = client;
     bus->ctx = &s;
     bus->before_poll = before_poll;
     bus->after_poll = after_poll;
     bus->receive = receive;
     bus->send = send_frame;
     bus->close = close_bus;
-    return &s;
 }
 
 void bus_open_slcan_tcp(struct bus *bus, const char *address)

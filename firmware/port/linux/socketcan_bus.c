@@ -190,9 +190,10 @@ static void handle_error_frame(struct socketcan_bus *s, const struct can_frame *
     }
 }
 
-static bool receive(void *ctx, struct ks_frame *out)
+static bool receive(void *ctx, struct ks_frame *out, uint32_t ms)
 {
     struct socketcan_bus *s = ctx;
+    (void)ms;
     while (s->socket >= 0) {
         struct can_frame frame;
         union {
