@@ -650,7 +650,7 @@ def test_program_that_is_not_built_is_said(monkeypatch: pytest.MonkeyPatch, tmp_
 
 def test_open_bus_does_not_wait_for_the_process(sim: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[dict[str, object]] = []
-    monkeypatch.setattr(can, "Bus", lambda **options: opened.append(options))
+    monkeypatch.setattr(can, "Bus", lambda **options: opened.append(options) or can.BusABC)
     open_bus({"interface": "slcan", "channel": sim.channel})
     open_bus({"interface": "slcan", "channel": "/dev/ttyACM0"})
     assert [options.get("sleep_after_open") for options in opened] == [0, None]

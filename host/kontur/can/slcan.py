@@ -44,9 +44,10 @@ class SlcanBus(slcanBus):
         self._rest = b""  # of the line that is being received
         self._out = b""  # of the line that is being sent
         super().__init__(*arguments, **options)
-        with suppress(OSError), socket.socket(fileno=os.dup(self.serialPortOrig.fileno())) as connection:
-            # so that TCP does not delay a frame by some 40 ms until the one before is acknowledged; serial ports do not
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if str(self.serialPortOrig.port).startswith("socket://"):
+            # so that TCP does not delay a frame by some 40 ms until the one before is acknowledged
+            with suppress(OSError), socket.socket(fileno=os.dup(self.serialPortOrig.fileno())) as connection:
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def _read(self, timeout: float | None) -> str | None:
         end_s = None if timeout is None else time.monotonic() + timeout
