@@ -61,7 +61,7 @@ static uint32_t claim(const struct device_objects *d, const struct od_entry *ent
     const uint8_t before = guard->holder;
     (void)entry;
     if (!command_guard_claim(guard, id, (uint32_t)value >> 8, drive_powered(d->drive))) {
-        d->od->master.refused++;
+        d->od->master.refused = (uint16_t)(d->od->master.refused + (d->od->master.refused < UINT16_MAX ? 1u : 0u));
         fault_monitor_event(&d->drive->fault_monitor, FAULT_SECOND_MASTER);
         return SDO_ABORT_STATE;
     }

@@ -19,6 +19,7 @@ num energy_step(const struct energy_cfg *cfg, struct energy_state *state, num ma
     state->fraction_mJ = n_mad(state->fraction_mJ, power, cfg->dt_ms); /* (27) */
     const int32_t carried_mJ = n_to_scaled(state->fraction_mJ, 1);
     state->fraction_mJ = n_state(n_sub(state->fraction_mJ, n_ratio(carried_mJ, 1)));
-    state->mJ = (int32_t)((uint32_t)state->mJ + (uint32_t)carried_mJ); /* wraps after 6 h at 100 W */
+    const int64_t mJ = (int64_t)state->mJ + carried_mJ;
+    state->mJ = mJ > INT32_MAX ? INT32_MAX : (int32_t)mJ; /* after 6 h at 100 W */
     return power;
 }

@@ -22,7 +22,7 @@ struct energy_cfg {
 
 struct energy_state {
     num fraction_mJ; /* the part below 1 mJ that is not yet in `mJ` */
-    int32_t mJ;      /* wraps */
+    int32_t mJ;      /* saturates */
 };
 
 /* Set the energy to 0. */

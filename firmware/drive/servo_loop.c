@@ -111,13 +111,16 @@ static void supervise_axis(struct servo_loop *loop, const struct servo_loop_cfg 
         loop->following_ticks[i] = 0;
         return;
     }
+    /* The axis is beyond a position limit by more than the following error may be, and moves out from its reference. Or it
+     * is so far from where it was at power-on that no reference is there. This is the cause, so it is raised first. */
+    const pos_t servo = loop->servo.observer[i].pos;
+    const pos_t user = servo + pos_from_nm(LOAD(loop->command.origin_nm[i]));
+    if (servo > pos_from_nm(INT32_MAX) || servo < pos_from_nm(INT32_MIN) ||
+        (n_lt(e_w, NUM(0)) ? user < loop->lowest[i] : user > loop->highest[i])) {
+        servo_loop_raise(loop, FAULT_TRAVEL);
+    }
     if (++loop->following_ticks[i] > cfg->following_ticks[i]) {
         servo_loop_raise(loop, FAULT_FOLLOWING);
-    }
-    /* The axis is beyond a position limit by more than the following error may be, and moves out from its reference. */
-    const pos_t user = loop->servo.observer[i].pos + pos_from_nm(LOAD(loop->command.origin_nm[i]));
-    if (n_lt(e_w, NUM(0)) ? user < loop->lowest[i] : user > loop->highest[i]) {
-        servo_loop_raise(loop, FAULT_TRAVEL);
     }
 }
 
@@ -308,10 +311,11 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
 
     /* telemetry in two periods, each with a part of it; in the other periods a part of the curve ahead */
     STORE(loop->ticks, ticks + 1u);
-    const uint32_t phase = (ticks + 1u) % TICKS_PER_MS;
-    if (phase == TICKS_PER_MS / 2u) {
+    loop->phase++; /* not modulo of `ticks`, whose 2^32 are no whole number of milliseconds */
+    if (loop->phase == TICKS_PER_MS / 2u) {
         telemetry_collect(record, &loop->servo, loop->encoder, &in);
-    } else if (phase == 0) {
+    } else if (loop->phase >= TICKS_PER_MS) {
+        loop->phase = 0;
         publish(loop);
     } else {
         spline_prefetch(&loop->servo.spline_cache, loop->ring, loop->path.at.count, loop->path.at.knot);

@@ -69,8 +69,8 @@ struct servo_loop {
     _Atomic bool at_end;        /* path time has reached the end of a stream that is complete or may end there */
     _Atomic bool starved;       /* path time is slowed because knots are missing */
     _Atomic uint32_t executed;  /* knots passed */
-    _Atomic uint32_t published; /* records so far: one a millisecond */
-    _Atomic uint32_t ticks;     /* control periods since power-on */
+    _Atomic uint32_t published; /* records so far, modulo 2^32: one a millisecond */
+    _Atomic uint32_t ticks;     /* control periods since power-on, modulo 2^32 */
 
     /* state of the tick */
     uint32_t configured; /* command.configured of the configuration in use */
@@ -79,6 +79,7 @@ struct servo_loop {
     struct onchip_hal onchip;
     struct encoder encoder[2];
     uint8_t inputs[2]; /* enum hal_input of the last period */
+    uint8_t phase;     /* control periods since the last record was published */
     struct path_clock path;
     uint16_t rate_permille; /* the latest command.rate other than 1000 */
     num rate;               /* the same as a num */

@@ -18,9 +18,11 @@ __attribute__((noinline)) void telemetry_collect(struct telemetry_record *r, con
 static void add_contour_error(struct contour_statistics *statistics, int32_t error_nm)
 {
     const uint32_t size = error_nm < 0 ? 0u - (uint32_t)error_nm : (uint32_t)error_nm;
-    statistics->sum_nm += size;
     statistics->max_nm = size > statistics->max_nm ? size : statistics->max_nm;
-    statistics->samples++;
+    if (statistics->samples < UINT32_MAX) {
+        statistics->sum_nm += size;
+        statistics->samples++;
+    }
 }
 
 __attribute__((noinline)) void telemetry_complete(struct telemetry_record *r, uint32_t ms,
@@ -53,7 +55,9 @@ void telemetry_scale(struct servo_snapshot *s, const struct telemetry_record *r,
 
 static uint32_t mean_pm(const struct contour_statistics *statistics)
 {
-    const uint64_t pm = statistics->sum_nm * 1000u / statistics->samples;
+    const uint64_t whole = statistics->sum_nm / statistics->samples;
+    const uint64_t rest = statistics->sum_nm % statistics->samples;
+    const uint64_t pm = whole * 1000u + rest * 1000u / statistics->samples;
     return pm > UINT32_MAX ? UINT32_MAX : (uint32_t)pm;
 }
 
@@ -69,9 +73,9 @@ void telemetry_report(struct od_data *od, const struct servo_snapshot *s, const 
     od->clock.tick = s->ms;
     od->telemetry.tick = (uint16_t)s->ms;
     od->controller.active = s->controller;
-    od->path_error.samples = s->contour_statistics.samples;
-    od->path_error.max = s->contour_statistics.max_nm;
-    od->path_error.mean = s->contour_statistics.samples == 0 ? 0u : mean_pm(&s->contour_statistics);
+    od->estimated_contour_error.samples = s->contour_statistics.samples;
+    od->estimated_contour_error.max = s->contour_statistics.max_nm;
+    od->estimated_contour_error.mean = s->contour_statistics.samples == 0 ? 0u : mean_pm(&s->contour_statistics);
     for (int i = 0; i < 2; i++) {
         od->axis[i].digital_inputs = digital_inputs(s->inputs[i]);
     }

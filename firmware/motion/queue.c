@@ -199,7 +199,7 @@ static bool accepts_knots(struct queue *q)
 static enum queue_result accept(struct queue *q, struct knot knot)
 {
     struct od_stream *s = q->stream;
-    if (s->free == 0 || queue_complete(q)) {
+    if (s->free == 0 || queue_complete(q) || s->accepted >= QUEUE_KNOTS_MAX) {
         s->rejected_full++;
         return QUEUE_FULL;
     }

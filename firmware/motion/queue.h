@@ -38,6 +38,9 @@ struct queue {
     int64_t step_nm[2];            /* the last knot less the one before */
 };
 
+/* Knots of one stream. Path time counts in an int64, which would end after 39.8 days of knots. */
+#define QUEUE_KNOTS_MAX 3000000000u
+
 /* Initialise: the queue is closed and empty, without origin and limits. */
 void queue_init(struct queue *q, struct od_stream *stream);
 /* Discard all knots; the reference stands at `start`. */

@@ -122,7 +122,7 @@ class Rig:
 
     def note_error(self) -> None:
         """Of the motion so far, by the drive's own estimate: what a stop is measured by that nobody else has seen."""
-        self.before_m = self.device.read("path_error.max")
+        self.before_m = self.device.read("estimated_contour_error.max")
         self.before_knots = self.device.read("stream.executed")
 
     def assert_stopped_on_the_path(self) -> None:
@@ -133,7 +133,7 @@ class Rig:
         if self.muted and self.drive.truth_m is None:  # by the drive's own word, of each millisecond
             assert self.device.read("stream.state") == STOPPED
             assert self.device.read("stream.executed") > self.before_knots + 0.5 * stop_s * 1e3
-            assert self.device.read("path_error.max") <= self.before_m + count_m
+            assert self.device.read("estimated_contour_error.max") <= self.before_m + count_m
             return
         position_m, step_s = self.positions_m()
         off_m = self.off_circle_m(position_m)

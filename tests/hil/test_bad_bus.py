@@ -47,7 +47,9 @@ def errors_of_circle(target: Target, faults: BusFaults) -> tuple[float, float] |
         if not drive.stepped:
             return None
         if drive.truth_m is None:
-            return rig.device.read_stable("path_error.max"), rig.device.read_stable("path_error.mean")
+            return rig.device.read_stable("estimated_contour_error.max"), rig.device.read_stable(
+                "estimated_contour_error.mean"
+            )
         position_m, step_s = rig.positions_m()
         position_m = position_m[round(START_S / step_s) :]
         position_m = position_m[: moving(position_m, step_s)[-1]]  # to the end of the path, whenever power went

@@ -73,9 +73,13 @@ def test_unknown_code_is_reported_as_such() -> None:
     [
         ("emcy = 0x8400", "emcy = 0x8611", "8611h is the code of another row"),
         ('reaction = "path stop"', 'reaction = "hope"', "reaction is one of"),
-        ('remedy = "move it back by hand"', "", "travel: .*remedy"),
+        ('remedy = "see the amplifier\'s display and its cables"', "", "amplifier: .*remedy"),
         ("[fault.travel]", "[fault.Travel]", "Travel: a name is lower-case words"),
-        ('remedy = "move it back by hand"', 'remedy = "m\u00f6ve"', "faults.toml: 'ascii' codec"),
+        (
+            'remedy = "see the amplifier\'s display and its cables"',
+            'remedy = "m\u00f6ve"',
+            "faults.toml: 'ascii' codec",
+        ),
         ("emcy = 0x8612", "emcy = 0", "travel: emcy is a code of 16 bits"),
         ("emcy = 0x8612", "emcy = 0x8612\nnode = true", "travel: what the node raises stops no axis"),
         ('delay = "3 control periods"', 'delay = "soon"', "overrun: delay counts control periods or ms"),

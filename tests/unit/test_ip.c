@@ -442,7 +442,7 @@ static void test_record_between_knot_frames_is_refused(void)
 
 /* ---- what the drive keeps of the contour error ---- */
 
-static void test_path_error_is_kept_over_the_path_time_that_ran(void)
+static void test_estimated_contour_error_is_kept_over_the_path_time_that_ran(void)
 {
     struct rig_stream s = {.count = 1500, .length_nm = 50e6};
     rig_enable(&rig);
@@ -499,7 +499,7 @@ int main(void)
     RUN_TEST(test_record_beyond_the_soft_limits_is_counted_and_a_fault);
     RUN_TEST(test_records_go_into_a_stream_that_was_started_with_a_total);
     RUN_TEST(test_record_between_knot_frames_is_refused);
-    RUN_TEST(test_path_error_is_kept_over_the_path_time_that_ran);
+    RUN_TEST(test_estimated_contour_error_is_kept_over_the_path_time_that_ran);
     RUN_TEST(test_record_after_one_that_was_refused_is_refused_too);
     RUN_TEST(test_way_shorter_than_a_stop_starts_once_it_is_whole);
     RUN_TEST(test_way_starts_with_half_of_a_stop_and_20_knots_and_two_records);
