@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the C table, the EDS, the DBC and the reference page from firmware/od/objects.toml.
 
-    generate_objects.py OUTDIR [--eds PATH] [--dbc PATH] [--docs PATH]
+    generate_objects.py OUTDIR [--eds PATH] [--dbc PATH] [--docs PATH] [--controllers PATH]
 
-writes OUTDIR/od_gen.h and OUTDIR/od_gen.c, and the others where asked. The output depends on objects.toml alone.
+writes OUTDIR/od_gen.h and OUTDIR/od_gen.c, and the others where asked. The output depends on objects.toml and
+firmware/core/controllers.h alone.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 
+import controllers
 from dbc import dbc
 from objects import AXES, PDO_ENTRIES, SOURCE, Device, Entry, Object, load
 from source import ROOT, c_head, note, run
@@ -284,6 +286,8 @@ def make(args: argparse.Namespace) -> dict[Path, str]:
         outputs[args.dbc] = dbc(objects, note(SOURCE, GENERATOR))
     if args.docs:
         outputs[args.docs] = docs(objects)
+    if args.controllers:
+        outputs[args.controllers] = controllers.table(controllers.load())
     return outputs
 
 
@@ -293,6 +297,7 @@ def main() -> int:
     parser.add_argument("--eds", type=Path)
     parser.add_argument("--dbc", type=Path)
     parser.add_argument("--docs", type=Path)
+    parser.add_argument("--controllers", type=Path, help="the host's list of control laws")
     return run(parser, make)
 
 

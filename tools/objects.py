@@ -12,6 +12,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+import controllers
 from source import ROOT, SourceError, load_toml
 
 SOURCE = "firmware/od/objects.toml"
@@ -112,6 +113,8 @@ class Device:
     product_code: int
     revision: int
 
+
+CONTROLLERS_MAX = "controllers"  # as a `max`: the number of the last control law
 
 OBJECT_KEYS = {"index", "axes", "config", "sub", "used", "count", "counted", "description"}
 ENTRY_KEYS = {"type", "access", "factor", "unit", "default", "min", "max", "pdo", "description", "config"}
@@ -220,6 +223,8 @@ def _entry(index: int, sub: int, name: str, field: str, axis: int | None, source
     if source.get("type") not in TYPES:
         raise ObjectsError(f"{where}: type must be one of {', '.join(TYPES)}")
     kind = TYPES[source["type"]]
+    if source.get("max") == CONTROLLERS_MAX:
+        source = {**source, "max": len(controllers.load()) - 1}
     config = bool(source.get("config", False))
     access = source.get("access", "rw" if config else "ro")
     if access not in ("ro", "rw", "wo", "const"):

@@ -19,18 +19,10 @@
 #define KONTUR_SERVO_H
 #include "core/cascade.h"
 #include "core/compensator.h"
+#include "core/controllers.h"
 #include "core/energy.h"
 #include "core/feedforward.h"
 #include "core/observer.h"
-
-enum controller {
-    CONTROLLER_TRACK,   /* sliding mode law on each axis */
-    CONTROLLER_CC,      /* contouring law */
-    CONTROLLER_CCU,     /* contouring law with the uncertainty compensator and the adaptive feedforward */
-    CONTROLLER_CASCADE, /* P position, PI velocity control with feedforward */
-    CONTROLLER_CCC,     /* P position, PI velocity control with feedforward, cross-coupled */
-    CONTROLLERS
-};
 
 /* Slow computations take turns over this many control periods: slots 0 and 1
  * compute energy and adaptation of axis 0 and axis 1, slots 2 and 3 the adaptive

@@ -46,6 +46,7 @@ def load(tmp_path: Path, text: str) -> list[objects.Object]:
 
 def test_what_is_committed_is_what_the_source_generates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     committed = {"--eds": EDS, "--dbc": EDS.with_suffix(".dbc"), "--docs": ROOT / "docs" / "objects.md"}
+    committed["--controllers"] = EDS.parent / "controllers.json"
     options = [text for option, path in committed.items() for text in (option, str(tmp_path / path.name))]
     monkeypatch.setattr(sys, "argv", ["generate_objects.py", str(tmp_path), *options])
     assert generate_objects.main() == 0

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from kontur import machine as machines
-from kontur.experiments.robust import CONTROLLERS, draw, robust, summarise
+from kontur.experiments.robust import COMPARED, draw, robust, summarise
 
 NOMINAL = machines.load(machines.DEFAULT)
 
@@ -75,13 +75,13 @@ def test_default_gains_are_stable_and_ccu_is_the_best_on_machines_that_it_does_n
     rows = robust(NOMINAL, range(1, 3))
     assert summarise(rows)["unstable"] == 0
     for one in rows:
-        mean = {name: one["controllers"][name]["mean_um"] for name in CONTROLLERS}
+        mean = {name: one["controllers"][name]["mean_um"] for name in COMPARED}
         assert mean["ccu"] < 0.5 * mean["cascade"], one["seed"]
 
 
 def test_a_drive_that_trips_is_counted_and_does_not_end_the_experiment() -> None:
     rows = robust(NOMINAL, [1], parameters={"plant_x.mass": 1000.0, "plant_y.mass": 1000.0})
-    assert summarise(rows)["unstable"] == len(CONTROLLERS), rows[0]["controllers"]
+    assert summarise(rows)["unstable"] == len(COMPARED), rows[0]["controllers"]
     assert all(isinstance(found["unstable"], str) for found in rows[0]["controllers"].values())
 
 

@@ -35,7 +35,8 @@ static bool step(enum controller controller, const char *name, const char *separ
 
 int main(void)
 {
-    static const char *const name[CONTROLLERS] = {"track", "cc", "ccu", "cascade", "ccc"};
+#define NAME(id, name, alias, description) name,
+    static const char *const name[CONTROLLERS] = {CONTROLLER_TABLE(NAME)};
     bool good = true;
     count_start();
     for (unsigned c = 0; c < CONTROLLERS; c++) {

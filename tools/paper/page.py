@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from kontur.drive.controllers import CONTROLLERS
+from kontur.drive.controllers import CONTROLLERS, DESCRIPTIONS
 from kontur.errors import FileError
 from kontur.experiments.circles import CASES
 from kontur.experiments.estimator import BINS, LAG_M, PLANNED_SUFFIX, Cell, worst
@@ -28,7 +28,8 @@ from paper import figures, words
 IMAGES = Path("img/paper")
 _SAME = 0.02  # relative change that is called none
 _LITTLE = 0.2
-_LONG = {"track": "Track", "cc": "CC", "ccu": "CCU", "cascade": "P-PI cascade", "ccc": "the same, cross-coupled"}
+_WORDS = {"track": "Track", "cc": "CC", "ccu": "CCU", "cascade": "P-PI cascade", "ccc": "the same, cross-coupled"}
+_LONG = DESCRIPTIONS | _WORDS  # the paper's own words for its laws
 _LEARNING = "CCU with learned feedforward"
 _COLUMNS = ("e_n1_max_mm", "e_n2_max_mm", "e_n1_mean_mm", "e_n2_mean_mm")
 

@@ -15,7 +15,7 @@ from kontur.drive.target import Target
 from kontur.experiments import on_chip
 from kontur.experiments.circles import CASES, paper
 from kontur.experiments.estimator import experiment, worst
-from kontur.experiments.robust import robust, summarise
+from kontur.experiments.robust import COMPARED, REFERENCE, robust, summarise
 from kontur.machine import MACHINES
 
 _ESTIMATOR_HEADINGS = {
@@ -131,19 +131,36 @@ def on_chip_command(*, as_json: bool, num: str) -> None:
 @click.option(
     "--seeds", type=click.IntRange(1, 10_000), default=20, show_default=True, help="Number of draws, from --seed on."
 )
+@click.option(
+    "--controller",
+    "controllers",
+    type=CONTROLLER,
+    multiple=True,
+    default=list(COMPARED),
+    show_default=True,
+    help=f"Controller, by either name: {described()}. {REFERENCE} always runs: the others are compared with it.",
+)
 @parameter_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulation_options
 def robust_command(
-    *, seeds: int, parameters: tuple[tuple[str, str], ...], as_json: bool, machine: str, seed: int, num: str
+    *,
+    seeds: int,
+    controllers: tuple[str, ...],
+    parameters: tuple[tuple[str, str], ...],
+    as_json: bool,
+    machine: str,
+    seed: int,
+    num: str,
 ) -> None:
-    """Run ccu, cascade and ccc with default gains on random machines, of which the drive has no parameters."""
+    """Run controllers with default gains on random machines, of which the drive has no parameters."""
     with progress_bar("experiment robust") as progress:
         rows = robust(
             machines.load(machine),
             range(seed, seed + seeds),
             num,
             parameters=parameter_values(parameters),
+            controllers=CONTROLLERS if "all" in controllers else controllers,
             progress=progress,
         )
     found = summarise(rows)

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 
 from kontur.errors import ParameterError
 
@@ -17,13 +19,10 @@ class Controller:
     description: str
 
 
-_ALL = (
-    Controller("track", "axis-smc", "sliding mode on each axis"),
-    Controller("cc", "contour-smc", "contouring control"),
-    Controller("ccu", "contour-smc-compensated", "contouring control with uncertainty compensation"),
-    Controller("cascade", "cascade", "P-PI cascade with feedforward"),
-    Controller("ccc", "cross-coupled-cascade", "cascade with cross-coupled control"),
-)
+TABLE = Path(__file__).parents[1] / "controllers.json"
+"""Generated from firmware/core/controllers.h, the list of the firmware."""
+
+_ALL = tuple(Controller(**row) for row in json.loads(TABLE.read_text("utf-8")))
 
 CONTROLLERS = tuple(controller.name for controller in _ALL)
 """The paper's names, in the order in which `controller.select` counts them."""

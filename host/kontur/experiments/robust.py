@@ -28,7 +28,9 @@ from kontur.planning.planner import Limits, Trajectory, plan
 from kontur.runs.runner import RunOptions, run
 from kontur.runs.summary import summarise as summarise_run
 
-CONTROLLERS = ("ccu", "cascade", "ccc")
+REFERENCE = "ccu"
+"""The law that the others are compared with."""
+COMPARED = (REFERENCE, "cascade", "ccc")
 DURATION_S = 2.0
 """About how long a draw drives; in this time the friction schedule is gone through once."""
 _FIGURES = ("mean_um", "rms_um", "max_um", "force_step_N")
@@ -108,6 +110,7 @@ def robust(
     seeds: Sequence[int],
     num: str = "f32",
     parameters: Mapping[str, float] | None = None,
+    controllers: Sequence[str] = COMPARED,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[dict[str, Any]]:
     """One row a seed: the draw, and for each controller mean_um, rms_um, max_um, force_step_N and why it is unstable,
@@ -116,10 +119,17 @@ def robust(
     Unstable: the drive trips, the axes do not go all the way, the true contour error exceeds 1 mm, or the force jumps
     by a tenth of its limit a period.
 
-    `parameters` are set besides the nominal ones. Uses all processors; the rows do not depend on how many there are.
+    `parameters` are set besides the nominal ones. REFERENCE is always among the controllers. Uses all processors; the
+    rows do not depend on how many there are.
     """
     rows = []
-    work = partial(_one, nominal=nominal, num=num, parameters=dict(parameters or {}))
+    work = partial(
+        _one,
+        nominal=nominal,
+        num=num,
+        parameters=dict(parameters or {}),
+        controllers=tuple(dict.fromkeys((REFERENCE, *controllers))),
+    )
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         for row in pool.map(work, seeds):
             rows.append(row)
@@ -146,9 +156,9 @@ def _summarise(rows: Sequence[dict[str, Any]], name: str) -> dict[str, Any]:
     worst_seed = max(errors, key=errors.__getitem__, default=None)
     ratios = {
         measure: [
-            row["controllers"][name][f"{measure}_um"] / row["controllers"]["ccu"][f"{measure}_um"]
+            row["controllers"][name][f"{measure}_um"] / row["controllers"][REFERENCE][f"{measure}_um"]
             for row in stable
-            if row["controllers"]["ccu"]["unstable"] is None
+            if row["controllers"][REFERENCE]["unstable"] is None
         ]
         for measure in ("mean", "rms", "max")
     }
@@ -164,7 +174,9 @@ def _summarise(rows: Sequence[dict[str, Any]], name: str) -> dict[str, Any]:
     }
 
 
-def _one(seed: int, nominal: Machine, num: str, parameters: dict[str, float]) -> dict[str, Any]:
+def _one(
+    seed: int, nominal: Machine, num: str, parameters: dict[str, float], controllers: tuple[str, ...]
+) -> dict[str, Any]:
     drawn = draw(seed, nominal)
     trajectory = plan(drawn.program, _limits(drawn))
     machine = _with_force_limits(drawn.machine, trajectory)
@@ -184,7 +196,7 @@ def _one(seed: int, nominal: Machine, num: str, parameters: dict[str, float]) ->
         "delay_periods": machine.delay_periods,
         "x": asdict(machine.x),
         "y": asdict(machine.y),
-        "controllers": {name: _score(trajectory, name, target, believed) for name in CONTROLLERS},
+        "controllers": {name: _score(trajectory, name, target, believed) for name in controllers},
     }
 
 

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
+from kontur.drive.controllers import DESCRIPTIONS
 from kontur.runs.log import RunLog
 from kontur.runs.summary import Summary
 
@@ -26,13 +27,6 @@ INK, FAINT, PATH = "#1b1f24", "#8a9099", "#b9bec6"
 _DASH, _TIMES = "\u2013", "\u00d7"
 _LEAST_UM = 1e-6  # drawn where there is no error at all
 _STRETCHES = 700  # of time in a picture; two points each
-_NAMES = {
-    "track": "sliding mode on each axis",
-    "cc": "contouring control",
-    "ccu": "contouring control with uncertainty compensation",
-    "cascade": "P-PI cascade with feedforward",
-    "ccc": "cascade with cross-coupled control",
-}
 # Okabe and Ito's colours, distinguishable with any colour vision; the marker says the same without colour
 _LOOKS = {
     "ccu": ("#0072B2", "o"),
@@ -81,7 +75,7 @@ class Entry:
 
     @property
     def long_name(self) -> str:
-        return _NAMES.get(str(self.log.meta["controller"]), "")
+        return DESCRIPTIONS.get(str(self.log.meta["controller"]), "")
 
     @property
     def mean_um(self) -> float:

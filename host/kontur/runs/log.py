@@ -74,7 +74,7 @@ COLUMNS = (
 
 META = {
     "program": "name of the part program or shape",
-    "controller": "track, cc, ccu, cascade or ccc",
+    "controller": "name of the control law",
     "status": "complete, interrupted or fault: why the rows end",
     "fault": "message of the fault that ended the run",
     "trajectory": "SHA-256 of the knots",
