@@ -169,6 +169,7 @@ def _target(
     bus: tuple[tuple[str, str], ...],
     bus_faults: BusFaults | None,
     node: int,
+    set_pdos: bool,
     machine: str,
     seed: int,
     num: str,
@@ -180,6 +181,7 @@ def _target(
         seed=seed,
         num=num,
         faults=bus_faults,
+        set_pdos=set_pdos,
     )
 
 
@@ -204,6 +206,11 @@ target_options = grouped(
         "bus_off; seed. E.g. drop=0.02,flip=0.005,seed=1.",
     ),
     click.option("--node", type=click.IntRange(1, 31), default=1, show_default=True, help="CANopen node id."),
+    click.option(
+        "--set-pdos",
+        is_flag=True,
+        help="Set the PDOs that kontur needs where another master has changed them, until the drive is reset.",
+    ),
     *_SIMULATION,
 )
 """Bus and simulation options, given to the verb together as `target`, a kontur.drive.target.Target."""

@@ -6,6 +6,7 @@
 | `device.parameters` | parameters: set together, read together, stored in the drive (kontur.drive.parameters) |
 | `device.master` | which host commands the drive (kontur.drive.master) |
 | `device.axes` | CiA 402's state machine: enable, disable, controlwords (kontur.drive.state_machine) |
+| `device.pdos` | its PDOs, as kontur needs them (kontur.drive.pdos) |
 | `device.faults` | faults and warnings that the drive reports (kontur.drive.fault_reports) |
 
 What moves axes takes a device: kontur.drive.stream (a trajectory), kontur.drive.single_axis (jogging, homing). Its
@@ -58,6 +59,7 @@ class Device(Objects):
         self.axes = StateMachine(self)
         self.master = self.axes.master
         self.faults = self.axes.faults
+        self.pdos = self.axes.pdos
         self.read("device_name")
         if self.read_stable("clock.pace"):
             self._follow_sync()

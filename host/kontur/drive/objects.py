@@ -101,6 +101,20 @@ class Objects:
         progress(1.0)
         return content
 
+    def names(self) -> list[str]:
+        """Names of all objects."""
+        return list(self._variables)
+
+    def address(self, name: str) -> str:
+        """Index and sub-index of an object, as in 1400h:1."""
+        index, subindex = _address(self._variable(name))
+        return f"{index:04X}h:{subindex}" if subindex else f"{index:04X}h"
+
+    def default(self, name: str) -> float | int:
+        """The value of a number that the EDS declares, in its unit; NaN where it declares none."""
+        variable = self._variable(name)
+        return math.nan if variable.default is None else _physical(variable, variable.default)
+
     def unit(self, name: str) -> str:
         """Unit of an object, empty for a bare number."""
         return self._variable(name).unit or ""
@@ -197,7 +211,8 @@ def _variables(dictionary: Any) -> Iterator[ODVariable]:
         if isinstance(entry, ODVariable):
             yield entry
         else:
-            yield from (v for v in entry.values() if v.subindex)
+            # The number of entries is an object where it can be set, as in the mapping of a PDO.
+            yield from (v for v in entry.values() if v.subindex or v.writable)
 
 
 def _name(variable: ODVariable) -> str:

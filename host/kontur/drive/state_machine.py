@@ -12,6 +12,7 @@ from kontur.can.link import RESEND_S
 from kontur.drive.fault_reports import FaultReports
 from kontur.drive.master import Master
 from kontur.drive.objects import Objects
+from kontur.drive.pdos import COMMANDS, Pdos
 from kontur.errors import DeviceError, KonturError, NoAnswerError
 
 # Controlwords of CiA 402, and its states by (mask, value) of the statusword.
@@ -57,14 +58,16 @@ class StateMachine:
         self._link = objects.link
         self.master = Master(objects, lambda: "fault reaction active" in self.states())
         self.faults = FaultReports(objects)
+        self.pdos = Pdos(objects)
 
-    def enable(self) -> None:
+    def enable(self, also: tuple[str, ...] = ()) -> None:
         """Bring both axes to *operation enabled*, holding their position; a latched fault is reset first.
 
         The drive is claimed, and from here on watches the host's heartbeat. Raises HeldError when another program holds
-        it, DeviceError with the state that it got stuck in.
+        it, DeviceError with the state that it got stuck in, or when its PDOs, and those `also` needed, are others.
         """
         self.master.claim()
+        self.pdos.require(*COMMANDS, *also)
         self.start_node()
         self.faults.clear_emergencies()
         self._objects.restore_written()
@@ -83,10 +86,10 @@ class StateMachine:
         self._link.wait(lambda: False, SETTLE_S)
 
     @contextmanager
-    def enabled(self) -> Iterator[None]:
-        """The drive held, and both axes enabled inside; switched off afterwards, whatever happened."""
+    def enabled(self, also: tuple[str, ...] = ()) -> Iterator[None]:
+        """The drive held, and both axes enable()d inside; switched off afterwards, whatever happened."""
         with self.master.held():
-            self.enable()
+            self.enable(also)
             try:
                 yield
             except BaseException:

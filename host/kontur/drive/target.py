@@ -25,6 +25,7 @@ class Target:
     `machine` is what is simulated, or what motion of a real drive is planned for; `seed` and `num`: noise and numeric
     back end of the simulation. `place_at_start`: the simulated axes stand where the path starts, instead of where the
     machine's file says. `faults`: what happens to frames on their way, see kontur.can.bad_bus.
+    `set_pdos`: PDOs that another master has changed are set as kontur needs them, until the drive is reset.
     """
 
     machine: Machine = field(default_factory=load)
@@ -34,6 +35,7 @@ class Target:
     num: str = "f32"
     place_at_start: bool = True
     faults: BusFaults | None = None
+    set_pdos: bool = False
 
     @property
     def in_process(self) -> bool:
@@ -58,6 +60,7 @@ def open_drive(target: Target) -> Iterator[Device]:
     Raises BusError, NoAnswerError, ParameterError.
     """
     with connected(open_bus(target.options()), target.node_id) as device:
+        device.pdos.may_set = target.set_pdos
         if simulated(device.link.bus):
             device.parameters.set(target.machine.parameters(target.seed))
         yield device

@@ -19,6 +19,7 @@ from kontur.can.wire import Telemetry
 from kontur.drive import scope as scopes
 from kontur.drive.controllers import named
 from kontur.drive.device import Device
+from kontur.drive.pdos import TELEMETRY
 from kontur.drive.stream import UNATTENDED, Operator, StreamResult, stream
 from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, EmcyError
@@ -111,7 +112,7 @@ def run(
         left = None
         if options.resume:
             left = resume.left_by(device, trajectory, resume.RETURN_MAX_M if options.approach is None else math.inf)
-        with device.axes.enabled():
+        with device.axes.enabled(also=TELEMETRY):
             recorded = _move(device, sim, trajectory, left, options, operator, limits(target.machine))
         driven = recorded.driven.trajectory
         streamed = recorded.streamed
