@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+_WORD_MAX = 200  # characters of a word that a message shows
+
 
 def visible(text: str) -> str:
     """`text` with what a terminal would obey and not show, such as control characters, as escapes like \\x1b.
@@ -39,7 +41,9 @@ class FileError(InputError):
         self.line = line
         self.word = word
         where = self.file if line is None else f"{self.file}:{line}"
-        super().__init__(f"{where}: {problem}" if word is None else f"{where}: {word}: {problem}")
+        if word is not None:
+            where += f": {word}" if len(word) <= _WORD_MAX else f": {word[:_WORD_MAX]}..."
+        super().__init__(f"{where}: {problem}")
 
 
 class PathError(InputError):

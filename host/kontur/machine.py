@@ -7,7 +7,8 @@ It gives the simulator its model, the drive its parameters, and the planner its 
 from __future__ import annotations
 
 import dataclasses
-import math
+import reprlib
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -272,8 +273,8 @@ class _Reader:
                 raise self.problem(prefix + key, "is missing")
 
     def number(self, where: str, value: Any, least: float, greatest: float, with_least: bool) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise self.problem(where, f"must be a number, is {value!r}")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
+            raise self.problem(where, f"must be a number, is {reprlib.repr(value)}")
         if not least <= value <= greatest or (value == least and not with_least):
             bound = f"at least {least:g}" if with_least else f"greater than {least:g}"
             raise self.problem(where, f"must be {bound} and at most {greatest:g}, is {value:g}")

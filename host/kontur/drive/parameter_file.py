@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import reprlib
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -31,7 +33,11 @@ def read(file: Path) -> dict[str, float]:
     for key, value in read_toml(file).items():
         entries = {f"{key}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {key: value}
         for name, number in entries.items():
-            if isinstance(number, bool) or not isinstance(number, (int, float)):
-                raise FileError(file, f"must be a number, is {number!r}", word=name)
+            if (
+                isinstance(number, bool)
+                or not isinstance(number, (int, float))
+                or not abs(number) <= sys.float_info.max
+            ):
+                raise FileError(file, f"must be a number, is {reprlib.repr(number)}", word=name)
             values[name] = number
     return values

@@ -195,6 +195,8 @@ def read(device: Device, progress: Callable[[float], None] = lambda share: None)
     if len(data) < _HEADER.size or data[0] != _VERSION:
         raise DeviceError("the drive's capture is of another version: use the kontur that belongs to its firmware")
     _, channels, periods, frames, frame, first, at, cause, numbers = _HEADER.unpack_from(data)
+    if not (1 <= channels <= CHANNELS and frames >= 1 and len(data) == _HEADER.size + 4 * frames * channels):
+        raise DeviceError("the drive's capture is damaged: record it again")
     known = [_BY_NUMBER.get(n, Signal(n, f"signal_{n}", "", 1.0, "unknown here")) for n in numbers[:channels]]
     counts = np.frombuffer(data, dtype="<i4", offset=_HEADER.size).reshape(frames, channels)
     return Capture(

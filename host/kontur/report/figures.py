@@ -236,9 +236,10 @@ def _error_panel(axes: Any, entry: Entry, limit: float) -> None:
 def _time_axes(panels: Any, entries: Sequence[Entry]) -> None:
     first = min(float(entry.log.columns["time_s"][0]) for entry in entries)
     last = max(float(entry.log.columns["time_s"][-1]) for entry in entries)
+    beside = 0.005 * max(last - first, 1e-3)
     for axes in panels:
         axes.set_xlabel("time, s")
-        axes.set_xlim(first - 0.005 * (last - first), last + 0.005 * (last - first))
+        axes.set_xlim(first - beside, last + beside)
 
 
 def forces(entries: Sequence[Entry]) -> Figure | None:
@@ -402,7 +403,9 @@ def _known(entry: Entry, *names: str) -> bool:
 
 
 def _scored(entry: Entry, values: Array) -> Array:
-    return values[(entry.log.columns["time_s"] >= entry.summary.from_s) & np.isfinite(values)]
+    known = np.isfinite(values)
+    scored = known & (entry.log.columns["time_s"] >= entry.summary.from_s)
+    return values[scored if np.any(scored) else known]
 
 
 def _error_name(entries: Sequence[Entry]) -> str:
@@ -434,6 +437,8 @@ def _nice(value: float) -> float:
 
 def _normal(x: Array, y: Array) -> Array:
     """Unit normal (2, n) to the left of the path; where the path rests it keeps the last direction."""
+    if len(x) < 2:
+        return np.stack([np.zeros_like(x), np.ones_like(y)])
     dx, dy = np.gradient(x), np.gradient(y)
     length = np.hypot(dx, dy)
     moving = length > 1e-7

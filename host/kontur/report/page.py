@@ -107,7 +107,8 @@ def _kept_apart(entry: Entry) -> tuple[bool, bool, bool]:
 
 
 def _has_path(entries: Sequence[Entry]) -> bool:
-    return all("reference_x_mm" in e.log.columns and "reference_y_mm" in e.log.columns for e in entries)
+    names = ("reference_x_mm", "reference_y_mm")
+    return all(name in e.log.columns and np.all(np.isfinite(e.log.columns[name])) for e in entries for name in names)
 
 
 def _labels(runs: Sequence[RunLog], controllers: Sequence[str]) -> list[str]:

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the entries of the head of a log, its `meta`, are of the right kind: a log may come from anywhere."""
+"""Whether head (`meta`) and values of a log are what a log may have: it may come from anywhere."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 _NUMBERS = ("seed", "control_hz", "frames_lost", "accepted", "resumed_at_s", "force_max_N", "force_step_N")
 _TEXTS = ("program", "controller", "status", "fault", "trajectory", "machine", "firmware", "num", "command")
@@ -13,6 +16,15 @@ _TABLES_OF_NUMBERS = ("rejected", "score", "path")
 _LISTS = ("warnings",)
 _LEVELS = 8  # of tables and lists in one another
 _LARGEST = 2.0**64
+_MEASURED_MAX = 1e12
+
+
+def problem_of_values(columns: Mapping[str, NDArray[np.float64]]) -> str | None:
+    """The first column with a value that nothing measures; None: there is none. Not known (NaN) is no problem."""
+    for name, values in columns.items():
+        if np.any(np.abs(values) > _MEASURED_MAX):
+            return f"column {name} has a value beyond {_MEASURED_MAX:g}"
+    return None
 
 
 def problem_of_kinds(meta: Mapping[str, Any]) -> str | None:

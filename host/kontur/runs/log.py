@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from kontur.can import signals
 from kontur.errors import FileError, LogError
 from kontur.files import read_bytes, write_atomically
-from kontur.runs.head import problem_of_kinds
+from kontur.runs.head import problem_of_kinds, problem_of_values
 
 if TYPE_CHECKING:
     from asammdf import MDF
@@ -296,7 +296,7 @@ def _columns_problem(columns: Mapping[str, Array]) -> str | None:
         np.all(np.isfinite(columns[name])) and np.all(np.diff(columns[name]) > 0) for name in ("tick", "time_s")
     ):
         return "tick and time_s do not increase from row to row"
-    return None
+    return problem_of_values(columns)
 
 
 def _suffix(path: Path) -> str:
