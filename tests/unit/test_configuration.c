@@ -261,6 +261,11 @@ static void test_simulated_machine_starts_at_the_nearest_count(void)
     od.onchip_plant.start_y = -1249;
     TEST_ASSERT_EQUAL_INT32(13, configuration_onchip_plant(&od).axis[0].start);
     TEST_ASSERT_EQUAL_INT32(-12, configuration_onchip_plant(&od).axis[1].start);
+    od.axis[0].plant.encoder = od.axis[1].plant.encoder = 100000; /* 1 nm */
+    od.onchip_plant.start_x = -1;
+    od.onchip_plant.start_y = 1;
+    TEST_ASSERT_EQUAL_INT32(-1, configuration_onchip_plant(&od).axis[0].start);
+    TEST_ASSERT_EQUAL_INT32(1, configuration_onchip_plant(&od).axis[1].start);
 }
 
 static void test_start_beyond_what_the_counter_holds_is_its_end(void)

@@ -364,9 +364,9 @@ static void test_travel_ends_where_the_limits_and_the_window_do(void)
 static void test_limits_and_window_of_each_axis_are_its_own(void)
 {
     static const int32_t limit_um[2][2] = {{-1000, 1500}, {-2000, 2500}}, window_um[2] = {100, 200};
-    for (int i = 0; i < 8; i++) {
-        const int axis = i % 2, side = i / 2 % 2, beyond = i / 4;
-        const int32_t out_um = window_um[axis] + (beyond != 0 ? 2 : -2);
+    for (int i = 0; i < 12; i++) {
+        const int axis = i % 2, side = i / 2 % 2, beyond_um = i / 4 - 1;
+        const int32_t out_um = window_um[axis] + beyond_um;
         const int32_t um = limit_um[axis][side] + (side != 0 ? out_um : -out_um);
         start(axis == 0 ? um * 10 : 0, axis == 1 ? um * 10 : 0);
         loop.cfg[1] = loop.cfg[0];
@@ -383,7 +383,7 @@ static void test_limits_and_window_of_each_axis_are_its_own(void)
         atomic_store(&loop.command.powered[0], SERVO_LOOP_ON);
         atomic_store(&loop.command.powered[1], SERVO_LOOP_ON);
         tick(1);
-        TEST_ASSERT_EQUAL_HEX32(beyond != 0 ? FAULT_BIT(FAULT_TRAVEL) : 0, atomic_load(&loop.faults));
+        TEST_ASSERT_EQUAL_HEX32(beyond_um > 0 ? FAULT_BIT(FAULT_TRAVEL) : 0, atomic_load(&loop.faults));
     }
 }
 
