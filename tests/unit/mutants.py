@@ -113,7 +113,8 @@ def changes(node: Node) -> Iterator[tuple[Node, str]]:
     ):
         yield from ((node, other) for other in OTHERS.get(text, ()))
     elif kind == "number_literal" and node.parent is not None and node.parent.type != "array_declarator":
-        yield from ((node, f"({text} {sign} 1)") for sign in "+-")
+        large = re.match(r"\d{5}", text)  # of these one more is less than a rounding
+        yield from ((node, other) for other in ([f"(2 * {text})"] if large else [f"({text} + 1)", f"({text} - 1)"]))
     elif kind == "unary_expression" and text[0] in "!-~":
         yield node, text[1:]
     elif kind in DELETED:

@@ -330,12 +330,18 @@ static void test_reset_cuts_the_power_and_keeps_position_and_time(void)
     ms(300);
     enable();
     const uint32_t published = atomic_load(&drive.loop.published);
+    for (int i = 0; i < 2; i++) { /* as homing has left it */
+        drive.path.queue.origin_nm[i] = 1000 - 3000 * i;
+        atomic_store(&drive.loop.command.origin_nm[i], 1000 - 3000 * i);
+    }
     drive_reset(&drive);
     tick(1);
     TEST_ASSERT_FALSE(out.enable[0] || out.enable[1]);
     TEST_ASSERT_EQUAL_UINT32(published, atomic_load(&drive.loop.published));
     ms(3);
     TEST_ASSERT_INT32_WITHIN(1, 38145000, servo_loop_snapshot(&drive.loop)->position_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, 38146000, path_position(&drive.path).nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, -2000, path_position(&drive.path).nm[1]);
     TEST_ASSERT_EQUAL_UINT8(STREAM_IDLE, od.stream.state);
     command(0, 0);
     enable();
