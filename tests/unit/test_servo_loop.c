@@ -98,6 +98,18 @@ static void test_each_tick_reads_once_then_writes_once(void)
     TEST_ASSERT_EQUAL_STRING("rwrwrw", calls);
 }
 
+static void test_init_leaves_both_axes_without_power_at_their_encoders(void)
+{
+    wires = (struct hal_drive_in){.count = {12345, -54321}};
+    memset(&loop, 0xA5, sizeof loop);
+    servo_loop_init(&loop, &hal, &ring);
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL_HEX32(SERVO_LOOP_OFF, atomic_load(&loop.command.powered[i]));
+        (void)encoder_step(&loop.encoder[i], wires.count[i]);
+        TEST_ASSERT_FALSE(encoder_jumped(&loop.encoder[i], 1));
+    }
+}
+
 static void test_force_answers_the_encoders_of_the_same_tick(void)
 {
     power();
@@ -165,6 +177,26 @@ static void test_length_of_a_count_is_exact_to_ten_femtometres(void)
     tick(20);
     TEST_ASSERT_EQUAL_INT32(152587900, servo_loop_snapshot(&loop)->position_nm[0]);
     TEST_ASSERT_EQUAL_INT32(152587880, servo_loop_snapshot(&loop)->position_nm[1]);
+}
+
+/* To 2^-48 nm, so that nothing is lost when a length is set a second time. */
+static void test_position_by_a_new_length_is_the_one_that_all_counts_would_have_led_to(void)
+{
+    static const int32_t counts[] = {1, -1, 0x7FFF, 0x8000, 0xFFFF, 0x10001, -0x8001, -0x10000, 123456789, -987654321};
+    static const uint32_t lengths[] = {1, 7629394, 7629395, 10000000, 99999999};
+    for (unsigned i = 0; i < sizeof counts / sizeof counts[0]; i++) {
+        for (unsigned k = 0; k < sizeof lengths / sizeof lengths[0]; k++) {
+            struct encoder before, after;
+            encoder_reset(&before, 0);
+            encoder_scale(&before, lengths[k]);
+            encoder_step(&before, counts[i] / 3);
+            encoder_step(&before, counts[i]);
+            encoder_reset(&after, counts[i]);
+            encoder_scale(&after, lengths[k]);
+            TEST_ASSERT_TRUE(before.pos == after.pos);
+            TEST_ASSERT_EQUAL_HEX32(before.fraction, after.fraction);
+        }
+    }
 }
 
 static void test_new_configuration_takes_the_axes_where_they_are_and_at_rest(void)
@@ -619,12 +651,14 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_each_tick_reads_once_then_writes_once);
+    RUN_TEST(test_init_leaves_both_axes_without_power_at_their_encoders);
     RUN_TEST(test_force_answers_the_encoders_of_the_same_tick);
     RUN_TEST(test_force_is_zero_without_power);
     RUN_TEST(test_axis_without_power_gets_no_force_while_the_other_one_is_held);
     RUN_TEST(test_position_goes_on_when_the_counter_wraps_upwards);
     RUN_TEST(test_position_is_count_times_length);
     RUN_TEST(test_length_of_a_count_is_exact_to_ten_femtometres);
+    RUN_TEST(test_position_by_a_new_length_is_the_one_that_all_counts_would_have_led_to);
     RUN_TEST(test_new_configuration_takes_the_axes_where_they_are_and_at_rest);
     RUN_TEST(test_second_configuration_before_a_tick_is_taken_over_like_the_first);
     RUN_TEST(test_following_error_cuts_the_power_in_the_period_that_sees_it);
