@@ -124,6 +124,24 @@ static void test_axes_are_enabled_no_sooner_than_their_position_is_known(void)
     TEST_ASSERT_INT32_WITHIN(1, 76290000, drive.path.queue.ring.start.nm[0]); /* held where it stands */
 }
 
+static void test_axis_that_gets_power_is_held_where_it_is_and_the_other_one_at_its_reference(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        setUp();
+        ms(3);
+        command(0x06, 0x06);
+        command(axis == 0 ? 0x0F : 0x06, axis == 1 ? 0x0F : 0x06);
+        TEST_ASSERT_TRUE(cia402_powered(&drive.axis[axis]) && !cia402_powered(&drive.axis[1 - axis]));
+        wires.count[axis] += 5; /* it yields to a force: 0.38 um */
+        wires.count[1 - axis] += 10000;
+        ms(300);
+        command(0x0F, 0x0F);
+        TEST_ASSERT_TRUE(cia402_powered(&drive.axis[0]) && cia402_powered(&drive.axis[1]));
+        TEST_ASSERT_EQUAL_INT32(0, drive.path.queue.ring.start.nm[axis]);
+        TEST_ASSERT_INT32_WITHIN(1, 762900, drive.path.queue.ring.start.nm[1 - axis]);
+    }
+}
+
 static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void)
 {
     ms(5);
@@ -448,6 +466,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_power_on_is_idle_without_power_or_fault);
     RUN_TEST(test_axes_are_enabled_no_sooner_than_their_position_is_known);
+    RUN_TEST(test_axis_that_gets_power_is_held_where_it_is_and_the_other_one_at_its_reference);
     RUN_TEST(test_new_parameters_are_in_force_before_the_axes_can_be_enabled);
     RUN_TEST(test_limits_of_the_dictionary_reach_the_tick_in_its_units);
     RUN_TEST(test_wiring_reaches_the_hal_from_power_on_and_with_each_configuration);

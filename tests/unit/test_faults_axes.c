@@ -202,6 +202,16 @@ static void test_limit_switch_stops_on_the_path(void)
     expect_clearing(ROW_LIMIT_SWITCH, 0);
 }
 
+static void test_limit_switch_of_either_end_of_either_axis_stops_on_the_path(void)
+{
+    for (int i = 0; i < 4; i++) {
+        power_on();
+        be_on_the_way();
+        rig.inputs[i / 2] = i % 2 == 0 ? HAL_LIMIT_MIN : HAL_LIMIT_MAX;
+        expect_reaction(ROW_LIMIT_SWITCH);
+    }
+}
+
 static void test_saturation_that_lasts_stops_on_the_path(void)
 {
     rig_write(&rig, 0x2121, 1, 2, 0);
@@ -233,6 +243,7 @@ int main(void)
     RUN_TEST(test_stop_input_stops_on_the_path);
     RUN_TEST(test_stop_input_cuts_the_power_where_605Ah_is_0);
     RUN_TEST(test_limit_switch_stops_on_the_path);
+    RUN_TEST(test_limit_switch_of_either_end_of_either_axis_stops_on_the_path);
     RUN_TEST(test_saturation_that_lasts_stops_on_the_path);
     return UNITY_END();
 }

@@ -170,6 +170,23 @@ static void test_enable_moving_is_refused_until_the_axis_stands(void)
     rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
 }
 
+static void test_enable_moving_is_refused_for_each_axis_and_direction(void)
+{
+    for (int i = 0; i < 4; i++) {
+        power_on();
+        rig_nmt(&rig, 1);
+        rig_ms(&rig, 3);
+        rig.plant.vel_mps[i / 2] = i % 2 == 0 ? 0.1 : -0.1;
+        rig_ms(&rig, 10);
+        rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
+        rig_controlwords(&rig, ENABLE, ENABLE);
+        rig_ms(&rig, 1);
+        TEST_ASSERT_TRUE(rig_had_emcy(&rig, promises[ROW_ENABLE_MOVING].emcy));
+        rig_expect_states(&rig, RIG_READY, RIG_READY);
+        expect_no_power();
+    }
+}
+
 static void test_enable_moving_that_is_requested_no_more_is_no_warning(void)
 {
     rig_nmt(&rig, 1);
@@ -411,6 +428,7 @@ int main(void)
     RUN_TEST(test_overrun_of_the_servo_tick_cuts_the_power);
     RUN_TEST(test_store_that_is_damaged_is_warned_of_until_the_next_save);
     RUN_TEST(test_enable_moving_is_refused_until_the_axis_stands);
+    RUN_TEST(test_enable_moving_is_refused_for_each_axis_and_direction);
     RUN_TEST(test_enable_moving_that_is_requested_no_more_is_no_warning);
     RUN_TEST(test_second_master_is_refused_and_reported);
     RUN_TEST(test_second_master_leaves_a_path_alone_that_nobody_has_claimed);

@@ -60,6 +60,20 @@ static void test_friction_and_mass_that_ccu_has_learned_are_reported_for_each_ax
     TEST_ASSERT_EQUAL_INT32(-6250, (int32_t)rig_read(&rig, 0x2902, 2));
 }
 
+static void test_inputs_of_each_axis_are_reported_in_their_bits_of_60FDh(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        for (unsigned bit = 0; bit < 8; bit++) {
+            rig.inputs[axis] = (uint8_t)(1u << bit);
+            rig_ms(&rig, 2);
+            const uint32_t expected = bit < 4 ? 1u << bit : 1u << (bit + 12); /* the manufacturer's from bit 16 on */
+            TEST_ASSERT_EQUAL_HEX32(expected, rig_read(&rig, axis == 0 ? 0x60FD : 0x68FD, 0));
+            TEST_ASSERT_EQUAL_HEX32(0, rig_read(&rig, axis == 0 ? 0x68FD : 0x60FD, 0));
+        }
+        rig.inputs[axis] = 0;
+    }
+}
+
 static void test_controlword_of_y_alone_in_a_pdo_commands_y_alone(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1400, 1, 4, 0x80000201));
@@ -103,6 +117,7 @@ int main(void)
     RUN_TEST(test_energy_that_an_axis_gave_back_is_reported_as_none);
     RUN_TEST(test_mean_of_the_contour_error_ends_at_the_largest_number);
     RUN_TEST(test_friction_and_mass_that_ccu_has_learned_are_reported_for_each_axis);
+    RUN_TEST(test_inputs_of_each_axis_are_reported_in_their_bits_of_60FDh);
     RUN_TEST(test_controlword_of_y_alone_in_a_pdo_commands_y_alone);
     RUN_TEST(test_bus_that_is_never_empty_does_not_keep_the_drive_from_its_work);
     return UNITY_END();

@@ -237,6 +237,10 @@ static void test_path_does_not_go_on_by_bit_4_alone(void)
     rig_ms(&rig, 300);
     TEST_ASSERT_EQUAL_UINT32(executed, stream(8));
     TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, resume()); /* it would start at once */
+    rig_controlwords(&rig, RUN, ENABLE);
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, resume());
+    rig_controlwords(&rig, ENABLE, RUN);
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, resume());
     rig_controlwords(&rig, ENABLE, ENABLE);
     TEST_ASSERT_EQUAL_HEX32(0, resume());
     rig_ms(&rig, 300);
@@ -260,18 +264,22 @@ static void test_no_knot_is_taken_before_the_path_is_resumed(void)
 
 static void test_path_does_not_go_on_when_an_axis_was_moved_away(void)
 {
-    stop_by_silence();
-    rig.plant.pos_m[0] += 20e-6; /* the window is 10 um */
-    rig_ms(&rig, 20);
-    enable_again();
-    TEST_ASSERT_EQUAL_UINT32(IDLE, stream(5));
-    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, resume());
+    for (int i = 0; i < 4; i++) {
+        setUp();
+        stop_by_silence();
+        rig.plant.pos_m[i / 2] += i % 2 == 0 ? 20e-6 : -20e-6; /* the window is 10 um */
+        rig_ms(&rig, 20);
+        enable_again();
+        TEST_ASSERT_EQUAL_UINT32(IDLE, stream(5));
+        TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, resume());
+    }
 }
 
 static void test_path_goes_on_when_an_axis_was_moved_a_little(void)
 {
     stop_by_silence();
     rig.plant.pos_m[0] += 8e-6;
+    rig.plant.pos_m[1] -= 8e-6;
     rig_ms(&rig, 20);
     enable_again();
     TEST_ASSERT_EQUAL_HEX32(0, resume());
