@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
+import io
 import os
 import secrets
 import select
+import shutil
 import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO
 
 from kontur.errors import FileError
 
@@ -77,6 +79,25 @@ def atomic_writer(path: Path) -> Iterator[BinaryIO]:
         raise FileError(path, f"cannot be written ({error.strerror}); name another file") from error
 
 
+def put_in_place(part: Path, path: Path) -> None:
+    """Let the complete file `part` take the place of `path`, as atomic_writer() does. Raises FileError; `part` stays
+    then."""
+    try:
+        old = _status(path)
+        if old is not None and not stat.S_ISREG(old.st_mode):
+            with part.open("rb") as source, path.open("wb") as file:
+                shutil.copyfileobj(source, file)
+            part.unlink()
+            return
+        with part.open("rb+") as file:
+            if old is not None:
+                _keep_owner_and_mode(file.fileno(), old)
+            os.fsync(file.fileno())
+        os.replace(part, os.path.realpath(path))
+    except OSError as error:
+        raise FileError(path, f"cannot be written ({error.strerror}); its content is in {part}") from error
+
+
 def _status(path: Path) -> os.stat_result | None:
     try:
         return path.stat()
@@ -103,6 +124,16 @@ def read_bytes(path: Path) -> bytes:
             return file.read()
     except OSError as error:
         raise FileError(path, f"cannot be read ({error.strerror}); is the name right?") from error
+
+
+def open_bytes(path: Path) -> IO[bytes]:
+    """A regular file, to read a part at a time; or what read_bytes() gives. Raises FileError."""
+    try:
+        if path.is_file():
+            return path.open("rb")
+    except OSError as error:
+        raise FileError(path, f"cannot be read ({error.strerror}); is the name right?") from error
+    return io.BytesIO(read_bytes(path))
 
 
 def _open_without_waiting(name: str, flags: int) -> int:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from kontur import machine
 from kontur.can import wire
 from kontur.drive.state_machine import ENABLE, RUN_PATH, SHUTDOWN, SWITCH_ON
+from kontur.planning.path_time import PathTime
 from kontur.planning.planner import Trajectory
 from kontur.sim.library import Sim
 
@@ -18,6 +19,15 @@ KNOT = 10
 """Control periods."""
 STREAM, FEED_OVERRIDE = 0x2200, 0x2131
 _DONE = 4
+
+
+def path_time(wanted: list[tuple[int, float]], end: int, stop_periods: int) -> PathTime:
+    """Path time up to the period `end`, after the commanded rates, each with the period from which on it holds."""
+    path = PathTime(wanted[0][1], stop_periods)
+    until = [period for period, _ in wanted[1:]] + [end]
+    for (_, rate), next_ in zip(wanted, until, strict=True):
+        path.advance(rate, min(next_, end))
+    return path
 
 
 class Drive:

@@ -9,13 +9,13 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from direct_drive import HALT, KNOT, MACHINE, Drive
+from direct_drive import HALT, KNOT, MACHINE, Drive, path_time
 from numpy.typing import NDArray
 
 from kontur.drive.state_machine import RUN_PATH
 from kontur.path import programs, shapes
 from kontur.path.geometry import Program
-from kontur.planning import path_time, planner
+from kontur.planning import planner
 from kontur.planning.bounds import limits
 from kontur.runs import scoring
 
@@ -70,7 +70,7 @@ class Case:
             drive.command(RUN_PATH if rate else HALT)
             done = period
         drive.run(periods + 2 * STOP - done)
-        path_s = np.interp(np.arange(periods + STOP + 1), *path_time.curve(wanted, periods + STOP, STOP)) * 1e-4
+        path_s = path_time(wanted, periods + STOP, STOP).at(np.arange(periods + STOP + 1)) * 1e-4
         rows = np.union1d(np.arange(0, periods + STOP, KNOT), np.arange(*closely))
         knot_s = np.arange(len(self.trajectory.path_s_m)) * 1e-3
         expected_m = np.interp(path_s[rows], knot_s, self.trajectory.path_s_m)

@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from kontur.errors import PathError
 from kontur.path.geometry import Arc, Curve, Dwell, Line, Move, Program
-from kontur.runs.scoring import ContourError, contour_error, force_effort, on_rapid, score
+from kontur.runs.scoring import Rapids, Scorer, contour_error
 
 Array = NDArray[np.float64]
 UM = 1e-6
@@ -189,31 +189,43 @@ def test_error_to_lines_arcs_and_corners_agrees_with_a_dense_search() -> None:
         assert abs(error.normal_m[0]) == pytest.approx(distance, abs=(step / 2) ** 2 / distance + 1e-12)
 
 
-def test_score_is_the_size_of_the_error_and_says_where_the_greatest_was() -> None:
-    error = ContourError(np.array([9.0, 1.0, -4.0, 1.0]) * UM, np.array([0.0, 3.0, -1.0, -2.0]) * UM, np.zeros(4))
-    result = score(error, np.array([0.0, 0.1, 0.2, 0.3]), np.arange(8.0).reshape(4, 2) * MM, from_s=0.1)
+SCORED_MM = np.array([[0.0, 9e-3], [1.0, 1e-3], [2.0, -4e-3], [3.0, 1e-3]])  # beside a line along x
+EXPECTED_MM = np.array([0.0, 1.003, 1.999, 2.998])
+SCORED_S = np.array([0.0, 0.1, 0.2, 0.3])
+FORCE_N = np.array([[90.0, 0.0], [0.0, 0.0], [3.0, 4.0], [3.0, -5.0]])
+
+
+@pytest.mark.parametrize("pieces", [1, 2, 4])
+def test_score_is_the_size_of_the_error_and_says_where_the_greatest_was(pieces: int) -> None:
+    scorer = Scorer(polyline((0, 0), (10, 0)), from_s=0.1)
+    for rows in np.array_split(np.arange(4), pieces):
+        scorer.add(SCORED_S[rows], SCORED_MM[rows] * MM, EXPECTED_MM[rows] * MM, FORCE_N[rows])
+    result = scorer.score()
+    assert result is not None
     assert result.mean_um == pytest.approx(2.0)
     assert result.rms_um == pytest.approx(math.sqrt(6.0))
     assert result.max_um == pytest.approx(4.0)
     assert result.tangential_mean_um == pytest.approx(2.0)
-    assert (result.max_time_s, result.max_x_mm, result.max_y_mm) == pytest.approx((0.2, 4.0, 5.0))
+    assert (result.max_time_s, result.max_x_mm, result.max_y_mm) == pytest.approx((0.2, 2.0, -4e-3))
     assert result.from_s == 0.1
+    assert scorer.effort() == pytest.approx((5.0, (5.0 + 9.0) / 2))
 
 
-def test_a_run_that_ends_before_scoring_begins_is_refused() -> None:
-    error = ContourError(np.zeros(2), np.zeros(2), np.zeros(2))
-    with pytest.raises(ValueError, match="ends before"):
-        score(error, np.array([0.0, 0.1]), np.zeros((2, 2)), from_s=0.3)
+def test_a_run_that_ends_before_scoring_begins_is_scored_from_its_start() -> None:
+    scorer = Scorer(polyline((0, 0), (10, 0)), from_s=0.4)
+    assert scorer.score() is None
+    scorer.add(SCORED_S, SCORED_MM * MM, EXPECTED_MM * MM, FORCE_N)
+    result = scorer.score()
+    assert result is not None
+    assert (result.max_um, result.from_s) == pytest.approx((9.0, 0.0))
+    assert scorer.effort()[0] == 90.0
 
 
 def test_rapid_moves_are_distinguished_from_feed_moves_by_the_path_position() -> None:
     lines = polyline((0, 0), (10, 0), (10, 10)).moves
     path = Program("rapid first", (Move(lines[0].segment, math.inf, rapid=True), Dwell(1.0), lines[1]), (0.0, 0.0))
-    assert on_rapid(path, np.array([0.0, 9.9, 10.0, 10.1, 20.0, 20.1]) * MM).tolist() == [True] * 3 + [False] * 3
-
-
-def test_force_effort_is_the_greatest_axis_force_and_the_mean_step() -> None:
-    assert force_effort(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, -5.0]])) == pytest.approx((5.0, (5.0 + 9.0) / 2))
+    at = Rapids(path).at(np.array([0.0, 9.9, 10.0, 10.1, 20.0, 20.1]) * MM)
+    assert at.tolist() == [True] * 3 + [False] * 3
 
 
 def test_a_program_without_motion_cannot_be_scored() -> None:

@@ -137,3 +137,31 @@ def test_no_telemetry_gives_an_empty_run() -> None:
     run = telemetry([])
     assert len(run.tick) == 0
     assert run.frames_lost == 0
+
+
+@pytest.mark.parametrize(("loss", "late"), [(0.0, False), (0.1, True), (0.5, True)])
+def test_telemetry_in_pieces_is_that_of_the_whole_run(loss: float, late: bool) -> None:
+    draw = np.random.default_rng(5)
+    frames: list[tuple[int, bytes]] = []
+    for i in range(4000):
+        position = (int(27e6 * np.sin(i / 900.0)), int(20e6 * np.cos(i / 700.0)))
+        both = millisecond(65_000 + i, (i, -i), position)
+        slow = [(wire.TPDO4, struct.pack("<hhHH", i, -i, 4, 5))] if i % 10 == 3 else []
+        frames += [frame for frame in both + slow if draw.random() >= loss]
+    for at in draw.integers(0, len(frames) - 30, 100 if late else 0):
+        frames.insert(int(at) + int(draw.integers(1, 30)), frames.pop(int(at)))
+    start_nm = (0, 20_000_000)
+    whole = telemetry(frames, start_nm)
+
+    stream, pieces = wire.TelemetryStream(start_nm), []
+    function = np.array([f for f, _ in frames], dtype=np.int64)
+    payload = np.frombuffer(b"".join(d for _, d in frames), dtype=np.uint8).reshape(-1, 8)
+    while len(function):
+        count = int(draw.integers(0, 1500))
+        pieces.append(stream.add(function[:count], payload[:count]))
+        function, payload = function[count:], payload[count:]
+    pieces.append(stream.add(function, payload, last=True))
+    np.testing.assert_array_equal(np.concatenate([piece.tick for piece in pieces]), whole.tick)
+    for name, values in whole.values.items():
+        np.testing.assert_array_equal(np.concatenate([piece.values[name] for piece in pieces]), values)
+    assert stream.frames_lost == whole.frames_lost

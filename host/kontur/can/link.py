@@ -29,6 +29,7 @@ import canopen
 import numpy as np
 from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 from canopen.sdo.constants import ABORT_TIMED_OUT, RESPONSE_ABORTED, RESPONSE_DOWNLOAD
+from numpy.typing import NDArray
 
 from kontur.can import wire
 from kontur.can.bad_bus import BadBus
@@ -54,6 +55,7 @@ _SILENCE_S = 10.0  # wall clock
 _QUEUE_FULL_S = 2.0  # as long as a stream waits for a silent drive
 _QUEUE_POLL_S = 1e-3
 _ASK_EACH = 64  # rounds: a SYNC that the bus repeated leaves frames behind, which would accumulate
+_TAKE_FRAMES, _TAKE_S = 1024, 0.4  # of telemetry that is handed over at once; about as many come in that time
 _AHEAD_MS = 1000  # greatest lead of a drive's tick over its frames
 _QUEUE_FULL = re.compile(r"(buffer|queue)\b.*\b(full|overflow)", re.IGNORECASE)
 _SOCKETCAN = re.compile(r"socketcan channel '([^']+)'")
@@ -97,6 +99,8 @@ class Link:
         self._dropped = dict.fromkeys(DROPPED, 0)
         self._recording = False
         self._frames: list[tuple[int, bytearray]] = []
+        self._take: Callable[[NDArray[np.int64], NDArray[np.uint8]], None] | None = None
+        self._taken_s = 0.0  # wall clock; infinite where time is the drive's
         # Services and PDOs of fixed length; frames of another one are corrupted.
         self._lengths = {_SDO_RESPONSE + node_id: 8, _EMCY + node_id: 8, wire.HEARTBEAT + node_id: 1}
         self._lengths |= {cob + node_id: 8 for cob in (wire.TPDO1, *wire.TELEMETRY)}
@@ -192,6 +196,9 @@ class Link:
         return self._receive(min(timeout_s, self._next_heartbeat_s - now_s))
 
     def _receive(self, timeout_s: float) -> bool:
+        if self._take is not None and self._frames and self._is_due():
+            self._taken_s = max(self._taken_s, time.monotonic())
+            self._take(*self._recorded())
         try:
             message = self.bus.recv(timeout_s)
         except can.CanError as error:
@@ -261,17 +268,38 @@ class Link:
             self._receive(left_s)
         return True
 
-    def record_telemetry(self) -> None:
-        """Record all telemetry frames from now on, and discard those recorded before."""
+    def record_telemetry(self, take: Callable[[NDArray[np.int64], NDArray[np.uint8]], None] | None = None) -> None:
+        """Record all telemetry frames from now on, and discard those recorded before.
+
+        `take` is called with function (m,) and payload (m, 8) of those that have come, twice a second or more often;
+        without it they are kept for recorded_telemetry().
+        """
         self._frames = []
         self._recording = True
+        self._take = take
+        self._taken_s = math.inf if self.by_device_time else time.monotonic()
 
     def recorded_telemetry(self, start_nm: tuple[int, int]) -> Telemetry:
         """Stop recording and unpack the telemetry; `start_nm` is a position within 8 mm of the first one recorded."""
         self._recording = False
-        function = np.array([f for f, _ in self._frames], dtype=np.int64)
-        payload = np.frombuffer(b"".join(d for _, d in self._frames), dtype=np.uint8).reshape(-1, 8)
-        return wire.unpack_telemetry(function, payload, start_nm)
+        return wire.unpack_telemetry(*self._recorded(), start_nm)
+
+    def stop_recording(self) -> None:
+        """Hand over what was recorded, and record no more."""
+        take, self._take = self._take, None
+        if self._recording and take is not None:
+            take(*self._recorded())
+        self._recording = False
+
+    def _recorded(self) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+        frames, self._frames = self._frames, []
+        function = np.array([f for f, _ in frames], dtype=np.int64)
+        return function, np.frombuffer(b"".join(d for _, d in frames), dtype=np.uint8).reshape(-1, 8)
+
+    def _is_due(self) -> bool:
+        """Whether telemetry is to be handed over: by the number of frames alone where time is the drive's, so that
+        equal runs stay equal."""
+        return len(self._frames) >= _TAKE_FRAMES or time.monotonic() - self._taken_s >= _TAKE_S
 
     def _round(self) -> None:
         goal_ms = self._tick_ms + self._sync_ms

@@ -47,8 +47,8 @@ class SimulatedBus(can.BusABC):
         """Record the truth from now on, and start the machine's friction schedule; returns the control period."""
 
     @abstractmethod
-    def truth(self) -> Truth:
-        """A copy of what was recorded, one row a control period."""
+    def take_truth(self) -> Truth:
+        """What was recorded since the last call, one row a control period; it is not kept."""
 
 
 def simulated(bus: can.BusABC) -> SimulatedBus | None:

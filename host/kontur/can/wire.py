@@ -31,6 +31,7 @@ HEARTBEAT = 0x700
 HOST_NODE_ID = 127
 
 DIFFERENCE_MAX_NM = 2**23 - 1
+_PACKED = 1 << 16  # knots at once
 
 
 def _crc_table() -> NDArray[np.uint8]:
@@ -58,21 +59,28 @@ def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int]) -> bytes:
     `knots_nm` (N, 2); `start_nm` is the position that knot 0 is a difference to. Returns N payloads of 8 bytes in one.
     Raises PathError when a step between knots does not fit into the 24 bits of the wire.
     """
-    absolute = np.vstack([np.asarray(start_nm, dtype=np.int64), knots_nm.astype(np.int64)])
+    frames = np.empty((len(knots_nm), 8), dtype=np.uint8)
+    for first in range(0, len(knots_nm), _PACKED):  # in parts, to bound memory
+        rows = slice(first, first + _PACKED)
+        _pack(frames[rows], knots_nm[rows], start_nm if first == 0 else knots_nm[first - 1], first)
+    return frames.tobytes()
+
+
+def _pack(frames: NDArray[np.uint8], knots_nm: NDArray[np.int32], before_nm: ArrayLike, number: int) -> None:
+    """pack_knots() of knots from `number` on, which follow `before_nm`, into `frames`."""
+    absolute = np.vstack([np.asarray(before_nm, dtype=np.int64), knots_nm.astype(np.int64)])
     difference = np.diff(absolute, axis=0)
     too_far = np.flatnonzero(np.abs(difference).max(axis=1) > DIFFERENCE_MAX_NM)
     if too_far.size:
         i = int(too_far[0])
         raise PathError(
-            f"knot {i}: a step of {np.abs(difference[i]).max() * M_PER_NM * 1e3:.3f} mm in 1 ms does not fit the wire "
-            f"(at most {DIFFERENCE_MAX_NM * M_PER_NM * 1e3:.3f} mm); lower the feed"
+            f"knot {number + i}: a step of {np.abs(difference[i]).max() * M_PER_NM * 1e3:.3f} mm in 1 ms does not fit "
+            f"the wire (at most {DIFFERENCE_MAX_NM * M_PER_NM * 1e3:.3f} mm); lower the feed"
         )
-    frames = np.empty((len(knots_nm), 8), dtype=np.uint8)
-    frames[:, 0] = np.arange(len(knots_nm)) & 0xFF
+    frames[:, 0] = (number + np.arange(len(knots_nm))) & 0xFF
     frames[:, 2:5] = (difference[:, :1] >> np.array([0, 8, 16])) & 0xFF
     frames[:, 5:8] = (difference[:, 1:] >> np.array([0, 8, 16])) & 0xFF
     frames[:, 1] = crc8(frames[:, [0, 2, 3, 4, 5, 6, 7]])
-    return frames.tobytes()
 
 
 def pack_controlwords(x: int, y: int) -> bytes:
@@ -121,6 +129,7 @@ class Telemetry:
 
 _TICK_STEP_MAX, _POSITION_STEP_MAX_NM = 16, 500_000  # ms; nm in a millisecond or two
 _TELEMETRY_PERIOD = {place.cob_id: place.period_ms for place in signals.TELEMETRY.values()}
+_SETTLED_MS, _CONTEXT = 64, 512  # no frame is later than that; frames that are read again with those after them
 _DATED = (TPDO2, TPDO3)  # their first two bytes are the tick
 _POSITIONS = ("position_x", "position_y")  # the low bits of the position, which wrap
 
@@ -132,6 +141,104 @@ def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], st
     of the first one reported, to complete the 24 bits of the wire. Frames that arrived twice or out of order are
     put in order. Frames with an impossible tick or position are corrupted and left out.
     """
+    stream = TelemetryStream(start_nm)
+    rows = stream.add(function, payload, last=True)
+    return Telemetry(rows.tick, rows.values, stream.frames_lost)
+
+
+class TelemetryStream:
+    """unpack_telemetry() for frames that come in pieces: each row once, as soon as it cannot change any more.
+
+    A frame that comes more than _SETTLED_MS after a newer one is too late. `frames_lost` counts the rows so far.
+    """
+
+    def __init__(self, start_nm: tuple[int, int]) -> None:
+        self._frames = (np.empty(0, dtype=np.int64), np.empty((0, 8), dtype=np.uint8))  # the latest, still needed
+        self._done: int | None = None  # tick up to which rows were returned
+        self._at: tuple[int, tuple[int, int]] | None = None  # tick and position of the latest row
+        self._start_nm = start_nm
+        self._latest: dict[str, float] = {}
+        self._seen: dict[int, tuple[int, int, int]] = {}  # COB-ID to first tick, last tick and number of its frames
+
+    @property
+    def frames_lost(self) -> int:
+        """Frames of any of the four PDOs missing between the first and the last."""
+        periods = ((_TELEMETRY_PERIOD[cob], *seen) for cob, seen in self._seen.items())
+        return sum(max(0, (last - first) // period + 1 - count) for period, first, last, count in periods)
+
+    def add(self, function: NDArray[np.int64], payload: NDArray[np.uint8], last: bool = False) -> Telemetry:
+        """The rows that are complete with these frames; all that are left with the `last` ones."""
+        function = np.concatenate([self._frames[0], function])
+        payload = np.concatenate([self._frames[1], payload])
+        tick, sound, data = _in_order(function, payload)
+        if not len(tick):
+            self._frames = (function, payload)
+            return Telemetry(tick, dict.fromkeys(signals.TELEMETRY, np.empty(0)), self.frames_lost)
+        if self._done is not None:  # the same count of ticks as before
+            tick += round((self._done - int(tick[len(tick) // 2])) / 0x10000) * 0x10000
+        until = int(tick[-1]) - (0 if last else _SETTLED_MS)
+        done = int(tick[0]) - 1 if self._done is None else self._done
+        found = self._rows(tick, sound, data)
+        new = (found.tick > done) & (found.tick <= until)
+        values = {name: self._held(name, value[new]) for name, value in found.values.items()}
+        found = Telemetry(found.tick[new], values, 0)
+
+        self._count(tick, sound, done, until)
+        self._done = max(done, until)
+        if len(found.tick):
+            self._at = int(found.tick[-1]), (_nm(found.values[_POSITIONS[0]]), _nm(found.values[_POSITIONS[1]]))
+        self._latest.update((name, value[-1]) for name, value in values.items() if len(value))
+        self._frames = (function[-_CONTEXT:], payload[-_CONTEXT:])
+        return Telemetry(found.tick, values, self.frames_lost)
+
+    def _rows(self, tick: NDArray[np.int64], function: NDArray[np.int64], payload: NDArray[np.uint8]) -> Telemetry:
+        of = {cob: function == cob for cob in TELEMETRY}
+        rows, at2, at3 = np.intersect1d(tick[of[TPDO2]], tick[of[TPDO3]], assume_unique=True, return_indices=True)
+        at_row = {TPDO2: at2, TPDO3: at3}
+        positions = [signals.TELEMETRY[name] for name in _POSITIONS]
+        position = np.column_stack([_counts(payload[of[place.cob_id]], place) for place in positions])
+        known = tick[of[positions[0].cob_id]]
+        unwrapped = dict(zip(_POSITIONS, self._unwrap(position, known).T, strict=True))
+        values: dict[str, Floats] = {}
+        for name, place in signals.TELEMETRY.items():
+            counts = unwrapped[name] if name in unwrapped else _counts(payload[of[place.cob_id]], place)
+            value = counts.astype(np.float64) * place.factor
+            if place.cob_id in at_row:
+                values[name] = value[at_row[place.cob_id]]
+            else:
+                values[name] = _hold(value, np.searchsorted(tick[of[place.cob_id]], rows, side="right") - 1)
+        return Telemetry(rows, values, 0)
+
+    def _unwrap(self, position: NDArray[np.int64], tick: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Complete positions (n, 2) at `tick` (n,), by where the axes were at the latest row, or at the start."""
+        if self._at is None:
+            return unwrap_position(position, self._start_nm)
+        at_tick, at_nm = self._at
+        unwrapped = unwrap_position(position, self._start_nm)
+        same = int(np.clip(np.searchsorted(tick, at_tick), 0, len(tick) - 1))
+        turns = np.rint((np.array(at_nm) - unwrapped[same]) / (1 << 24)).astype(np.int64)
+        return np.asarray(unwrapped + turns * (1 << 24))
+
+    def _held(self, name: str, value: Floats) -> Floats:
+        """A value that has come before these frames holds until the next one."""
+        return np.where(np.isnan(value), self._latest.get(name, np.nan), value)
+
+    def _count(self, tick: NDArray[np.int64], function: NDArray[np.int64], done: int, until: int) -> None:
+        for cob in TELEMETRY:
+            at = tick[(function == cob) & (tick > done) & (tick <= until)]
+            if len(at):
+                first, _, count = self._seen.get(cob, (int(at[0]), 0, 0))
+                self._seen[cob] = (first, int(at[-1]), count + len(at))
+
+
+def _nm(values: Floats) -> int:
+    return round(float(values[-1]) / M_PER_NM)
+
+
+def _in_order(
+    function: NDArray[np.int64], payload: NDArray[np.uint8]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:
+    """Unwrapped tick, function and payload of the frames that are sound, each once, in the order of their ticks."""
     dated = np.isin(function, _DATED)
     wrong = np.zeros(len(function), dtype=bool)
     wrong[dated] = _outliers(_ticks(payload[dated]), _TICK_STEP_MAX, 16)
@@ -152,25 +259,7 @@ def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], st
     for cob in TELEMETRY:
         at = np.flatnonzero(function == cob)
         again[at[1:]] = np.diff(tick[at]) == 0
-    tick, function, payload = tick[~again], function[~again], payload[~again]
-
-    of = {cob: function == cob for cob in TELEMETRY}
-    lost = sum(_missing(tick[of[cob]], _TELEMETRY_PERIOD[cob]) for cob in TELEMETRY)
-
-    rows, at2, at3 = np.intersect1d(tick[of[TPDO2]], tick[of[TPDO3]], assume_unique=True, return_indices=True)
-    at_row = {TPDO2: at2, TPDO3: at3}
-    positions = [signals.TELEMETRY[name] for name in _POSITIONS]
-    position = np.column_stack([_counts(payload[of[place.cob_id]], place) for place in positions])
-    unwrapped = dict(zip(_POSITIONS, unwrap_position(position, start_nm).T, strict=True))
-    values: dict[str, Floats] = {}
-    for name, place in signals.TELEMETRY.items():
-        counts = unwrapped[name] if name in unwrapped else _counts(payload[of[place.cob_id]], place)
-        value = counts.astype(np.float64) * place.factor
-        if place.cob_id in at_row:
-            values[name] = value[at_row[place.cob_id]]
-        else:
-            values[name] = _hold(value, np.searchsorted(tick[of[place.cob_id]], rows, side="right") - 1)
-    return Telemetry(tick=rows, values=values, frames_lost=lost)
+    return tick[~again], function[~again], payload[~again]
 
 
 def unwrap_tick(tick: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -212,12 +301,6 @@ def _counts(payload: NDArray[np.uint8], place: signals.Place) -> NDArray[np.int6
     octets = payload[:, place.bit // 8 : (place.bit + place.bits) // 8].astype(np.int64)
     counts = np.asarray(octets @ (1 << 8 * np.arange(place.bits // 8)))
     return _signed(counts, place.bits) if place.signed else counts
-
-
-def _missing(tick: NDArray[np.int64], period: int) -> int:
-    if not len(tick):
-        return 0
-    return max(0, (int(tick[-1]) - int(tick[0])) // period + 1 - len(tick))
 
 
 def _hold(values: Floats, at: NDArray[np.int64]) -> Floats:

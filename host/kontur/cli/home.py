@@ -7,7 +7,6 @@ import sys
 
 import click
 
-from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import NumberRange, drive_of, interruptible, target_options
 from kontur.cli.output import print_json
 from kontur.drive import single_axis
@@ -47,4 +46,4 @@ def command(*, target: Target, axis: str, method: str | None, offset: float | No
         click.echo(f"{axis}  homed, stands at {position_m * 1e3:.6f} mm")
     if not homed:
         click.echo("Interrupted: the axis has slowed down and is not homed.", err=True)
-        sys.exit(EXIT_INTERRUPTED)
+        sys.exit(stop_requested.exit_code)

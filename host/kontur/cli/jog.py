@@ -7,7 +7,6 @@ import sys
 
 import click
 
-from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import NumberRange, drive_of, interruptible, target_options
 from kontur.cli.output import print_json
 from kontur.drive import single_axis
@@ -54,4 +53,4 @@ def command(*, target: Target, x: float | None, y: float | None, duration_s: flo
             click.echo("Stopped by a soft limit or a limit switch.", err=True)
     if interrupted:
         click.echo("Interrupted: the axes have slowed down.", err=True)
-        sys.exit(EXIT_INTERRUPTED)
+        sys.exit(stop_requested.exit_code)

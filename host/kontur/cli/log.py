@@ -7,18 +7,18 @@ import json
 from typing import Any
 
 import click
-import numpy as np
 from rich.table import Table
 
 from kontur.cli.output import cell, console, print_json
 from kontur.runs import log
+from kontur.runs.sample import Total
 
 _LONG = ("plant", "parameters")  # shown by --json only
 
 
 @click.group()
 def command() -> None:
-    """Show or convert a log of a run."""
+    """Show or convert a log of a run, also one that a killed run has left (NAME-running.csv)."""
 
 
 @command.command()
@@ -26,10 +26,10 @@ def command() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
 def show(file: str, as_json: bool) -> None:
     """Show the run and the range of every column of the log FILE (CSV or MF4)."""
-    run = log.read(file)
-    columns = _ranges(run)
+    run = log.read(file, thinned=True)
+    columns = {name: _range(run.total(name)) for name in run.columns}
     if as_json:
-        print_json({"meta": run.meta, "rows": len(run), "columns": columns})
+        print_json({"meta": run.meta, "rows": run.total("tick").count, "columns": columns})
         return
     out = console()
     head = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
@@ -55,18 +55,14 @@ def show(file: str, as_json: bool) -> None:
 @click.argument("target", type=click.Path())
 def convert(source: str, target: str) -> None:
     """Write the log SOURCE as TARGET; both are .csv or .mf4."""
-    log.write(log.read(source), target)
+    log.convert(source, target)
 
 
-def _ranges(run: log.RunLog) -> dict[str, dict[str, Any]]:
-    ranges: dict[str, dict[str, Any]] = {}
-    for name, values in run.columns.items():
-        known = values[np.isfinite(values)]
-        some = bool(known.size)
-        ranges[name] = {
-            "rows": int(known.size),
-            "min": float(known.min()) if some else None,
-            "mean": float(known.mean()) if some else None,
-            "max": float(known.max()) if some else None,
-        }
-    return ranges
+def _range(total: Total) -> dict[str, Any]:
+    some = total.count > 0
+    return {
+        "rows": total.count,
+        "min": total.least if some else None,
+        "mean": total.mean if some else None,
+        "max": total.greatest if some else None,
+    }

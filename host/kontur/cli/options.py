@@ -20,6 +20,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from kontur import machine as machines
 from kontur.can.bad_bus import BUS_FAULT_NAMES, BusFaults
 from kontur.can.bus import configured_interface
+from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.output import console, print_warnings
 from kontur.drive.controllers import named
 from kontur.drive.device import Device
@@ -322,18 +323,38 @@ def held_by_signals() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-@contextmanager
-def interruptible() -> Iterator[Callable[[], bool]]:
-    """The first Ctrl-C requests a stop, which the yielded function returns; a second one interrupts immediately."""
-    requested = False
+class StopRequest:
+    """Tells when it is called whether a signal has requested a stop. `exit_code`: of a program that a signal ended."""
 
-    def request_stop(_signal: int, _frame: FrameType | None) -> None:
-        nonlocal requested
-        requested = True
+    def __init__(self) -> None:
+        self.signal = 0
+
+    def __call__(self) -> bool:
+        return self.signal != 0
+
+    @property
+    def exit_code(self) -> int:
+        return 128 + self.signal if self.signal else EXIT_INTERRUPTED
+
+
+@contextmanager
+def interruptible() -> Iterator[StopRequest]:
+    """The first Ctrl-C, SIGTERM or SIGHUP (the terminal was closed) requests a stop, which the yielded object tells; a
+    second Ctrl-C interrupts immediately. A signal that is ignored, as SIGHUP under nohup, stays so."""
+    request = StopRequest()
+
+    def request_stop(number: int, _frame: FrameType | None) -> None:
+        request.signal = request.signal or number
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    before = signal.signal(signal.SIGINT, request_stop)
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = [
+        (number, signal.signal(number, request_stop))
+        for number in numbers
+        if signal.getsignal(number) is not signal.SIG_IGN
+    ]
     try:
-        yield lambda: requested
+        yield request
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before:
+            signal.signal(number, handler)

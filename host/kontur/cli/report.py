@@ -25,7 +25,7 @@ def command(logs: tuple[str, ...], output: Path, title: str | None) -> None:
     check_output(output, ".html", ".png")
     from kontur.report import page  # importing it takes a second
 
-    runs = [log.read(name) for name in logs]
+    runs = [log.read(name, thinned=True) for name in logs]
     if output.suffix.lower() == ".png":
         page.picture(output, runs)
     else:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import shlex
 import sys
@@ -14,11 +15,11 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
-from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import (
     CONTROLLER,
     POSITIVE,
     NumberRange,
+    StopRequest,
     check_output,
     grouped,
     held_by_signals,
@@ -34,13 +35,12 @@ from kontur.drive.controllers import CONTROLLERS, described
 from kontur.drive.scope import Setup
 from kontur.drive.stream import Operator
 from kontur.drive.target import Target
-from kontur.errors import FileError
+from kontur.errors import FileError, KonturError
 from kontur.path import programs, shapes
 from kontur.path.geometry import Program
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.report import capture_file
-from kontur.runs import log as logs
 from kontur.runs.resume import RETURN_MAX_M
 from kontur.runs.runner import RunOptions, RunResult, run
 from kontur.runs.summary import summary
@@ -255,10 +255,13 @@ def command(
     reaction is "path stop" (docs/faults.md), and the end of this program. As long as the drive has power, the
     same command with --resume goes on from there; axes that have crept meanwhile go back to the path first.
 
-    The log is complete up to where the drive stopped, also when a fault ends the run. The drive records the 500 ms
-    before a fault; that is saved beside the log as LOG-fault.csv and .png. Warnings of the drive are printed at the
-    end, with their remedies. Where a warning is recorded too (contour tunnel), that is saved as LOG-warning.csv and
-    .png.
+    SIGTERM and SIGHUP (the terminal is closed) stop it like Ctrl-C; a second Ctrl-C ends the command at once. So does
+    a disk that is full stop it.
+
+    The log is written while the drive moves, to NAME-running.csv beside it, which becomes the log at the end. If this
+    program is killed, that file stays, and `kontur log` reads it. The drive records the 500 ms before a fault; that is
+    saved beside the log as LOG-fault.csv and .png. Warnings of the drive are printed at the end, with their remedies.
+    Where a warning is recorded too (contour tunnel), that is saved as LOG-warning.csv and .png.
     """
     names = CONTROLLERS if "all" in controller else tuple(dict.fromkeys(controller))
     if motion.resume and (target.in_process or len(names) > 1):
@@ -267,25 +270,60 @@ def command(
         )
     trajectory, options = _plan(program, motion, recording, target)
     results: list[RunResult] = []
-    for name in names:
-        options_of = RunOptions(**(vars(options) | {"command": _command(ctx, name)}))
-        result = _run(trajectory, name, target, options_of, motion.override)
-        results.append(result)
-        _save(result, name, len(names) > 1, output, recording)
-        if not result.completed:
-            break
-    if output.report is not None:
-        from kontur.report.page import write_report
-
-        write_report(output.report, [result.log for result in results])
-    _print(program, trajectory, results, output.as_json)
+    try:
+        with interruptible() as stop_requested:
+            for name in names:
+                log = log_path(output.log, name, len(names) > 1) if output.log is not None else None
+                options_of = dataclasses.replace(options, command=_command(ctx, name), log=log)
+                results.append(_run(trajectory, name, target, options_of, motion.override, stop_requested))
+                if not results[-1].completed:
+                    break
+    except KeyboardInterrupt:
+        click.echo("Interrupted.", err=True)
+        sys.exit(stop_requested.exit_code)
+    finally:
+        errors = _report(program, trajectory, results, len(names) > 1, output, recording) if results else []
     last = results[-1]
-    if last.fault is not None:
-        raise last.fault
+    told = [error for error in (last.fault, last.log_problem, *errors) if error is not None]
+    for error in told[1:]:
+        click.echo(f"Error: {error}", err=True)
+    if told:
+        raise told[0]
     if not last.completed:
         more = "" if target.in_process else " The same command with --resume goes on from there."
         click.echo(f"Interrupted: the drive stopped on the path.{more}", err=True)
-        sys.exit(EXIT_INTERRUPTED)
+        sys.exit(stop_requested.exit_code)
+
+
+def _report(
+    program: Program,
+    trajectory: Trajectory,
+    results: list[RunResult],
+    several: bool,
+    output: Output,
+    recording: Recording,
+) -> list[KonturError]:
+    """Print the figures of the runs, and save what belongs to them; the logs are written already.
+
+    Returns what could not be saved.
+    """
+    errors: list[KonturError] = []
+    try:
+        _print(program, trajectory, results, output.as_json)
+    finally:  # also where nobody reads what is printed
+        for result in results:
+            try:
+                _save_capture(result, several, output, recording)
+            except KonturError as error:
+                errors.append(error)
+        if output.report is not None:
+            from kontur.report.page import write_report
+
+            try:
+                write_report(output.report, [result.log for result in results])
+            except KonturError as error:
+                errors.append(error)
+    return errors
 
 
 def _plan(program: Program, motion: Motion, recording: Recording, target: Target) -> tuple[Trajectory, RunOptions]:
@@ -300,12 +338,20 @@ def _plan(program: Program, motion: Motion, recording: Recording, target: Target
         raise_fault=False,
         scope=recording.setup,
         resume=motion.resume,
+        whole=False,
     )
 
 
-def _run(trajectory: Trajectory, name: str, target: Target, options: RunOptions, override: float) -> RunResult:
+def _run(
+    trajectory: Trajectory,
+    name: str,
+    target: Target,
+    options: RunOptions,
+    override: float,
+    stop_requested: StopRequest,
+) -> RunResult:
     """One run with a progress bar, which Ctrl-C stops and signals hold."""
-    with progress_bar(name) as progress, interruptible() as stop_requested, held_by_signals() as held:
+    with progress_bar(name) as progress, held_by_signals() as held:
         operator = Operator(progress, stop_requested, lambda: 0.0 if held() else override / 100.0, _notice)
         return run(trajectory, name, target, options, operator)
 
@@ -314,10 +360,9 @@ def _notice(text: str) -> None:
     click.echo(text, err=True)
 
 
-def _save(result: RunResult, controller: str, several: bool, output: Output, recording: Recording) -> None:
-    """Log and capture: the capture where it was asked for, or beside the log where a fault or a warning triggered."""
-    if output.log is not None:
-        logs.write(result.log, log_path(output.log, controller, several))
+def _save_capture(result: RunResult, several: bool, output: Output, recording: Recording) -> None:
+    """The capture where it was asked for, or beside the log where a fault or a warning triggered."""
+    controller = str(result.log.meta["controller"])
     if result.capture is None:
         if recording.out is not None:
             click.echo("The scope has not been triggered in the run.", err=True)

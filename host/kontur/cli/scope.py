@@ -12,7 +12,6 @@ from typing import Any
 import click
 
 from kontur.can.emcy import describe_emcy
-from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.options import NumberRange, check_output, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.drive import scope
@@ -98,7 +97,7 @@ def _record(device: Device, setup: Setup, wait_s: float) -> Capture:
         done = scope.wait(device, wait_s, stop_requested)
         if not done and stop_requested():
             click.echo("Interrupted: there was no trigger.", err=True)
-            sys.exit(EXIT_INTERRUPTED)
+            sys.exit(stop_requested.exit_code)
     if not done:
         raise DeviceError(
             f"no trigger ({setup.trigger}) has come within {wait_s:g} s; wait longer (--wait), or check the level"

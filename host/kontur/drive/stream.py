@@ -65,12 +65,13 @@ class StreamResult:
 
 
 @dataclass
-class _Motion:
-    """What was commanded so far: `rates` as in StreamResult."""
+class Motion:
+    """What was commanded so far of a path that has been started; all as in StreamResult."""
 
     start_s: float
     rates: list[tuple[float, float]]
     stop_s: float | None = None
+    passed: int = 0
 
 
 def stream(
@@ -79,13 +80,14 @@ def stream(
     operator: Operator = UNATTENDED,
     *,
     before_start: Callable[[], None] = lambda: None,
+    started: Callable[[Motion], None] = lambda motion: None,
     resume: bool = False,
     raise_fault: bool = True,
 ) -> StreamResult:
     """Send `knots_nm` (N, 2) and let the drive follow them; returns when it stands still again.
 
     The drive must be enabled and stand at the first knot. `before_start` is called when the queue is full and motion is
-    about to start.
+    about to start, `started` when it has; what it gets is kept up to date.
 
     `resume`: go on with these knots, all of them as they were, where the drive stopped on the path before it was
     switched off, by a fault or by its master; the axes must not have been moved since.
@@ -100,7 +102,8 @@ def stream(
     device.override_feed(rate)
     before_start()
     start_s = _start(device)
-    motion = _Motion(start_s, [(start_s, rate)])
+    motion = Motion(start_s, [(start_s, rate)], passed=passed)
+    started(motion)
     fault = None
     try:
         _follow(sender, operator, motion)
@@ -136,7 +139,7 @@ def _first_rate(sender: KnotSender, operator: Operator) -> float:
     return rate or 1.0
 
 
-def _follow(sender: KnotSender, operator: Operator, motion: _Motion) -> None:
+def _follow(sender: KnotSender, operator: Operator, motion: Motion) -> None:
     """Send knots while the path runs, and do what the operator commands; returns when the axes stand."""
     device, rate = sender.device, motion.rates[-1][1]
     while rate == 0.0 or device.axes.both(BIT_PATH_RUNS) or _runs(device):

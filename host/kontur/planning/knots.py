@@ -17,6 +17,8 @@ from kontur.can.wire import DIFFERENCE_MAX_NM
 from kontur.errors import PathError
 from kontur.path.geometry import FloatArray
 
+ROWS = 1 << 17  # handled at once, to bound memory
+_OVERLAP = 128  # knots, after which the end of a part does not change a bit of what is inside
 _POSITION_MAX_NM = (1 << 31) - 1
 POSITION_RANGE_M = ((-2.147, 2.147), (-2.147, 2.147))  # what 32 bits can count
 
@@ -26,6 +28,15 @@ def control_points(position_m: FloatArray) -> FloatArray:
 
     The path rests at both ends: the first and the last positions repeat before and after it.
     """
+    control = np.empty_like(position_m)
+    for first in range(0, len(position_m), ROWS):
+        low, high = max(0, first - _OVERLAP), min(len(position_m), first + ROWS + _OVERLAP)
+        part = _control_points(position_m[low:high])
+        control[first : first + ROWS] = part[first - low : first - low + ROWS]
+    return control
+
+
+def _control_points(position_m: FloatArray) -> FloatArray:
     bands = np.ones((3, len(position_m)))
     bands[1] = 4.0
     right = 6.0 * position_m
@@ -39,14 +50,18 @@ def to_nm(control_m: FloatArray) -> npt.NDArray[np.int32]:
 
     Raises PathError: a position beyond the 32 bits or a step beyond the 24 bits of the wire.
     """
-    nm = np.rint(control_m * 1e9)
-    if np.max(np.abs(nm)) > _POSITION_MAX_NM:
-        raise PathError(
-            f"the path goes {np.max(np.abs(control_m)):.3f} m from the origin; the drive counts up to 2.147 m"
-        )
-    if np.max(np.abs(np.diff(nm, axis=0)), initial=0.0) > DIFFERENCE_MAX_NM:
-        raise PathError("the path is faster than 8.3 m/s, which a knot frame cannot carry; lower the feed")
-    return nm.astype("<i4")
+    knots_nm = np.empty(control_m.shape, dtype="<i4")
+    for first in range(0, len(control_m), ROWS):
+        begin = max(0, first - 1)
+        nm = np.rint(control_m[begin : first + ROWS] * 1e9)
+        if np.max(np.abs(nm)) > _POSITION_MAX_NM:
+            raise PathError(
+                f"the path goes {np.max(np.abs(control_m)):.3f} m from the origin; the drive counts up to 2.147 m"
+            )
+        if np.max(np.abs(np.diff(nm, axis=0)), initial=0.0) > DIFFERENCE_MAX_NM:
+            raise PathError("the path is faster than 8.3 m/s, which a knot frame cannot carry; lower the feed")
+        knots_nm[first : first + ROWS] = nm[first - begin :]
+    return knots_nm
 
 
 def digest(knots_nm: npt.NDArray[np.int32]) -> str:

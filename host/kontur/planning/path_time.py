@@ -8,7 +8,6 @@ command, a lack of knots or a fault, is not in it. Used to find the reference of
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,28 +19,49 @@ _SLOPE_MAX, _JERK_MAX = 4.0 / 3.0, 16.0 / 3.0  # of the rate, in stop times
 _RATE_SMALL, _SLOPE_SMALL = 5e-6, 1.0 / 128.0
 
 
-def curve(wanted: Sequence[tuple[int, float]], end: int, stop_periods: float) -> tuple[_Floats, _Floats]:
-    """Points (n,) of path time over time, both in control periods, from 0 to `end`; straight between them.
+class PathTime:
+    """Path time over time, in control periods, as far as advance() has gone; straight between its points.
 
-    `wanted`: the commanded rates, 0 to RATE_MAX, each with the period from which on it holds, in order, the first one
-    from period 0 and above 0. `stop_periods`: path_stop_time.
+    It begins in period 0 at path time `path` with `rate`, 0 to RATE_MAX. `stop_periods`: path_stop_time.
     """
-    rate, slope, path = wanted[0][1], 0.0, 0.0
-    time, paths = [0], [0.0]
-    until = [period for period, _ in wanted[1:]] + [end]
-    for (begin, goal), next_ in zip(wanted, until, strict=True):
-        now = min(begin, end)
-        while now < min(next_, end):
-            if rate == goal and slope == 0.0:
-                passed = min(next_, end) - now
-            else:
-                rate, slope = _moved(rate, slope, goal, 1.0 / stop_periods)
-                passed = 1
-            now += passed
-            path += rate * passed
-            time.append(now)
-            paths.append(path)
-    return np.array(time, dtype=np.float64), np.array(paths)
+
+    def __init__(self, rate: float, stop_periods: float, path: float = 0.0) -> None:
+        self.now = 0
+        self._rate, self._slope = rate, 0.0
+        self._stop_periods = stop_periods
+        self._time, self._path, self._rates = [0], [path], [rate]  # the rate holds from the point on
+
+    def advance(self, goal: float, until: int) -> None:
+        """Go on until the period `until`, with `goal` as the commanded rate."""
+        while self.now < until:
+            if self._rate == goal and self._slope == 0.0:
+                self.now = until
+                return
+            self._rate, self._slope = _moved(self._rate, self._slope, goal, 1.0 / self._stop_periods)
+            self._path.append(self._path[-1] + self._rates[-1] * (self.now - self._time[-1]))
+            self._time.append(self.now)
+            self._rates.append(self._rate)
+            self.now += 1
+
+    def at(self, period: _Floats) -> _Floats:
+        """Path time (n,) at `period` (n,)."""
+        point = np.maximum(np.searchsorted(self._time, period, side="right") - 1, 0)
+        time, path, rates = (np.array(values, dtype=np.float64) for values in (self._time, self._path, self._rates))
+        return np.asarray(path[point] + rates[point] * (period - time[point]))
+
+    def reaches(self, path: float) -> float | None:
+        """Period at which path time is `path`; None when it is not reached up to now."""
+        if self._path[-1] + self._rates[-1] * (self.now - self._time[-1]) < path:
+            return None
+        point = max(0, int(np.searchsorted(self._path, path)) - 1)
+        rate = self._rates[point]
+        return self._time[point] + ((path - self._path[point]) / rate if rate > 0.0 else 0.0)
+
+    def forget(self, period: float) -> None:
+        """Keep only what is from `period` on."""
+        first = max(0, int(np.searchsorted(self._time, period, side="right")) - 1)
+        for values in (self._time, self._path, self._rates):
+            del values[:first]
 
 
 def _moved(rate: float, slope: float, goal: float, step: float) -> tuple[float, float]:

@@ -177,12 +177,19 @@ def _distance(program: Program, pieces: list[Piece], report: Callable[[float], N
     for phase in range(1, duration.shape[1]):
         state[:, phase] = _advanced(state[:, phase - 1], duration[:, phase - 1], jerk[:, phase - 1])
     start = np.append(0.0, np.cumsum(duration.ravel()))
-    t = np.arange(round(start[-1] / KNOT_S) + 1) * KNOT_S
-    now = np.minimum(np.searchsorted(start, t, side="right") - 1, duration.size - 1)
-    control = _advanced(state.reshape(-1, 3)[now], t - start[now], jerk.ravel()[now])[:, 0]
-    control = np.maximum.accumulate(np.clip(control, 0.0, np.sum(length)))
-    before, after = np.append(control[0], control[:-1]), np.append(control[1:], control[-1])
-    return np.asarray((before + 4.0 * control + after) / 6.0)
+    count = round(start[-1] / KNOT_S) + 1
+    control = np.empty(count + 2)  # with its first and last value once more
+    for first in range(0, count, knots.ROWS):
+        t = np.arange(first, min(first + knots.ROWS, count)) * KNOT_S
+        now = np.minimum(np.searchsorted(start, t, side="right") - 1, duration.size - 1)
+        distance = _advanced(state.reshape(-1, 3)[now], t - start[now], jerk.ravel()[now])[:, 0]
+        control[1 + first : 1 + first + len(t)] = np.clip(distance, 0.0, np.sum(length))
+    control[0], control[-1] = control[1], control[-2]
+    np.maximum.accumulate(control, out=control)
+    for first in range(0, count, knots.ROWS):
+        part = control[first : first + knots.ROWS + 2]
+        control[first : first + len(part) - 2] = (part[:-2] + 4.0 * part[1:-1] + part[2:]) / 6.0
+    return control[:-2]
 
 
 def _advanced(state: FloatArray, t: FloatArray, jerk: FloatArray) -> FloatArray:
@@ -208,8 +215,9 @@ def positions(
     row[0], row[-1] = 0, len(s)
     position = np.empty((len(s), 2))
     for i, move in enumerate(moves):
-        rows = slice(row[i], row[i + 1])
-        position[rows] = move.segment.point(np.clip(s[rows] - edge[i], 0.0, move.segment.length_m))
+        for first in range(row[i], row[i + 1], knots.ROWS):
+            rows = slice(first, min(first + knots.ROWS, row[i + 1]))
+            position[rows] = move.segment.point(np.clip(s[rows] - edge[i], 0.0, move.segment.length_m))
         if i % 256 == 0:
             report(0.5 + 0.4 * i / len(moves))
     return position
@@ -282,12 +290,18 @@ def _motion(control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def _check(limits: Limits, control: FloatArray, s: FloatArray, pieces: list[Piece]) -> None:
     """Check the planned motion against the limits, independently of the planner."""
-    speed, acceleration, jerk = _motion(control)
     edge = np.cumsum([piece.length for piece in pieces])[:-1]
     jumps = np.searchsorted(s, edge[[piece.jump for piece in pieces[1:]]])
-    smooth = np.ones(len(s))
+    smooth = np.ones(len(s), dtype=bool)
     for offset in range(-_RING, _RING + 1):
-        smooth[np.clip(jumps + offset, 0, len(s) - 1)] = 0.0
+        smooth[np.clip(jumps + offset, 0, len(s) - 1)] = False
+    for first in range(0, max(1, len(control) - 3), knots.ROWS):
+        rows = slice(first, first + knots.ROWS + 3)
+        _check_part(limits, control[rows], smooth[rows], first)
+
+
+def _check_part(limits: Limits, control: FloatArray, smooth: npt.NDArray[np.bool_], first: int) -> None:
+    speed, acceleration, jerk = _motion(control)
     jerk = jerk * smooth[1:-2, None]
     for name, values, limit in (
         ("velocity", speed, limits.velocity_mps),
@@ -298,8 +312,8 @@ def _check(limits: Limits, control: FloatArray, s: FloatArray, pieces: list[Piec
         if not np.all(excess <= 1.0 + 1e-6):
             row, axis = np.unravel_index(np.argmax(excess), excess.shape)
             raise PlannerError(
-                f"planner defect: {name} of axis {'xy'[axis]} is {excess[row, axis]:.4f} of its limit at {row + 1} ms; "
-                "nothing is moved; please report this with the file and the limits"
+                f"planner defect: {name} of axis {'xy'[axis]} is {excess[row, axis]:.4f} of its limit at "
+                f"{first + row + 1} ms; nothing is moved; please report this with the file and the limits"
             )
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from kontur.path.geometry import FloatArray
-from kontur.planning import knots, path_time
+from kontur.planning import knots
+from kontur.planning.path_time import PathTime
 from kontur.planning.planner import Trajectory, positions
 
 _STEPS = 10  # of path time in a millisecond, as the control periods of the drive
@@ -22,12 +23,12 @@ class Rest:
     """A trajectory to stream and, for each of its knots, the path time (n,) of the whole trajectory in ms."""
 
     trajectory: Trajectory
-    path_ms: FloatArray
+    path_ms: FloatArray | range
 
 
 def whole(trajectory: Trajectory) -> Rest:
     """All of `trajectory`."""
-    return Rest(trajectory, np.arange(len(trajectory.knots_nm), dtype=np.float64))
+    return Rest(trajectory, range(len(trajectory.knots_nm)))
 
 
 def rest(trajectory: Trajectory, from_ms: int, stop_time_ms: float) -> Rest:
@@ -57,8 +58,9 @@ def rest_of_length(trajectory: Trajectory, count: int, stop_time_ms: float) -> R
 def _gained_ms(total: int, stop_time_ms: float) -> FloatArray:
     """Path time (n,) each ms after a start from standstill, until it has passed `total` ms."""
     length = math.ceil(total + stop_time_ms)
-    time, path = path_time.curve([(0, 0.0), (0, 1.0)], length * _STEPS, stop_time_ms * _STEPS)
-    return np.asarray(np.interp(np.arange(length + 1.0) * _STEPS, time, path) / _STEPS)
+    path = PathTime(0.0, stop_time_ms * _STEPS)
+    path.advance(1.0, length * _STEPS)
+    return np.asarray(path.at(np.arange(length + 1.0) * _STEPS) / _STEPS)
 
 
 def _path_ms(total: int, from_ms: int, stop_time_ms: float) -> FloatArray:

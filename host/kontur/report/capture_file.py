@@ -45,8 +45,8 @@ def csv_text(capture: Capture) -> str:
 
 
 def _mf4_bytes(capture: Capture) -> bytes:
-    channels = [Mf4Channel(s.name, s.unit, s.description, capture[s.name]) for s in capture.signals]
-    return mf4_bytes("scope", _meta(capture), "scope", capture.time_s, channels)
+    channels = [Mf4Channel(s.name, s.unit, s.description) for s in capture.signals]
+    return mf4_bytes("scope", _meta(capture), "scope", capture.time_s, channels, capture.values)
 
 
 def _meta(capture: Capture) -> dict[str, object]:

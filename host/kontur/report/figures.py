@@ -2,6 +2,7 @@
 """The pictures of a report, drawn with matplotlib from runs and their summaries. Draws only; writes no file.
 
 A long signal is thinned to the smallest and greatest value of each short stretch of time, so that no peak is lost.
+The log of a long run is thinned already, in the same way (kontur.runs.sample).
 """
 
 from __future__ import annotations
@@ -128,7 +129,7 @@ def sizes(entries: Sequence[Entry]) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(bars, shares))
     _draw_sizes(upper, entries)
     for entry in entries:
-        error = np.sort(np.maximum(np.abs(_scored(entry, entry.error_um)), _LEAST_UM))
+        error = np.sort(np.maximum(_sizes(entry), _LEAST_UM))
         few = np.unique(np.linspace(0, len(error) - 1, _STRETCHES).astype(int))
         lower.plot(error[few], 100.0 * (few + 1) / len(error), color=entry.colour, lw=1.4)
     lower.set_ylim(0.0, 100.0)
@@ -140,7 +141,7 @@ def sizes(entries: Sequence[Entry]) -> Figure:
 def _draw_sizes(axes: Any, entries: Sequence[Entry]) -> None:
     axes.set_xscale("log")
     for row, entry in enumerate(entries):
-        error = np.abs(_scored(entry, entry.error_um))
+        error = _sizes(entry)
         mean, p95, greatest = (max(v, _LEAST_UM) for v in (entry.mean_um, np.percentile(error, 95.0), entry.max_um))
         axes.plot([mean, greatest], [row, row], color=entry.colour, alpha=0.35, lw=5.0,
                   solid_capstyle="butt")  # fmt: skip
@@ -406,6 +407,12 @@ def _scored(entry: Entry, values: Array) -> Array:
     known = np.isfinite(values)
     scored = known & (entry.log.columns["time_s"] >= entry.summary.from_s)
     return values[scored if np.any(scored) else known]
+
+
+def _sizes(entry: Entry) -> Array:
+    """Sizes of the error that are evenly spaced in time, so that shares of time can be counted by them."""
+    even = entry.log.even
+    return np.abs(_scored(entry, entry.error_um if even is None else np.where(even, entry.error_um, np.nan)))
 
 
 def _error_name(entries: Sequence[Entry]) -> str:

@@ -9,55 +9,88 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.can import wire
-from kontur.drive.stream import StreamResult
+from kontur.drive.stream import Motion
 from kontur.path.geometry import KNOT_S
-from kontur.planning import path_time
+from kontur.planning.path_time import RATE_MAX, PathTime
 from kontur.planning.planner import Trajectory
 
 Floats = NDArray[np.float64]
 
 
 class RunClock:
-    """Time since the path was started, and path time by the feed overrides that were commanded.
+    """Time since the path was started, and path time by the feed overrides that `motion` was commanded so far.
 
-    `periods`, `end_s`: length of the run, in control periods and in seconds. `start_period`: the control period in
-    which the path started, counted from power-on where the host's clock is the drive's.
+    `start_period`: the control period in which the path started, counted from power-on where the host's clock is the
+    drive's. `periods`: length of the run in control periods, None as long as its end is not known.
     """
 
-    def __init__(self, trajectory: Trajectory, streamed: StreamResult, control_hz: int, stop_time_s: float) -> None:
+    def __init__(self, trajectory: Trajectory, motion: Motion, control_hz: int, stop_time_s: float) -> None:
         self.control_hz = control_hz
-        self.start_period = round(streamed.start_s * control_hz)
-        stop = round(stop_time_s * control_hz)
-        wanted = [(round((at_s - streamed.start_s) * control_hz), rate) for at_s, rate in streamed.rates]
-        if streamed.stop_s is not None:
-            wanted.append((round((streamed.stop_s - streamed.start_s) * control_hz), 0.0))
-        length = round(trajectory.duration_s * control_hz)
-        last, rate = wanted[-1]
-        if streamed.passed:
-            wanted.insert(0, (0, 0.0))  # a path that is resumed starts from standstill, not at full rate
-        horizon = last + round(path_time.RATE_MAX * stop) + (math.ceil(length / rate) if rate > 0.0 else 0)
-        self._periods, path = path_time.curve(wanted, horizon, stop)
-        path += streamed.passed * KNOT_S * control_hz
-        self._path, self._length = path, length
-        ends = float(np.interp(length, path, self._periods))
-        self.periods = round(ends) if path[-1] >= length else last + stop
-        self.end_s = self.periods / control_hz
+        self.start_period = round(motion.start_s * control_hz)
+        self.periods: int | None = None
+        self._motion = motion
+        self._stop = round(stop_time_s * control_hz)
+        self._length = round(trajectory.duration_s * control_hz)
+        self._goal = motion.rates[0][1]
+        # A path that is resumed starts from standstill, not at full rate.
+        first = 0.0 if motion.passed else self._goal
+        self._path = PathTime(first, self._stop, motion.passed * KNOT_S * control_hz)
+        self._rates, self._stops, self._last = 1, False, 0
+        self._first_tick: int | None = None
+
+    def follow(self, now_s: float) -> None:
+        """Take in what was commanded until `now_s` by the clock of the target."""
+        self._take_commands()
+        self._path.advance(self._goal, self._period(now_s))
+        self._find_end()
+
+    def finish(self) -> None:
+        """Take in all commands; `periods` is known then."""
+        self._take_commands()
+        left = math.ceil(self._length / self._goal) if self._goal > 0.0 else 0
+        self._path.advance(self._goal, self._last + round(RATE_MAX * self._stop) + left)
+        self._find_end()
+        if self.periods is None:
+            self.periods = self._last + self._stop
+
+    def forget(self, time_s: float) -> None:
+        """Path time before `time_s` is not needed any more."""
+        self._path.forget(time_s * self.control_hz)
 
     def path_time(self, time_s: Floats) -> Floats:
         """Path time (n,) in s."""
-        path = np.interp(time_s * self.control_hz, self._periods, self._path)
-        return np.asarray(np.minimum(path, self._length) / self.control_hz)
+        return np.asarray(np.minimum(self._path.at(time_s * self.control_hz), self._length) / self.control_hz)
 
     def of_ticks(self, tick: NDArray[np.int64], by_device_time: bool) -> Floats:
-        """Time (n,) in s of telemetry rows. The row of tick i was sampled in control period `i ms - 1`, counted from 0.
+        """Time (n,) in s of telemetry rows, the first ones of the run first.
 
-        The control period in which the path started is known where the host's clock is the drive's (simulated drives).
-        Else the first row after the command to start counts as the start, which is right to 1 ms and the time on the
-        bus.
+        The row of tick i was sampled in control period `i ms - 1`, counted from 0. The control period in which the path
+        started is known where the host's clock is the drive's (simulated drives). Else the first row after the command
+        to start counts as the start, which is right to 1 ms and the time on the bus.
         """
-        if not by_device_time or not len(tick):
-            return np.asarray((tick - tick[:1]) * wire.TICK_PERIOD_S)
+        if self._first_tick is None and len(tick):
+            self._first_tick = int(tick[0])
+        if not by_device_time or self._first_tick is None:
+            return np.asarray((tick - (self._first_tick or 0)) * wire.TICK_PERIOD_S)
         periods = round(wire.TICK_PERIOD_S * self.control_hz)
         first = self.start_period // periods + 1
-        since = (tick[0] - first + 0x8000) % 0x10000 - 0x8000 + (tick - tick[0])
+        since = (self._first_tick - first + 0x8000) % 0x10000 - 0x8000 + (tick - self._first_tick)
         return np.asarray(((first + since) * periods - 1 - self.start_period) / self.control_hz)
+
+    def _period(self, at_s: float) -> int:
+        return round((at_s - self._motion.start_s) * self.control_hz)
+
+    def _take_commands(self) -> None:
+        motion = self._motion
+        commands = [(self._period(at_s), rate) for at_s, rate in motion.rates[self._rates :]]
+        self._rates = len(motion.rates)
+        if motion.stop_s is not None and not self._stops:
+            self._stops = True
+            commands.append((self._period(motion.stop_s), 0.0))
+        for begin, goal in commands:
+            self._path.advance(self._goal, begin)
+            self._last, self._goal = begin, goal
+
+    def _find_end(self) -> None:
+        if self.periods is None and (ends := self._path.reaches(self._length)) is not None:
+            self.periods = round(ends)

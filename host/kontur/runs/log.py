@@ -3,31 +3,40 @@
 
 `COLUMNS` has names, units and digits of all columns; those of the telemetry are the signals' (kontur.can.signals).
 `META` has the keys of `meta`. A log holds no wall clock, so equal runs give equal files, byte for byte. CSV carries the
-digits of the table, MF4 the doubles themselves. Files are written atomically.
+digits of the table, MF4 the doubles that it is given.
+
+In a CSV what is known when a run begins stands before the rows, and what is known when it ends stands after them. So
+`Growing` writes a log while the run goes. A file without the latter is of a run whose program was killed; it is read as
+any other, with the status "killed".
+
+A log of any length is read and written in tables of some thousand rows (`opened`, `Growing`, `convert`).
 """
 
 from __future__ import annotations
 
 import gc
 import io
+import itertools
 import json
 import math
+import os
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kontur.can import signals
 from kontur.errors import FileError, LogError
-from kontur.files import read_bytes, write_atomically
+from kontur.files import atomic_writer, open_bytes, put_in_place, write_atomically
 from kontur.runs.head import problem_of_kinds, problem_of_values
+from kontur.runs.sample import Sample, Total, total_of
 
 if TYPE_CHECKING:
     from asammdf import MDF
@@ -75,8 +84,10 @@ COLUMNS = (
 META = {
     "program": "name of the part program or shape",
     "controller": "name of the control law",
-    "status": "complete, interrupted or fault: why the rows end",
-    "fault": "message of the fault that ended the run",
+    "status": "why the rows end: complete, interrupted (by the operator, or by a disk that is full), fault, error (of "
+    "the bus, or an answer of the drive) or killed (the program)",
+    "fault": "message of the fault or of the error that ended the run",
+    "warnings": "messages of the drive's warnings",
     "trajectory": "SHA-256 of the knots",
     "machine": "name of the machine, or of the bus of a real drive",
     "plant": "the simulated machine's values",
@@ -97,10 +108,26 @@ META = {
     "force_step_N": "mean change of force from one control period to the next",
 }
 REQUIRED_META = ("program", "controller", "status")
-STATUS = ("complete", "interrupted", "fault")
+STATUS = ("complete", "interrupted", "fault", "error", "killed")
+KNOWN_AT_THE_END = (
+    "status",
+    "fault",
+    "resumed_at_s",
+    "warnings",
+    "frames_lost",
+    "accepted",
+    "rejected",
+    "dropped",
+    "path",
+    "score",
+    "force_max_N",
+    "force_step_N",
+)
 
 _FIRST_LINE = "# kontur log 1"
+_NOT_INCREASING = "tick and time_s do not increase from row to row"
 _BY_NAME = {column.name: column for column in COLUMNS}
+_ROWS = 1 << 14  # of a table that is read or written at once
 _EPOCH = datetime(2000, 1, 1, tzinfo=timezone.utc)  # MF4 demands a start time; the true one would differ each run
 
 
@@ -110,12 +137,18 @@ class RunLog:
 
     Columns are put into the order of the table.
 
+    A long run may be thinned to rows that keep the extremes of every column (kontur.runs.sample). Then `even` (n,)
+    tells which rows are evenly spaced in time, so that shares of time are counted by these, and `totals` has the totals
+    of all rows. Otherwise both are None, and the rows are all rows of the run.
+
     Raises LogError: a key or column of the required ones is missing, a column is unknown or of another length, ticks do
     not increase.
     """
 
     meta: Mapping[str, Any]
     columns: Mapping[str, Array]
+    even: NDArray[np.bool_] | None = None
+    totals: Mapping[str, Total] | None = None
 
     def __post_init__(self) -> None:
         problem = _meta_problem(self.meta) or _columns_problem(self.columns)
@@ -134,6 +167,10 @@ class RunLog:
         """Whether the true contour error is known, that is, the machine was simulated."""
         return "true_contour_error_um" in self.columns
 
+    def total(self, name: str) -> Total:
+        """Number and means of the known values of a column over the whole run."""
+        return self.totals[name] if self.totals is not None else total_of(self.columns[name])
+
 
 def write(run: RunLog, path: str | Path) -> None:
     """Write CSV or MF4, by the suffix of `path`. Raises LogError: another suffix; FileError."""
@@ -142,48 +179,248 @@ def write(run: RunLog, path: str | Path) -> None:
     write_atomically(path, content)
 
 
-def read(path: str | Path) -> RunLog:
-    """Read CSV or MF4, by the suffix. Raises LogError: another suffix; FileError: not readable as a log of kontur."""
+def read(path: str | Path, *, thinned: bool = False) -> RunLog:
+    """Read CSV or MF4, by the suffix. `thinned`: a long log is thinned, so that memory is bounded (RunLog.even).
+
+    Raises LogError: another suffix; FileError: not readable as a log of kontur.
+    """
+    with opened(path) as source:
+        if thinned:
+            sample = Sample(source.names)
+            for table in source:
+                sample.add(table)
+            return of_sample(source.meta, sample)
+        table = np.concatenate([np.empty((0, len(source.names))), *source])
+        return RunLog(source.meta, dict(zip(source.names, table.T.copy(), strict=True)))
+
+
+def of_sample(meta: Mapping[str, Any], sample: Sample) -> RunLog:
+    """The log of the rows in `sample`."""
+    columns = dict(zip(sample.names, sample.table().T.copy(), strict=True))
+    return RunLog(meta, columns, None if sample.is_whole else sample.even(), sample.totals())
+
+
+@dataclass
+class Source:
+    """A log that is being read. Iterating gives its rows once, in order, as tables (n, columns); `meta` is complete
+    after the last one. `names` are those of the columns."""
+
+    meta: dict[str, Any]
+    names: list[str]
+    tables: Iterator[Array]
+
+    def __iter__(self) -> Iterator[Array]:
+        return self.tables
+
+
+@contextmanager
+def opened(path: str | Path) -> Iterator[Source]:
+    """Open CSV or MF4, by the suffix, to read it table by table.
+
+    Raises LogError: another suffix; FileError, also while it is read: not readable as a log of kontur.
+    """
     path = Path(path)
     suffix = _suffix(path)
-    content = read_bytes(path)
-    return _parse_mf4(content, path) if suffix == ".mf4" else _parse_csv(content, path)
+    with open_bytes(path) as file:
+        if suffix == ".csv":
+            yield _open_csv(file, path)
+            return
+        mdf = _open_mf4(file)
+        if mdf is None:
+            raise FileError(path, "is not an MF4 file, or an incomplete one")
+        try:
+            yield _of_mf4(mdf, path)
+        finally:
+            mdf.close()
+
+
+def convert(source: str | Path, target: str | Path) -> None:
+    """Write the log `source` as `target`; each is CSV or MF4, by the suffix. Raises LogError, FileError."""
+    target = Path(target)
+    suffix = _suffix(target)
+    with opened(source) as log, atomic_writer(target) as file:
+        if suffix == ".mf4":
+            _save_log_mf4(file, log.meta, log.names, log)
+            return
+        file.write(_head_text(log.meta, log.names))
+        for table in log:
+            file.write(_rows_text(_row_format(log.names), table))
+        file.write(_tail_text(log.meta))
+
+
+class Growing:
+    """A log that is written to disk while it comes: what was appended is there, whatever ends the program.
+
+    It grows beside its final place, as NAME-running.csv, or -running-2 and so on where that exists; finish() puts it in
+    its place. `file` is where it is, `rows` how many rows it has.
+
+    Raises FileError: it cannot be written, also by append() and finish(); what was written before stays in `file`.
+    """
+
+    def __init__(self, path: Path, meta: Mapping[str, Any], names: Sequence[str]) -> None:
+        self._path = path
+        self._suffix = _suffix(path)
+        self._format = _row_format(names)
+        self._end = 0  # of what is whole
+        self.rows = 0
+        beside = Path(os.path.realpath(path))
+        for number in itertools.count(1):
+            self.file = beside.with_name(f"{beside.stem}-running{'' if number == 1 else f'-{number}'}.csv")
+            try:
+                self._out = self.file.open("xb", buffering=0)
+                break
+            except FileExistsError:
+                pass  # of a run that was killed, or that goes on
+            except OSError as error:
+                raise _unwritable(self.file, error) from error
+        try:
+            self._write(_head_text(meta, names))
+        except FileError:
+            self.discard()
+            raise
+
+    def append(self, table: Array) -> None:
+        """Write rows (n, columns)."""
+        self._write(_rows_text(self._format, table))
+        self.rows += len(table)
+
+    def finish(self, meta: Mapping[str, Any]) -> None:
+        """Write what is known at the end, and put the log in its place."""
+        self._write(_tail_text(meta))
+        self._out.close()
+        if self._suffix == ".mf4":
+            convert(self.file, self._path)
+            self.file.unlink()
+        else:
+            put_in_place(self.file, self._path)
+        self.file = self._path
+
+    def close(self) -> None:
+        """Leave it as it is."""
+        self._out.close()
+
+    def discard(self) -> None:
+        """Remove it."""
+        self._out.close()
+        self.file.unlink(missing_ok=True)
+
+    def _write(self, content: bytes) -> None:
+        try:
+            self._out.seek(self._end)
+            self._out.truncate()  # what an interrupt left of a write
+            done = 0
+            while done < len(content):
+                done += self._out.write(memoryview(content)[done:]) or 0
+        except OSError as error:
+            with suppress(OSError):
+                self._out.truncate(self._end)
+            raise _unwritable(self.file, error) from error
+        self._end += len(content)
 
 
 def csv_text(run: RunLog) -> str:
-    """The log as CSV: `# key: JSON` lines, one header row, one row a tick; an unknown value is an empty cell."""
-    head = [_FIRST_LINE, *(f"# {key}: {json.dumps(value)}" for key, value in run.meta.items()), ",".join(run.columns)]
-    row = ",".join(f"%.{_BY_NAME[name].digits}f" for name in run.columns)
-    rows = [row % values for values in zip(*(column.tolist() for column in run.columns.values()), strict=True)]
-    return "\n".join(head) + "\n" + "".join(line.replace("nan", "") + "\n" for line in rows)
+    """The log as CSV: `# key: JSON` lines, one header row, one row a tick, and again `# key: JSON` lines; an unknown
+    value is an empty cell."""
+    names = list(run.columns)
+    table = np.column_stack(list(run.columns.values()))
+    return (_head_text(run.meta, names) + _rows_text(_row_format(names), table) + _tail_text(run.meta)).decode()
 
 
-def _parse_csv(content: bytes, path: Path) -> RunLog:
-    try:
-        lines = content.decode().splitlines()
-    except UnicodeDecodeError as error:
-        raise FileError(path, "is not text; a CSV log of kontur was expected") from error
-    if not lines or lines[0] != _FIRST_LINE:
-        raise FileError(path, f"is not a log of kontur: the first line must be '{_FIRST_LINE}'", line=1)
+def _head_text(meta: Mapping[str, Any], names: Sequence[str]) -> bytes:
+    return f"{_FIRST_LINE}\n".encode() + _meta_text(meta, at_the_end=False) + f"{','.join(names)}\n".encode()
+
+
+def _tail_text(meta: Mapping[str, Any]) -> bytes:
+    return _meta_text(meta, at_the_end=True)
+
+
+def _meta_text(meta: Mapping[str, Any], at_the_end: bool) -> bytes:
+    lines = (f"# {key}: {json.dumps(meta[key])}\n" for key in meta if (key in KNOWN_AT_THE_END) == at_the_end)
+    return "".join(lines).encode()
+
+
+def _row_format(names: Sequence[str]) -> str:
+    return ",".join(f"%.{_BY_NAME[name].digits}f" for name in names)
+
+
+def _rows_text(row: str, table: Array) -> bytes:
+    text = f"{row}\n" * len(table) % tuple(table.ravel().tolist())
+    return text.replace("nan", "").encode()
+
+
+def _open_csv(file: IO[bytes], path: Path) -> Source:
+    lines = _text_lines(file, path)
     meta: dict[str, Any] = {}
-    head = 1
-    while head < len(lines) and lines[head].startswith("#"):
-        key, _, value = lines[head][1:].partition(":")
+    names: list[str] | None = None
+    number = 0
+    for number, line in lines:
+        if number == 1:
+            if line.rstrip("\n") != _FIRST_LINE:
+                break
+        elif line.startswith("#"):
+            _read_meta(meta, line, path, number)
+        else:
+            names = line.rstrip("\n").split(",")
+            break
+    if number == 0 or (number == 1 and names is None and line.rstrip("\n") != _FIRST_LINE):
+        raise FileError(path, f"is not a log of kontur: the first line must be '{_FIRST_LINE}'", line=1)
+    if names is None:
+        raise FileError(path, "ends before the header row", line=number)
+    if len(set(names)) != len(names):
+        raise FileError(path, "a column stands there twice", line=number)
+    problem = _names_problem(names)
+    if problem:
+        raise FileError(path, problem, line=number)
+    return Source(meta, names, _csv_tables(lines, meta, names, path, number))
+
+
+def _csv_tables(
+    lines: Iterator[tuple[int, str]], meta: dict[str, Any], names: list[str], path: Path, head: int
+) -> Iterator[Array]:
+    """The rows, while the lines after them fill in `meta`."""
+    rows: list[list[float]] = []
+    check = _Increasing(names)
+    cut = ""  # a last line that is not whole
+    for number, line in lines:
+        if not line.endswith("\n"):
+            cut = line
+        if line.startswith("#"):
+            if not cut or "status" in meta:
+                _read_meta(meta, line, path, number)
+            continue
         try:
-            meta[key.strip()] = json.loads(value)
-        except (ValueError, RecursionError) as error:
-            raise FileError(path, "the value after ':' is not JSON", line=head + 1, word=key.strip()) from error
-        head += 1
-    if head == len(lines):
-        raise FileError(path, "ends before the header row", line=head)
-    names = lines[head].split(",")
-    table = np.array(
-        [_csv_row(line, names, path, number) for number, line in enumerate(lines[head + 1 :], start=head + 2)]
-    ).reshape(-1, len(names))
-    columns = dict(zip(names, table.T.copy(), strict=True))
-    if len(columns) != len(names):
-        raise FileError(path, "a column stands there twice", line=head + 1)
-    return _checked(meta, columns, path, head + 1)
+            rows.append(_csv_row(line.rstrip("\n"), names, path, number))
+        except FileError:
+            if cut and "status" not in meta:
+                break
+            raise
+        if cut and "status" not in meta:
+            rows.pop()  # its last cell may be cut, too
+        if len(rows) == _ROWS:
+            yield check.checked(np.array(rows), path, head)
+            rows = []
+    meta.setdefault("status", "killed")
+    problem = _meta_problem(meta)
+    if problem:
+        raise FileError(path, problem, line=head)
+    if rows:
+        yield check.checked(np.array(rows), path, head)
+
+
+def _text_lines(file: IO[bytes], path: Path) -> Iterator[tuple[int, str]]:
+    for number, line in enumerate(file, start=1):
+        try:
+            yield number, line.decode().replace("\r\n", "\n")
+        except UnicodeDecodeError as error:
+            raise FileError(path, "is not text; a CSV log of kontur was expected") from error
+
+
+def _read_meta(meta: dict[str, Any], line: str, path: Path, number: int) -> None:
+    key, _, value = line[1:].partition(":")
+    try:
+        meta[key.strip()] = json.loads(value)
+    except (ValueError, RecursionError) as error:
+        raise FileError(path, "the value after ':' is not JSON", line=number, word=key.strip()) from error
 
 
 def _csv_row(line: str, names: list[str], path: Path, number: int) -> list[float]:
@@ -196,68 +433,112 @@ def _csv_row(line: str, names: list[str], path: Path, number: int) -> list[float
         raise FileError(path, f"a cell is not a number: {error}", line=number) from error
 
 
-def _mf4_bytes(run: RunLog) -> bytes:
-    columns = [Mf4Channel(n, _BY_NAME[n].unit, _BY_NAME[n].what, v) for n, v in run.columns.items() if n != "time_s"]
-    return mf4_bytes("log", run.meta, "telemetry", run.columns["time_s"], columns)
-
-
 @dataclass(frozen=True)
 class Mf4Channel:
-    """A signal on its way to an MF4 file."""
+    """A signal of an MF4 file."""
 
     name: str
     unit: str
     what: str
-    values: Array
 
 
-def mf4_bytes(kind: str, meta: Mapping[str, Any], group: str, time_s: Array, channels: Sequence[Mf4Channel]) -> bytes:
-    """An MF4 file of one group of `channels` over `time_s`; `meta` is its comment. Equal contents give equal bytes."""
+def mf4_bytes(
+    kind: str, meta: Mapping[str, Any], group: str, time_s: Array, channels: Sequence[Mf4Channel], table: Array
+) -> bytes:
+    """An MF4 file of one group: `channels` over `time_s` (n,), with the values of `table` (n, channels); `meta` is its
+    comment. Equal contents give equal bytes."""
+    out = io.BytesIO()
+    _save_mf4(out, kind, meta, group, channels, [(time_s, table)])
+    return out.getvalue()
+
+
+def _save_mf4(
+    out: IO[bytes],
+    kind: str,
+    meta: Mapping[str, Any],
+    group: str,
+    channels: Sequence[Mf4Channel],
+    tables: Iterable[tuple[Array, Array]],
+) -> None:
+    """mf4_bytes() of `tables`, each with its times, into a file. `meta` is read after the last one."""
     from asammdf import MDF, Signal  # importing it takes half a second
     from asammdf.blocks.v4_blocks import FileHistory
 
     mdf = MDF(version="4.10")
     try:
         mdf.start_time = _EPOCH
-        mdf.header.comment = f"<HDcomment><TX>{escape(json.dumps(meta), quote=False)}</TX></HDcomment>"
         history = FileHistory()
         history.time_stamp = _EPOCH
         history.comment = f"<FHcomment><TX>kontur {kind} 1</TX><tool_id>kontur</tool_id></FHcomment>"
         mdf.file_history.append(history)
+        tables = iter(tables)
+        time_s, table = next(tables, (np.empty(0), np.empty((0, len(channels)))))
         mdf.append(
-            [Signal(c.values, time_s, name=c.name, unit=c.unit, comment=c.what) for c in channels],
+            [
+                Signal(values.copy(), time_s, name=c.name, unit=c.unit, comment=c.what)
+                for c, values in zip(channels, table.T, strict=True)
+            ],
             acq_name=group,
             common_timebase=True,
         )
-        out = io.BytesIO()
+        for time_s, table in tables:
+            mdf.extend(0, [(time_s, None), *((values.copy(), None) for values in table.T)])
+        mdf.header.comment = f"<HDcomment><TX>{escape(json.dumps(meta), quote=False)}</TX></HDcomment>"
         mdf.save(out, add_history_block=False)
-        return out.getvalue()
     finally:
         mdf.close()
 
 
-def _parse_mf4(content: bytes, path: Path) -> RunLog:
-    mdf = _open_mf4(content)
-    if mdf is None:
-        raise FileError(path, "is not an MF4 file, or an incomplete one")
+def _save_log_mf4(out: IO[bytes], meta: Mapping[str, Any], names: Sequence[str], tables: Iterable[Array]) -> None:
+    time = list(names).index("time_s")
+    channels = [Mf4Channel(name, _BY_NAME[name].unit, _BY_NAME[name].what) for name in names if name != "time_s"]
+    over_time = ((table[:, time].copy(), np.delete(table, time, axis=1)) for table in tables)
+    _save_mf4(out, "log", meta, "telemetry", channels, over_time)
+
+
+def _mf4_bytes(run: RunLog) -> bytes:
+    out = io.BytesIO()
+    _save_log_mf4(out, run.meta, list(run.columns), [np.column_stack(list(run.columns.values()))])
+    return out.getvalue()
+
+
+def _of_mf4(mdf: MDF, path: Path) -> Source:
     try:
         meta = json.loads(mdf.header.description)
-        signals = [mdf.get(name, group=0) for name in mdf.channels_db if name in _BY_NAME and name != "tick"]
-        tick = mdf.get("tick", group=0)
+        rows = int(mdf.groups[0].channel_group.cycles_nr)
+        names = ["tick", "time_s", *(name for name in mdf.channels_db if name in _BY_NAME and name != "tick")]
+        mdf.get("tick", group=0, record_count=1)
     except Exception as error:
         raise FileError(path, "is an MF4 file, but not a log of kontur") from error
-    finally:
-        mdf.close()
-    columns = {"tick": tick.samples, "time_s": tick.timestamps} | {s.name: s.samples for s in signals}
-    return _checked(meta, columns, path, None)
+    names = [column.name for column in COLUMNS if column.name in names]
+    problem = _meta_problem(meta) or _names_problem(names)
+    if problem:
+        raise FileError(path, problem)
+    return Source(meta, names, _mf4_tables(mdf, names, rows, path))
 
 
-def _open_mf4(content: bytes) -> MDF | None:
+def _mf4_tables(mdf: MDF, names: list[str], rows: int, path: Path) -> Iterator[Array]:
+    check = _Increasing(names)
+    channels = [name for name in names if name != "time_s"]
+    for first in range(0, rows, _ROWS):
+        try:
+            signals = mdf.select(
+                [(name, 0, None) for name in channels], record_offset=first, record_count=min(_ROWS, rows - first)
+            )
+            found = {name: signal.samples for name, signal in zip(channels, signals, strict=True)}
+            found["time_s"] = signals[0].timestamps
+            table = np.column_stack([np.asarray(found[name], dtype=np.float64) for name in names])
+        except Exception as error:
+            raise FileError(path, "is an MF4 file, but not a log of kontur") from error
+        yield check.checked(table, path, None)
+
+
+def _open_mf4(file: IO[bytes]) -> MDF | None:
     from asammdf import MDF
 
     mdf = None
     with suppress(Exception):  # its parser raises many kinds
-        mdf = MDF(io.BytesIO(content))
+        mdf = MDF(file)
     if mdf is None:  # the destructor fails on a file that the constructor could not read, and would print that
         hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
         gc.collect()
@@ -265,11 +546,28 @@ def _open_mf4(content: bytes) -> MDF | None:
     return mdf
 
 
-def _checked(meta: dict[str, Any], columns: dict[str, Array], path: Path, line: int | None) -> RunLog:
-    problem = _meta_problem(meta) or _columns_problem(columns)
-    if problem:
-        raise FileError(path, problem, line=line)
-    return RunLog(meta, columns)
+class _Increasing:
+    """Checks that ticks and times increase from row to row, from one table to the next as well, and the values."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = list(names)
+        self._at = [self._names.index(name) for name in ("tick", "time_s")]
+        self._last = np.empty((0, 2))
+
+    def checked(self, table: Array, path: Path, line: int | None) -> Array:
+        """`table`. Raises FileError."""
+        both = np.concatenate([self._last, table[:, self._at]])
+        if not (np.all(np.isfinite(both)) and np.all(np.diff(both, axis=0) > 0)):
+            raise FileError(path, _NOT_INCREASING, line=line)
+        problem = problem_of_values(dict(zip(self._names, table.T, strict=True)))
+        if problem:
+            raise FileError(path, problem, line=line)
+        self._last = both[-1:]
+        return table
+
+
+def _unwritable(path: Path, error: OSError) -> FileError:
+    return FileError(path, f"cannot be written ({error.strerror}); make room, or name another file")
 
 
 def _meta_problem(meta: object) -> str | None:
@@ -283,19 +581,26 @@ def _meta_problem(meta: object) -> str | None:
     return problem_of_kinds(meta)
 
 
-def _columns_problem(columns: Mapping[str, Array]) -> str | None:
-    missing = [column.name for column in COLUMNS if column.required and column.name not in columns]
+def _names_problem(names: Iterable[str]) -> str | None:
+    missing = [column.name for column in COLUMNS if column.required and column.name not in names]
     if missing:
         return f"column {', '.join(missing)} is missing"
-    unknown = [name for name in columns if name not in _BY_NAME]
+    unknown = [name for name in names if name not in _BY_NAME]
     if unknown:
         return f"column {', '.join(unknown)} is unknown; known are {', '.join(_BY_NAME)}"
+    return None
+
+
+def _columns_problem(columns: Mapping[str, Array]) -> str | None:
+    problem = _names_problem(columns)
+    if problem:
+        return problem
     if len({np.shape(values) for values in columns.values()}) != 1 or np.ndim(columns["tick"]) != 1:
         return "columns differ in length"
     if not all(
         np.all(np.isfinite(columns[name])) and np.all(np.diff(columns[name]) > 0) for name in ("tick", "time_s")
     ):
-        return "tick and time_s do not increase from row to row"
+        return _NOT_INCREASING
     return problem_of_values(columns)
 
 

@@ -11,27 +11,25 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from kontur.can import emcy
-from kontur.can.simulated import SimulatedBus, Truth, simulated
-from kontur.can.wire import Telemetry
+from kontur.can.simulated import Truth, simulated
 from kontur.drive import scope as scopes
 from kontur.drive.controllers import named
 from kontur.drive.device import Device
 from kontur.drive.pdos import TELEMETRY
 from kontur.drive.stream import UNATTENDED, Operator, StreamResult, stream
 from kontur.drive.target import Target, open_drive
-from kontur.errors import DeviceError, EmcyError
+from kontur.errors import DeviceError, EmcyError, FileError, KonturError
 from kontur.path.geometry import KNOT_S
 from kontur.planning.bounds import Limits, limits
 from kontur.planning.planner import Trajectory
 from kontur.planning.rest import Rest, whole
 from kontur.runs import resume
-from kontur.runs.clock import RunClock
-from kontur.runs.columns import add_truth, columns, of_the_path
-from kontur.runs.coverage import covered
 from kontur.runs.log import RunLog
+from kontur.runs.recorder import Recorder
 
 
 @dataclass(frozen=True)
@@ -45,6 +43,9 @@ class RunOptions:
 
     `score_from_s`: the error is scored from this time on. `raise_fault`: a fault during the motion is raised; else the
     log ends there. `command` is kept in the log: the command that makes the run again.
+
+    `log`: write the log to this .csv or .mf4 file while the run goes. `whole`: the result has all rows of the log, and
+    the truth, in memory (0.9 MB a second); else the rows of a long run are thinned (RunLog.even), and no truth is kept.
     """
 
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -54,6 +55,8 @@ class RunOptions:
     score_from_s: float = 0.0
     raise_fault: bool = True
     command: str = ""
+    log: Path | None = None
+    whole: bool = True
 
 
 DEFAULTS = RunOptions()
@@ -61,11 +64,13 @@ DEFAULTS = RunOptions()
 
 @dataclass(frozen=True)
 class RunResult:
-    """`log` of the run; `truth` at the control rate from the start of the path to its end, None on a real drive.
+    """`log` of the run; `truth` at the control rate from the start of the path to its end, None on a real drive, or
+    where RunOptions.whole is False.
 
     `completed`: the drive went all the way. `fault`: what the drive reported, where a fault ended the run. `capture`:
     what the scope recorded, if it was asked for and triggered, or if a fault ended the run, or if a warning came that
-    is captured. `warnings`: EMCY codes of the drive's warnings.
+    is captured. `warnings`: EMCY codes of the drive's warnings. `log_problem`: why the file of the log could not be
+    written, which stopped the run on the path.
     """
 
     log: RunLog
@@ -74,18 +79,7 @@ class RunResult:
     fault: EmcyError | None = None
     capture: scopes.Capture | None = None
     warnings: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
-class _Recorded:
-    """What a motion left: the stream's result, telemetry, and the truth from control period `first` on. `driven`: what
-    was streamed."""
-
-    driven: Rest
-    streamed: StreamResult
-    telemetry: Telemetry
-    truth: Truth | None
-    first: int
+    log_problem: FileError | None = None
 
 
 def run(
@@ -97,10 +91,12 @@ def run(
 ) -> RunResult:
     """Run `trajectory` under `controller` (either of its names) on the drive of `target`.
 
-    The log ends where the drive stopped: at the end, on the operator's request, or at a fault.
+    The log ends where the drive stopped: at the end, on the operator's request, at a fault, or because the log could
+    not be written any more.
 
-    Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError; KeyboardInterrupt when the
-    operator requested the stop on the way to the start, where there is no log yet.
+    Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError; FileError when the log cannot
+    be begun; KeyboardInterrupt when the operator requested the stop on the way to the start, where there is no log yet.
+    After an error while the path runs, `options.log` has what was received before, and the message says so.
     """
     controller = named(controller)
     if target.place_at_start:
@@ -109,40 +105,50 @@ def run(
         sim = simulated(device.link.bus)
         device.parameters.set(options.parameters)
         device.select_controller(controller)
-        left = None
-        if options.resume:
-            left = resume.left_by(device, trajectory, resume.RETURN_MAX_M if options.approach is None else math.inf)
-        with device.axes.enabled(also=TELEMETRY):
-            recorded = _move(device, sim, trajectory, left, options, operator, limits(target.machine))
-        driven = recorded.driven.trajectory
-        streamed = recorded.streamed
-        warnings = device.faults.warnings()
-        capture = _capture(device, streamed, warnings, options, operator)
         meta: dict[str, Any] = {"program": trajectory.program.name, "controller": controller}
-        meta |= _outcome(device, trajectory, target, streamed, warnings, options)
-        meta |= _drive(device, recorded, options)
-        clock = RunClock(driven, streamed, meta["control_hz"], device.read("limits.path_stop_time") * 1e-3)
-    time_s = clock.of_ticks(recorded.telemetry.tick, by_device_time=device.link.by_device_time)
-    found = columns(recorded.telemetry, time_s, driven, clock)
-    truth = None
-    if recorded.truth is not None:
-        truth = of_the_path(recorded.truth, recorded.first, clock)
-        meta |= add_truth(found, truth, driven, clock, options.score_from_s)
-    meta["path"] = covered(driven, clock, found, options.score_from_s)
-    return RunResult(RunLog(meta, found), truth, streamed.completed, streamed.fault, capture, warnings)
+        meta |= _what(device, trajectory, target, options)
+        recorder = Recorder(
+            device.link,
+            sim,
+            meta,
+            stop_time_s=device.read("limits.path_stop_time") * 1e-3,
+            score_from_s=options.score_from_s,
+            file=options.log,
+            whole=options.whole,
+        )
+        try:
+            left = None
+            if options.resume:
+                left = resume.left_by(device, trajectory, resume.RETURN_MAX_M if options.approach is None else math.inf)
+            with device.axes.enabled(also=TELEMETRY):
+                driven, streamed = _move(device, trajectory, left, recorder, options, operator, limits(target.machine))
+            warnings = device.faults.warnings()
+            capture = _capture(device, streamed, warnings, options, operator)
+        except KonturError as error:
+            if (file := recorder.fail(str(error))) is not None:
+                error.args = (f"{error}\nThe log up to then is in {file}.",)
+            raise
+        except BaseException:
+            recorder.abandon({"status": "interrupted"})
+            raise
+        outcome = _outcome(streamed, warnings, recorder.problem)
+        if options.resume:
+            outcome["resumed_at_s"] = float(driven.path_ms[streamed.passed]) * KNOT_S
+        log = recorder.end(outcome | {"dropped": device.link.dropped})
+    return RunResult(log, recorder.truth(), streamed.completed, streamed.fault, capture, warnings, recorder.problem)
 
 
 def _move(
     device: Device,
-    sim: SimulatedBus | None,
     trajectory: Trajectory,
     left: resume.Left | None,
+    recorder: Recorder,
     options: RunOptions,
     operator: Operator,
     bounds: Limits,
-) -> _Recorded:
+) -> tuple[Rest, StreamResult]:
     """Go to the start, or back to where the path was `left`, within `bounds`; stream the trajectory or the rest of it,
-    and record telemetry and truth from the start of the motion on."""
+    and record from the start of the motion on. Returns what was streamed, too."""
     driven, has_knots = whole(trajectory), False
     if left is None:
         _go_to_start(device, trajectory.program.start_m, options.approach, operator)
@@ -150,26 +156,26 @@ def _move(
         driven, has_knots = resume.return_to(device, left, bounds, operator)
     device.write("energy.reset", 1)
     start_nm = device.position_nm()
-    first = 0
 
     def before_start() -> None:
-        nonlocal first
         if options.scope is not None:
             scopes.arm(device, options.scope)
-        device.link.record_telemetry()
-        if sim is not None:
-            first = sim.start_recording()
+        recorder.begin(driven.trajectory, start_nm)
+
+    def stop_requested() -> bool:
+        return recorder.problem is not None or operator.stop_requested()
 
     streamed = stream(
         device,
         driven.trajectory.knots_nm,
-        operator,
+        dataclasses.replace(operator, stop_requested=stop_requested),
         before_start=before_start,
+        started=recorder.started,
         resume=has_knots,
         raise_fault=options.raise_fault,
     )
-    truth = sim.truth() if sim is not None else None
-    return _Recorded(driven, streamed, device.link.recorded_telemetry(start_nm), truth, first)
+    recorder.stop()
+    return driven, streamed
 
 
 def _go_to_start(device: Device, start_m: tuple[float, float], approach: Limits | None, operator: Operator) -> None:
@@ -196,46 +202,37 @@ def _capture(
     return capture
 
 
-def _outcome(
-    device: Device,
-    trajectory: Trajectory,
-    target: Target,
-    streamed: StreamResult,
-    warnings: tuple[int, ...],
-    options: RunOptions,
-) -> dict[str, Any]:
-    """What the log says of the run: how it ended, on which machine."""
+def _what(device: Device, trajectory: Trajectory, target: Target, options: RunOptions) -> dict[str, Any]:
+    """What the log says before the run: of which path, on which drive and machine, how set."""
     bus = device.link.bus
     is_simulated = simulated(bus) is not None
     meta: dict[str, Any] = {
-        "status": "complete" if streamed.completed else "fault" if streamed.fault else "interrupted",
         "trajectory": trajectory.digest,
         "machine": target.machine.name if is_simulated else str(bus.channel_info),
     }
-    if streamed.fault is not None:
-        meta["fault"] = str(streamed.fault)
-    if warnings:
-        meta["warnings"] = [emcy.describe_emcy(code) for code in warnings]
     if is_simulated:
         meta |= {"plant": dataclasses.asdict(target.machine), "seed": target.seed}
-    return meta
-
-
-def _drive(device: Device, recorded: _Recorded, options: RunOptions) -> dict[str, Any]:
-    """What the log says of the drive and of the transmission."""
-    at_ms = recorded.driven.path_ms[recorded.streamed.passed]
-    resumed = {"resumed_at_s": float(at_ms) * KNOT_S} if options.resume else {}
-    return resumed | {
+    return meta | {
         "firmware": device.read("build_id"),
         "num": device.read("num_backend"),
         "control_hz": device.read("clock.control_hz"),
         "parameters": device.parameters.dump(),
-        "frames_lost": recorded.telemetry.frames_lost,
-        "accepted": recorded.streamed.accepted,
-        "rejected": recorded.streamed.rejected,
-        "dropped": device.link.dropped,
         "command": options.command,
     }
+
+
+def _outcome(streamed: StreamResult, warnings: tuple[int, ...], log_problem: FileError | None) -> dict[str, Any]:
+    """What the log says of how the run ended, and of the transmission."""
+    meta: dict[str, Any] = {
+        "status": "complete" if streamed.completed else "fault" if streamed.fault else "interrupted"
+    }
+    if streamed.fault is not None:
+        meta["fault"] = str(streamed.fault)
+    elif log_problem is not None:
+        meta["fault"] = str(log_problem)
+    if warnings:
+        meta["warnings"] = [emcy.describe_emcy(code) for code in warnings]
+    return meta | {"accepted": streamed.accepted, "rejected": streamed.rejected}
 
 
 def _mm(position_m: tuple[float, float]) -> str:

@@ -12,6 +12,7 @@ without a distance to be chosen by anyone.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -30,6 +31,7 @@ _NEWTON_M = 1e-11  # a foot point is found when it moves less; the distance errs
 _NEWTON_MAX = 80
 _TABLE_M = 20e-6  # spacing of a curve's table of arc length, at most; interpolated it is right to far below 1 pm
 _TABLE_MIN = 1 << 14
+_PART, _PARTS, _MARGIN = 1 << 15, 4, 4  # nodes of a part of the table, parts that are kept, nodes on either side of one
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,93 @@ class Score:
     from_s: float
 
 
+class Scorer:
+    """Scores the true positions of a run against `program` as they come, from `from_s` on.
+
+    Raises PathError: the program has no piece of any length.
+    """
+
+    def __init__(self, program: Program, from_s: float = 0.0) -> None:
+        self._pieces = _Pieces(program)
+        self._from_s = from_s
+        self._all, self._scored = _Sums(), _Sums()
+
+    def add(self, time_s: Array, position_m: Array, path_s_m: Array, force_N: Array) -> ContourError:
+        """The error of the next positions (n, 2) at `time_s` (n,), expected at `path_s_m` (n,); `force_N` (n, 2)."""
+        error = self._pieces.error(position_m, path_s_m)
+        self._all.add(time_s, position_m, error, force_N)
+        if self._from_s > 0.0:
+            rows = time_s >= self._from_s
+            scored = ContourError(error.normal_m[rows], error.tangential_m[rows], error.foot_s_m[rows])
+            self._scored.add(time_s[rows], position_m[rows], scored, force_N[rows])
+        return error
+
+    def score(self) -> Score | None:
+        """The score so far; a run that ended before `from_s` is scored from its start. None: nothing to score."""
+        sums, from_s = (self._scored, self._from_s) if self._scored.count else (self._all, 0.0)
+        return sums.score(from_s) if sums.count else None
+
+    def effort(self) -> tuple[float, float]:
+        """Greatest force of an axis, and mean length of its change from one row to the next, in N."""
+        sums = self._scored if self._scored.count else self._all
+        return sums.force_max_N, sums.step_sum_N / sums.steps if sums.steps else 0.0
+
+
+class _Sums:
+    """Sums and greatest values of the rows so far."""
+
+    def __init__(self) -> None:
+        self.count, self.steps = 0, 0
+        self.force_max_N, self.step_sum_N = 0.0, 0.0
+        self._sum = self._squares = self._along = 0.0
+        self._worst = (-1.0, 0.0, 0.0, 0.0)  # size in um, time, x, y
+        self._last_N = np.empty((0, 2))
+
+    def add(self, time_s: Array, position_m: Array, error: ContourError, force_N: Array) -> None:
+        if not time_s.size:
+            return
+        normal_um = np.abs(error.normal_m) * 1e6
+        worst = int(np.argmax(normal_um))
+        if normal_um[worst] > self._worst[0]:
+            x, y = position_m[worst]
+            self._worst = (float(normal_um[worst]), float(time_s[worst]), float(x), float(y))
+        self._sum += float(np.sum(normal_um))
+        self._squares += float(np.sum(normal_um**2))
+        self._along += float(np.sum(np.abs(error.tangential_m)))
+        self.count += time_s.size
+        step_N = _length(np.diff(np.concatenate([self._last_N, force_N]), axis=0))
+        self.force_max_N = max(self.force_max_N, float(np.max(np.abs(force_N))))
+        self.step_sum_N += float(np.sum(step_N))
+        self.steps += step_N.size
+        self._last_N = force_N[-1:].copy()
+
+    def score(self, from_s: float) -> Score:
+        max_um, time_s, x_m, y_m = self._worst
+        return Score(
+            mean_um=self._sum / self.count,
+            rms_um=float(np.sqrt(self._squares / self.count)),
+            max_um=max_um,
+            tangential_mean_um=self._along / self.count * 1e6,
+            max_time_s=time_s,
+            max_x_mm=x_m * 1e3,
+            max_y_mm=y_m * 1e3,
+            from_s=from_s,
+        )
+
+
+class Rapids:
+    """Which parts of `program` are rapid moves."""
+
+    def __init__(self, program: Program) -> None:
+        self._ends_m = np.cumsum([move.segment.length_m for move in program.moves])
+        self._rapid = np.array([move.rapid for move in program.moves])
+
+    def at(self, path_s_m: Array) -> NDArray[np.bool_]:
+        """Whether the move at each path position `path_s_m` (n,) is a rapid one."""
+        move = np.clip(np.searchsorted(self._ends_m, path_s_m), 0, len(self._ends_m) - 1)
+        return np.asarray(self._rapid[move])
+
+
 def contour_error(program: Program, position_m: Array, path_s_m: Array) -> ContourError:
     """True contour error of `position_m` (n, 2), expected at path position `path_s_m` (n,): the distance travelled
     along the program, clipped to its length.
@@ -69,68 +158,7 @@ def contour_error(program: Program, position_m: Array, path_s_m: Array) -> Conto
     """
     if position_m.ndim != 2 or position_m.shape != (path_s_m.size, 2):
         raise ValueError(f"positions {position_m.shape} and path positions {path_s_m.shape} do not fit")
-    pieces = _Pieces(program)
-    expected_s = np.clip(path_s_m, 0.0, pieces.end_s[-1])
-    home = np.clip(np.searchsorted(pieces.end_s, expected_s, side="left"), 0, len(pieces.end_s) - 1)
-    point, _ = pieces.evaluate(home, expected_s - pieces.start_s[home])
-    reach = _REACH * _length(position_m - point)
-    low_s, high_s = expected_s - reach, expected_s + reach
-
-    best = _Best(expected_s.size)
-    everything = np.arange(expected_s.size)
-    for step in (1, -1):
-        rows, piece = everything, home if step == 1 else home - 1
-        while True:
-            inside = (piece >= 0) & (piece < len(pieces.end_s))
-            rows, piece = rows[inside], piece[inside]
-            reached = (pieces.start_s[piece] <= high_s[rows]) & (pieces.end_s[piece] >= low_s[rows])
-            reached |= piece == home[rows]
-            rows, piece = rows[reached], piece[reached]
-            if not rows.size:
-                break
-            start_s = pieces.start_s[piece]
-            low = np.clip(low_s[rows] - start_s, 0.0, pieces.length[piece])
-            high = np.clip(high_s[rows] - start_s, 0.0, pieces.length[piece])
-            guess_s = np.clip(expected_s[rows] - start_s, low, high)
-            foot = pieces.foot(piece, position_m[rows], low, high, guess_s)
-            best.offer(rows, position_m[rows], pieces, piece, foot)
-            piece = piece + step
-    return ContourError(best.normal, best.foot_s - expected_s, best.foot_s)
-
-
-def score(error: ContourError, time_s: Array, position_m: Array, from_s: float = 0.0) -> Score:
-    """Sum up `error` of rows at `time_s` (n,) and true `position_m` (n, 2), leaving out what was before `from_s`.
-
-    Raises ValueError: nothing is left.
-    """
-    rows = np.flatnonzero(time_s >= from_s)
-    if not rows.size:
-        raise ValueError(f"the run ends before {from_s} s, from when it should be scored")
-    normal_um = np.abs(error.normal_m[rows]) * 1e6
-    worst = rows[np.argmax(normal_um)]
-    return Score(
-        mean_um=float(np.mean(normal_um)),
-        rms_um=float(np.sqrt(np.mean(normal_um**2))),
-        max_um=float(np.max(normal_um)),
-        tangential_mean_um=float(np.mean(np.abs(error.tangential_m[rows])) * 1e6),
-        max_time_s=float(time_s[worst]),
-        max_x_mm=float(position_m[worst, 0] * 1e3),
-        max_y_mm=float(position_m[worst, 1] * 1e3),
-        from_s=from_s,
-    )
-
-
-def on_rapid(program: Program, path_s_m: Array) -> NDArray[np.bool_]:
-    """Whether the move at each path position `path_s_m` (n,) of `program` is a rapid one."""
-    ends_m = np.cumsum([move.segment.length_m for move in program.moves])
-    at = np.clip(np.searchsorted(ends_m, path_s_m), 0, len(ends_m) - 1)
-    return np.array([move.rapid for move in program.moves])[at]
-
-
-def force_effort(force_N: Array) -> tuple[float, float]:
-    """Greatest force of an axis, and mean length of the change from one row of `force_N` (n, 2) to the next, in N."""
-    step_N = _length(np.diff(force_N, axis=0))
-    return float(np.max(np.abs(force_N))), float(np.mean(step_N)) if step_N.size else 0.0
+    return _Pieces(program).error(position_m, path_s_m)
 
 
 class _Best:
@@ -174,6 +202,35 @@ class _Pieces:
         self.curves = {i: _FastCurve(curve) for i, curve in enumerate(self.segments) if isinstance(curve, Curve)}
         self.bend[list(self.curves)] = 0.0
 
+    def error(self, position_m: Array, path_s_m: Array) -> ContourError:
+        """contour_error() of positions on these pieces."""
+        expected_s = np.clip(path_s_m, 0.0, self.end_s[-1])
+        home = np.clip(np.searchsorted(self.end_s, expected_s, side="left"), 0, len(self.end_s) - 1)
+        point, _ = self.evaluate(home, expected_s - self.start_s[home])
+        reach = _REACH * _length(position_m - point)
+        low_s, high_s = expected_s - reach, expected_s + reach
+
+        best = _Best(expected_s.size)
+        everything = np.arange(expected_s.size)
+        for step in (1, -1):
+            rows, piece = everything, home if step == 1 else home - 1
+            while True:
+                inside = (piece >= 0) & (piece < len(self.end_s))
+                rows, piece = rows[inside], piece[inside]
+                reached = (self.start_s[piece] <= high_s[rows]) & (self.end_s[piece] >= low_s[rows])
+                reached |= piece == home[rows]
+                rows, piece = rows[reached], piece[reached]
+                if not rows.size:
+                    break
+                start_s = self.start_s[piece]
+                low = np.clip(low_s[rows] - start_s, 0.0, self.length[piece])
+                high = np.clip(high_s[rows] - start_s, 0.0, self.length[piece])
+                guess_s = np.clip(expected_s[rows] - start_s, low, high)
+                foot = self.foot(piece, position_m[rows], low, high, guess_s)
+                best.offer(rows, position_m[rows], self, piece, foot)
+                piece = piece + step
+        return ContourError(best.normal, best.foot_s - expected_s, best.foot_s)
+
     def evaluate(self, piece: Index, s: Array) -> tuple[Array, Array]:
         """Points and unit tangents (n, 2) at `s` (n,) from the start of `piece` (n,)."""
         half = 0.5 * self.bend[piece] * s
@@ -211,21 +268,43 @@ class _Pieces:
 
 class _FastCurve:
     """A curve by its formula, with a table from arc length to the formula's parameter: points are exact, arc lengths
-    right to far below 1 pm."""
+    right to far below 1 pm. Of a long curve only the parts of the table are kept that are in use."""
 
     def __init__(self, curve: Curve) -> None:
         self.formula = curve.formula
-        ends = curve.parameter(np.array([0.0, curve.length_m]))
-        u = np.linspace(ends[0], ends[1], max(_TABLE_MIN, int(curve.length_m / _TABLE_M)))
-        s, first = np.unique(curve.arc_length(u), return_index=True)
-        self.parameter = PchipInterpolator(s, u[first])
+        self._curve = curve
+        self._ends = curve.parameter(np.array([0.0, curve.length_m]))
+        self._nodes = max(_TABLE_MIN, int(curve.length_m / _TABLE_M))
+        self._edge_s = curve.arc_length(self._node(np.arange(_PART, self._nodes, _PART)))  # between two parts
+        self._part = functools.lru_cache(_PARTS)(self._table)
 
     def evaluate(self, s: Array) -> tuple[Array, Array, Array]:
         """Points and unit tangents (n, 2) and curvatures (n,) at `s` (n,)."""
-        u = self.parameter(s)
+        u = self._parameter(s)
         point, first, second = (self.formula(u, order) for order in (0, 1, 2))
         speed = np.maximum(_length(first), np.finfo(float).tiny)
         return point, first / speed[:, None], _cross(first, second) / speed**3
+
+    def _parameter(self, s: Array) -> Array:
+        part = np.searchsorted(self._edge_s, s, side="right")
+        u = np.empty_like(s)
+        for number in np.unique(part):
+            rows = part == number
+            u[rows] = self._part(int(number))(s[rows])
+        return u
+
+    def _table(self, part: int) -> PchipInterpolator:
+        """The table of a part; a few nodes more on either side make it the same as that of the whole curve."""
+        last = min((part + 1) * _PART + _MARGIN, self._nodes)
+        u = self._node(np.arange(max(0, part * _PART - _MARGIN), last))
+        s, first = np.unique(self._curve.arc_length(u), return_index=True)
+        return PchipInterpolator(s, u[first])
+
+    def _node(self, number: Index) -> Array:
+        """Parameter of the nodes `number` (n,), evenly spaced over the curve."""
+        low, high = self._ends
+        step = (high - low) / (self._nodes - 1)
+        return np.asarray(np.where(number == self._nodes - 1, high, low + number * step))
 
     def foot(self, q_m: Array, low: Array, high: Array, guess: Array) -> Array:
         """Root of (q - c(s)) . c'(s) by Newton from `guess`, confined between `low` and `high` by bisection."""

@@ -86,20 +86,21 @@ def summarise(run: RunLog) -> Summary:
     Without truth they are of the drive's own estimate. Raises LogError: no row with a known error.
     """
     columns, meta = run.columns, run.meta
-    error = columns["true_contour_error_um" if run.has_truth else "contour_error_um"]
-    along = columns["tangential_error_um"]
-    if run.has_truth:
-        along = columns.get("true_tangential_error_um", along)
+    name = "true_contour_error_um" if run.has_truth else "contour_error_um"
+    along = "tangential_error_um"
+    if run.has_truth and "true_tangential_error_um" in columns:
+        along = "true_tangential_error_um"
+    error = columns[name]
     known = np.flatnonzero(np.isfinite(error))
     if not known.size:
         raise LogError(f"{meta['program']}, {meta['controller']}: no row of the log has a contour error")
     worst = known[np.argmax(np.abs(error[known]))]
     x, y = (_at(columns.get(f"reference_{axis}_mm", columns.get(f"position_{axis}_mm")), worst) for axis in "xy")
     score: dict[str, Any] = {
-        "mean_um": float(np.mean(np.abs(error[known]))),
-        "rms_um": float(np.sqrt(np.mean(error[known] ** 2))),
+        "mean_um": run.total(name).mean_abs,
+        "rms_um": run.total(name).rms,
         "max_um": float(np.abs(error[worst])),
-        "tangential_mean_um": float(np.nanmean(np.abs(along[known]))),
+        "tangential_mean_um": run.total(along).mean_abs,
         "max_time_s": float(columns["time_s"][worst]),
         "max_x_mm": x,
         "max_y_mm": y,

@@ -88,9 +88,11 @@ class KonturBus(SimulatedBus):
         self.sim.record(True)
         return first
 
-    def truth(self) -> Truth:
-        """A copy of what was recorded, one row a control period."""
-        return self.sim.truth()
+    def take_truth(self) -> Truth:
+        """What was recorded since the last call, one row a control period; it is not kept."""
+        found = self.sim.truth()
+        self.sim.record(True)
+        return found
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame, which the drive handles in this call; with pace "clock", after its time on a wire.
