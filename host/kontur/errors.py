@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-_WORD_MAX = 200  # characters of a word that a message shows
+_WORD_MAX, _PROBLEM_MAX = 200, 1500  # characters that a message shows of a file's own text
 
 
 def visible(text: str) -> str:
@@ -19,6 +19,10 @@ def visible(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
+
+
+def _shortened(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[:most]}..."
 
 
 class KonturError(Exception):
@@ -41,9 +45,8 @@ class FileError(InputError):
         self.line = line
         self.word = word
         where = self.file if line is None else f"{self.file}:{line}"
-        if word is not None:
-            where += f": {word}" if len(word) <= _WORD_MAX else f": {word[:_WORD_MAX]}..."
-        super().__init__(f"{where}: {problem}")
+        what = problem if word is None else f"{_shortened(word, _WORD_MAX)}: {problem}"
+        super().__init__(f"{where}: {_shortened(what, _PROBLEM_MAX)}")
 
 
 class PathError(InputError):

@@ -200,6 +200,13 @@ def test_report_of_a_log(
         ("score", {"mean_um": "1.0"}, "score is no table of numbers"),
         ("score", [1.0], "score is no table"),
         ("score", {"mean_um": float("nan")}, "score is no table of numbers"),
+        ("path", {"from_mm": 0.0}, "path is no table with from_mm, known_mm, length_mm, to_mm"),
+        (
+            "path",
+            {"from_mm": 0, "known_mm": 0, "length_mm": 0, "to_mm": 0},
+            "table with from_mm, known_mm, length_mm, to_mm",
+        ),
+        ("score", {"mean_um": None}, "score is no table of numbers"),
         ("force_max_N", "600", "force_max_N is no number"),
         ("frames_lost", True, "frames_lost is no number"),
         ("seed", 10**400, "seed is no number"),

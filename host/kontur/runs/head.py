@@ -13,6 +13,7 @@ _NUMBERS = ("seed", "control_hz", "frames_lost", "accepted", "resumed_at_s", "fo
 _TEXTS = ("program", "controller", "status", "fault", "trajectory", "machine", "firmware", "num", "command")
 _TABLES = ("plant", "parameters", "rejected", "score", "path")
 _TABLES_OF_NUMBERS = ("rejected", "score", "path")
+_PATH = {"length_mm", "from_mm", "to_mm", "known_mm"}  # kontur.runs.coverage
 _LISTS = ("warnings",)
 _LEVELS = 8  # of tables and lists in one another
 _LARGEST = 2.0**64
@@ -48,13 +49,19 @@ def _wanted(key: str, value: Any) -> str | None:
         return "list"
     if key in _TABLES and not isinstance(value, Mapping):
         return "table"
-    if key in _TABLES_OF_NUMBERS and not all(inner is None or _is_number(inner) for inner in value.values()):
+    if key in _TABLES_OF_NUMBERS and not all(map(_is_measured, value.values())):
         return "table of numbers"
+    if key == "path" and value and not (value.keys() >= _PATH and value["length_mm"] > 0.0):
+        return f"table with {', '.join(sorted(_PATH))}"
     return None
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and -_LARGEST <= value <= _LARGEST
+
+
+def _is_measured(value: Any) -> bool:
+    return _is_number(value) and abs(value) <= _MEASURED_MAX
 
 
 def _is_deeper(value: Any, levels: int) -> bool:
