@@ -51,7 +51,7 @@ def _wanted(key: str, value: Any) -> str | None:
         return "table"
     if key in _TABLES_OF_NUMBERS and not all(map(_is_measured, value.values())):
         return "table of numbers"
-    if key == "path" and value and not (value.keys() >= _PATH and value["length_mm"] > 0.0):
+    if key == "path" and value and not (value.keys() >= _PATH and value["length_mm"] > 1e-6):
         return f"table with {', '.join(sorted(_PATH))}"
     return None
 
