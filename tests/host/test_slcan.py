@@ -8,6 +8,7 @@ import select
 import socket
 import struct
 import sys
+import threading
 from collections.abc import Iterator
 
 import can
@@ -237,6 +238,38 @@ def test_peer_that_does_not_read_fills_the_queue_and_then_gets_every_frame_whole
             while not text.endswith(b"t3020\r"):
                 text += peer.recv(65536)
     assert text == b"O\r" + b"".join(b"t3018%016X\r" % i for i in range(sent)) + b"t3020\r"
+
+
+def test_thread_that_sends_beside_one_that_receives_sends_every_frame_once() -> None:
+    """As can.Notifier does it."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        bus = open_bus({"interface": "slcan", "channel": f"socket://127.0.0.1:{server.getsockname()[1]}"})
+        peer, _ = server.accept()
+        peer.settimeout(30.0)
+        ended = threading.Event()
+
+        def receive() -> None:
+            while not ended.is_set():
+                bus.recv(0)
+
+        with peer, bus:
+            receiver = threading.Thread(target=receive)
+            receiver.start()
+            text, want = bytearray(), b"O\r" + b"".join(b"t3018%016X\r" % i for i in range(20_000))
+            for i in range(20_000):
+                message = can.Message(arbitration_id=0x301, data=i.to_bytes(8, "big"), is_extended_id=False)
+                while True:
+                    try:
+                        bus.send(message)
+                        break
+                    except can.CanOperationError:
+                        text += peer.recv(1000)
+            while len(text) < len(want):
+                text += peer.recv(65536)
+            ended.set()
+            receiver.join()
+    assert text == want
 
 
 def test_stream_over_a_line_that_is_damaged_both_ways_arrives_completely(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ import os
 import re
 import select
 import socket
+import threading
 import time
 from collections import deque
 from contextlib import suppress
@@ -43,6 +44,7 @@ class SlcanBus(slcanBus):
         self._lines: deque[str] = deque()
         self._rest = b""  # of the line that is being received
         self._out = b""  # of the line that is being sent
+        self._lock = threading.Lock()  # of _out: a thread may send while another one receives
         super().__init__(*arguments, **options)
         if str(self.serialPortOrig.port).startswith("socket://"):
             # so that TCP does not delay a frame by some 40 ms until the one before is acknowledged
@@ -53,7 +55,7 @@ class SlcanBus(slcanBus):
         end_s = None if timeout is None else time.monotonic() + timeout
         while not self._lines:
             left_s = None if end_s is None else max(0.0, end_s - time.monotonic())
-            self._send_rest()
+            self._send_out()
             try:
                 descriptor = self.serialPortOrig.fileno()
                 readable, writable, _ = select.select([descriptor], [descriptor] if self._out else [], [], left_s)
@@ -88,21 +90,22 @@ class SlcanBus(slcanBus):
             except OSError:
                 port.close()
                 raise
-        if not self._send_rest():
+        if not self._send_out(string.encode() + self.LINE_TERMINATOR):
             raise can.CanOperationError(f"{port.port}: the transmit buffer is full", errno.ENOBUFS)
-        self._out = string.encode() + self.LINE_TERMINATOR
-        self._send_rest()
 
-    def _send_rest(self) -> bool:
-        """Whether the line is sent completely."""
-        try:
-            while self._out:
-                self._out = self._out[os.write(self.serialPortOrig.fileno(), self._out) :]
-        except BlockingIOError:
-            return False
-        except (OSError, ValueError) as error:
-            raise can.CanOperationError(f"{self._closed()} ({error})") from error
-        return True
+    def _send_out(self, line: bytes = b"") -> bool:
+        """Send the rest of the line before, and this one if that was possible. False: it was not."""
+        with self._lock:
+            try:
+                while self._out or line:
+                    if not self._out:
+                        self._out, line = line, b""
+                    self._out = self._out[os.write(self.serialPortOrig.fileno(), self._out) :]
+            except BlockingIOError:
+                return not line
+            except (OSError, ValueError) as error:
+                raise can.CanOperationError(f"{self._closed()} ({error})") from error
+            return True
 
     def _closed(self) -> str:
         port = str(self.serialPortOrig.port)
