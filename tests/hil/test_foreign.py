@@ -10,7 +10,7 @@ import canopen
 import cantools
 import pytest
 from canopen.profiles.p402 import BaseNode402
-from rig import Rig
+from rig import PATIENCE_S, Rig
 from targets import MACHINE, Target, needs_clock
 
 from kontur.can import wire
@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DBC = ROOT / "host" / "kontur" / "kontur.dbc"
 EDS = ROOT / "host" / "kontur" / "kontur.eds"
 EXAMPLE = ROOT / "examples" / "canopen_only.py"
-_EXAMPLE_S, _LISTEN_S, _ANSWER_S = 180.0, 10.0, 30.0
+_EXAMPLE_S, _LISTEN_S, _ANSWER_S = 180.0, PATIENCE_S, PATIENCE_S
 _SWITCH_NM = -148_000_000
 
 

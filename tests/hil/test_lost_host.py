@@ -14,7 +14,7 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
-from rig import Knots, Rig
+from rig import PATIENCE_S, Knots, Rig
 from stepped_stream import SteppedStream
 from targets import Drive, Target, needs_clock
 
@@ -28,7 +28,7 @@ HEARTBEAT_LOST = 0x8130
 FAULT = 0x08  # of statusword's bits 4Fh
 LAPS = 16.0
 ROOM = 200  # knots: the queue is full but for these, so that the heartbeat ceases before the knots do
-_START_S, _END_S = 90.0, 20.0
+_START_S, _END_S = 90.0, PATIENCE_S
 
 
 def assert_stopped_and_off(rig: Rig) -> None:

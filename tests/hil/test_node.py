@@ -7,7 +7,7 @@ import pytest
 from canopen.objectdictionary import ODVariable
 from canopen.objectdictionary.datatypes import DOMAIN
 from canopen.sdo import SdoAbortedError
-from rig import PRE_OPERATIONAL, RESET_COMMUNICATION, RESET_NODE, START, STATE_OF, STOP, Rig
+from rig import PATIENCE_S, PRE_OPERATIONAL, RESET_COMMUNICATION, RESET_NODE, START, STATE_OF, STOP, Rig
 
 from kontur.can import wire
 from kontur.errors import DeviceError, ParameterError
@@ -55,7 +55,7 @@ def test_nmt_state_follows_its_command(clock_rig: Rig, command: int) -> None:
     clock_rig.nmt(STOP if command == PRE_OPERATIONAL else PRE_OPERATIONAL)
     states = clock_rig.heartbeats()
     clock_rig.nmt(command)
-    assert clock_rig.link.wait(lambda: states[-1:] == [STATE_OF[command]], 1.0)
+    assert clock_rig.link.wait(lambda: states[-1:] == [STATE_OF[command]], PATIENCE_S)
     clock_rig.nmt(PRE_OPERATIONAL)
 
 
@@ -69,12 +69,12 @@ def test_nmt_command_for_another_node_is_none_of_its_business(rig: Rig) -> None:
 def test_nothing_but_heartbeats_comes_in_nmt_state_stopped(clock_rig: Rig) -> None:
     clock_rig.nmt(STOP)
     states = clock_rig.heartbeats()
-    assert clock_rig.link.wait(lambda: STATE_OF[STOP] in states, 1.0)
+    assert clock_rig.link.wait(lambda: STATE_OF[STOP] in states, PATIENCE_S)
     clock_rig.link.node.sdo.RESPONSE_TIMEOUT = 0.2
     with pytest.raises(Exception, match="No SDO response"):
         upload(clock_rig, 0x1000)
     clock_rig.nmt(PRE_OPERATIONAL)
-    assert clock_rig.link.wait(lambda: states[-1] == STATE_OF[PRE_OPERATIONAL], 1.0)
+    assert clock_rig.link.wait(lambda: states[-1] == STATE_OF[PRE_OPERATIONAL], PATIENCE_S)
     assert upload(clock_rig, 0x1000) == bytes.fromhex("92 01 ff ff")
 
 

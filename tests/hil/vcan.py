@@ -26,7 +26,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "hil"
 CHANNEL = "vcan0"
-TIMEOUT_S = 900
+TIMEOUT_S = 2400
 NO_VCAN, TOOK_TOO_LONG = 3, 124
 MEMORY_MB = 768
 MODULES = Path("/usr/lib/uml/modules")

@@ -7,7 +7,7 @@ import socket
 from collections.abc import Mapping
 
 SP, PC = 13, 15
-_TIMEOUT_S = 10.0
+_TIMEOUT_S = 60.0
 
 
 def set_registers(port: int, registers: Mapping[int, int]) -> None:

@@ -75,7 +75,7 @@ def test_bad_bus_loses_no_knot_and_its_faults_are_reported() -> None:
 @pytest.mark.skipif(not sim_process.PROGRAM.exists(), reason="kontur-sim is not built; run `make lib`")
 def test_without_bus_options_the_drive_is_a_process_paced_by_sync() -> None:
     result = bench("stream", "--knots", "1000")
-    assert result["bus"].startswith("slcan:socket://")
+    assert result["bus"].startswith("slcan socket://")
     assert (result["lost"], result["underruns"], result["checksum_ok"]) == (0, 0, True)
 
 

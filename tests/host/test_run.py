@@ -2,9 +2,7 @@
 """Whole runs on the simulated drive: what is logged is what happened, and happens again the same way."""
 
 import dataclasses
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
 
 import can
 import numpy as np
@@ -178,34 +176,35 @@ def test_stop_on_the_way_to_the_start_ends_the_run(trajectory: Trajectory) -> No
         )
 
 
-@contextmanager
-def drive_on_a_bus_in_wall_time(channel: str) -> Iterator[None]:
-    """The simulated drive at the pace of the clock on python-can's virtual bus: to the host, a bus like any other."""
-    over = threading.Event()
+class BusInWallTime(can.BusABC):
+    """To the host, a bus like any other: it has no time of its own. The drive behind it lets a millisecond pass in each
+    that the host waits for a frame, so it is never late for a drive, however busy the machine is."""
 
-    def carry() -> None:
-        start = TARGET.machine.starting_at((0.005, 0.0))
-        with KonturBus(machine=start, pace="clock") as drive, can.Bus(interface="virtual", channel=channel) as bus:
-            while not over.is_set():
-                while (request := bus.recv(0.0)) is not None:
-                    drive.send(request)
-                if (answer := drive.recv(0.001)) is not None:
-                    bus.send(answer)
+    channel_info = "wall time"
 
-    thread = threading.Thread(target=carry)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
+    def __init__(self, machine: machine.Machine) -> None:
+        self._drive = KonturBus(machine=machine)
+        super().__init__(channel=None)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._drive.send(msg)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        if (message := self._drive.recv(0.0)) is None and timeout:
+            time.sleep(1e-3)
+            message = self._drive.recv(1e-3)
+        return message, False
+
+    def shutdown(self) -> None:
+        super().shutdown()
+        self._drive.shutdown()
 
 
-def test_run_over_a_bus_in_wall_time_is_complete_and_has_no_truth() -> None:
+def test_run_over_a_bus_in_wall_time_is_complete_and_has_no_truth(monkeypatch: pytest.MonkeyPatch) -> None:
     trajectory = plan(shapes.circle(0.005, 0.05), limits(TARGET.machine))
-    target = dataclasses.replace(TARGET, bus={"interface": "virtual", "channel": "wall time"})
-    with drive_on_a_bus_in_wall_time("wall time"):
-        result = run(trajectory, "ccu", target)
+    bus = BusInWallTime(TARGET.machine.starting_at((0.005, 0.0)))
+    monkeypatch.setattr("kontur.drive.target.open_bus", lambda options: bus)
+    result = run(trajectory, "ccu", TARGET)
     assert result.completed
     assert result.truth is None
     columns = result.log.columns

@@ -13,6 +13,7 @@ from kontur.errors import LibraryError
 from kontur.sim import library
 
 HEARTBEAT = 0x701
+PATIENCE_S = 60.0
 READ_DEVICE_TYPE = can.Message(arbitration_id=0x601, data=[0x40, 0, 0x10, 0, 0, 0, 0, 0], is_extended_id=False)
 
 
@@ -42,15 +43,14 @@ def test_request_is_answered_without_time_passing() -> None:
         assert bus.time_s == 0.0  # type: ignore[attr-defined]
 
 
-def test_time_of_the_device_passes_in_recv_by_its_timeout_and_no_more() -> None:
+def test_time_of_the_device_passes_in_recv_by_its_timeout_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "sleep", lambda seconds: pytest.fail(f"it waits for {seconds} s"))
     with open_bus() as bus:
         first(bus, HEARTBEAT)
-        begin = time.monotonic()
         assert bus.recv(0.05) is None
         assert bus.time_s == pytest.approx(0.05, abs=1e-9)  # type: ignore[attr-defined]
         assert bus.recv(0.0) is None
         assert bus.time_s == pytest.approx(0.05, abs=1e-9)  # type: ignore[attr-defined]
-        assert time.monotonic() - begin < 0.05
 
 
 def test_frames_carry_the_time_of_the_device() -> None:
@@ -121,10 +121,12 @@ def test_notifier_thread_of_python_can_works_at_clock_pace() -> None:
         notifier = can.Notifier(bus, [reader], timeout=0.01)
         try:
             bus.send(READ_DEVICE_TYPE)
-            ids = [m.arbitration_id for m in (reader.get_message(2.0) for _ in range(2)) if m]
+            # before it come the boot-up message, and heartbeats on a machine that lets the thread wait
+            while (message := reader.get_message(PATIENCE_S)) is not None and message.arbitration_id != 0x581:
+                pass
         finally:
             notifier.stop()
-        assert 0x581 in ids
+        assert message is not None
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ from kontur.sim import process as sim_process
 from kontur.sim.library import Sim
 from kontur.sim.process import PROGRAM, SimProcess, plain_machine, start
 
-TIMEOUT_S = 30.0
+TIMEOUT_S = 60.0
 FAULT = 1 << 3
 
 
@@ -261,15 +261,16 @@ def test_time_that_the_machine_did_not_give_is_lost_and_said_once(sim: SimProces
     assert sim.messages().count("does not keep up with the wall clock") == 1
 
 
-def test_time_follows_the_wall_clock_and_is_never_ahead(sim: SimProcess) -> None:
-    with connected(open_bus(sim.options()), 1) as device:
-        begin_s = time.monotonic()
-        begin_ms = device.read("clock.tick")
-        now_ms = begin_ms
-        while now_ms < begin_ms + 300 and time.monotonic() < begin_s + TIMEOUT_S:
+def test_time_follows_the_wall_clock_and_is_never_ahead() -> None:
+    """Counted from before power-on: a process that was kept from running makes up for that, so the time between two
+    reads may be longer than the wall clock's."""
+    begin_s = time.monotonic()
+    with start(slcan_tcp="0") as sim, connected(open_bus(sim.options()), 1) as device:
+        now_ms = begin_ms = device.read("clock.tick")
+        while now_ms < begin_ms + 1000 and time.monotonic() < begin_s + TIMEOUT_S:
             now_ms = device.read("clock.tick")
-            assert now_ms - begin_ms <= (time.monotonic() - begin_s) * 1e3 + 1.0
-        assert now_ms >= begin_ms + 300
+            assert now_ms <= (time.monotonic() - begin_s) * 1e3
+        assert now_ms >= begin_ms + 1000
 
 
 def test_short_path_by_the_wall_clock(sim: SimProcess, machine: Machine) -> None:

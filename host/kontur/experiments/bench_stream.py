@@ -57,7 +57,7 @@ def bench(
         seconds, cpu_s = time.perf_counter() - begin_s, time.process_time() - cpu_s
         frames = device.link.frames - frames
         return {
-            "bus": ":".join(str(target.options().get(name, "")) for name in ("interface", "channel")),
+            "bus": str(device.link.bus.channel_info),
             "knots": len(knots_nm),
             "lost": len(knots_nm) - int(device.read_stable("stream.executed")),
             "retransmitted": retransmitted,
