@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 import zlib
 
 import can
@@ -10,11 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from targets import MACHINE, Drive
 
+from kontur.can import wire
 from kontur.can.link import Link
+from kontur.can.simulated import simulated
 from kontur.drive.device import Device
 from kontur.path import shapes
 from kontur.planning import planner
 from kontur.planning.bounds import limits
+from kontur.sim.bus import KonturBus
 
 Knots = NDArray[np.int32]
 Metres = NDArray[np.float64]
@@ -80,6 +84,17 @@ class Rig:
         for number in _TELEMETRY_TPDOS:
             cob_id = self.link.node.sdo[0x1800 + number - 1][1]
             cob_id.raw = cob_id.raw | _NOT_VALID
+
+    def stall(self, duration_s: float) -> None:
+        """Let the drive's time pass while the host neither sends nor receives what it should."""
+        simulator = simulated(self.bus)
+        if not self.drive.stepped:
+            time.sleep(duration_s)
+        elif isinstance(simulator, KonturBus):
+            simulator.sim.run(round(duration_s * simulator.sim.control_hz))
+        else:
+            for _ in range(round(duration_s / wire.TICK_PERIOD_S)):
+                self.link.send(wire.SYNC, b"")
 
     def nmt(self, command: int) -> None:
         """Send an NMT command to the drive."""

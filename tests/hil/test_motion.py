@@ -8,24 +8,22 @@ import select
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rig import Rig, checksum
 from stepped_stream import SteppedStream
-from targets import Target, needs_clock
+from targets import Target
 
 from kontur.drive.state_machine import BIT_PATH_RUNS, ENABLE, RUN_PATH
 from kontur.drive.stream import Operator, stream
-from kontur.errors import KonturError
 
 pytestmark = pytest.mark.motion
 
 HALT = 0x100
 DONE = 4
-STALL_S, HELD_UP_S = 0.2, 0.1
+STALL_S = 0.2
 
 
 def test_circle_is_gone_through_from_start_to_end(rig: Rig) -> None:
@@ -106,46 +104,21 @@ def test_stop_that_was_requested_is_on_the_path(rig: Rig) -> None:
     rig.assert_stopped_on_the_path()
 
 
-class StallingHost:
-    """Sleeps for 200 ms when the drive has taken the shares named; told of the progress of a stream."""
+def test_host_that_stalls_for_200_ms_is_not_noticed(rig: Rig) -> None:
+    knots_nm = rig.circle(8.0)
+    stall_at = [0.3, 0.6]
 
-    def __init__(self) -> None:
-        self.shares = [0.3, 0.6]
-        self.held_up_s = 0.0
-        self._seen_s = time.monotonic()
+    def progress(share: float) -> None:
+        if stall_at and share > stall_at[0]:
+            stall_at.pop(0)
+            rig.stall(STALL_S)
 
-    def __call__(self, share: float) -> None:
-        self.held_up_s = max(self.held_up_s, time.monotonic() - self._seen_s)
-        if self.shares and share > self.shares[0]:
-            self.shares.pop(0)
-            time.sleep(STALL_S)
-        self._seen_s = time.monotonic()
-
-
-def test_host_that_stalls_for_200_ms_is_not_noticed(target: Target, clock_rig: Rig) -> None:
-    """A host that its machine has kept from running for long besides shows nothing, and tries again."""
-    needs_clock(target)
-    knots_nm = clock_rig.circle(8.0)
-    for attempt in range(3):
-        clock_rig.device.axes.enable()
-        before = clock_rig.device.read("stream.underruns")
-        host = StallingHost()
-        try:
-            result = stream(clock_rig.device, knots_nm, Operator(progress=host))
-            underruns = clock_rig.device.read("stream.underruns") - before
-            if underruns == 0:
-                break
-        except KonturError:
-            underruns = 1
-            knots_nm = clock_rig.circle(8.0)
-        assert host.held_up_s > HELD_UP_S, (
-            f"underrun in attempt {attempt}, though nothing but the stalls held the host up"
-        )
-    assert underruns == 0
-    assert not host.shares
+    with rig.device.axes.enabled():
+        result = stream(rig.device, knots_nm, Operator(progress=progress))
+        assert rig.device.read("stream.underruns") == 0
+        assert rig.device.read("stream.checksum") == checksum(knots_nm)
+    assert not stall_at
     assert result.completed
-    assert clock_rig.device.read("stream.checksum") == checksum(knots_nm)
-    clock_rig.device.axes.disable()
 
 
 def test_ctrl_c_on_the_command_line_stops_on_the_path(target: Target, tmp_path: Path) -> None:
