@@ -48,7 +48,7 @@ ROOT = Path(__file__).resolve().parents[2]
 EQUIVALENT = ROOT / "tests/unit/mutants.toml"
 LEAST = 0.95
 LEFT_OUT = {"test_bitflip", "test_fuzz", "test_power_cut"}  # these take three quarters of the time of all tests
-SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+SANITIZERS = ["-fsanitize=address,undefined,bounds-strict", "-fno-sanitize-recover=all"]
 SLOWER, ALLOWANCE_S = 10, 2  # processor time that a test may take: so many times that of before, and this more
 RESULTS = ("killed", "survived", "equivalent", "same code", "does not compile")
 

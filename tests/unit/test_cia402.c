@@ -61,6 +61,17 @@ static void test_power_on_leads_to_switch_on_disabled(void)
     TEST_ASSERT_EQUAL(SOD, axis.state);
     TEST_ASSERT_FALSE(cia402_powered(&axis));
     TEST_ASSERT_FALSE(cia402_enabled(&axis));
+    TEST_ASSERT_EQUAL_UINT8(2, axis.quick_stop); /* the default of 605Ah */
+}
+
+/* A command that answers a statusword from before a reset must not count after it (command_guard.h). */
+static void test_reset_is_a_change_of_state_whatever_the_state_before(void)
+{
+    for (int i = 0; i < 3; i++) {
+        const uint32_t before = axis.changes;
+        cia402_init(&axis);
+        TEST_ASSERT_TRUE(axis.changes != before);
+    }
 }
 
 static void test_every_command_in_every_state_leads_where_cia_402_says(void)
@@ -291,6 +302,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_power_on_leads_to_switch_on_disabled);
+    RUN_TEST(test_reset_is_a_change_of_state_whatever_the_state_before);
     RUN_TEST(test_every_command_in_every_state_leads_where_cia_402_says);
     RUN_TEST(test_quick_stop_options_say_what_comes_after_it);
     RUN_TEST(test_quick_stop_that_stays_is_left_by_enable_operation_or_by_the_power_alone);

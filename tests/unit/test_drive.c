@@ -355,6 +355,28 @@ static void test_faults_are_cleared_when_both_axes_have_left_the_state_fault(voi
     }
 }
 
+static void test_capture_of_a_warning_stays_when_the_second_axis_gets_power(void)
+{
+    for (int first = 0; first < 2; first++) {
+        setUp();
+        ms(3);
+        command(0x06, 0x06);
+        command(first == 0 ? 0x0F : 0x06, first == 1 ? 0x0F : 0x06);
+        ms(1000); /* the capture's part before the trigger */
+        scope_warning(&drive.loop.scope, FAULT_BIT(FAULT_TUNNEL));
+        ms(1);
+        TEST_ASSERT_TRUE(scope_holds_fault(&drive.loop.scope));
+        command(0x0F, 0x0F);
+        TEST_ASSERT_TRUE(cia402_powered(&drive.axis[0]) && cia402_powered(&drive.axis[1]));
+        TEST_ASSERT_TRUE(scope_holds_fault(&drive.loop.scope));
+        command(0, 0);
+        ms(300);
+        TEST_ASSERT_TRUE(scope_holds_fault(&drive.loop.scope));
+        enable();
+        TEST_ASSERT_FALSE(scope_holds_fault(&drive.loop.scope));
+    }
+}
+
 static void test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled(void)
 {
     enable();
@@ -377,7 +399,9 @@ static void test_reset_cuts_the_power_and_keeps_position_and_time(void)
         drive.path.queue.origin_nm[i] = 1000 - 3000 * i;
         atomic_store(&drive.loop.command.origin_nm[i], 1000 - 3000 * i);
     }
+    od.stream.rejected_crc = od.stream.underruns = 7;
     drive_reset(&drive);
+    TEST_ASSERT_EQUAL_UINT32(0, od.stream.rejected_crc + od.stream.underruns);
     tick(1);
     TEST_ASSERT_FALSE(out.enable[0] || out.enable[1]);
     TEST_ASSERT_EQUAL_UINT32(published, atomic_load(&drive.loop.published));
@@ -480,6 +504,7 @@ int main(void)
     RUN_TEST(test_machine_that_is_another_one_than_configured_while_there_is_power_is_a_fault);
     RUN_TEST(test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes_before_it_is_polled);
     RUN_TEST(test_faults_are_cleared_when_both_axes_have_left_the_state_fault);
+    RUN_TEST(test_capture_of_a_warning_stays_when_the_second_axis_gets_power);
     RUN_TEST(test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled);
     RUN_TEST(test_reset_cuts_the_power_and_keeps_position_and_time);
     RUN_TEST(test_underrun_counts_once_however_long_it_lasts);

@@ -457,13 +457,17 @@ static void test_fault_with_a_path_stop_keeps_the_power(void)
 
 static void test_force_stays_within_its_limit(void)
 {
-    loop.cfg[0].following_max[0] = NUM(4000);
+    loop.cfg[0].following_max[0] = loop.cfg[0].following_max[1] = NUM(4000);
+    loop.cfg[0].servo.plant.force_max.y = NUM(500);
     power();
     ring.start.nm[0] = 3000000;
+    ring.start.nm[1] = -3000000;
     loop.cfg[0].max_nm[0] = 4000000;
+    loop.cfg[0].min_nm[1] = -4000000;
     tick(1);
-    TEST_ASSERT_TRUE(out.enable[0]);
+    TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
     TEST_ASSERT_EQUAL_INT32(600000, out.force_mN[0]);
+    TEST_ASSERT_EQUAL_INT32(-500000, out.force_mN[1]);
 }
 
 /* ---- snapshots ---- */
@@ -531,6 +535,18 @@ static void test_position_of_an_index_pulse_and_of_an_edge_is_counted_by_the_enc
     TEST_ASSERT_EQUAL_UINT8(5, s->index_pulses[1]);
     TEST_ASSERT_EQUAL_INT32(100000, s->edge_nm[0]);
     TEST_ASSERT_EQUAL_INT32(600000, s->edge_nm[1]);
+    wires.count[0] += 100;
+    wires.count[1] += 100;
+    wires.inputs[0] |= HAL_STOP; /* another input is no edge of a limit switch */
+    tick(20);
+    s = servo_loop_snapshot(&loop);
+    TEST_ASSERT_EQUAL_INT32(100000, s->edge_nm[0]);
+    TEST_ASSERT_EQUAL_INT32(600000, s->edge_nm[1]);
+    wires.inputs[1] = 0; /* it opens */
+    tick(20);
+    s = servo_loop_snapshot(&loop);
+    TEST_ASSERT_EQUAL_INT32(100000, s->edge_nm[0]);
+    TEST_ASSERT_EQUAL_INT32(630000, s->edge_nm[1]);
 }
 
 static void test_velocity_of_the_snapshot_is_in_um_per_s(void)
