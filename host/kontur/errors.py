@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exception tree. Every room raises these. And visible(), for texts from outside.
+"""The exception tree. Every room raises these. And visible() and shown(), for texts and numbers from outside.
 
 A message says what went wrong, where, and what to do next. The command line prints it, without a traceback.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+_LONG = 16  # characters of a number
 _WORD_MAX, _PROBLEM_MAX = 200, 1500  # characters that a message shows of a file's own text
 
 
@@ -23,6 +24,12 @@ def visible(text: str) -> str:
 
 def _shortened(text: str, most: int) -> str:
     return text if len(text) <= most else f"{text[:most]}..."
+
+
+def shown(value: float, digits: int = 3) -> str:
+    """A number in a message, with `digits` after the point; with an exponent where that would be long."""
+    text = f"{value:.{digits}f}"
+    return text if len(text) <= _LONG else f"{value:.4g}"
 
 
 class KonturError(Exception):

@@ -159,6 +159,7 @@ _RANGE = {
     "index_m": (0.0, 1.0, True),
     "start_m": (-2.0, 2.0, True),
 }
+_OF_PARAMETERS = {"plant_x", "plant_y", "limits", "smc", "controller"}  # objects that `kontur param dump` writes
 _PAIRS = ("travel_m", "soft_limit_m")
 
 
@@ -168,6 +169,11 @@ def load(file: str | Path = DEFAULT) -> Machine:
         table = read_toml(Path(file))
     except FileError as error:
         raise MachineError(f"{error}; the machines of the package are in {MACHINES}") from error
+    if _OF_PARAMETERS & table.keys() and "name" not in table:
+        raise MachineError(
+            f"{file}: is a file of parameters, not of a machine. `kontur param load {file}` gives them to a drive on a "
+            f"bus, and --set NAME=VALUE to a simulated one. A machine file is a copy of {DEFAULT}"
+        )
     return _Reader(str(file)).machine(table)
 
 

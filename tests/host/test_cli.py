@@ -198,7 +198,6 @@ def test_mistake_is_one_message_and_exit_code_1(
     "args",
     [
         ("run",),
-        ("run", "circle"),
         ("run", "circle", "--feed", "fast"),
         ("run", "circle", "--feed", "50", "--side", "3"),
         ("run", "circle", "--feed", "50", "--controller", "pid"),

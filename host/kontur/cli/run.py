@@ -8,7 +8,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,7 +38,7 @@ from kontur.drive.target import Target
 from kontur.errors import FileError, KonturError
 from kontur.path import programs, shapes
 from kontur.path.geometry import Program
-from kontur.planning.bounds import limits
+from kontur.planning.bounds import clipped, limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.report import capture_file
 from kontur.runs.resume import RETURN_MAX_M
@@ -55,6 +55,7 @@ SHAPES: dict[str, dict[str, float]] = {
     "square": {"side": 40.0, "corner_radius": 5.0},
     "spiral": {"inner": 0.0, "outer": 20.0, "pitch": 5.0},
 }
+DEFAULT_FEED_MPS = 0.02
 _MAY_BE_0 = ("corner_radius", "inner")
 _NOT_IN_COMMAND = ("log", "report", "as_json", "controller", "scope_out")
 
@@ -99,7 +100,7 @@ def _shape_option(name: str, text: str) -> Callable[[F], F]:
 
 def _program(source: str, feed: float | None, **sizes: float | None) -> Program:
     """The program of FILE, or of a shape with its `sizes` in mm at `feed` mm/s."""
-    feed_mps = None if feed is None else feed * 1e-3
+    feed_mps = DEFAULT_FEED_MPS if feed is None else feed * 1e-3
     given = {name: value for name, value in sizes.items() if value is not None}
     fitting = SHAPES.get(source, {})
     for name in given:
@@ -108,9 +109,7 @@ def _program(source: str, feed: float | None, **sizes: float | None) -> Program:
     if source not in SHAPES:
         if not os.path.exists(source):  # Path.exists() raises OSError for a name that is too long
             raise FileError(source, f"no such file, and no shape either; shapes are {', '.join(SHAPES)}")
-        return programs.load(source, feed_mps)
-    if feed_mps is None:
-        raise click.UsageError(f"{source} needs a feed: --feed MM_PER_S")
+        return programs.load(source, None if feed is None else feed_mps)
     values = {
         (name if name == "laps" else f"{name}_m"): value * (1.0 if name == "laps" else 1e-3)
         for name, value in (fitting | given).items()
@@ -144,7 +143,12 @@ _program_options = grouped(
     "program",
     _program,
     click.argument("source", metavar=f"FILE|{'|'.join(SHAPES)}"),
-    click.option("--feed", type=POSITIVE, metavar="MM_PER_S", help="Speed along a shape or a CSV path of x,y."),
+    click.option(
+        "--feed",
+        type=POSITIVE,
+        metavar="MM_PER_S",
+        help=f"Speed along a shape (default: {DEFAULT_FEED_MPS * 1e3:g}) or a CSV path of x,y.",
+    ),
     _shape_option("radius", "Radius"),
     _shape_option("half_width", "Half axis along x"),
     _shape_option("half_height", "Half axis along y"),
@@ -269,6 +273,9 @@ def command(
             "--resume goes on with the one path on which a drive stopped: name its bus (-i, -c), and one controller"
         )
     trajectory, options = _plan(program, motion, recording, target)
+    notes = clipped(limits(target.machine, motion.accel, motion.jerk))
+    if ctx.params["feed"] is None and ctx.params["source"] in SHAPES:
+        notes.insert(0, f"No --feed was given, so it is {DEFAULT_FEED_MPS * 1e3:g} mm/s.")
     results: list[RunResult] = []
     try:
         with interruptible() as stop_requested:
@@ -282,7 +289,8 @@ def command(
         click.echo("Interrupted.", err=True)
         sys.exit(stop_requested.exit_code)
     finally:
-        errors = _report(program, trajectory, results, len(names) > 1, output, recording) if results else []
+        several = len(names) > 1
+        errors = _report(trajectory, results, several, motion, output, recording, notes) if results else []
     last = results[-1]
     told = [error for error in (last.fault, last.log_problem, *errors) if error is not None]
     for error in told[1:]:
@@ -296,12 +304,13 @@ def command(
 
 
 def _report(
-    program: Program,
     trajectory: Trajectory,
     results: list[RunResult],
     several: bool,
+    motion: Motion,
     output: Output,
     recording: Recording,
+    notes: list[str],
 ) -> list[KonturError]:
     """Print the figures of the runs, and save what belongs to them; the logs are written already.
 
@@ -309,7 +318,7 @@ def _report(
     """
     errors: list[KonturError] = []
     try:
-        _print(program, trajectory, results, output.as_json)
+        _print(trajectory, results, output.as_json, motion.override, notes)
     finally:  # also where nobody reads what is printed
         for result in results:
             try:
@@ -380,15 +389,22 @@ def log_path(path: Path, controller: str, several: bool) -> Path:
     return path.with_name(f"{path.stem}-{controller}{path.suffix}") if several else path
 
 
-def _print(program: Program, trajectory: Trajectory, results: list[RunResult], as_json: bool) -> None:
-    """The figures of all runs, and each warning once, whichever runs it came in."""
+def _print(trajectory: Trajectory, results: list[RunResult], as_json: bool, override: float, notes: list[str]) -> None:
+    """The figures of all runs, what of the feed was planned, and each warning once, whichever runs it came in."""
+    name, feed = trajectory.program.name, trajectory.feed
     rows = [{"controller": result.log.meta["controller"], **summary(result.log)} for result in results]
     warnings = dict.fromkeys(code for result in results for code in result.warnings)
     if as_json:
-        print_json({"program": program.name, "duration_s": trajectory.duration_s, "runs": rows,
+        print_json({"program": name, "duration_s": trajectory.duration_s, "feed": feed and asdict(feed),
+                    "override_percent": override, "notes": notes, "runs": rows,
                     "warnings": warnings_json(warnings)})  # fmt: skip
     else:
-        print_table(rows, f"{program.name}, {trajectory.duration_s:.2f} s: contour error")
+        print_table(rows, f"{name}, {trajectory.duration_s:.2f} s: contour error")
+        if feed is not None:
+            of_that = "" if override == 100.0 else f"; {override:g} % of that by --override"
+            click.echo(f"{str(feed).capitalize() if not feed.limited else 'The ' + str(feed)}{of_that}.")
+        for note in notes:
+            click.echo(note)
     print_warnings(warnings)
 
 

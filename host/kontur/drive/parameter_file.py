@@ -29,8 +29,15 @@ def text(values: Mapping[str, float], parameters: Mapping[str, Parameter]) -> st
 
 def read(file: Path) -> dict[str, float]:
     """Values by name. Raises FileError: cannot be read, not TOML, or a value that is no number."""
+    table = read_toml(file)
+    if isinstance(table.get("name"), str) and {"x", "y"} <= table.keys():
+        raise FileError(
+            file,
+            "is the file of a machine, not of parameters. A simulation takes it as --machine FILE; for a real drive "
+            "set its masses, frictions and limits by name, such as plant_x.mass=88.08 (kontur param list)",
+        )
     values: dict[str, float] = {}
-    for key, value in read_toml(file).items():
+    for key, value in table.items():
         entries = {f"{key}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {key: value}
         for name, number in entries.items():
             if (

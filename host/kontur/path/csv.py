@@ -15,10 +15,11 @@ import math
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from kontur.errors import FileError
+from kontur.errors import FileError, shown
 from kontur.path.geometry import DURATION_MAX_S, KNOT_S, Curve, FloatArray, Move, Program, Schedule
 
 _LARGEST = 1e9
+_SLOWEST_MPS, _FASTEST_MPS = 1e-9, 1e6
 _SHORTEST_S = 1e-6
 _NEAREST_M = 1e-9
 _HEADERS = {("t", "x", "y"), ("x", "y")}
@@ -35,9 +36,9 @@ def parse(text: str, name: str, feed_mps: float | None = None) -> Program:
             raise FileError(name, "the column t fixes the speed already; leave out the feed or the column")
         return _timed(values[:, 0], values[:, 1:] * 1e-3, np.array(lines), name)
     if feed_mps is None:
-        raise FileError(name, "a path of x,y needs a feed; give one with --feed, or a column t")
-    if not (feed_mps > 0.0 and math.isfinite(feed_mps)):
-        raise FileError(name, f"the feed is {feed_mps:g} m/s; it must be a positive number")
+        raise FileError(name, f"a path of x,y needs a feed, or a column t: kontur run {name} --feed 20 (mm/s)")
+    if not _SLOWEST_MPS <= feed_mps <= _FASTEST_MPS:
+        raise FileError(name, f"the feed is {feed_mps:g} m/s; it must be {_SLOWEST_MPS:g}..{_FASTEST_MPS:g} m/s")
     return _points(values * 1e-3, lines, name, feed_mps)
 
 
@@ -86,7 +87,7 @@ def _timed(time_s: FloatArray, position_m: FloatArray, lines: FloatArray, name: 
     time_s = time_s - time_s[0]
     duration = float(time_s[-1])
     if duration > DURATION_MAX_S:
-        problem = f"the path takes {duration:.0f} s; at most {DURATION_MAX_S:.0f} s can be run; split it"
+        problem = f"the path takes {shown(duration, 0)} s; at most {DURATION_MAX_S:.0f} s can be run; split it"
         raise FileError(name, problem, int(lines[-1]))
     curve = Curve(CubicSpline(time_s, position_m, bc_type="clamped"), time_s)
     if curve.length_m == 0.0:

@@ -16,6 +16,7 @@ from kontur.errors import PathError
 from kontur.path.geometry import Arc, Curve, FloatArray, Line, Move, Program, Segment
 
 _TURN = 2.0 * math.pi
+_LEAST, _GREATEST = 1e-9, 1e6  # of sizes, speed (SI) and laps
 _TURNS_MAX = 10_000
 
 
@@ -113,5 +114,5 @@ def _program(name: str, segments: list[Segment], feed_mps: float) -> Program:
 
 def _check(shape: str, **values: float) -> None:
     for name, value in values.items():
-        if not (value > 0.0 and math.isfinite(value)):
-            raise PathError(f"{shape}: {name.replace('_', ' ')} is {value:g}; it must be a positive number")
+        if not _LEAST <= value <= _GREATEST:
+            raise PathError(f"{shape}: {name.replace('_', ' ')} is {value:g}; it must be {_LEAST:g}..{_GREATEST:g}")

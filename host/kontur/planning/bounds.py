@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kontur.errors import PathError
+from kontur.errors import PathError, shown
 from kontur.machine import Machine
 from kontur.path.geometry import KNOT_S, Arc, Curve, Dwell, FloatArray, Line, Move, Program, Segment
 
@@ -31,11 +31,21 @@ _CELLS_MAX = 1 << 17
 _RADIUS_MIN_M = 2e-6
 
 
+AXIS_SPEED = "the speed of an axis (velocity_mps)"
+BEND_LIMITS = (
+    "the centripetal acceleration in the bend (acceleration_mps2, --accel)",
+    "the jerk in the bend (jerk_mps3, --jerk)",
+    "the distance of the knots in the bend",
+)
+"""What bounds the speed of a piece."""
+LIMIT_RANGE = (1e-6, 1e9)
+
+
 @dataclass(frozen=True)
 class Limits:
     """What the axes may do, (x, y) each, and the step of acceleration allowed where the path's curvature jumps.
 
-    Raises PathError: a limit that is not a positive number.
+    Raises PathError: a limit beyond LIMIT_RANGE, in its SI unit.
     """
 
     velocity_mps: tuple[float, float] = (0.3, 0.3)
@@ -46,8 +56,8 @@ class Limits:
     def __post_init__(self) -> None:
         for name, values in vars(self).items():
             for value in values if isinstance(values, tuple) else (values,):
-                if not (value > 0.0 and math.isfinite(value)):
-                    raise PathError(f"limit {name} is {value}; it must be a positive number")
+                if not LIMIT_RANGE[0] <= value <= LIMIT_RANGE[1]:
+                    raise PathError(f"limit {name} is {value:g}; it must be {LIMIT_RANGE[0]:g}..{LIMIT_RANGE[1]:g}")
 
 
 def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: float | None = None) -> Limits:
@@ -71,6 +81,7 @@ class Piece:
     v: float
     a: float
     j: float
+    limit: str = ""  # what bounds the speed, where it is not the feed
     entry: float = math.inf  # bound of the speed at its start; 0 is a stop
     dwell: float = 0.0  # dwell before it, s
     jump: bool = False  # curvature or direction jumps at its start
@@ -88,6 +99,23 @@ def planned(limits: Limits) -> Limits:
         jerk_mps3=(min(_JERK_SHARE * jx, ax / _BUILD_UP_S), min(_JERK_SHARE * jy, ay / _BUILD_UP_S)),
         centripetal_step_mps2=min(limits.centripetal_step_mps2, _STEP_SHARE * min(ax, ay)),
     )
+
+
+def clipped(limits: Limits) -> list[str]:
+    """Which of `limits` are not planned with as they are, since others do not let them: a sentence each."""
+    plan, jerk, step = planned(limits), min(limits.jerk_mps3), limits.centripetal_step_mps2
+    out = []
+    if min(plan.jerk_mps3) < _JERK_SHARE * jerk:
+        out.append(
+            f"A jerk of {min(plan.jerk_mps3):.4g} m/s³ is planned instead of {jerk:.4g}: the acceleration takes "
+            f"{_BUILD_UP_S * 1e3:g} ms at least to build up."
+        )
+    if plan.centripetal_step_mps2 < step:
+        out.append(
+            f"Where the curvature jumps, a step of acceleration of {plan.centripetal_step_mps2:.4g} m/s² is planned "
+            f"instead of {step:.4g}, in proportion to the acceleration limit."
+        )
+    return out
 
 
 def pieces_of(program: Program, limits: Limits, report: Callable[[float], None]) -> list[Piece]:
@@ -121,15 +149,16 @@ def _cut(move: Move, limits: Limits, where: str) -> list[Piece]:
                 float(np.min(np.array(limit) / along))
                 for limit in (limits.velocity_mps, limits.acceleration_mps2, limits.jerk_mps3)
             )
-        return [_piece(segment.length_m, min(v, move.feed_mps), a, j)]
+        return [_piece(segment.length_m, min(v, move.feed_mps), a, j, AXIS_SPEED if v < move.feed_mps else "")]
     v = min(move.feed_mps, *limits.velocity_mps)
+    limit = AXIS_SPEED if v < move.feed_mps else ""
     if isinstance(segment, Arc):
-        return [_bent(segment.length_m, v, 1.0 / segment.radius_m, 0.0, limits)]
+        return [_bent(segment.length_m, v, 1.0 / segment.radius_m, 0.0, limits, limit)]
     assert isinstance(segment, Curve)
-    return _cut_curve(segment, v, limits, where)
+    return _cut_curve(segment, v, limits, where, limit)
 
 
-def _cut_curve(segment: Curve, v: float, limits: Limits, where: str) -> list[Piece]:
+def _cut_curve(segment: Curve, v: float, limits: Limits, where: str, limit: str) -> list[Piece]:
     """Pieces as long as it takes to stop: short enough to follow a changing bound, long enough to change speed in.
 
     Raises PathError: a bend of less than _RADIUS_MIN_M.
@@ -147,7 +176,7 @@ def _cut_curve(segment: Curve, v: float, limits: Limits, where: str) -> list[Pie
         shortest = s[start] + np.min(wanted[start:end])
         end = min(cells, max(start + 1, int(np.searchsorted(s, shortest, side="right")) - 1))
         tightest, steepest = float(np.max(bend[start:end])), float(np.max(change[start:end]))
-        pieces.append(_bent(s[end] - s[start], v, tightest, steepest, limits))
+        pieces.append(_bent(s[end] - s[start], v, tightest, steepest, limits, limit))
         start = end
     return pieces
 
@@ -173,8 +202,8 @@ def sampled(segment: Curve, where: str) -> tuple[FloatArray, FloatArray]:
         if np.min(size[coarse]) < _CELL_RAD * _RADIUS_MIN_M:
             x, y = 1e3 * segment.point(s[coarse[:1]])[0]
             raise PathError(
-                f"{where}: the curve bends with less than {_RADIUS_MIN_M * 1e3:g} mm radius near x = {x:.3f}, "
-                f"y = {y:.3f} mm; its points must lie on a smooth curve"
+                f"{where}: the curve bends with less than {_RADIUS_MIN_M * 1e3:g} mm radius near x = {shown(x)}, "
+                f"y = {shown(y)} mm; its points must lie on a smooth curve"
             )
         middle = s[coarse] + 0.5 * size[coarse]
         more_bend, more_angle = shape(middle)
@@ -182,15 +211,18 @@ def sampled(segment: Curve, where: str) -> tuple[FloatArray, FloatArray]:
         bend, angle = np.insert(bend, coarse + 1, more_bend), np.insert(angle, coarse + 1, more_angle)
 
 
-def _bent(length: float, v: float, bend: float, change: float, limits: Limits) -> Piece:
-    """Bounds on a piece with curvature up to `bend` (1/m) that changes by up to `change` (1/m2).
+def _bent(length: float, v: float, bend: float, change: float, limits: Limits, limit: str) -> Piece:
+    """Bounds on a piece with curvature up to `bend` (1/m) that changes by up to `change` (1/m2). Its speed is bounded
+    to `v` by `limit`, or lower by the bend.
 
     Along a curve p(s(t)) with unit tangent t and normal n, curvature k and k' = dk/ds,
     acceleration = t s'' + n k s'^2 and jerk = t (s''' - k^2 s'^3) + n (3 k s' s'' + k' s'^3).
     Either vector may point along either axis, so its length stays within the weaker axis' limit.
     """
     a, j = min(limits.acceleration_mps2), min(limits.jerk_mps3)
-    v = min(v, float(_bend_speed(np.array(bend), np.array(change), limits)))
+    bounds = [float(bound) for bound in _bend_speeds(np.array(bend), np.array(change), limits)]
+    if min(bounds) < v:
+        v, limit = min(bounds), BEND_LIMITS[bounds.index(min(bounds))]
     along = bend**2 * v**3
     a_left = math.sqrt(a**2 - (bend * v**2) ** 2)
     choices = []
@@ -201,21 +233,26 @@ def _bent(length: float, v: float, bend: float, change: float, limits: Limits) -
         if a_s > 0.0:
             choices.append((v / a_s + a_s / j_s, a_s, j_s))
     _, a_s, j_s = min(choices)  # the fastest from rest to the greatest speed
-    return _piece(length, v, a_s, j_s)
+    return _piece(length, v, a_s, j_s, limit)
 
 
 def _bend_speed(bend: FloatArray, change: FloatArray, limits: Limits) -> FloatArray:
     """Greatest constant speed on such a bend."""
+    return np.asarray(np.minimum.reduce(_bend_speeds(bend, change, limits)))
+
+
+def _bend_speeds(bend: FloatArray, change: FloatArray, limits: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same by each of BEND_LIMITS."""
     a, j = min(limits.acceleration_mps2), min(limits.jerk_mps3)
     with np.errstate(divide="ignore"):
         by_acceleration = np.sqrt(_CENTRIPETAL_SHARE * a / bend)
         by_jerk = np.cbrt(_BEND_SHARE * j / np.hypot(bend**2, change))
         by_knots = _KNOT_RAD / KNOT_S / bend
-    return np.minimum(np.minimum(by_acceleration, by_jerk), by_knots)
+    return by_acceleration, by_jerk, by_knots
 
 
-def _piece(length: float, v: float, a: float, j: float) -> Piece:
-    return Piece(float(length), v, a, j, fastest=float(length) / v)
+def _piece(length: float, v: float, a: float, j: float, limit: str) -> Piece:
+    return Piece(float(length), v, a, j, limit, fastest=float(length) / v)
 
 
 def _entry(before: Segment | None, after: Segment, limits: Limits) -> tuple[float, bool]:
@@ -244,5 +281,6 @@ def _merged(into: Piece, piece: Piece) -> bool:
     alike = length / v <= 1.05 * fastest and a >= 0.5 * max(into.a, piece.a) and j >= 0.5 * max(into.j, piece.j)
     if not alike or piece.entry < v or piece.jump:
         return False
+    into.limit = into.limit if into.v <= piece.v else piece.limit
     into.length, into.v, into.a, into.j, into.fastest = length, v, a, j, fastest
     return True

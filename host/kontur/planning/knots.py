@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.linalg import solve_banded
 
 from kontur.can.wire import DIFFERENCE_MAX_NM
-from kontur.errors import PathError
+from kontur.errors import PathError, shown
 from kontur.path.geometry import FloatArray
 
 ROWS = 1 << 17  # handled at once, to bound memory
@@ -56,7 +56,7 @@ def to_nm(control_m: FloatArray) -> npt.NDArray[np.int32]:
         nm = np.rint(control_m[begin : first + ROWS] * 1e9)
         if np.max(np.abs(nm)) > _POSITION_MAX_NM:
             raise PathError(
-                f"the path goes {np.max(np.abs(control_m)):.3f} m from the origin; the drive counts up to 2.147 m"
+                f"the path goes {shown(np.max(np.abs(control_m)))} m from the origin; the drive counts up to 2.147 m"
             )
         if np.max(np.abs(np.diff(nm, axis=0)), initial=0.0) > DIFFERENCE_MAX_NM:
             raise PathError("the path is faster than 8.3 m/s, which a knot frame cannot carry; lower the feed")

@@ -25,10 +25,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from kontur.errors import KonturError, PathError
+from kontur.errors import KonturError, PathError, shown
 from kontur.path.geometry import DURATION_MAX_S, KNOT_S, Arc, Curve, FloatArray, Move, Program
 from kontur.planning import knots
 from kontur.planning.bounds import Limits, Piece, pieces_of, planned, sampled
+from kontur.planning.feed import Feed, reached
 from kontur.planning.knots import POSITION_RANGE_M
 
 __all__ = ["Limits", "PlannerError", "Trajectory", "plan"]
@@ -43,6 +44,7 @@ class Trajectory:
 
     `knots_nm` (n, 2): control points for the wire. `position_m` (n, 2): points of the path that the spline passes
     through. `path_s_m` (n,): distance travelled along the whole program, never falling. `digest`: SHA-256 of the knots.
+    `feed`: what of the programmed feeds is reached; None where the program has none, but times.
     """
 
     program: Program
@@ -50,6 +52,7 @@ class Trajectory:
     position_m: FloatArray
     path_s_m: FloatArray
     digest: str
+    feed: Feed | None = None
 
     @property
     def duration_s(self) -> float:
@@ -81,6 +84,7 @@ def plan(
     _check_connected(program)
     _check_travel(program, travel_m)
     report(0.0)
+    feed = None
     if any(move.schedule for move in moves):
         s, position = _scheduled(program)
         control = knots.control_points(position)
@@ -91,9 +95,10 @@ def plan(
         position = positions(moves, s, report)
         control = knots.control_points(position)
         _check(limits, control, s, pieces)
+        feed = reached(program, pieces, s)
     knots_nm = knots.to_nm(control)
     report(1.0)
-    return Trajectory(program, knots_nm, position, s, knots.digest(knots_nm))
+    return Trajectory(program, knots_nm, position, s, knots.digest(knots_nm), feed)
 
 
 # --- the time law -----------------------------------------------------------------------------------------------------
@@ -167,8 +172,8 @@ def _distance(program: Program, pieces: list[Piece], report: Callable[[float], N
     total = float(np.sum(duration))
     if total > DURATION_MAX_S:
         raise PathError(
-            f"{program.name}: it takes {total / 3600.0:.1f} h; at most {DURATION_MAX_S / 3600.0:.0f} h can be planned: "
-            "raise the feed or the limits, or split it"
+            f"{program.name}: it takes {shown(total / 3600.0, 1)} h; at most {DURATION_MAX_S / 3600.0:.0f} h can be "
+            "planned: raise the feed or the limits, or split it"
         )
 
     state = np.zeros((*duration.shape, 3))  # distance, speed, acceleration at the start of each phase
@@ -244,7 +249,8 @@ def _check_connected(program: Program) -> None:
         gap = float(np.max(np.abs(ends[0] - here)))
         if not gap <= 1e-9:
             raise PathError(
-                f"{program.where(move.line)}: the move starts {gap * 1e3:.6f} mm from where the one before it ends"
+                f"{program.where(move.line)}: the move starts {shown(gap * 1e3, 6)} mm from where the one before it "
+                "ends"
             )
         here = ends[1]
 
@@ -274,8 +280,8 @@ def _check_travel(program: Program, travel_m: tuple[tuple[float, float], tuple[f
             if beyond[row] > 1e-9:
                 line = move.line if move.schedule is None else int(move.schedule.line[row])
                 raise PathError(
-                    f"{program.where(line)}: the path reaches {'xy'[axis]} = {points[row, axis] * 1e3:.3f} mm, outside "
-                    f"the travel of {least * 1e3:.3f} .. {greatest * 1e3:.3f} mm; move or shrink the part"
+                    f"{program.where(line)}: the path reaches {'xy'[axis]} = {shown(points[row, axis] * 1e3)} mm, "
+                    f"outside the travel of {least * 1e3:.3f} .. {greatest * 1e3:.3f} mm; move or shrink the part"
                 )
 
 

@@ -362,6 +362,7 @@ def _measured(entries: Sequence[Entry], command: str | None) -> str:
     rows = [
         ("what", _NOTES[_kind(entries)]),
         ("program", _meta(entries, "program")),
+        ("feed", _meta(entries, "feed")),
         ("trajectory", _meta(entries, "trajectory")),
         ("machine", _meta(entries, "machine")),
         ("seed of the noise", _meta(entries, "seed")),

@@ -88,6 +88,7 @@ META = {
     "the bus, or an answer of the drive) or killed (the program)",
     "fault": "message of the fault or of the error that ended the run",
     "warnings": "messages of the drive's warnings",
+    "feed": "the programmed feed, and what was planned of it by which limit",
     "trajectory": "SHA-256 of the knots",
     "machine": "name of the machine, or of the bus of a real drive",
     "plant": "the simulated machine's values",

@@ -106,6 +106,7 @@ def run(
         device.parameters.set(options.parameters)
         device.select_controller(controller)
         meta: dict[str, Any] = {"program": trajectory.program.name, "controller": controller}
+        meta |= {"feed": str(trajectory.feed)} if trajectory.feed is not None else {}
         meta |= _what(device, trajectory, target, options)
         recorder = Recorder(
             device.link,
