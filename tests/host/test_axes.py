@@ -15,6 +15,7 @@ from kontur.can import wire
 from kontur.can.link import Link
 from kontur.cli import main
 from kontur.drive import single_axis
+from kontur.drive.axes import AXES, METHODS
 from kontur.drive.device import Device
 from kontur.drive.state_machine import FAULT_RESET
 from kontur.errors import DeviceError, EmcyError, ParameterError
@@ -141,10 +142,10 @@ def test_jog_of_a_silent_host_stops(device: Device) -> None:
 def test_home_point_is_the_true_edge_of_the_switch_or_the_index(
     device: Device, axis: str, method: str, home_m: float
 ) -> None:
-    device.parameters.set({f"homing_method_{axis}": single_axis.METHODS[method], f"home_offset_{axis}": 7_000_000})
+    device.parameters.set({f"homing_method_{axis}": METHODS[method], f"home_offset_{axis}": 7_000_000})
     with device.axes.enabled():
         assert single_axis.home(device, axis)
-        i = single_axis.AXES.index(axis)
+        i = AXES.index(axis)
         reported_m = device.position_m()[i]
         assert reported_m - 0.007 == pytest.approx(true_m(device)[i] - home_m, abs=5 * COUNT_M)
         assert device.axes.states() == ("operation enabled", "operation enabled")

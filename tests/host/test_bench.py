@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from kontur.can import bus_load
-from kontur.can.link import EDS
+from kontur.can import EDS, bus_load
 from kontur.cli import main
 from kontur.sim import process as sim_process
 

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from kontur import machine as machines
-from kontur.experiments.robust import COMPARED, draw, robust, summarise
+from kontur.experiments import COMPARED
+from kontur.experiments.robust import draw, robust, summarise
 
 NOMINAL = machines.load(machines.DEFAULT)
 

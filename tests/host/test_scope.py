@@ -87,7 +87,7 @@ def test_what_is_committed_is_what_signals_toml_generates(tmp_path: Path, monkey
 
 
 def test_signals_can_be_chosen_by_every_number_and_no_other(device: Device) -> None:
-    numbers = {signal.number for signal in scope.SIGNALS.values()}
+    numbers = {signal.number for signal in scope.RECORDED.values()}
     for number in range(256):
         if number in numbers | {0}:
             device.write("scope_channels.entry_1", number)
@@ -145,7 +145,7 @@ def test_errors_are_those_of_the_telemetry(device: Device) -> None:
 
 
 def test_decimated_capture_spans_as_much_more_time(device: Device) -> None:
-    scope.arm(device, Setup(tuple(scope.SIGNALS)[:8], Trigger("now"), divider=7))
+    scope.arm(device, Setup(tuple(scope.RECORDED)[:8], Trigger("now"), divider=7))
     assert scope.wait(device, 1.0)
     capture = scope.read(device)
     assert capture.values.shape == (512, 8)
@@ -273,7 +273,7 @@ def test_unknown_signal_is_refused_with_those_that_are_near() -> None:
 
 
 def made() -> Capture:
-    signals = (scope.SIGNALS["contour_error"], scope.SIGNALS["force_x"])
+    signals = (scope.RECORDED["contour_error"], scope.RECORDED["force_x"])
     values = np.column_stack([np.arange(6) * 0.5, np.arange(6) * -100.0])
     return Capture(signals, values, 10_000, 2, 1000, 1005, 3, 0x8611)
 

@@ -3,3 +3,7 @@
 
 It imports nothing but the ground floor, so a real drive's bus brings no simulator along.
 """
+
+from pathlib import Path
+
+EDS = Path(__file__).parents[1] / "kontur.eds"

@@ -13,9 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import canopen
-
-from kontur.can.link import EDS, HEARTBEAT_S
+from kontur.can import EDS
 
 BITRATE = 1_000_000
 _RPDO, _TPDO = (0x1400, 0x1600), (0x1800, 0x1A00)  # CiA 301: first communication and mapping objects
@@ -44,6 +42,10 @@ def loads(bitrate: int = BITRATE, eds: str | Path = EDS) -> list[Load]:
 
     SDO, EMCY and the TPDO1 of a change of state are not cyclic and not among them.
     """
+    import canopen
+
+    from kontur.can.link import HEARTBEAT_S
+
     dictionary = canopen.import_od(str(eds), 1)
     knot_hz = 1e6 / dictionary["clock.knot_us"].default
     found: list[Load] = []

@@ -31,13 +31,12 @@ from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 from canopen.sdo.constants import ABORT_TIMED_OUT, RESPONSE_ABORTED, RESPONSE_DOWNLOAD
 from numpy.typing import NDArray
 
-from kontur.can import wire
+from kontur.can import EDS, wire
 from kontur.can.bad_bus import BadBus
 from kontur.can.simulated import simulated
 from kontur.can.wire import Status, Telemetry
 from kontur.errors import BusError, DeviceError, NoAnswerError
 
-EDS = Path(__file__).parents[1] / "kontur.eds"
 HEARTBEAT_S = 0.1
 RESEND_S = 0.05
 """Time after which a command that shows no effect is sent again."""

@@ -77,5 +77,13 @@ def _read() -> tuple[Signal, ...]:
 SIGNALS = _read()
 """All signals, those of the scope first, by number."""
 
+RECORDED = {s.name: s for s in SIGNALS if s.number is not None}
+"""The signals that the scope in the drive can record, by name."""
+
+CHANNELS = 8
+"""So many of them at a time."""
+
+DEFAULT_SIGNALS = ("contour_error", "force_x", "force_y")
+
 TELEMETRY = {s.name: s.telemetry for s in SIGNALS if s.telemetry is not None}
 """Name to place of the signals that TPDOs carry."""

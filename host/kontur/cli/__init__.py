@@ -5,16 +5,43 @@ from __future__ import annotations
 
 import importlib
 import sys
+from types import ModuleType
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
-from kontur import __version__
 from kontur.cli import terminal
 from kontur.errors import KonturError
 
-_VERBS = ("run", "jog", "home", "sim", "experiment", "info", "param", "scope", "log", "report", "bench", "demo")
+# The list in `kontur --help`, which imports none of them.
+_VERBS = {
+    "run": "Run a path, and report the contour error.",
+    "jog": "Move the axes with constant speed for a time.",
+    "home": "Home an axis, so that positions count from its home point.",
+    "sim": "Simulate a drive on a bus, until Ctrl-C.",
+    "experiment": "Run a defined experiment on the simulated drive.",
+    "info": "Show the drive that answers, and its state.",
+    "param": "List, read, set and store parameters.",
+    "scope": "Record signals of the servo tick.",
+    "log": "Show or convert a log of a run.",
+    "report": "Compare the runs of logs in one page.",
+    "bench": "Measure the speed of simulation and streaming on this machine.",
+    "demo": "Cut the demo part under every controller.",
+}
 EXIT_INTERRUPTED = 130
+
+
+class _NoMf4(ModuleType):
+    """Stands for python-can's readers of MF4 files, which would import asammdf and pandas (0.3 s) in every command.
+
+    kontur.runs.log reads and writes MF4 by itself.
+    """
+
+    MF4Reader = MF4Writer = None
+
+
+sys.modules.setdefault("can.io.mf4", _NoMf4("can.io.mf4"))
 
 
 class _Verbs(click.Group):
@@ -26,6 +53,14 @@ class _Verbs(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_VERBS)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_VERBS.items()))
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        verbs = [CompletionItem(name, help=text) for name, text in _VERBS.items() if name.startswith(incomplete)]
+        return verbs + click.Command.shell_complete(self, ctx, incomplete)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _VERBS:
@@ -48,7 +83,7 @@ class _Verbs(click.Group):
     cls=_Verbs,
     context_settings={"help_option_names": ["-h", "--help"], "auto_envvar_prefix": "KONTUR", "max_content_width": 110},
 )
-@click.version_option(__version__)
+@click.version_option(package_name="kontur")
 def main() -> None:
     """Run paths on a Kontur drive, real or simulated, and measure the contour error.
 

@@ -11,11 +11,8 @@ from kontur import machine as machines
 from kontur.cli.options import CONTROLLER, parameter_option, parameter_values, progress_bar, simulation_options
 from kontur.cli.output import print_json, print_table
 from kontur.drive.controllers import CONTROLLERS, described
-from kontur.drive.target import Target
-from kontur.experiments import on_chip
+from kontur.experiments import COMPARED, REFERENCE
 from kontur.experiments.circles import CASES, paper
-from kontur.experiments.estimator import experiment, worst
-from kontur.experiments.robust import COMPARED, REFERENCE, robust, summarise
 from kontur.machine import MACHINES
 
 _ESTIMATOR_HEADINGS = {
@@ -72,6 +69,8 @@ def paper_command(
     num: str,
 ) -> None:
     """Run the paper's circles: 4.488 mm/s r 4 mm (low), 100 mm/s r 20 mm (high), 100 mm/s r 4 mm (high-tight)."""
+    from kontur.drive.target import Target
+
     target = Target(machine=machines.load(machine), num=num)
     cases, controllers = cases or tuple(CASES), CONTROLLERS if "all" in controllers else controllers
     done = 0
@@ -99,6 +98,8 @@ def paper_command(
 @simulation_options
 def estimator_command(*, stretches: int, as_json: bool, machine: str, seed: int, num: str) -> None:
     """Compare the drive's estimate of the contour error with the exact one, on seven curves, 1 to 200 mm/s."""
+    from kontur.experiments.estimator import experiment, worst
+
     with progress_bar("experiment estimator") as progress:
         head, cells = experiment(machines.load(machine), num, seed=seed, stretches=stretches, progress=progress)
     rows = [asdict(cell) for cell in cells if cell.rows]
@@ -118,6 +119,8 @@ def estimator_command(*, stretches: int, as_json: bool, machine: str, seed: int,
 )
 def on_chip_command(*, as_json: bool, num: str) -> None:
     """Compare the machine that the drive simulates (onchip_plant) with the simulator's, on four circles."""
+    from kontur.experiments import on_chip
+
     with progress_bar("experiment on-chip") as progress:
         rows = on_chip.compare(machines.load(MACHINES / "table1_on_chip.toml"), num, progress=progress)
     if as_json:
@@ -154,6 +157,8 @@ def robust_command(
     num: str,
 ) -> None:
     """Run controllers with default gains on random machines, of which the drive has no parameters."""
+    from kontur.experiments.robust import robust, summarise
+
     with progress_bar("experiment robust") as progress:
         rows = robust(
             machines.load(machine),

@@ -4,20 +4,23 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
 from kontur.cli.options import NumberRange, drive_of, interruptible, target_options
 from kontur.cli.output import print_json
-from kontur.drive import single_axis
-from kontur.drive.target import Target
+from kontur.drive.axes import AXES, METHODS
+
+if TYPE_CHECKING:
+    from kontur.drive.target import Target
 
 
 @click.command(name="home")
-@click.argument("axis", type=click.Choice(single_axis.AXES))
+@click.argument("axis", type=click.Choice(AXES))
 @click.option(
     "--method",
-    type=click.Choice(list(single_axis.METHODS)),
+    type=click.Choice(list(METHODS)),
     help="What defines the home point: limit switch at the negative or positive end, an index pulse, or the position. "
     "Default: the drive's homing_method.",
 )
@@ -30,16 +33,18 @@ def command(*, target: Target, axis: str, method: str | None, offset: float | No
 
     Speeds and acceleration are the parameters homing_speed and homing_acceleration. Ctrl-C stops the axis.
     """
+    from kontur.drive import single_axis
+
     parameters: dict[str, float] = {}
     if method is not None:
-        parameters[f"homing_method_{axis}"] = single_axis.METHODS[method]
+        parameters[f"homing_method_{axis}"] = METHODS[method]
     if offset is not None:
         parameters[f"home_offset_{axis}"] = offset * 1e6
     with drive_of(target) as device, device.master.held():
         device.parameters.set(parameters)
         with interruptible() as stop_requested, device.axes.enabled():
             homed = single_axis.home(device, axis, stop_requested)
-            position_m = device.position_m()[single_axis.AXES.index(axis)]
+            position_m = device.position_m()[AXES.index(axis)]
     if as_json:
         print_json({"axis": axis, "homed": homed, "position_m": position_m})
     elif homed:

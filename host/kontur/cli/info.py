@@ -4,20 +4,25 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import click
 
 from kontur.can.emcy import describe_emcy
 from kontur.cli.options import target_options
 from kontur.cli.output import print_json, print_warnings, warnings_json
-from kontur.drive.target import Target, open_drive
+
+if TYPE_CHECKING:
+    from kontur.drive.target import Target
 
 
-@click.command(name="info", short_help="Show the drive that answers, and its state.")
+@click.command(name="info")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(*, target: Target, as_json: bool) -> None:
     """Show which drive answers, its firmware, state, position and warnings."""
+    from kontur.drive.target import open_drive
+
     with open_drive(target) as device:
         info = device.info()
         bus = str(device.link.bus.channel_info)

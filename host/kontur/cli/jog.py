@@ -4,19 +4,22 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
 from kontur.cli.options import NumberRange, drive_of, interruptible, target_options
 from kontur.cli.output import print_json
-from kontur.drive import single_axis
-from kontur.drive.target import Target
+from kontur.drive.axes import AXES
+
+if TYPE_CHECKING:
+    from kontur.drive.target import Target
 
 DURATION_MAX_S = 60.0
 _SPEED = NumberRange(-10_000, 10_000)  # the most that limits.velocity can be
 
 
-@click.command(name="jog", short_help="Move the axes with constant speed for a time.")
+@click.command(name="jog")
 @click.option("--x", type=_SPEED, metavar="MM_PER_S", help="Speed of x.")
 @click.option("--y", type=_SPEED, metavar="MM_PER_S", help="Speed of y.")
 @click.option(
@@ -35,6 +38,8 @@ def command(*, target: Target, x: float | None, y: float | None, duration_s: flo
 
     Ctrl-C stops them.
     """
+    from kontur.drive import single_axis
+
     velocity_mps = {axis: value * 1e-3 for axis, value in (("x", x), ("y", y)) if value is not None}
     if not velocity_mps:
         raise click.UsageError("which axis? Give a speed with --x or --y")
@@ -47,7 +52,7 @@ def command(*, target: Target, x: float | None, y: float | None, duration_s: flo
     if as_json:
         print_json({"from_m": before_m, "to_m": after_m, "completed": completed})
     else:
-        for axis, a, b in zip(single_axis.AXES, before_m, after_m, strict=True):
+        for axis, a, b in zip(AXES, before_m, after_m, strict=True):
             click.echo(f"{axis}  {a * 1e3:.6f} mm -> {b * 1e3:.6f} mm")
         if not completed and not interrupted:
             click.echo("Stopped by a soft limit or a limit switch.", err=True)

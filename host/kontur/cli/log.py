@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich.table import Table
 
 from kontur.cli.output import cell, console, print_json
-from kontur.runs import log
-from kontur.runs.sample import Total
+
+if TYPE_CHECKING:
+    from kontur.runs.sample import Total
 
 _LONG = ("plant", "parameters")  # shown by --json only
 
@@ -26,6 +26,10 @@ def command() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
 def show(file: str, as_json: bool) -> None:
     """Show the run and the range of every column of the log FILE (CSV or MF4)."""
+    from rich.table import Table
+
+    from kontur.runs import log
+
     run = log.read(file, thinned=True)
     columns = {name: _range(run.total(name)) for name in run.columns}
     if as_json:
@@ -55,6 +59,8 @@ def show(file: str, as_json: bool) -> None:
 @click.argument("target", type=click.Path())
 def convert(source: str, target: str) -> None:
     """Write the log SOURCE as TARGET; both are .csv or .mf4."""
+    from kontur.runs import log
+
     log.convert(source, target)
 
 

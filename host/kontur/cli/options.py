@@ -3,31 +3,34 @@
 
 from __future__ import annotations
 
+import configparser
 import functools
 import math
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import can.util
 import click
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from click.shell_completion import CompletionItem
 
 from kontur import machine as machines
-from kontur.can.bad_bus import BUS_FAULT_NAMES, BusFaults
-from kontur.can.bus import configured_interface
+from kontur.can import EDS
+from kontur.can.signals import RECORDED
 from kontur.cli import EXIT_INTERRUPTED
 from kontur.cli.output import console, print_warnings
-from kontur.drive.controllers import named
-from kontur.drive.device import Device
-from kontur.drive.target import Target, open_drive
+from kontur.drive.controllers import NAMES, named
 from kontur.errors import BusError, FileError, KonturError, NoAnswerError, ParameterError
 from kontur.files import check_folder
-from kontur.sim.library import NUMS
+from kontur.sim import NUMS
+
+if TYPE_CHECKING:
+    from kontur.can.bad_bus import BusFaults
+    from kontur.drive.device import Device
+    from kontur.drive.target import Target
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -47,6 +50,58 @@ class _KeyValue(click.ParamType[tuple[str, str]]):
 KEY_VALUE = _KeyValue()
 
 
+def parameter_names() -> list[str]:
+    """The names of all parameters, as kontur.drive.objects takes them from the EDS, without python-canopen."""
+    eds = configparser.RawConfigParser()
+    eds.read(EDS)
+    names: list[str] = []
+    for section in eds.sections():
+        if eds.get(section, "StorageLocation", fallback="") == "PARAMETER":
+            index, of_record, _ = section.partition("sub")
+            name = eds[section]["ParameterName"]
+            names.append(f"{eds[index]['ParameterName']}.{name}" if of_record else name)
+    return names
+
+
+def offered(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
+    """What Tab offers: the words that begin with what stands there."""
+    return [CompletionItem(word) for word in words if word.startswith(incomplete)]
+
+
+class _Parameter(click.types.StringParamType):
+    """The name of a parameter, or of any other object, which Tab does not offer."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return offered(parameter_names(), incomplete)
+
+
+class _ParameterValue(_KeyValue):
+    """NAME=VALUE of a parameter."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return offered((f"{name}=" for name in parameter_names()), incomplete)
+
+
+class _Signals(click.types.StringParamType):
+    """Names of signals that the scope records, with commas between them."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        before, comma, _ = incomplete.rpartition(",")
+        return offered((f"{before}{comma}{name}" for name in RECORDED), incomplete)
+
+
+class _MachineFile(click.Path):
+    """A machine file: any, or one that comes with the package."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return offered(map(str, sorted(machines.MACHINES.glob("*.toml"))), incomplete) + super().shell_complete(
+            ctx, param, incomplete
+        )
+
+
+PARAMETER, PARAMETER_VALUE, SIGNALS = _Parameter(), _ParameterValue(), _Signals()
+
+
 class NumberRange(click.FloatRange):
     """A finite number within bounds."""
 
@@ -60,10 +115,12 @@ class NumberRange(click.FloatRange):
 POSITIVE = NumberRange(min=0, min_open=True)
 
 
-class _BusFaults(click.ParamType[BusFaults]):
+class _BusFaults(click.ParamType["BusFaults"]):
     name = "faults"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> BusFaults:
+        from kontur.can.bad_bus import BUS_FAULT_NAMES, BusFaults
+
         if isinstance(value, BusFaults):
             return value
         given: dict[str, float] = {}
@@ -91,6 +148,9 @@ class _ControllerName(click.ParamType[str]):
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
         return "NAME|all"
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return offered([*NAMES, "all"], incomplete)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         if value == "all":
@@ -128,7 +188,7 @@ def grouped(name: str, build: Callable[..., Any], *options: Callable[[Any], Any]
 parameter_option = click.option(
     "--set",
     "parameters",
-    type=KEY_VALUE,
+    type=PARAMETER_VALUE,
     multiple=True,
     metavar="NAME=VALUE",
     help="Set a parameter before; `kontur param list` lists all.",
@@ -136,7 +196,7 @@ parameter_option = click.option(
 _SIMULATION = (
     click.option(
         "--machine",
-        type=click.Path(dir_okay=False),
+        type=_MachineFile(dir_okay=False),
         default=str(machines.DEFAULT),
         show_default="Table 1 of the paper",
         help="Machine file (TOML): what is simulated, and the limits that motion is planned for.",
@@ -175,6 +235,8 @@ def _target(
     seed: int,
     num: str,
 ) -> Target:
+    from kontur.drive.target import Target
+
     return Target(
         bus=_bus_config(interface, channel, bitrate, bus),
         node_id=node,
@@ -220,6 +282,10 @@ target_options = grouped(
 def _bus_config(
     interface: str | None, channel: str | None, bitrate: int | None, more: tuple[tuple[str, str], ...]
 ) -> dict[str, Any] | None:
+    import can.util
+
+    from kontur.can.bus import configured_interface
+
     given: dict[str, Any] = {
         key: value
         for key, value in {"interface": interface, "channel": channel, "bitrate": bitrate}.items()
@@ -258,6 +324,8 @@ def parameter_values(pairs: tuple[tuple[str, str], ...]) -> dict[str, float]:
 @contextmanager
 def drive_of(target: Target) -> Iterator[Device]:
     """open_drive(); at the end, after an error too, the drive's warnings are printed to stderr."""
+    from kontur.drive.target import open_drive
+
     with open_drive(target) as device:
         try:
             yield device
@@ -276,6 +344,8 @@ def progress_bars() -> Iterator[Callable[[str, float], None]]:
     if not sys.stderr.isatty():
         yield lambda what, share: None
         return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = (
         TextColumn("{task.description:<22}"),
         BarColumn(),

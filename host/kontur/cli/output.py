@@ -6,17 +6,17 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from kontur.can.emcy import describe_emcy
 from kontur.cli.terminal import styled
 from kontur.errors import visible
-from kontur.runs.summary import SUMMARY
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.text import Text
 
 _PIPED_WIDTH = 200
 
@@ -28,16 +28,29 @@ def print_json(value: Any) -> None:
 
 def console(stderr: bool = False, width: int | None = None) -> Console:
     """rich's console on stdout or stderr. Texts from outside are given to it as cell()."""
+    from rich.console import Console
+
     return Console(file=styled(sys.stderr if stderr else sys.stdout), width=width)
 
 
 def cell(text: str) -> Text:
     """A text from outside, in which rich reads no markup, and the terminal no escape sequences."""
+    from rich.text import Text
+
     return Text(visible(text))
 
 
-def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Mapping[str, str] = SUMMARY) -> None:
-    """Print a table on stdout; keys of the rows are its columns, numbers have four digits."""
+def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Mapping[str, str] | None = None) -> None:
+    """Print a table on stdout; keys of the rows are its columns, numbers have four digits.
+
+    `headings` of columns: default those of the figures of a run.
+    """
+    from rich.table import Table
+    from rich.text import Text
+
+    from kontur.runs.summary import SUMMARY
+
+    headings = SUMMARY if headings is None else headings
     table = Table(title=Text(visible(title), "bold") if title else None, title_justify="left")
     for key in rows[0]:
         number = any(isinstance(row[key], (int, float)) for row in rows)

@@ -4,17 +4,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from kontur.cli.options import KEY_VALUE, drive_of, parameter_values, target_options
+from kontur.cli.options import PARAMETER, PARAMETER_VALUE, drive_of, parameter_values, target_options
 from kontur.cli.output import print_json, print_table
-from kontur.drive import parameter_file
-from kontur.drive.target import Target
 from kontur.files import write_atomically
 
+if TYPE_CHECKING:
+    from kontur.drive.target import Target
 
-@click.group(name="param", short_help="List, read, set and store parameters.")
+
+@click.group(name="param")
 def command() -> None:
     """List, read, set and store parameters (docs/objects.md has all of them).
 
@@ -47,7 +49,7 @@ def list_command(*, target: Target, as_json: bool) -> None:
 
 
 @command.command(name="get")
-@click.argument("names", nargs=-1, required=True)
+@click.argument("names", nargs=-1, required=True, type=PARAMETER, metavar="NAME...")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def get_command(*, target: Target, names: tuple[str, ...], as_json: bool) -> None:
@@ -62,7 +64,7 @@ def get_command(*, target: Target, names: tuple[str, ...], as_json: bool) -> Non
 
 
 @command.command(name="set")
-@click.argument("pairs", nargs=-1, required=True, type=KEY_VALUE, metavar="NAME=VALUE...")
+@click.argument("pairs", nargs=-1, required=True, type=PARAMETER_VALUE, metavar="NAME=VALUE...")
 @target_options
 def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
     """Set parameters; none is set when one of them cannot be."""
@@ -75,6 +77,8 @@ def set_command(*, target: Target, pairs: tuple[tuple[str, str], ...]) -> None:
 @target_options
 def dump_command(*, target: Target, file: Path | None) -> None:
     """Write all parameters to FILE (TOML), or to the terminal."""
+    from kontur.drive import parameter_file
+
     with drive_of(target) as device:
         text = parameter_file.text(device.parameters.dump(), device.parameters)
     if file is None:
@@ -88,6 +92,8 @@ def dump_command(*, target: Target, file: Path | None) -> None:
 @target_options
 def load_command(*, target: Target, file: Path) -> None:
     """Set all parameters of FILE, as `dump` writes it; none is set when one of them cannot be."""
+    from kontur.drive import parameter_file
+
     values = parameter_file.read(file)
     with drive_of(target) as device, device.master.held():
         device.parameters.set(values)

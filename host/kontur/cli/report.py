@@ -9,10 +9,9 @@ from pathlib import Path
 import click
 
 from kontur.cli.options import check_output
-from kontur.runs import log
 
 
-@click.command(short_help="Compare the runs of logs in one page.")
+@click.command()
 @click.argument("logs", nargs=-1, required=True, type=click.Path(), metavar="LOG...")
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False, path_type=Path),
               help="The report, .html, or a picture of it, .png.")  # fmt: skip
@@ -23,7 +22,8 @@ def command(logs: tuple[str, ...], output: Path, title: str | None) -> None:
     A report needs no network and no other file. With -o NAME.png a picture of the answer is written instead.
     """
     check_output(output, ".html", ".png")
-    from kontur.report import page  # importing it takes a second
+    from kontur.report import page
+    from kontur.runs import log
 
     runs = [log.read(name, thinned=True) for name in logs]
     if output.suffix.lower() == ".png":

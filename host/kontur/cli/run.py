@@ -10,40 +10,39 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.core import ParameterSource
+from click.shell_completion import CompletionItem
 
 from kontur.cli.options import (
     CONTROLLER,
     POSITIVE,
+    SIGNALS,
     NumberRange,
     StopRequest,
     check_output,
     grouped,
     held_by_signals,
     interruptible,
+    offered,
     parameter_option,
     parameter_values,
     progress_bar,
     target_options,
 )
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
-from kontur.drive import scope as scopes
 from kontur.drive.controllers import CONTROLLERS, described
-from kontur.drive.scope import Setup
-from kontur.drive.stream import Operator
-from kontur.drive.target import Target
 from kontur.errors import FileError, KonturError
-from kontur.path import programs, shapes
-from kontur.path.geometry import Program
-from kontur.planning.bounds import clipped, limits
-from kontur.planning.planner import Trajectory, plan
-from kontur.report import capture_file
-from kontur.runs.resume import RETURN_MAX_M
-from kontur.runs.runner import RunOptions, RunResult, run
-from kontur.runs.summary import summary
+from kontur.runs import RETURN_MAX_M
+
+if TYPE_CHECKING:
+    from kontur.drive.scope import Setup
+    from kontur.drive.target import Target
+    from kontur.path.geometry import Program
+    from kontur.planning.planner import Trajectory
+    from kontur.runs.runner import RunOptions, RunResult
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -89,6 +88,13 @@ class Recording:
     out: Path | None
 
 
+class _Source(click.types.StringParamType):
+    """A file or the name of a shape."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return [*offered(SHAPES, incomplete), CompletionItem(incomplete, type="file")]
+
+
 def _shape_option(name: str, text: str) -> Callable[[F], F]:
     shapes_with = [f"{shape} {defaults[name]:g}" for shape, defaults in SHAPES.items() if name in defaults]
     unit = "" if name == "laps" else ", mm"
@@ -100,6 +106,8 @@ def _shape_option(name: str, text: str) -> Callable[[F], F]:
 
 def _program(source: str, feed: float | None, **sizes: float | None) -> Program:
     """The program of FILE, or of a shape with its `sizes` in mm at `feed` mm/s."""
+    from kontur.path import programs, shapes
+
     feed_mps = DEFAULT_FEED_MPS if feed is None else feed * 1e-3
     given = {name: value for name, value in sizes.items() if value is not None}
     fitting = SHAPES.get(source, {})
@@ -128,6 +136,9 @@ def _recording(
     scope_signals: str | None, scope_trigger: str | None, scope_pre: float, scope_divider: int, scope_out: Path | None
 ) -> Recording:
     """Raises ParameterError; UsageError when only one of --scope and --scope-out is there."""
+    from kontur.drive import scope
+    from kontur.report import capture_file
+
     check_output(scope_out, *capture_file.SUFFIXES)
     if (scope_signals is None) != (scope_out is None):
         raise click.UsageError("--scope says what to record and --scope-out where it goes: give both")
@@ -135,14 +146,14 @@ def _recording(
         if scope_trigger is not None:
             raise click.UsageError("--scope-trigger is for what --scope records: give it, too")
         return Recording(None, None)
-    trigger = scopes.trigger(scope_trigger or "now")
-    return Recording(Setup(scopes.names(scope_signals), trigger, scope_pre, scope_divider), scope_out)
+    trigger = scope.trigger(scope_trigger or "now")
+    return Recording(scope.Setup(scope.names(scope_signals), trigger, scope_pre, scope_divider), scope_out)
 
 
 _program_options = grouped(
     "program",
     _program,
-    click.argument("source", metavar=f"FILE|{'|'.join(SHAPES)}"),
+    click.argument("source", type=_Source(), metavar=f"FILE|{'|'.join(SHAPES)}"),
     click.option(
         "--feed",
         type=POSITIVE,
@@ -194,6 +205,7 @@ _scope_options = grouped(
     click.option(
         "--scope",
         "scope_signals",
+        type=SIGNALS,
         metavar="NAME,...",
         help="Record these signals in the drive; `kontur scope --list` lists all.",
     ),
@@ -227,7 +239,7 @@ _output_options = grouped(
 )
 
 
-@click.command(name="run", short_help="Run a path, and report the contour error.")
+@click.command(name="run")
 @_program_options
 @click.option(
     "--controller",
@@ -267,6 +279,8 @@ def command(
     saved beside the log as LOG-fault.csv and .png. Warnings of the drive are printed at the end, with their remedies.
     Where a warning is recorded too (contour tunnel), that is saved as LOG-warning.csv and .png.
     """
+    from kontur.planning.bounds import clipped, limits
+
     names = CONTROLLERS if "all" in controller else tuple(dict.fromkeys(controller))
     if motion.resume and (target.in_process or len(names) > 1):
         raise click.UsageError(
@@ -337,6 +351,10 @@ def _report(
 
 def _plan(program: Program, motion: Motion, recording: Recording, target: Target) -> tuple[Trajectory, RunOptions]:
     """The trajectory, and the options that all runs of it have in common."""
+    from kontur.planning.bounds import limits
+    from kontur.planning.planner import plan
+    from kontur.runs.runner import RunOptions
+
     values = parameter_values(motion.parameters)
     bounds = limits(target.machine, motion.accel, motion.jerk)
     with progress_bar("planning") as progress:
@@ -360,6 +378,9 @@ def _run(
     stop_requested: StopRequest,
 ) -> RunResult:
     """One run with a progress bar, which Ctrl-C stops and signals hold."""
+    from kontur.drive.stream import Operator
+    from kontur.runs.runner import run
+
     with progress_bar(name) as progress, held_by_signals() as held:
         operator = Operator(progress, stop_requested, lambda: 0.0 if held() else override / 100.0, _notice)
         return run(trajectory, name, target, options, operator)
@@ -371,6 +392,8 @@ def _notice(text: str) -> None:
 
 def _save_capture(result: RunResult, several: bool, output: Output, recording: Recording) -> None:
     """The capture where it was asked for, or beside the log where a fault or a warning triggered."""
+    from kontur.report import capture_file
+
     controller = str(result.log.meta["controller"])
     if result.capture is None:
         if recording.out is not None:
@@ -391,6 +414,8 @@ def log_path(path: Path, controller: str, several: bool) -> Path:
 
 def _print(trajectory: Trajectory, results: list[RunResult], as_json: bool, override: float, notes: list[str]) -> None:
     """The figures of all runs, what of the feed was planned, and each warning once, whichever runs it came in."""
+    from kontur.runs.summary import summary
+
     name, feed = trajectory.program.name, trajectory.feed
     rows = [{"controller": result.log.meta["controller"], **summary(result.log)} for result in results]
     warnings = dict.fromkeys(code for result in results for code in result.warnings)

@@ -7,24 +7,25 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from kontur.can.emcy import describe_emcy
-from kontur.cli.options import NumberRange, check_output, drive_of, interruptible, progress_bar, target_options
+from kontur.can.signals import CHANNELS, DEFAULT_SIGNALS, RECORDED
+from kontur.cli.options import SIGNALS, NumberRange, check_output, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
-from kontur.drive import scope
-from kontur.drive.device import Device
-from kontur.drive.scope import Capture, Setup
-from kontur.drive.target import Target
 from kontur.errors import DeviceError, KonturError
-from kontur.report import capture_file
+
+if TYPE_CHECKING:
+    from kontur.drive.device import Device
+    from kontur.drive.scope import Capture, Setup
+    from kontur.drive.target import Target
 
 
-@click.command(name="scope", short_help="Record signals of the servo tick.")
-@click.option("--signals", default=",".join(scope.DEFAULT_SIGNALS), show_default=True, metavar="NAME,...",
-              help=f"What to record, {scope.CHANNELS} at most; --list shows all signals.")  # fmt: skip
+@click.command(name="scope")
+@click.option("--signals", type=SIGNALS, default=",".join(DEFAULT_SIGNALS), show_default=True, metavar="NAME,...",
+              help=f"What to record, {CHANNELS} at most; --list shows all signals.")  # fmt: skip
 @click.option("--trigger", default="fault", show_default=True, metavar="now|fault|NAME>LEVEL|NAME<LEVEL",
               help="What triggers the capture; LEVEL in the signal's unit. A fault always triggers.")  # fmt: skip
 @click.option("--pre", type=float, default=0.5, show_default=True, help="Share of the capture before the trigger.")
@@ -57,12 +58,15 @@ def command(
     `kontur run --scope`.
     """
     if list_signals:
-        rows = [{"name": s.name, "unit": s.unit, "": s.description} for s in scope.SIGNALS.values()]
+        rows = [{"name": s.name, "unit": s.unit, "": s.description} for s in RECORDED.values()]
         print_json(rows) if as_json else print_table(rows)
         return
+    from kontur.drive import scope
+    from kontur.report import capture_file
+
     for path in outputs:
         check_output(path, *capture_file.SUFFIXES)
-    setup = Setup(scope.names(signals), scope.trigger(trigger), pre, divider)
+    setup = scope.Setup(scope.names(signals), scope.trigger(trigger), pre, divider)
     with drive_of(target) as device, _armed_at_the_end(device):
         capture = _last(device) if last else _record(device, setup, wait_s)
         for path in outputs:
@@ -73,6 +77,8 @@ def command(
 @contextmanager
 def _armed_at_the_end(device: Device) -> Iterator[None]:
     """Arm the scope for faults at the end, as at power-on, unless it holds the capture of a fault."""
+    from kontur.drive import scope
+
     try:
         yield
     finally:
@@ -82,6 +88,8 @@ def _armed_at_the_end(device: Device) -> Iterator[None]:
 
 
 def _last(device: Device) -> Capture:
+    from kontur.drive import scope
+
     with progress_bar("reading") as progress:
         capture = scope.held(device, progress)
     if capture is None:
@@ -92,6 +100,8 @@ def _last(device: Device) -> Capture:
 
 
 def _record(device: Device, setup: Setup, wait_s: float) -> Capture:
+    from kontur.drive import scope
+
     scope.arm(device, setup)
     with interruptible() as stop_requested:
         done = scope.wait(device, wait_s, stop_requested)

@@ -7,11 +7,14 @@ import signal
 import subprocess
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
 import click
 
 from kontur.cli.options import simulation_options
-from kontur.sim import process as sim_process
+
+if TYPE_CHECKING:
+    from kontur.sim.process import SimProcess
 
 _POLL_S = 0.2
 
@@ -64,12 +67,14 @@ def command(
 
     The firmware and its machine run in a process of their own, for kontur in another terminal or any CANopen master.
     """
+    from kontur.sim import process
+
     if (can is not None) + (slcan_tcp is not None) + slcan_pty > 1:
         raise click.UsageError("one bus at a time: --can, --slcan-tcp or --slcan-pty")
     if can is None and not slcan_pty:
         slcan_tcp = slcan_tcp or "0"
     signal.signal(signal.SIGTERM, _interrupt)
-    with sim_process.start(
+    with process.start(
         can=can,
         slcan_tcp=slcan_tcp,
         slcan_pty=slcan_pty,
@@ -88,7 +93,7 @@ def command(
             pass
 
 
-def _announce(sim: sim_process.SimProcess, node: int) -> None:
+def _announce(sim: SimProcess, node: int) -> None:
     bus = f"-i {sim.interface} -c {sim.channel}" + (f" --node {node}" if node != 1 else "")
     click.echo(f"A drive answers on {sim.interface} {sim.channel}, node {node}. In another terminal:")
     click.echo(f"  kontur info {bus}")
@@ -96,7 +101,7 @@ def _announce(sim: sim_process.SimProcess, node: int) -> None:
     click.echo("Ctrl-C ends it.")
 
 
-def _wait(sim: sim_process.SimProcess) -> None:
+def _wait(sim: SimProcess) -> None:
     """Wait until the process ends, and print its messages."""
     printed = 0
     ended = False

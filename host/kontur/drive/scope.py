@@ -18,16 +18,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from kontur.can import emcy, signals
-from kontur.can.signals import Signal
+from kontur.can import emcy
+from kontur.can.signals import CHANNELS, DEFAULT_SIGNALS, RECORDED, Signal
 from kontur.drive.device import Device
 from kontur.drive.objects import refused_in_this_state
 from kontur.errors import DeviceError, ParameterError
 
 Floats = NDArray[np.float64]
 
-CHANNELS = 8
-DEFAULT_SIGNALS = ("contour_error", "force_x", "force_y")
 OFF, WAITING, TRIGGERED, DONE = range(4)
 
 _ARM, _DEFAULTS = 1, 2
@@ -39,10 +37,7 @@ _VERSION, _HEADER = 1, struct.Struct("<BBHIIIII8s")
 _LEVEL = re.compile(r"\s*(\w+)\s*([<>])\s*([^<>\s]+)\s*")
 
 
-SIGNALS = {signal.name: signal for signal in signals.SIGNALS if signal.number is not None}
-"""The signals that the scope can record, by name."""
-
-_BY_NUMBER = {signal.number: signal for signal in SIGNALS.values()}
+_BY_NUMBER = {signal.number: signal for signal in RECORDED.values()}
 
 
 @dataclass(frozen=True)
@@ -219,18 +214,18 @@ def _cause(device: Device, bits: int) -> int:
 
 
 def _signal(name: str) -> Signal:
-    if name not in SIGNALS:
+    if name not in RECORDED:
         raise ParameterError(_unknown(name))
-    return SIGNALS[name]
+    return RECORDED[name]
 
 
 def _number(name: str) -> int:
     number = _signal(name).number
-    assert number is not None  # SIGNALS has no other
+    assert number is not None  # RECORDED has no other
     return number
 
 
-def _unknown(name: str, known: Sequence[str] = tuple(SIGNALS)) -> str:
+def _unknown(name: str, known: Sequence[str] = tuple(RECORDED)) -> str:
     import difflib
 
     close = difflib.get_close_matches(name, known, n=3)

@@ -9,19 +9,6 @@ from kontur.drive.device import Device
 from kontur.drive.state_machine import ENABLE, RUN_PATH
 from kontur.errors import DeviceError
 
-AXES = ("x", "y")
-METHODS = {
-    "here": 37,
-    "switch-": 17,
-    "switch+": 18,
-    "switch-index-": 1,
-    "switch-index+": 2,
-    "index-": 33,
-    "index+": 34,
-}
-"""Homing methods (6098h): the axis' position; the limit switch at the negative or positive end, alone or with the first
-index pulse off it; the next index pulse in negative or positive direction."""
-
 _VELOCITY, _HOMING = 3, 6
 _STANDS = _ATTAINED = 1 << 12  # of the statusword: in profile velocity mode, and in homing mode
 _FAILED = 1 << 13

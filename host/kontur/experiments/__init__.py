@@ -3,3 +3,7 @@
 
 It may import every room but cli.
 """
+
+REFERENCE = "ccu"
+"""The law that the others are compared with (kontur.experiments.robust)."""
+COMPARED = (REFERENCE, "cascade", "ccc")

@@ -23,7 +23,6 @@ from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
 from kontur.sim import process as sim_process
 
-KNOTS_MIN, KNOTS_MAX = 1000, 3_000_000
 RADIUS_M, FEED_MPS = 0.002, 0.02
 
 
@@ -33,7 +32,7 @@ def bench(
     progress: Callable[[float], None] = lambda share: None,
     stop_requested: Callable[[], bool] = lambda: False,
 ) -> dict[str, Any]:
-    """Stream `knots` knots, KNOTS_MIN..KNOTS_MAX, to the drive of `target`, or to a process where it names no bus.
+    """Stream `knots` knots, 1000 or more, to the drive of `target`, or to a process where it names no bus.
 
     `lost` are the knots that were not executed; `retransmitted` and `underruns` as counted on the two ends;
     `contour_mean_um`, `contour_max_um`: the contour error that the drive has estimated (2211h).

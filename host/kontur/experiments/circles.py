@@ -9,15 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from kontur.drive.target import Target
-from kontur.path import shapes
-from kontur.path.geometry import Program
-from kontur.planning.bounds import limits
-from kontur.planning.planner import plan
-from kontur.runs.runner import RunOptions, run
-from kontur.runs.summary import summarise
+if TYPE_CHECKING:
+    from kontur.drive.target import Target
+    from kontur.path.geometry import Program
 
 LAP_S = 5.6
 
@@ -32,6 +28,8 @@ class Case:
 
     def program(self) -> Program:
         """As many laps as take 5.6 s at the feed, the period of the friction schedule."""
+        from kontur.path import shapes
+
         return shapes.circle(self.radius_m, self.feed_mps, duration_s=LAP_S)
 
 
@@ -54,6 +52,11 @@ def paper(
 
     `parameters` are set before. `progress` is called after each run. Raises what plan() and run() raise.
     """
+    from kontur.planning.bounds import limits
+    from kontur.planning.planner import plan
+    from kontur.runs.runner import RunOptions, run
+    from kontur.runs.summary import summarise
+
     seeds, controllers = list(seeds), list(controllers)
     for name in cases:
         case = CASES[name]

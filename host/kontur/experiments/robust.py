@@ -20,6 +20,7 @@ import numpy as np
 
 from kontur.drive.target import Target
 from kontur.errors import DeviceError
+from kontur.experiments import COMPARED, REFERENCE
 from kontur.machine import Axis, Machine
 from kontur.path import shapes
 from kontur.path.geometry import Program
@@ -28,9 +29,6 @@ from kontur.planning.planner import Limits, Trajectory, plan
 from kontur.runs.runner import RunOptions, run
 from kontur.runs.summary import summarise as summarise_run
 
-REFERENCE = "ccu"
-"""The law that the others are compared with."""
-COMPARED = (REFERENCE, "cascade", "ccc")
 DURATION_S = 2.0
 """About how long a draw drives; in this time the friction schedule is gone through once."""
 _FIGURES = ("mean_um", "rms_um", "max_um", "force_step_N")

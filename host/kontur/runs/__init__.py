@@ -3,3 +3,6 @@
 
 It may import path, planning, can and drive.
 """
+
+RETURN_MAX_M = 0.001
+"""The longest way back to a path without being asked to approach: what axes creep, and no more."""

@@ -20,10 +20,9 @@ from kontur.path.geometry import Line, Move, Program
 from kontur.planning.bounds import Limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.planning.rest import Rest, rest, rest_of_length, whole
+from kontur.runs import RETURN_MAX_M as RETURN_MAX_M
 
 LINE_FEED_MPS = 0.02
-RETURN_MAX_M = 0.001
-"""The longest way back to a path without being asked to approach: what axes creep, and no more."""
 
 
 @dataclass(frozen=True)

@@ -3,3 +3,6 @@
 
 It may import can. Nobody below experiments and cli imports it: python-can loads it by the interface "kontur".
 """
+
+NUMS = ("f32", "fix", "chk")
+"""Numeric back ends of the simulated firmware."""

@@ -7,6 +7,7 @@ kontur.sim.bus makes a python-can bus of it. Experiments that need no bus use it
 from __future__ import annotations
 
 import functools
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,8 @@ from kontur.machine import Machine
 
 Floats = NDArray[np.float64]
 LIBRARIES = Path(__file__).parents[1] / "lib"
-NUMS = ("f32", "fix", "chk")
-"""Numeric back ends that `make lib` builds."""
-
 _DOUBLES_PER_ROW = 8
+_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
 def truth_of(rows: Any) -> Truth:
@@ -46,8 +45,8 @@ class Frame:
 @functools.cache
 def _load(num: str) -> tuple[FFI, Any]:
     header = LIBRARIES / "kontur_sim.h"
-    library = LIBRARIES / f"libkontur_{num}.so"
-    built = sorted(f.stem.removeprefix("libkontur_") for f in LIBRARIES.glob("libkontur_*.so"))
+    library = LIBRARIES / f"libkontur_{num}{_SUFFIX}"
+    built = sorted(f.stem.removeprefix("libkontur_") for f in LIBRARIES.glob(f"libkontur_*{_SUFFIX}"))
     if not built or not header.exists():
         raise LibraryError(f"{LIBRARIES}: the simulator is not built; run `make lib` in the source folder")
     if num not in built:
