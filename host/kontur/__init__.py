@@ -11,7 +11,8 @@
 
 Names are imported when they are first used, so `import kontur` costs nothing. All errors are `kontur.KonturError`s.
 
-The rest is in rooms. docs/architecture.md says what each room holds and which others it may import.
+docs/python.md shows how it is used. The rest is in rooms. docs/architecture.md says what each room holds and which
+others it may import.
 """
 
 from __future__ import annotations
@@ -20,10 +21,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from kontur.can.bad_bus import BusFaults as BusFaults
     from kontur.can.bus import open_bus as open_bus
+    from kontur.can.emcy import describe_emcy as describe_emcy
     from kontur.drive.controllers import CONTROLLERS as CONTROLLERS
     from kontur.drive.device import Device as Device
+    from kontur.drive.scope import Capture as Capture
     from kontur.drive.scope import Setup as ScopeSetup
+    from kontur.drive.scope import trigger as scope_trigger
     from kontur.drive.stream import Operator as Operator
     from kontur.drive.stream import stream as stream
     from kontur.drive.target import Target as Target
@@ -32,11 +37,18 @@ if TYPE_CHECKING:
     from kontur.machine import Machine as Machine
     from kontur.machine import load as load_machine
     from kontur.path import shapes as shapes
+    from kontur.path.geometry import Arc as Arc
+    from kontur.path.geometry import Curve as Curve
+    from kontur.path.geometry import Dwell as Dwell
+    from kontur.path.geometry import Line as Line
+    from kontur.path.geometry import Move as Move
+    from kontur.path.geometry import Program as Program
     from kontur.path.programs import load as load_path
     from kontur.planning.bounds import Limits as Limits
     from kontur.planning.bounds import limits as limits
     from kontur.planning.planner import Trajectory as Trajectory
     from kontur.planning.planner import plan as plan
+    from kontur.report.capture_file import save as write_capture
     from kontur.report.page import write_report as write_report
     from kontur.runs.log import RunLog as RunLog
     from kontur.runs.log import read as read_log
@@ -51,17 +63,26 @@ if TYPE_CHECKING:
 # Where each name is defined: module, and the name there if it is another one.
 _WHERE = {
     "CONTROLLERS": "kontur.drive.controllers",
+    "Arc": "kontur.path.geometry",
+    "BusFaults": "kontur.can.bad_bus",
+    "Capture": "kontur.drive.scope",
+    "Curve": "kontur.path.geometry",
     "Device": "kontur.drive.device",
+    "Dwell": "kontur.path.geometry",
     "KonturError": "kontur.errors",
     "Limits": "kontur.planning.bounds",
+    "Line": "kontur.path.geometry",
     "Machine": "kontur.machine",
+    "Move": "kontur.path.geometry",
     "Operator": "kontur.drive.stream",
+    "Program": "kontur.path.geometry",
     "RunLog": "kontur.runs.log",
     "RunOptions": "kontur.runs.runner",
     "RunResult": "kontur.runs.runner",
     "ScopeSetup": "kontur.drive.scope:Setup",
     "Target": "kontur.drive.target",
     "Trajectory": "kontur.planning.planner",
+    "describe_emcy": "kontur.can.emcy",
     "limits": "kontur.planning.bounds",
     "load_machine": "kontur.machine:load",
     "load_path": "kontur.path.programs:load",
@@ -70,20 +91,30 @@ _WHERE = {
     "plan": "kontur.planning.planner",
     "read_log": "kontur.runs.log:read",
     "run": "kontur.runs.runner",
+    "scope_trigger": "kontur.drive.scope:trigger",
     "shapes": "kontur.path",
     "stream": "kontur.drive.stream",
     "summary": "kontur.runs.summary",
+    "write_capture": "kontur.report.capture_file:save",
     "write_log": "kontur.runs.log:write",
     "write_report": "kontur.report.page",
 }
 
 __all__ = [
     "CONTROLLERS",
+    "Arc",
+    "BusFaults",
+    "Capture",
+    "Curve",
     "Device",
+    "Dwell",
     "KonturError",
     "Limits",
+    "Line",
     "Machine",
+    "Move",
     "Operator",
+    "Program",
     "RunLog",
     "RunOptions",
     "RunResult",
@@ -91,6 +122,7 @@ __all__ = [
     "Target",
     "Trajectory",
     "__version__",
+    "describe_emcy",
     "limits",
     "load_machine",
     "load_path",
@@ -99,9 +131,11 @@ __all__ = [
     "plan",
     "read_log",
     "run",
+    "scope_trigger",
     "shapes",
     "stream",
     "summary",
+    "write_capture",
     "write_log",
     "write_report",
 ]

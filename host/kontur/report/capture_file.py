@@ -18,8 +18,9 @@ from kontur.runs.log import Mf4Channel, mf4_bytes
 SUFFIXES = (".png", ".svg", ".csv", ".mf4")
 
 
-def save(capture: Capture, path: Path) -> None:
+def save(capture: Capture, file: str | Path) -> None:
     """Write as picture (.png, .svg) or table (.csv, .mf4). Raises FileError."""
+    path = Path(file)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise FileError(path, f"must end in {', '.join(SUFFIXES)}")
