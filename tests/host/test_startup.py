@@ -83,9 +83,23 @@ def test_run_writes_mf4_although_python_can_does_not_load_asammdf(tmp_path: Path
 
 
 def test_tab_completes_shapes_files_and_options() -> None:
-    assert completions("kontur run ci") == ["circle", "file"]
+    assert completions("kontur run ci") == ["file", "circle"]
     assert set(completions("kontur run ")) == {"circle", "ellipse", "eight", "square", "spiral", "file"}
     assert completions("kontur run circle --corner-r") == ["--corner-radius"]
+
+
+def test_tab_completes_in_bash_by_the_script_that_click_writes() -> None:
+    program = (
+        'eval "$(_KONTUR_COMPLETE=bash_source kontur)"; complete -p kontur; COMP_CWORD=2\n'
+        "for line in 'kontur run ell' 'kontur bench s'; do\n"
+        '  COMP_WORDS=($line); COMPREPLY=(); _kontur_completion kontur; echo "${COMPREPLY[@]}"\ndone'
+    )
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(["bash", "-c", program], capture_output=True, text=True, env=os.environ | {"PATH": path})
+    lines = done.stdout.splitlines()
+    assert lines[0].endswith("-F _kontur_completion kontur"), done.stderr
+    assert lines[1].split()[0] == "ellipse"
+    assert lines[2] == "sim stream"
 
 
 def test_tab_completes_controllers_by_either_name() -> None:

@@ -94,9 +94,8 @@ class _MachineFile(click.Path):
     """A machine file: any, or one that comes with the package."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        return offered(map(str, sorted(machines.MACHINES.glob("*.toml"))), incomplete) + super().shell_complete(
-            ctx, param, incomplete
-        )
+        known = offered(map(str, sorted(machines.MACHINES.glob("*.toml"))), incomplete)
+        return super().shell_complete(ctx, param, incomplete) + known  # bash drops what precedes files
 
 
 PARAMETER, PARAMETER_VALUE, SIGNALS = _Parameter(), _ParameterValue(), _Signals()

@@ -92,7 +92,7 @@ class _Source(click.types.StringParamType):
     """A file or the name of a shape."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        return [*offered(SHAPES, incomplete), CompletionItem(incomplete, type="file")]
+        return [CompletionItem(incomplete, type="file"), *offered(SHAPES, incomplete)]  # bash drops what precedes files
 
 
 def _shape_option(name: str, text: str) -> Callable[[F], F]:
