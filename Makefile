@@ -13,7 +13,8 @@ export CTEST_PARALLEL_LEVEL ?= $(shell nproc)
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-c test-target test-host test-hil lint lib firmware flash flash-dfu fuzz mutants setup clean
+.PHONY: help demo test test-c test-target test-host test-hil test-install lint lib firmware flash flash-dfu fuzz mutants \
+  setup clean
 
 # Configure, build and, where it has tests, run each of these presets.
 workflow = for preset in $(1); do cmake --workflow --preset $$preset || exit 1; done
@@ -23,7 +24,7 @@ help:  ## this list
 	@echo "Parts of the test: test-c, test-target, test-host, test-hil, lint. Everything else: docs/testing.md."
 
 demo: lib  ## cut examples/part.ngc under five controllers: table, build/demo/report.html
-	.venv/bin/kontur demo
+	.venv/bin/kontur demo --out build/demo
 
 test: test-c test-target test-host test-hil lint  ## test all: C, on a Cortex-M in QEMU, Python, over the bus; linters
 
@@ -49,6 +50,10 @@ test-hil: lib $(if $(filter vcan,$(TARGET)),build/need/uml) $(if $(filter qemu,$
 	@for target in $(TARGET); do echo "Drive over its bus: $$target"; \
 	  case $$target in vcan) vcan="$(PY) tests/hil/vcan.py";; *) vcan=;; esac; \
 	  $$vcan $(PY) -m pytest tests/hil --target $$target $(if $(NO_MOTION),--no-motion) || exit 1; done
+
+# Source package, wheel and checkout, each in empty environments. No part of `test`: it loads many packages.
+test-install: setup
+	$(PY) -m pytest tests/install -v -rs
 
 lint: setup
 	.venv/bin/ruff check

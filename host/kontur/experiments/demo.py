@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,16 @@ from kontur.runs import log
 from kontur.runs.log import RunLog
 from kontur.runs.runner import RunOptions, run
 from kontur.runs.summary import summary
+
+_PACKAGE = Path(__file__).parents[1]
+EXAMPLES = inside if (inside := _PACKAGE / "examples").is_dir() else _PACKAGE.parents[1] / "examples"
+"""The example files: inside an installed package, in the root folder of a checkout."""
+
+
+def part() -> Path:
+    """The demo part, as a path from the current folder where it lies below that."""
+    file, here = EXAMPLES / "part.ngc", Path.cwd()
+    return file.relative_to(here) if file.is_relative_to(here) else file
 
 
 def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float], None]) -> list[RunLog]:
@@ -41,7 +52,7 @@ def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float],
     )
     runs = []
     for name in CONTROLLERS:
-        command = f"kontur run {file} --controller {name} --seed {target.seed}"
+        command = shlex.join(["kontur", "run", str(file), "--controller", name, "--seed", str(target.seed)])
         operator = Operator(progress=partial(progress, name))
         runs.append(run(trajectory, name, target, RunOptions(command=command), operator).log)
     for i, one in enumerate(runs):
@@ -49,7 +60,7 @@ def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float],
         for suffix in ("csv", "mf4"):
             log.write(one, out / f"{one.meta['controller']}.{suffix}")
     progress("report", 0.0)
-    write_report(out / "report.html", runs, command="make demo")
+    write_report(out / "report.html", runs, command="kontur demo")
     figures = {str(one.meta["controller"]): summary(one) for one in runs}
     write_atomically(out / "summary.json", (json.dumps(figures, indent=2) + "\n").encode())
     return runs

@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import selectors
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -82,8 +83,12 @@ def start(
     `record`: gets the truth at power-off, see read_record(). `store`: the flash that parameters are stored in (1010h),
     read at power-on if there is one, written at power-off. Raises LibraryError when the program is not built,
     MachineError, FileError where there is no folder for `record` or `store`, SimulatorError with the message of a
-    process that failed.
+    process that failed, or where this is not Linux.
     """
+    if sys.platform != "linux":
+        raise SimulatorError(
+            f"{PROGRAM.name} runs on Linux only; without bus options a command simulates the drive in its own process"
+        )
     for file in filter(None, (record, store)):
         check_folder(file)
     arguments = [str(PROGRAM), "--seed", str(seed), "--node", str(node_id), "--num", num, "--pace", pace]
