@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from types import ModuleType
 from typing import Any
@@ -48,6 +49,8 @@ class _Verbs(click.Group):
     """Imports a command's module when it is used, and prints an error that the user can correct as one message."""
 
     def main(self, *args: Any, **extra: Any) -> Any:
+        if "_KONTUR_COMPLETE" in os.environ:  # click writes bytes to a shell, and nothing from outside
+            return super().main(*args, **extra)
         with terminal.guarded():
             return super().main(*args, **extra)
 
