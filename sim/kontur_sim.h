@@ -38,6 +38,33 @@ struct ks_machine {
     double schedule_time_s[16];
     double schedule_scale[16];
     double schedule_repeat_s;
+    /* What a real machine has besides. 0: not there. */
+    double resonance_Hz[2];           /* first mode of motor and table with both ends free; 0: rigid */
+    double resonance_damping[2];      /* its damping ratio */
+    double motor_share[2];            /* share of mass_kg at the motor, within 0..1 where there is a mode */
+    int32_t encoder_at_table[2];      /* where the encoder is: 0 motor, 1 table */
+    int32_t encoder_inverted[2];      /* 1: the encoders count down in the positive direction */
+    int32_t force_inverted[2];        /* 1: the force acts against its sign */
+    double scale_m[2];                /* length of a count of a second encoder, at the table */
+    double backlash_m[2];             /* whole gap between motor and table */
+    double presliding_m[2];           /* distance over which friction builds up after a reversal; 0: true stiction */
+    double friction_share[2];         /* share of the friction, viscous too, at the table; the rest is at the motor */
+    double friction_wave[2];          /* relative change of coulomb_N, as a sine with one wave over the travel, 0..1 */
+    double screw_m[2];                /* lead of the screw: the period of what goes by angle */
+    double cogging_N[2];              /* limit of the force by position, of three harmonics a turn */
+    double ripple[2];                 /* limit of the relative change of force, of three harmonics a turn */
+    double encoder_once_m[2];         /* amplitude of the encoder's error once a turn */
+    double interpolation_m[2];        /* amplitude of the encoder's error within a signal period */
+    double interpolation_period_m[2]; /* signal period */
+    double force_bits[2];             /* resolution of +-force_limit_N in bits, a whole number */
+    double continuous_force_N[2];     /* force that the amplifier limits to when its mean square exceeds it */
+    double thermal_s[2];              /* time constant of that mean */
+    double lead_error[2];             /* error of the screw, m per m of travel */
+    double lead_once_m[2];            /* amplitude of the screw's error once a turn */
+    double squareness_rad[2];         /* the other axis moves by this share of this one's travel; no sensor sees it */
+    double crosstalk_s2[2];           /* the other axis moves by this times this one's acceleration; likewise */
+    double cutting_force_N[2];        /* amplitude of a force on the table while the path runs */
+    double cutting_Hz[2];             /* its frequency; 0: constant */
 };
 
 /* One classic CAN frame. `id` has 11 bits. `tick` is the control period in which the device sent it. */

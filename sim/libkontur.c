@@ -225,13 +225,13 @@ static void record_truth(ks *s)
     }
     struct ks_truth *row = &s->truth[s->truth_count++];
     const struct servo_loop *loop = &s->device.drive.loop;
+    plant_tool(&s->plant, row->pos_m);
     for (int i = 0; i < 2; i++) {
         if (servo_loop_simulated(loop)) {
             row->pos_m[i] = (double)loop->onchip.plant.axis[i].pos * 0x1p-32 * s->plant.machine.encoder_m[i];
             row->vel_mps[i] = (double)n_to_q32(loop->onchip.plant.axis[i].vel) * 0x1p-32 * 2e-4; /* um/T0 */
             continue;
         }
-        row->pos_m[i] = s->plant.pos_m[i];
         row->vel_mps[i] = s->plant.vel_mps[i];
     }
 }
@@ -245,6 +245,7 @@ static void period(ks *s)
     device_tick(&s->device);
     s->tick++;
     device_poll(&s->device);
+    s->plant.cutting = s->device.od.stream.state == STREAM_RUNNING;
     plant_step(&s->plant, s->force_N);
     if (s->recording) {
         struct ks_truth *row = &s->truth[s->truth_count - 1];

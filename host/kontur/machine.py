@@ -21,6 +21,7 @@ DEFAULT = MACHINES / "table1.toml"
 SCHEDULE_ROWS_MAX = 16
 ON_CHIP = "on_chip"
 MODELS = ("full", ON_CHIP)
+ENCODER_AT = ("motor", "table")
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,33 @@ class Axis:
     limit_switch_m: float = 0.002
     index_m: float = 0.01
     start_m: float = 0.0
+    # What a real axis has besides. With these defaults it is not there.
+    resonance_Hz: float = 0.0
+    resonance_damping: float = 0.02
+    motor_share: float = 0.5
+    encoder_at: str = "motor"
+    encoder_inverted: bool = False
+    force_inverted: bool = False
+    scale_m: float = 0.0
+    backlash_m: float = 0.0
+    presliding_m: float = 0.0
+    friction_share: float = 0.0
+    friction_wave: float = 0.0
+    screw_m: float = 0.0
+    cogging_N: float = 0.0
+    ripple: float = 0.0
+    encoder_once_m: float = 0.0
+    interpolation_m: float = 0.0
+    interpolation_period_m: float = 0.0
+    force_bits: int = 0
+    continuous_force_N: float = 0.0
+    thermal_s: float = 0.0
+    lead_error: float = 0.0
+    lead_once_m: float = 0.0
+    squareness_rad: float = 0.0
+    crosstalk_s2: float = 0.0
+    cutting_force_N: float = 0.0
+    cutting_Hz: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -82,6 +110,13 @@ class Machine:
             y=dataclasses.replace(self.y, start_m=start_m[1]),
         )
 
+    def described(self) -> dict[str, Any]:
+        """All values as plain types; of the keys of a real machine those that are there."""
+        table = dataclasses.asdict(self)
+        for axis in ("x", "y"):
+            table[axis] = {k: v for k, v in table[axis].items() if k not in REAL or v != getattr(Axis, k)}
+        return table
+
     def simulated(self) -> dict[str, list[float]]:
         """The fields of struct ks_machine (sim/kontur_sim.h) and their values, in SI units, for the simulator."""
         per_axis = (
@@ -96,8 +131,10 @@ class Machine:
             "encoder_m",
             "index_m",
             "start_m",
+            *(name for name in REAL if name != "encoder_at"),
         )
         return {field: [getattr(axis, field) for axis in self.axes] for field in per_axis} | {
+            "encoder_at_table": [int(axis.encoder_at == "table") for axis in self.axes],
             "switch_m": [axis.limit_switch_m for axis in self.axes],
             "travel_min_m": [axis.travel_m[0] for axis in self.axes],
             "travel_max_m": [axis.travel_m[1] for axis in self.axes],
@@ -141,6 +178,11 @@ class Machine:
         return values
 
 
+REAL = tuple(f.name for f in dataclasses.fields(Axis))[
+    [f.name for f in dataclasses.fields(Axis)].index("resonance_Hz") :
+]
+"""Keys of an axis that are of a real machine; the drive's own model has none of them."""
+
 # Accepted range of every number of an axis: (least, greatest, whether the least itself is accepted).
 _RANGE = {
     "mass_kg": (0.1, 1e5, True),
@@ -158,8 +200,40 @@ _RANGE = {
     "limit_switch_m": (0.0, 1.0, True),
     "index_m": (0.0, 1.0, True),
     "start_m": (-2.0, 2.0, True),
+    "resonance_Hz": (0.0, 2000.0, True),
+    "resonance_damping": (0.0, 1.0, True),
+    "motor_share": (0.0, 1.0, False),
+    "scale_m": (0.0, 1e-5, True),
+    "backlash_m": (0.0, 0.01, True),
+    "presliding_m": (0.0, 0.01, True),
+    "friction_share": (0.0, 1.0, True),
+    "friction_wave": (0.0, 1.0, True),
+    "screw_m": (0.0, 1.0, True),
+    "cogging_N": (0.0, 3000.0, True),
+    "ripple": (0.0, 1.0, True),
+    "encoder_once_m": (0.0, 0.01, True),
+    "interpolation_m": (0.0, 0.01, True),
+    "interpolation_period_m": (0.0, 0.01, True),
+    "continuous_force_N": (0.0, 3000.0, True),
+    "thermal_s": (0.0, 1e5, True),
+    "lead_error": (-0.1, 0.1, True),
+    "lead_once_m": (0.0, 0.01, True),
+    "squareness_rad": (-0.1, 0.1, True),
+    "crosstalk_s2": (-1e-3, 1e-3, True),
+    "cutting_force_N": (0.0, 3000.0, True),
+    "cutting_Hz": (0.0, 5000.0, True),
 }
 _OF_PARAMETERS = {"plant_x", "plant_y", "limits", "smc", "controller"}  # objects that `kontur param dump` writes
+_FLAGS = ("encoder_inverted", "force_inverted")
+# What a key needs to be there, too: (key, other, what it is).
+_NEEDS = (
+    ("cogging_N", "screw_m", "the lead of the screw"),
+    ("ripple", "screw_m", "the lead of the screw"),
+    ("encoder_once_m", "screw_m", "the lead of the screw"),
+    ("lead_once_m", "screw_m", "the lead of the screw"),
+    ("interpolation_m", "interpolation_period_m", "the signal period"),
+    ("continuous_force_N", "thermal_s", "its time constant"),
+)
 _PAIRS = ("travel_m", "soft_limit_m")
 
 
@@ -205,16 +279,21 @@ class _Reader:
             centripetal_step_mps2=self.number("centripetal_step_mps2", table["centripetal_step_mps2"], 0.0, 1e3, False),
             friction_schedule=rows,
             friction_repeat_s=repeat_s,
-            model=self.model(table.get("model", "full")),
+            model=self.choice("model", table.get("model", "full"), MODELS),
         )
         if machine.model == ON_CHIP:
             self.check_on_chip(machine)
         return machine
 
-    def model(self, value: Any) -> str:
-        if value not in MODELS:
-            raise self.problem("model", f"must be one of {', '.join(MODELS)}, is {value!r}")
+    def choice(self, where: str, value: Any, known: tuple[str, ...]) -> str:
+        if value not in known:
+            raise self.problem(where, f"must be one of {', '.join(known)}, is {value!r}")
         return str(value)
+
+    def flag(self, where: str, value: Any) -> bool:
+        if not isinstance(value, bool):
+            raise self.problem(where, f"must be true or false, is {value!r}")
+        return value
 
     def check_on_chip(self, machine: Machine) -> None:
         """Refuse what the drive's own model does not have."""
@@ -223,6 +302,9 @@ class _Reader:
                 raise self.problem(f"{name}.breakaway", f"must be 1 with model {ON_CHIP!r}")
             if axis.current_lag_s != 0.0:
                 raise self.problem(f"{name}.current_lag_s", f"must be 0 with model {ON_CHIP!r}")
+            for key in REAL:
+                if getattr(axis, key) != getattr(Axis, key):
+                    raise self.problem(f"{name}.{key}", f"must be left out with model {ON_CHIP!r}")
         if machine.delay_periods != 1:
             raise self.problem("delay_periods", f"must be 1 with model {ON_CHIP!r}")
         if machine.friction_schedule:
@@ -237,6 +319,12 @@ class _Reader:
             where = f"{name}.{key}"
             if key in _PAIRS:
                 values[key] = self.pair(where, value)
+            elif key in _FLAGS:
+                values[key] = self.flag(where, value)
+            elif key == "encoder_at":
+                values[key] = self.choice(where, value, ENCODER_AT)
+            elif key == "force_bits":
+                values[key] = self.integer(where, value, 0, 32)
             else:
                 values[key] = self.number(where, value, *_RANGE[key])
         axis = Axis(**values)
@@ -244,6 +332,11 @@ class _Reader:
             raise self.problem(f"{name}.soft_limit_m", f"must lie within travel_m {list(axis.travel_m)}")
         if not axis.soft_limit_m[0] <= axis.start_m <= axis.soft_limit_m[1]:
             raise self.problem(f"{name}.start_m", f"must lie within soft_limit_m {list(axis.soft_limit_m)}")
+        if axis.motor_share == 1.0:
+            raise self.problem(f"{name}.motor_share", "must be below 1: the table has a mass, too")
+        for key, other, what in _NEEDS:
+            if getattr(axis, key) != 0.0 and getattr(axis, other) == 0.0:
+                raise self.problem(f"{name}.{key}", f"needs {other}, {what}")
         return axis
 
     def schedule(self, table: Any) -> tuple[tuple[tuple[float, float], ...], float]:

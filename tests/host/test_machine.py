@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Machine files: the paper's table as shipped, and one clear message for each mistake."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -77,3 +78,42 @@ def test_mistake_is_named_with_file_and_key(tmp_path: Path, old: str, new: str, 
 def test_missing_file_is_named() -> None:
     with pytest.raises(MachineError, match=r"nowhere\.toml: cannot be read"):
         machine.load("nowhere.toml")
+
+
+def test_the_page_of_machines_has_every_key_and_every_file() -> None:
+    page = (Path(__file__).parents[2] / "docs/machines.md").read_text()
+    for field in dataclasses.fields(machine.Axis):
+        assert f"`{field.name}`" in page, field.name
+    for file in machine.MACHINES.glob("*.toml"):
+        assert f"[{file.name}]" in page
+        machine.load(file)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("motor_share = 1.0", "motor_share: must be below 1"),
+        ("motor_share = 0.0", "motor_share: must be greater than 0"),
+        ("resonance_Hz = -5.0", "resonance_Hz: must be at least 0"),
+        ("cogging_N = 2.0", "cogging_N: needs screw_m"),
+        ("interpolation_m = 1e-7", "interpolation_m: needs interpolation_period_m"),
+        ("continuous_force_N = 50.0", "continuous_force_N: needs thermal_s"),
+        ('encoder_at = "screw"', "encoder_at: must be one of motor, table"),
+        ("force_inverted = 1", "force_inverted: must be true or false"),
+        ("force_bits = 12.5", "force_bits: must be a whole number"),
+    ],
+)
+def test_a_key_of_a_real_machine_that_cannot_be_is_named(tmp_path: Path, line: str, message: str) -> None:
+    with pytest.raises(MachineError, match=f"x.{message}"):
+        load_changed(tmp_path, "[x]\n", f"[x]\n{line}\n")
+
+
+def test_the_drives_own_model_refuses_every_key_of_a_real_machine(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    text = (machine.MACHINES / "table1_on_chip.toml").read_text()
+    for key in machine.REAL:
+        value = {"encoder_at": '"table"', "encoder_inverted": "true", "force_inverted": "true", "force_bits": "8"}
+        more = "".join(f"{other} = 0.005\n" for needs, other, _ in machine._NEEDS if needs == key)
+        file.write_text(text.replace("[x]\n", f"[x]\n{key} = {value.get(key, '1e-6')}\n{more}", 1))
+        with pytest.raises(MachineError, match="must be left out with model"):
+            machine.load(file)

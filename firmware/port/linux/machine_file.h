@@ -7,7 +7,7 @@
  *   schedule_time_s 0 1.6
  *
  * The path "-" is standard input. Empty lines and lines that start with # are ignored. All fields are required except
- * those of the schedule, switch_m and index_m.
+ * those of the schedule, switch_m, index_m and those of a real machine, which are not there then.
  */
 #ifndef KONTUR_MACHINE_FILE_H
 #define KONTUR_MACHINE_FILE_H

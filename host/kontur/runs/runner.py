@@ -212,7 +212,7 @@ def _what(device: Device, trajectory: Trajectory, target: Target, options: RunOp
         "machine": target.machine.name if is_simulated else str(bus.channel_info),
     }
     if is_simulated:
-        meta |= {"plant": dataclasses.asdict(target.machine), "seed": target.seed}
+        meta |= {"plant": target.machine.described(), "seed": target.seed}
     return meta | {
         "firmware": device.read("build_id"),
         "num": device.read("num_backend"),
