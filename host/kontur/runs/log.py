@@ -431,7 +431,7 @@ def _csv_row(line: str, names: list[str], path: Path, number: int) -> list[float
     try:
         return [float(cell) if cell else math.nan for cell in cells]
     except ValueError as error:
-        raise FileError(path, f"a cell is not a number: {error}", line=number) from error
+        raise FileError(path, f"a cell is not a number: {str(error)[:80]}", line=number) from error
 
 
 @dataclass(frozen=True)
