@@ -121,7 +121,10 @@ def start(
 
 def plain_machine(machine: Machine) -> str:
     """The machine as kontur-sim reads it (firmware/port/linux/machine_file.h)."""
-    return "".join(" ".join([name, *map(repr, values)]) + "\n" for name, values in machine.simulated().items())
+    lines = (
+        [name, *(repr(+value) for value in values)] for name, values in machine.simulated().items()
+    )  # +: False is 0
+    return "".join(" ".join(line) + "\n" for line in lines)
 
 
 def read_record(file: Path) -> Truth:
