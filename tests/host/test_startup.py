@@ -20,6 +20,7 @@ from kontur.cli import main
 from kontur.drive.controllers import NAMES
 from kontur.drive.objects import Objects
 from kontur.drive.target import Target, open_drive
+from kontur.machine import MACHINES
 
 # Packages that take a notable time to import.
 HEAVY = {"asammdf", "can", "canopen", "cffi", "matplotlib", "numpy", "pandas", "rich", "scipy", "serial"}
@@ -122,4 +123,4 @@ def test_tab_completes_each_signal_of_a_list() -> None:
 
 def test_tab_completes_machine_files_that_come_with_the_package() -> None:
     offered = completions("kontur run circle --machine ")
-    assert {Path(name).name for name in offered} == {"table1.toml", "table1_on_chip.toml", "file"}
+    assert {Path(name).name for name in offered} == {"file", *(file.name for file in MACHINES.glob("*.toml"))}
