@@ -335,6 +335,24 @@ static void test_at_standstill_the_law_is_given_plain_tracking(void)
     TEST_ASSERT_EQUAL_DOUBLE(0, val(o.a_n.y));
 }
 
+/* The caller uses `out` again: what the period before has left there must not turn a frame that stands. */
+static void test_at_standstill_nothing_of_the_period_before_is_left(void)
+{
+    struct contour_out o = behind(0.02, 100);
+    TEST_ASSERT_TRUE(val(o.theta_dot) > 0.1 && val(o.nu) > 0.9);
+    circle_ring(&ring, R, 0, 200); /* all knots are one point */
+    struct path_state path = path_at(&ring, 80.3);
+    path.rate = mk(0);
+    pos_t q[2];
+    at_um(R, 0, q);
+    contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(3, 4), &o);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(o.theta_dot));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(o.theta_ddot));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(o.nu));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, 3, val(o.e_n_dot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, 4, val(o.e_n_dot.y));
+}
+
 static void test_leaving_standstill_the_law_is_given_the_acceleration_of_both_axes(void)
 {
     line_ring(&ring, 0, 0, 0, 0, 20);
@@ -422,6 +440,7 @@ int main(void)
     RUN_TEST(test_tracking_error_rate_is_actual_less_programmed_velocity);
     RUN_TEST(test_the_delay_is_regularised_at_low_speed);
     RUN_TEST(test_at_standstill_the_law_is_given_plain_tracking);
+    RUN_TEST(test_at_standstill_nothing_of_the_period_before_is_left);
     RUN_TEST(test_leaving_standstill_the_law_is_given_the_acceleration_of_both_axes);
     RUN_TEST(test_the_delay_is_limited);
     RUN_TEST(test_newtons_step_is_limited_as_well);

@@ -377,6 +377,19 @@ static void test_capture_of_a_warning_stays_when_the_second_axis_gets_power(void
     }
 }
 
+static void test_stop_of_the_node_reaches_the_tick_before_the_next_step(void)
+{
+    enable();
+    begin(900, 900);
+    command(0x1F, 0x1F);
+    ms(100);
+    TEST_ASSERT_TRUE(atomic_load(&drive.loop.command.run));
+    drive_stop(&drive);
+    TEST_ASSERT_FALSE(atomic_load(&drive.loop.command.run));
+    ms(200);
+    TEST_ASSERT_FALSE(drive_powered(&drive));
+}
+
 static void test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled(void)
 {
     enable();
@@ -505,6 +518,7 @@ int main(void)
     RUN_TEST(test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes_before_it_is_polled);
     RUN_TEST(test_faults_are_cleared_when_both_axes_have_left_the_state_fault);
     RUN_TEST(test_capture_of_a_warning_stays_when_the_second_axis_gets_power);
+    RUN_TEST(test_stop_of_the_node_reaches_the_tick_before_the_next_step);
     RUN_TEST(test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled);
     RUN_TEST(test_reset_cuts_the_power_and_keeps_position_and_time);
     RUN_TEST(test_underrun_counts_once_however_long_it_lasts);
