@@ -16,5 +16,4 @@
 
 #define CONTROLLER_ENUMERATOR(id, name, alias, description) CONTROLLER_##id,
 enum controller { CONTROLLER_TABLE(CONTROLLER_ENUMERATOR) CONTROLLERS };
-#undef CONTROLLER_ENUMERATOR
 #endif
