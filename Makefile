@@ -37,7 +37,8 @@ test-c: setup
 	  --gcov-ignore-errors=no_working_dir_found --html-details build/coverage/html/index.html build/coverage-f32 build/coverage-fix
 	@$(PY) tests/unit/check_coverage.py build/coverage/coverage.json tests/unit/uncovered.toml
 
-test-target: lib firmware build/need/qemu-system-arm
+# QEMU comes first: whether there is one decides what `lib` configures.
+test-target: build/need/qemu-system-arm lib firmware
 	@cmake --build --preset host-fix --target hash && cmake --build --preset host-f32 --target hash stages
 	@$(call workflow,m4-f32 m4-fix m3-fix)
 	$(PY) tools/cost.py --check
