@@ -80,8 +80,9 @@ static struct homing_in homing_in(const struct axis_modes *m, int i, const struc
     };
 }
 
-/* Target velocity of an axis in mode 6. A rising edge of bit 4 clears the result of the homing before. It starts the next
- * one, which runs while the bit stays set, unless the axis is not enabled or on halt. */
+/* Target velocity of an axis in mode 6. The result of a homing lasts while the axis stays enabled: a master whose statusword
+ * is late then never takes it for that of the next one. A rising edge of bit 4 clears it, too, and starts the next homing,
+ * which runs while the bit stays set, unless the axis is on halt. */
 static int32_t homing_velocity(struct axis_modes *m, int i, const struct axis_modes_in *in)
 {
     struct axis_mode *a = &m->axis[i];
@@ -89,7 +90,7 @@ static int32_t homing_velocity(struct axis_modes *m, int i, const struct axis_mo
     const bool edge = (cw & ~(unsigned)a->controlword & CW_ENABLE_IP) != 0;
     const struct homing_in homing = homing_in(m, i, in);
     if (!in->axis[i].enabled || (cw & CW_ENABLE_IP) == 0 || (cw & CW_HALT) != 0) {
-        a->homing.state = edge || homing_busy(&a->homing) ? HOMING_NONE : a->homing.state;
+        a->homing.state = !in->axis[i].enabled || edge || homing_busy(&a->homing) ? HOMING_NONE : a->homing.state;
         return 0;
     }
     if (edge) {

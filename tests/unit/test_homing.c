@@ -273,6 +273,19 @@ static void test_result_of_a_homing_ends_when_its_mode_is_left(void)
     TEST_ASSERT_FALSE(status(0, ATTAINED) || status(0, HOMING_ERROR));
 }
 
+static void test_result_of_a_homing_ends_when_the_axis_loses_its_power(void)
+{
+    homing(0, 37, 100);
+    expect_attained(0);
+    rig_controlwords(&rig, SHUTDOWN, ENABLE);
+    rig_ms(&rig, 2);
+    TEST_ASSERT_FALSE(status(0, ATTAINED) || status(0, HOMING_ERROR));
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    rig_ms(&rig, 2);
+    rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
+    TEST_ASSERT_FALSE(status(0, ATTAINED) || status(0, HOMING_ERROR));
+}
+
 /* Power comes with bit 4 set already: nothing starts, and nothing is attained. */
 static void test_start_that_comes_before_power_attains_nothing(void)
 {
@@ -420,6 +433,7 @@ int main(void)
     RUN_TEST(test_homing_again_shows_that_the_result_before_is_gone);
     RUN_TEST(test_homing_that_fails_again_shows_that_the_error_before_is_gone);
     RUN_TEST(test_result_of_a_homing_ends_when_its_mode_is_left);
+    RUN_TEST(test_result_of_a_homing_ends_when_the_axis_loses_its_power);
     RUN_TEST(test_start_that_comes_before_power_attains_nothing);
     RUN_TEST(test_both_axes_home_at_once);
     RUN_TEST(test_homing_that_loses_its_power_does_not_go_on_by_itself);
