@@ -174,7 +174,7 @@ def test_homing_again_ends_at_the_home_point_of_the_second_method(
 ) -> None:
     device, lose_status = lossy
     for method, offset_nm in (("here", 20_000_000), ("switch-", -148_000_000), ("here", 5_000_000)):
-        device.parameters.set({"homing_method_x": single_axis.METHODS[method], "home_offset_x": offset_nm})
+        device.parameters.set({"homing_method_x": METHODS[method], "home_offset_x": offset_nm})
         with device.axes.enabled():
             device.write("mode_x", 6)  # as a master before may have left it
             device.axes.refresh()
@@ -188,7 +188,7 @@ def test_homing_again_ends_at_the_home_point_of_the_second_method(
 
 def test_homing_twice_with_power_on_homes_twice(lossy: tuple[Device, Callable[[float], None]]) -> None:
     device, lose_status = lossy
-    device.parameters.set({"homing_method_x": single_axis.METHODS["switch-"], "home_offset_x": -148_000_000})
+    device.parameters.set({"homing_method_x": METHODS["switch-"], "home_offset_x": -148_000_000})
     with device.axes.enabled():
         for _ in range(2):
             begin_s = device.link.time_s

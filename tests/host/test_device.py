@@ -63,7 +63,7 @@ def test_bad_value_is_refused_before_anything_is_set(device: Device, name: str, 
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("stream.total", -1, r"stream\.total: -1 is out of range; it must be 0\.\.4\.29497e\+09"),
+        ("stream.total", -1, r"stream\.total: -1 is out of range; it must be 0\.\.3e\+09"),
         ("target_velocity_x", 1e15, r"target_velocity_x: 1e\+15 um/s is out of range"),
         ("target_velocity_x", float("inf"), r"target_velocity_x: inf is not a number"),
     ],

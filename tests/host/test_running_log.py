@@ -44,10 +44,17 @@ def trajectory() -> Trajectory:
     return plan(shapes.circle(0.01, 0.05), limits(machine.load()))
 
 
+def heed_signals() -> None:
+    """Also where the tests run under nohup, or in the background of a script."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
+
+
 def started(drive: SimProcess, *options: str, file: Path) -> subprocess.Popen[str]:
     """The run of CIRCLE on `drive`, when the first rows of its log are on the disk."""
     process = subprocess.Popen(
         [*KONTUR, *CIRCLE, "-i", drive.interface, "-c", drive.channel, "--log", str(file), *options],
+        preexec_fn=heed_signals,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
