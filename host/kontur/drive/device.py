@@ -60,7 +60,7 @@ class Device(Objects):
         self.master = self.axes.master
         self.faults = self.axes.faults
         self.pdos = self.axes.pdos
-        self.read("device_name")
+        self.read("device_type")  # in one frame, so that another host that asks meanwhile does not disturb it
         if self.read_stable("clock.pace"):
             self._follow_sync()
 
