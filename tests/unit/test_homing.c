@@ -273,6 +273,18 @@ static void test_result_of_a_homing_ends_when_its_mode_is_left(void)
     TEST_ASSERT_FALSE(status(0, ATTAINED) || status(0, HOMING_ERROR));
 }
 
+static void test_result_of_a_homing_ends_with_the_next_start_on_halt_too(void)
+{
+    homing(0, 37, 100);
+    expect_attained(0);
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    rig_ms(&rig, 2);
+    expect_attained(0);
+    rig_controlwords(&rig, RUN | 0x100, ENABLE);
+    rig_ms(&rig, 50);
+    TEST_ASSERT_FALSE(status(0, ATTAINED) || status(0, HOMING_ERROR));
+}
+
 static void test_result_of_a_homing_ends_when_the_axis_loses_its_power(void)
 {
     homing(0, 37, 100);
@@ -433,6 +445,7 @@ int main(void)
     RUN_TEST(test_homing_again_shows_that_the_result_before_is_gone);
     RUN_TEST(test_homing_that_fails_again_shows_that_the_error_before_is_gone);
     RUN_TEST(test_result_of_a_homing_ends_when_its_mode_is_left);
+    RUN_TEST(test_result_of_a_homing_ends_with_the_next_start_on_halt_too);
     RUN_TEST(test_result_of_a_homing_ends_when_the_axis_loses_its_power);
     RUN_TEST(test_start_that_comes_before_power_attains_nothing);
     RUN_TEST(test_both_axes_home_at_once);
