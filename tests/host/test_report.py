@@ -169,6 +169,13 @@ def test_two_runs_of_one_controller_are_distinguished_by_their_seed(tmp_path: Pa
     assert re.findall(r"</svg>([^<]+?) <", page) == ["ccu, seed 1", "ccu, seed 2", "cascade"]
 
 
+def test_runs_with_equal_figures_are_compared(tmp_path: Path) -> None:
+    page = report_of(tmp_path, [made_run("cc"), made_run("cc"), made_run("ccu")])
+    cells = re.findall(r"<td><b>(.*?)</b></td>", page)
+    assert cells
+    assert len(cells) % 2 == 0  # the least of a column is bold in both rows
+
+
 @pytest.mark.filterwarnings("error")
 def test_gains_are_shown_of_the_controllers_that_use_them(tmp_path: Path) -> None:
     assert "Adaptive gains" not in report_of(tmp_path, [made_run("cascade")])

@@ -64,7 +64,7 @@ _STYLE = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # two runs with equal figures are still two
 class Entry:
     """A run in a report: its log and summary, and what it is called and looks like in every picture."""
 
