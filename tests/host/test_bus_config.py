@@ -75,9 +75,9 @@ def test_bad_file_is_named_where_an_interface_is_given_too(conf: Path, content: 
     ("value", "said"),
     [
         ("{", "not JSON"),
-        ("[1]", "not JSON"),
-        ("5", "not JSON"),
-        ("null", "not JSON"),
+        ("[1]", "it is no object"),
+        ("5", "it is no object"),
+        ("null", "it is no object"),
         ("[" * 100_000, "not JSON"),
         ('{"channel": "can0"}', NAMELESS),
         ('{"bustype": "socketcan"}', 'rename it to "interface"'),

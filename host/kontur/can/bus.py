@@ -67,9 +67,9 @@ def configured() -> dict[str, Any]:
     try:
         return options | can.util.load_environment_config() | can.rc
     except (ValueError, TypeError, RecursionError) as error:
+        why = "it is no object" if isinstance(error, TypeError) else _one_line(error)
         raise BusError(
-            f'environment variable {_CONFIG}: not JSON as {{"interface": "socketcan", "channel": "can0"}}: '
-            f"{_one_line(error)}"
+            f'environment variable {_CONFIG}: not JSON as {{"interface": "socketcan", "channel": "can0"}}: {why}'
         ) from error
 
 
