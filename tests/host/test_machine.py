@@ -92,8 +92,8 @@ def test_the_page_of_machines_has_every_key_and_every_file() -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("motor_share = 1.0", "motor_share: must be below 1"),
-        ("motor_share = 0.0", "motor_share: must be greater than 0"),
+        ("motor_share = 1.0", r"motor_share: must be at least 0\.01 and at most 0\.99"),
+        ("motor_share = 1e-9", r"motor_share: must be at least 0\.01 and at most 0\.99"),
         ("resonance_Hz = -5.0", "resonance_Hz: must be at least 0"),
         ("cogging_N = 2.0", "cogging_N: needs screw_m"),
         ("interpolation_m = 1e-7", "interpolation_m: needs interpolation_period_m"),
@@ -113,6 +113,7 @@ def test_the_drives_own_model_refuses_every_key_of_a_real_machine(tmp_path: Path
     text = (machine.MACHINES / "table1_on_chip.toml").read_text()
     for key in machine.REAL:
         value = {"encoder_at": '"table"', "encoder_inverted": "true", "force_inverted": "true", "force_bits": "8"}
+        value["motor_share"] = "0.4"
         more = "".join(f"{other} = 0.005\n" for needs, other, _ in machine._NEEDS if needs == key)
         file.write_text(text.replace("[x]\n", f"[x]\n{key} = {value.get(key, '1e-6')}\n{more}", 1))
         with pytest.raises(MachineError, match="must be left out with model"):
