@@ -103,6 +103,24 @@ def test_command_goes_on_after_the_host_was_lost(target: Target, tmp_path: Path)
     expect_the_rest(log.read(tmp_path / "rest.csv"), begin_s)
 
 
+def test_same_command_with_resume_keeps_the_log_and_the_report_of_the_part_before(
+    target: Target, tmp_path: Path
+) -> None:
+    interrupt(target)
+    assert target.bus is not None
+    bus = ("-i", str(target.bus["interface"]), "-c", str(target.bus["channel"]))
+    before = {tmp_path / name: name.encode() for name in ("a.csv", "a.html", "a-part-2.csv")}
+    for path, content in before.items():
+        path.write_bytes(content)
+    output = ("--log", str(tmp_path / "a.csv"), "--report", str(tmp_path / "a.html"))
+    result = CliRunner().invoke(main, [*COMMAND, *bus, *output])
+    assert result.exit_code == 0, result.output
+    assert {path: path.read_bytes() for path in before} == before
+    assert log.read(tmp_path / "a-part-3.csv").meta["status"] == "complete"
+    assert (tmp_path / "a-part-2.html").exists()
+    assert "a.csv has the part before; this one goes to" in result.stderr
+
+
 def test_another_path_does_not_go_on_and_nothing_moves(target: Target) -> None:
     interrupt(target)
     begin_s = passed_s(target)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 import shlex
 import sys
@@ -287,6 +288,9 @@ def command(
             "--resume goes on with the one path on which a drive stopped: name its bus (-i, -c), and one controller"
         )
     trajectory, options = _plan(program, motion, recording, target)
+    if motion.resume:
+        output = dataclasses.replace(output, log=_of_this_part(output.log), report=_of_this_part(output.report))
+        recording = dataclasses.replace(recording, out=_of_this_part(recording.out))
     notes = clipped(limits(target.machine, motion.accel, motion.jerk))
     if ctx.params["feed"] is None and ctx.params["source"] in SHAPES:
         notes.insert(0, f"No --feed was given, so it is {DEFAULT_FEED_MPS * 1e3:g} mm/s.")
@@ -405,6 +409,16 @@ def _save_capture(result: RunResult, several: bool, output: Output, recording: R
         what = "fault" if result.fault is not None else "warning"
         for suffix in (".csv", ".png"):
             capture_file.save(result.capture, beside.with_name(f"{beside.stem}-{what}{suffix}"))
+
+
+def _of_this_part(path: Path | None) -> Path | None:
+    """Where a file of a resumed run goes: NAME-part-2 and so on where the one of the part before exists."""
+    if path is None or not path.is_file():
+        return path
+    names = (path.with_name(f"{path.stem}-part-{part}{path.suffix}") for part in itertools.count(2))
+    free = next(name for name in names if not name.exists())
+    click.echo(f"{path} has the part before; this one goes to {free}.", err=True)
+    return free
 
 
 def log_path(path: Path, controller: str, several: bool) -> Path:

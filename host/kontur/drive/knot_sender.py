@@ -72,7 +72,7 @@ def stopped_after(device: Device, knots_nm: NDArray[np.int32]) -> int:
     """
     state = device.read_stable("stream.state")
     if state == DONE:
-        raise StreamError("the drive has nothing to go on with: it has gone to the end of its path")
+        raise StreamError("the drive has nothing to go on with: its last path, or jog, has gone to the end")
     if state != STOPPED:
         raise StreamError(
             "the drive cannot go on with the path: it did not stop on it, or the axes were moved since; plan anew from "
