@@ -137,6 +137,32 @@ def test_second_ctrl_c_ends_at_once_and_the_log_is_kept(drive: SimProcess, tmp_p
     assert found.meta["status"] in ("interrupted", "killed")
 
 
+TELLING = """
+import sys
+from kontur.cli import main
+
+def tell(event, args):
+    if event in ("import", "open") and str(args[0]).endswith(("matplotlib", "-running.csv")):
+        print(str(args[0])[-12:], file=sys.__stderr__)
+
+sys.addaudithook(tell)
+main()
+"""
+
+
+def test_what_draws_the_report_is_loaded_before_motion_where_a_second_ctrl_c_cannot_break_it_off(
+    tmp_path: Path,
+) -> None:
+    output = ["--log", str(tmp_path / "a.csv"), "--report", str(tmp_path / "a.html")]
+    ended = subprocess.run(
+        [sys.executable, "-c", TELLING, "run", "circle", "--radius", "2", *output],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ended.stderr.split()[:2] == ["matplotlib", "-running.csv"]
+
+
 def test_bus_that_is_lost_leaves_the_log_and_one_message_names_it(drive: SimProcess, tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     process = started(drive, file=file)

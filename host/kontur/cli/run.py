@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import itertools
 import os
 import shlex
@@ -291,6 +292,8 @@ def command(
     if motion.resume:
         output = dataclasses.replace(output, log=_of_this_part(output.log), report=_of_this_part(output.report))
         recording = dataclasses.replace(recording, out=_of_this_part(recording.out))
+    if output.report is not None:  # now, since modules in C that a second Ctrl-C breaks off while loading may crash
+        importlib.import_module("kontur.report.page")
     notes = clipped(limits(target.machine, motion.accel, motion.jerk))
     if ctx.params["feed"] is None and ctx.params["source"] in SHAPES:
         notes.insert(0, f"No --feed was given, so it is {DEFAULT_FEED_MPS * 1e3:g} mm/s.")
