@@ -155,6 +155,22 @@ def test_error_to_an_ellipse_agrees_with_a_general_minimiser() -> None:
         assert abs(normal) == pytest.approx(found.fun, abs=1e-12)
 
 
+@pytest.mark.filterwarnings("error")
+def test_error_at_rest_has_the_direction_in_which_the_curve_begins() -> None:
+    def formula(u: Array, order: int) -> Array:  # along x, from rest and to rest
+        values = (
+            u**3 * (10.0 - 15.0 * u + 6.0 * u**2),
+            30.0 * u**2 * (1.0 - u) ** 2,
+            60.0 * u * (1.0 - u) * (1.0 - 2.0 * u),
+        )
+        return np.stack([10.0 * MM * values[order], 0.0 * u], axis=1)
+
+    path = program(Curve(formula, np.array([0.0, 1.0])))
+    for x_mm, s_mm in ((0.002, 0.0), (9.998, 10.0)):
+        assert error_at(path, x_mm, 0.001, s_mm) == pytest.approx((1.0, 1e3 * (x_mm - s_mm), x_mm), abs=1e-6)
+        assert error_at(path, x_mm, -0.001, s_mm) == pytest.approx((-1.0, 1e3 * (x_mm - s_mm), x_mm), abs=1e-6)
+
+
 @pytest.mark.parametrize("y_mm", [0.01, 0.0])
 def test_error_inside_the_tip_of_a_narrow_ellipse_finds_the_nearer_of_both_sides(y_mm: float) -> None:
     a, b = 20 * MM, 2 * MM  # radius at the tip is b^2 / a = 0.2 mm

@@ -29,6 +29,8 @@ Index = NDArray[np.intp]
 _REACH = 4.0  # path searched on either side of the expected position, in distances to it
 _NEWTON_M = 1e-11  # a foot point is found when it moves less; the distance errs by the square of it
 _NEWTON_MAX = 80
+_REST = 1e-9  # a curve rests where its formula moves less, in m per unit of its parameter
+_BESIDE_M = 1e-9
 _TABLE_M = 20e-6  # spacing of a curve's table of arc length, at most; interpolated it is right to far below 1 pm
 _TABLE_MIN = 1 << 14
 _PART, _PARTS, _MARGIN = 1 << 15, 4, 4  # nodes of a part of the table, parts that are kept, nodes on either side of one
@@ -279,10 +281,18 @@ class _FastCurve:
         self._part = functools.lru_cache(_PARTS)(self._table)
 
     def evaluate(self, s: Array) -> tuple[Array, Array, Array]:
-        """Points and unit tangents (n, 2) and curvatures (n,) at `s` (n,)."""
+        """Points and unit tangents (n, 2) and curvatures (n,) at `s` (n,).
+
+        Where the formula rests it has no direction: tangent and curvature are those beside it.
+        """
         u = self._parameter(s)
         point, first, second = (self.formula(u, order) for order in (0, 1, 2))
-        speed = np.maximum(_length(first), np.finfo(float).tiny)
+        rests = np.flatnonzero(_length(first) < _REST)
+        if rests.size:
+            beside = s[rests] + np.where(s[rests] < 0.5 * self._curve.length_m, _BESIDE_M, -_BESIDE_M)
+            u_beside = self._parameter(beside)
+            first[rests], second[rests] = self.formula(u_beside, 1), self.formula(u_beside, 2)
+        speed = np.maximum(_length(first), _REST)
         return point, first / speed[:, None], _cross(first, second) / speed**3
 
     def _parameter(self, s: Array) -> Array:
