@@ -93,7 +93,9 @@ def test_a_spiral_grows_by_its_pitch_each_turn():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: shapes.circle(-0.001, 0.1), "circle: radius is -0.001; it must be 1e-09..1e+06"),
+        (lambda: shapes.circle(-0.001, 0.1), "circle: radius is -0.001 m; it must be 1e-09..1e+06 m"),
+        (lambda: shapes.circle(0.001, 1e305), "circle: feed is 1e+305 m/s; it must be 1e-09..1e+06 m/s"),
+        (lambda: shapes.circle(0.001, 0.1, 1e9), "circle: laps is 1e+09; it must be 1e-09..1e+06"),
         (lambda: shapes.circle(0.001, 0.0), "circle: feed is 0"),
         (lambda: shapes.circle(0.001, 0.1, duration_s=math.nan), "circle: duration is nan"),
         (lambda: shapes.ellipse(0.01, math.inf, 0.1), "ellipse: half height is inf"),

@@ -115,4 +115,6 @@ def _program(name: str, segments: list[Segment], feed_mps: float) -> Program:
 def _check(shape: str, **values: float) -> None:
     for name, value in values.items():
         if not _LEAST <= value <= _GREATEST:
-            raise PathError(f"{shape}: {name.replace('_', ' ')} is {value:g}; it must be {_LEAST:g}..{_GREATEST:g}")
+            unit = {"feed": " m/s", "laps": "", "duration": " s"}.get(name, " m")
+            what = f"{shape}: {name.replace('_', ' ')} is {value:g}{unit}"
+            raise PathError(f"{what}; it must be {_LEAST:g}..{_GREATEST:g}{unit}")
