@@ -170,6 +170,7 @@ PART = "G21 G90 G1 X10 F600\nG1 Y10\n"
         (("run", "notes.txt"), "notes.txt: neither G-code"),
         (("info", "-i", "socketcan", "-c", "nocan0"), "bus socketcan nocan0 cannot be opened"),
         (("info", "-i", "nobus", "-c", "0"), "bus nobus 0 cannot be opened"),
+        (("info", "-i", "slcan"), "bus slcan (no channel) cannot be opened: it needs a channel. Check -i, -c"),
         (("info", "-i", "slcan", "-c", "nowhere"), "bus slcan nowhere cannot be opened"),
         (("info", "-i", "slcan", "-c", "nowhere", "--bus-faults", "drop=0"), "bus slcan nowhere cannot be opened"),
         (("info", "-i", "virtual", "-c", "nobody"), "does not answer"),
@@ -261,6 +262,7 @@ def test_ctrl_c_stops_on_the_path_and_the_log_is_complete_up_to_there(
     assert "the drive stopped on the path" in result.stderr
     assert signal.getsignal(signal.SIGINT) is before
     assert len(json.loads(result.stdout)["runs"]) == 1
+    assert f"Not run after that: {', '.join(CONTROLLERS[1:])}." in result.stderr
     run = log.read(tmp_path / "a-track.csv")
     assert run.meta["status"] == "interrupted"
     assert (run.columns["tick"][1:] - run.columns["tick"][:-1] == 1).all()

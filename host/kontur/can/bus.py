@@ -46,7 +46,8 @@ def open_bus(options: Mapping[str, Any]) -> can.BusABC:
             raise
         if isinstance(error.__cause__, KonturError):
             raise error.__cause__ from error
-        raise BusError(f"bus {named} cannot be opened: {error}. {_remedy(error, options)}") from error
+        why = "it needs a channel" if isinstance(error, TypeError) and "channel" not in options else error
+        raise BusError(f"bus {named} cannot be opened: {why}. {_remedy(error, options)}") from error
     if bus.channel_info == can.BusABC.channel_info:  # python-can's slcan and some others leave it "unknown"
         bus.channel_info = named
     return bus

@@ -312,6 +312,8 @@ def command(
     finally:
         several = len(names) > 1
         errors = _report(trajectory, results, several, motion, output, recording, notes) if results else []
+    if len(results) < len(names):
+        click.echo(f"Not run after that: {', '.join(names[len(results) :])}.", err=True)
     last = results[-1]
     told = [error for error in (last.fault, last.log_problem, *errors) if error is not None]
     for error in told[1:]:
