@@ -34,6 +34,8 @@ def run_circle(rig: Rig) -> None:
 
 
 def test_circle_through_a_queue_of_ten_frames_is_complete(target: Target) -> None:
+    if isinstance(target, Process) and target.is_vcan:
+        pytest.skip("has a queue of the kernel, which fills however slow this machine is: the next test")
     with target.power_on() as drive, Rig(drive) as rig:
         bus = BadBus(inner=rig.bus, faults=SHORT)
         rig.connect(bus)
