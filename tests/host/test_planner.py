@@ -10,11 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from knot_spline import spline
+from scipy.signal import TransferFunction, lsim
 
 from kontur.errors import PathError
+from kontur.machine import MACHINES, load
 from kontur.path import csv, gcode, shapes
 from kontur.path.geometry import Arc, Dwell, Line, Move, Program
 from kontur.planning import planner
+from kontur.planning.bounds import limits
 from kontur.planning.planner import Limits, PlannerError, plan
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -378,3 +381,56 @@ def test_ten_thousand_lines_are_planned_in_seconds_with_progress():
     assert (shares[0], shares[-1]) == (0.0, 1.0)
     assert len(shares) > 20
     np.testing.assert_allclose(trajectory.knots_nm[-1], np.rint(points[-1] * 1e3) * 1e3, atol=1)
+
+
+# --- averaged over the period of a mode -------------------------------------------------------------------------------
+
+MODE_HZ = 50.0
+AVERAGED = Limits(average_s=1.0 / MODE_HZ)
+CORNER = "G21 G90 G0 X0 Y0\nF6000\nG1 X20\nG1 Y20\nG2 X30 Y30 I10 J0\nM2\n"
+
+
+def ringing_m(trajectory):
+    """Largest deflection of an undamped mode of MODE_HZ behind x, after the motion has ended."""
+    omega = 2.0 * math.pi * MODE_HZ
+    at_rest = np.pad(trajectory.knots_nm[:, 0] * 1e-9, (0, 200), mode="edge")
+    acceleration = np.diff(at_rest, 2) / 1e-6
+    t = np.arange(len(acceleration)) * 1e-3
+    _, deflection, _ = lsim(TransferFunction([-1.0], [1.0, 0.0, omega**2]), acceleration, t, interp=True)
+    return float(np.max(np.abs(deflection[-150:])))
+
+
+@pytest.mark.parametrize(("length", "feed"), [(0.002, 0.1), (0.02, 0.07), (0.2, 0.09)])
+def test_an_average_over_its_period_leaves_a_mode_at_rest(length, feed):
+    plain, averaged = plan(line(length, feed), LIMITS), plan(line(length, feed), AVERAGED)
+    assert ringing_m(plain) > 1e-6
+    assert ringing_m(averaged) < 3e-9  # knots are rounded to 1 nm
+
+
+def test_an_averaged_path_is_the_same_path_and_keeps_the_limits():
+    program = shapes.circle(0.004, 0.1, laps=3)
+    averaged = plan(program, AVERAGED)
+    radius = np.linalg.norm(averaged.position_m, axis=1)
+    assert np.max(np.abs(radius - 0.004)) < 1e-12
+    assert averaged.path_s_m[-1] == pytest.approx(3 * 2.0 * math.pi * 0.004, rel=1e-12)
+    assert_within(averaged, AVERAGED)
+
+
+def test_an_averaged_motion_still_stops_at_corners():
+    averaged = plan(ngc(CORNER), AVERAGED)
+    curve = spline(averaged.knots_nm * 1e-9)
+    t = np.arange(len(averaged.knots_nm))
+    at_corner = np.linalg.norm(curve(t) - np.array([0.02, 0.0]), axis=1) < 2e-9
+    assert np.any(at_corner & (np.linalg.norm(curve(t, 1), axis=1) < 2e-9))  # m/ms: rounding
+    assert np.all(np.diff(averaged.path_s_m) >= 0.0)
+
+
+def test_the_average_is_one_period_of_the_slower_mode():
+    machine = load(MACHINES / "long_axis.toml")
+    assert limits(machine).average_s == math.ceil(1e3 / min(a.resonance_Hz for a in machine.axes)) * 1e-3
+    assert limits(load()).average_s == 0.0
+
+
+def test_a_negative_average_is_refused():
+    with pytest.raises(PathError, match="average_s is -1"):
+        Limits(average_s=-1.0)

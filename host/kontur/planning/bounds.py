@@ -39,30 +39,43 @@ BEND_LIMITS = (
 )
 """What bounds the speed of a piece."""
 LIMIT_RANGE = (1e-6, 1e9)
+AVERAGE_MAX_S = 1.0
 
 
 @dataclass(frozen=True)
 class Limits:
     """What the axes may do, (x, y) each, and the step of acceleration allowed where the path's curvature jumps.
 
-    Raises PathError: a limit beyond LIMIT_RANGE, in its SI unit.
+    `average_s`: distance travelled is averaged over this time, in whole ms, so that the snap is bounded where an axis
+    has a mode of this period; the path stays what it is. 0: not averaged.
+
+    Raises PathError: a limit beyond LIMIT_RANGE, in its SI unit, or an average beyond AVERAGE_MAX_S.
     """
 
     velocity_mps: tuple[float, float] = (0.3, 0.3)
     acceleration_mps2: tuple[float, float] = (5.0, 5.0)
     jerk_mps3: tuple[float, float] = (100.0, 100.0)
     centripetal_step_mps2: float = 1.0
+    average_s: float = 0.0
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.average_s <= AVERAGE_MAX_S:
+            raise PathError(f"limit average_s is {self.average_s:g}; it must be 0..{AVERAGE_MAX_S:g}")
         for name, values in vars(self).items():
+            if name == "average_s":
+                continue
             for value in values if isinstance(values, tuple) else (values,):
                 if not LIMIT_RANGE[0] <= value <= LIMIT_RANGE[1]:
                     raise PathError(f"limit {name} is {value:g}; it must be {LIMIT_RANGE[0]:g}..{LIMIT_RANGE[1]:g}")
 
 
 def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: float | None = None) -> Limits:
-    """The planner's limits for `machine`, with another acceleration or jerk for both axes where given."""
+    """The planner's limits for `machine`, with another acceleration or jerk for both axes where given.
+
+    Distance is averaged over a period of the slower first mode of the axes.
+    """
     x, y = machine.axes
+    modes_Hz = [axis.resonance_Hz for axis in machine.axes if axis.resonance_Hz > 0.0]
     return Limits(
         velocity_mps=(x.velocity_mps, y.velocity_mps),
         acceleration_mps2=(x.acceleration_mps2, y.acceleration_mps2)
@@ -70,6 +83,7 @@ def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: 
         else (acceleration_mps2,) * 2,
         jerk_mps3=(x.jerk_mps3, y.jerk_mps3) if jerk_mps3 is None else (jerk_mps3,) * 2,
         centripetal_step_mps2=machine.centripetal_step_mps2,
+        average_s=min(math.ceil(1.0 / (min(modes_Hz) * KNOT_S)) * KNOT_S, AVERAGE_MAX_S) if modes_Hz else 0.0,
     )
 
 
@@ -98,6 +112,7 @@ def planned(limits: Limits) -> Limits:
         acceleration_mps2=(ax, ay),
         jerk_mps3=(min(_JERK_SHARE * jx, ax / _BUILD_UP_S), min(_JERK_SHARE * jy, ay / _BUILD_UP_S)),
         centripetal_step_mps2=min(limits.centripetal_step_mps2, _STEP_SHARE * min(ax, ay)),
+        average_s=limits.average_s,
     )
 
 

@@ -9,6 +9,9 @@ acceleration is zero at both ends. This gives the distance travelled, s(t); its 
 control points of a cubic B-spline, which keeps every bound, as averages do, and makes s(t) smooth where the jerk of the
 S-curve switches between two milliseconds. The path at s(i ms) is what the streamed spline passes through.
 
+Where an axis has a first mode, s(t) is averaged over its period besides. A step of jerk, which would let the mode ring,
+becomes a ramp that takes a period and excites it least, and the path stays what it is. Stops last as much longer.
+
 Limits hold for the spline at each millisecond before its knots are rounded to 1 nm; rounding adds up to 0.5 um/s,
 2 mm/s2 and 4 m/s3. The jerk limit holds along smooth pieces; where curvature or direction jumps, the step of
 acceleration is limited.
@@ -91,7 +94,7 @@ def plan(
         _check_schedule(program, limits, control)
     else:
         pieces = pieces_of(program, planned(limits), report)
-        s = _distance(program, pieces, report)
+        s = _distance(program, pieces, limits.average_s, report)
         position = positions(moves, s, report)
         control = knots.control_points(position)
         _check(limits, control, s, pieces)
@@ -145,7 +148,7 @@ def _entries(pieces: list[Piece]) -> FloatArray:
     return np.array(v)
 
 
-def _distance(program: Program, pieces: list[Piece], report: Callable[[float], None]) -> FloatArray:
+def _distance(program: Program, pieces: list[Piece], average_s: float, report: Callable[[float], None]) -> FloatArray:
     """Distance travelled (n,) at each millisecond."""
     v0 = _entries(pieces)
     v1 = np.append(v0[1:], 0.0)
@@ -168,7 +171,7 @@ def _distance(program: Program, pieces: list[Piece], report: Callable[[float], N
     zero = np.zeros_like(j)
     duration = np.stack([zero, up, up_hold, up, cruise, down, down_hold, down], axis=1)
     jerk = np.stack([zero, j, zero, -j, zero, -j, zero, j], axis=1)
-    _add_stops(duration, np.flatnonzero(v0 == 0.0), dwell)
+    _add_stops(duration, np.flatnonzero(v0 == 0.0), dwell, average_s)
     total = float(np.sum(duration))
     if total > DURATION_MAX_S:
         raise PathError(
@@ -190,6 +193,7 @@ def _distance(program: Program, pieces: list[Piece], report: Callable[[float], N
         distance = _advanced(state.reshape(-1, 3)[now], t - start[now], jerk.ravel()[now])[:, 0]
         control[1 + first : 1 + first + len(t)] = np.clip(distance, 0.0, np.sum(length))
     control[0], control[-1] = control[1], control[-2]
+    control = _averaged(control, round(average_s / KNOT_S))
     np.maximum.accumulate(control, out=control)
     for first in range(0, count, knots.ROWS):
         part = control[first : first + knots.ROWS + 2]
@@ -203,12 +207,27 @@ def _advanced(state: FloatArray, t: FloatArray, jerk: FloatArray) -> FloatArray:
     return np.stack([s + t * (v + t * (a + t * jerk / 3.0) / 2.0), v + t * (a + t * jerk / 2.0), a + t * jerk], axis=1)
 
 
-def _add_stops(duration: FloatArray, stops: npt.NDArray[np.intp], dwell: FloatArray) -> None:
+def _averaged(values: FloatArray, width: int) -> FloatArray:
+    """Moving averages (n,) of `values` (n,) over `width` intervals around each, by the trapezoidal rule."""
+    if width == 0:
+        return values
+    weight = np.full(width + 1, 1.0 / width)
+    weight[[0, -1]] *= 0.5
+    before, after = width // 2, width - width // 2
+    padded = np.pad(values, (before, after), mode="edge")
+    averages = np.empty_like(values)
+    for first in range(0, len(values), knots.ROWS):
+        part = padded[first : first + knots.ROWS + width]
+        averages[first : first + knots.ROWS] = np.convolve(part, weight, mode="valid")
+    return averages
+
+
+def _add_stops(duration: FloatArray, stops: npt.NDArray[np.intp], dwell: FloatArray, average_s: float) -> None:
     """Fill in the time of the stop before each piece that starts with one; all stops end at a multiple of 1 ms."""
     moving = np.add.reduceat(np.sum(duration, axis=1), stops)
     moving_before = np.append(0.0, moving[:-1]) / KNOT_S
     pad = np.ceil(moving_before - 1e-9) - moving_before
-    duration[stops, 0] = (np.ceil(dwell[stops] / KNOT_S - 1e-9) + pad) * KNOT_S + _STOP_S
+    duration[stops, 0] = (np.ceil(dwell[stops] / KNOT_S - 1e-9) + pad) * KNOT_S + _STOP_S + average_s
 
 
 def positions(
