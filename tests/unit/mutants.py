@@ -11,8 +11,8 @@ then the fastest. One that takes ten times the processor time of before has fail
 
 Not counted: a mutant that does not compile, one whose machine code is that of the source, and one that mutants.toml
 lists as equivalent: no input shows a difference, for the reason that stands there. Entries name the source text, so
-that they stay right when lines move. The score is the part of the others that was killed. Exit code 1 when it is below
-95 %, or when mutants.toml has an entry that fits no mutant.
+that they stay right when lines move; one without `mutant` names all mutants of its line. The score is the part of the
+others that was killed. Exit code 1 when it is below 95 %, or when mutants.toml has an entry that fits no mutant.
 
 The operators are those of Offutt et al., "An experimental determination of sufficient mutant operators", 1996
 (relational, arithmetic, logical), with constants, deleted statements and initialisers, and swapped axes.
@@ -76,7 +76,12 @@ class Mutant:
     @property
     def key(self) -> tuple[str, str, str, str]:
         """What an entry of mutants.toml names."""
-        return self.file, self.function, self.source, self.mutant
+        return *self.line_key, self.mutant
+
+    @property
+    def line_key(self) -> tuple[str, str, str]:
+        """What an entry of mutants.toml without `mutant` names."""
+        return self.file, self.function, self.source
 
     def toml(self) -> str:
         """The entry of mutants.toml."""
@@ -246,7 +251,7 @@ sys.exit(code != 0)
 """
 
 
-def judge(tests: Tests, mutant: Mutant, listed: bool) -> str:
+def judge(tests: Tests, mutant: Mutant, listed: set[tuple[str, ...]]) -> str:
     """`killed by NAME`, or another one of RESULTS."""
     code = (ROOT / mutant.file).read_bytes()
     with tempfile.TemporaryDirectory(dir=tests.tree) as name:
@@ -258,13 +263,14 @@ def judge(tests: Tests, mutant: Mutant, listed: bool) -> str:
             return "does not compile" if made is None else "same code"
         tests.compile(mutant.file, mutant.applied(code), folder, *SANITIZERS)
         killer = tests.killer(mutant.file, folder)
-        return f"killed by {killer}" if killer else "equivalent" if listed else "survived"
+        unseen = "equivalent" if {mutant.key, mutant.line_key} & listed else "survived"
+        return f"killed by {killer}" if killer else unseen
 
 
-def read_equivalent() -> set[tuple[str, str, str, str]]:
-    """The keys of mutants.toml."""
+def read_equivalent() -> set[tuple[str, ...]]:
+    """The entries of mutants.toml: a mutant's key, or that of its line."""
     entries = tomllib.loads(EQUIVALENT.read_text()).get("equivalent", [])
-    return {(e["file"], e["function"], e["source"], e["mutant"]) for e in entries}
+    return {tuple(e[k] for k in ("file", "function", "source", "mutant") if k in e) for e in entries}
 
 
 def print_table(results: dict[Mutant, str]) -> float:
@@ -296,12 +302,12 @@ def main() -> int:
     else:
         chosen = random.Random(options.seed).sample(every, min(options.sample, len(every)))
     listed, files = read_equivalent(), {m.file for m in every}
-    stale = sorted(entry for entry in listed - {m.key for m in every} if entry[0] in files)
+    stale = sorted(e for e in listed - {k for m in every for k in (m.key, m.line_key)} if e[0] in files)
     tests = Tests(options.tree.resolve())
     print(f"{len(chosen)} of {len(every)} mutants, seed {options.seed}, {len(tests.seconds)} tests", flush=True)
     results = {}
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for m, result in zip(chosen, pool.map(lambda m: judge(tests, m, m.key in listed), chosen), strict=True):
+        for m, result in zip(chosen, pool.map(lambda m: judge(tests, m, listed), chosen), strict=True):
             results[m] = result
             if result == "survived":
                 print(f"\n# {m.file}:{m.line}\n{m.toml()}", flush=True)

@@ -377,6 +377,46 @@ static void test_capture_of_a_warning_stays_when_the_second_axis_gets_power(void
     }
 }
 
+static void test_permission_to_enable_outlives_the_enabling_of_one_axis_and_ends_with_that_of_both(void)
+{
+    for (int first = 0; first < 2; first++) {
+        setUp();
+        ms(3);
+        TEST_ASSERT_TRUE(command_guard_claim(&drive.command_guard, 1, 7, false));
+        command(0x06, 0x06);
+        const uint32_t ticket = command_guard_draw(&drive.command_guard, drive_now(&drive));
+        TEST_ASSERT_TRUE(command_guard_arm(&drive.command_guard, ticket, drive_now(&drive)));
+        command(first == 0 ? 0x0F : 0x06, first == 1 ? 0x0F : 0x06);
+        ms(5);
+        TEST_ASSERT_TRUE(cia402_enabled(&drive.axis[first]) && !cia402_powered(&drive.axis[1 - first]));
+        command(0x0F, 0x0F);
+        TEST_ASSERT_TRUE(cia402_enabled(&drive.axis[1 - first]));
+        command(first == 0 ? 0x06 : 0x0F, first == 1 ? 0x06 : 0x0F);
+        ms(5);
+        command(0x0F, 0x0F);
+        TEST_ASSERT_FALSE(cia402_powered(&drive.axis[first]));
+    }
+}
+
+static void test_permission_to_enable_ends_when_an_axis_loses_its_power(void)
+{
+    for (int first = 0; first < 2; first++) {
+        setUp();
+        ms(3);
+        TEST_ASSERT_TRUE(command_guard_claim(&drive.command_guard, 1, 7, false));
+        command(0x06, 0x06);
+        const uint32_t ticket = command_guard_draw(&drive.command_guard, drive_now(&drive));
+        TEST_ASSERT_TRUE(command_guard_arm(&drive.command_guard, ticket, drive_now(&drive)));
+        command(first == 0 ? 0x0F : 0x06, first == 1 ? 0x0F : 0x06);
+        ms(5);
+        command(first == 0 ? 0x06 : 0x0F, first == 1 ? 0x06 : 0x0F); /* one goes off as the other one goes on */
+        ms(5);
+        TEST_ASSERT_TRUE(cia402_enabled(&drive.axis[1 - first]) && !cia402_powered(&drive.axis[first]));
+        command(0x0F, 0x0F);
+        TEST_ASSERT_FALSE(cia402_powered(&drive.axis[first]));
+    }
+}
+
 static void test_stop_of_the_node_reaches_the_tick_before_the_next_step(void)
 {
     enable();
@@ -518,6 +558,8 @@ int main(void)
     RUN_TEST(test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes_before_it_is_polled);
     RUN_TEST(test_faults_are_cleared_when_both_axes_have_left_the_state_fault);
     RUN_TEST(test_capture_of_a_warning_stays_when_the_second_axis_gets_power);
+    RUN_TEST(test_permission_to_enable_outlives_the_enabling_of_one_axis_and_ends_with_that_of_both);
+    RUN_TEST(test_permission_to_enable_ends_when_an_axis_loses_its_power);
     RUN_TEST(test_stop_of_the_node_reaches_the_tick_before_the_next_step);
     RUN_TEST(test_power_is_off_in_the_background_as_soon_as_a_fault_is_polled);
     RUN_TEST(test_reset_cuts_the_power_and_keeps_position_and_time);

@@ -64,6 +64,19 @@ static void test_scaled_integers_above_2_to_the_23_are_exact(void)
     TEST_ASSERT_EQUAL_INT32(16777215, n_to_scaled(mk(16777215.0 / 8192), 8192));
 }
 
+static void test_scaled_halves_above_2_to_the_22_are_rounded_to_even(void)
+{
+    if (!NUM_FIXED) {
+        for (int32_t even = 4194304; even < 4194400; even += 2) {
+            TEST_ASSERT_EQUAL_INT32(even, n_to_scaled(mk(even + 0.5), 1));
+            TEST_ASSERT_EQUAL_INT32(even + 2, n_to_scaled(mk(even + 1.5), 1));
+            TEST_ASSERT_EQUAL_INT32(-even, n_to_scaled(mk(-even - 0.5), 1));
+            TEST_ASSERT_EQUAL_INT32(-even - 2, n_to_scaled(mk(-even - 1.5), 1));
+            TEST_ASSERT_EQUAL_INT32(even + 1, n_to_scaled(mk(even + 1), 1));
+        }
+    }
+}
+
 static void test_scaled_integers_saturate(void)
 {
     TEST_ASSERT_EQUAL_INT32(INT32_MAX, n_to_scaled(mk(4000), 1000000));
@@ -202,6 +215,7 @@ int main(void)
     RUN_TEST(test_a_position_moved_by_a_difference_is_the_other_position);
     RUN_TEST(test_q32_and_scaled_integers_are_rounded_to_the_nearest);
     RUN_TEST(test_scaled_integers_above_2_to_the_23_are_exact);
+    RUN_TEST(test_scaled_halves_above_2_to_the_22_are_rounded_to_even);
     RUN_TEST(test_scaled_integers_saturate);
     RUN_TEST(test_integers_of_any_size_become_the_nearest_float);
     RUN_TEST(test_sat_is_linear_inside_its_layer_and_one_outside);

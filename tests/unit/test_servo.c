@@ -57,6 +57,8 @@ static void test_reset_is_at_rest_where_the_encoders_are(void)
 {
     in.enabled[0] = in.enabled[1] = false;
     servo_reset(&cfg, &state, in.measured);
+    TEST_ASSERT_EQUAL(CONTROLLERS, state.controller); /* none has been at work */
+    TEST_ASSERT_FALSE(state.enabled[0] || state.enabled[1]);
     servo_step(&cfg, &state, &in, &out);
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.y));
@@ -148,6 +150,22 @@ static void test_force_that_is_limited_in_either_axis_alone_is_called_saturated(
             const double force[2] = {val(out.force.x), val(out.force.y)};
             ASSERT_NEAR(powered, fabs(force[axis]), 1.0);
             TEST_ASSERT_TRUE(fabs(force[1 - axis]) > 10);
+        }
+    }
+}
+
+static void test_force_half_a_newton_beyond_its_limit_is_called_saturated_and_half_a_newton_within_is_not(void)
+{
+    step(20, 4);
+    const double force[2] = {fabs(val(out.force.x)), fabs(val(out.force.y))};
+    for (int axis = 0; axis < 2; axis++) {
+        for (int beyond = 0; beyond < 2; beyond++) {
+            setUp();
+            const double limit = force[axis] + (beyond != 0 ? -0.5 : 0.5);
+            cfg.plant.force_max = axis == 0 ? mk2(limit, 600) : mk2(600, limit);
+            step(20, 4);
+            TEST_ASSERT_EQUAL(beyond, out.saturated);
+            TEST_ASSERT_EQUAL(beyond, state.saturated);
         }
     }
 }
@@ -505,6 +523,7 @@ int main(void)
     RUN_TEST(test_force_is_within_its_limits);
     RUN_TEST(test_force_within_its_limits_is_not_called_saturated);
     RUN_TEST(test_force_that_is_limited_in_either_axis_alone_is_called_saturated);
+    RUN_TEST(test_force_half_a_newton_beyond_its_limit_is_called_saturated_and_half_a_newton_within_is_not);
     RUN_TEST(test_a_disabled_axis_gets_no_force);
     RUN_TEST(test_an_axis_that_is_disabled_and_rests_is_seen_at_rest);
     RUN_TEST(test_enabling_starts_without_an_offset_and_from_where_the_axes_are);

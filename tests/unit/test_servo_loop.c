@@ -199,6 +199,23 @@ static void test_position_by_a_new_length_is_the_one_that_all_counts_would_have_
     }
 }
 
+static void test_position_some_counts_before_is_that_of_so_many_counts_less(void)
+{
+    static const int32_t counts[] = {1, -1, 40000, -70000, 2000000, -2000000, 123456789};
+    static const uint32_t lengths[] = {1, 7629394, 7629395, 10000001, 99999999};
+    for (unsigned i = 0; i < sizeof counts / sizeof counts[0]; i++) {
+        for (unsigned k = 0; k < sizeof lengths / sizeof lengths[0]; k++) {
+            struct encoder now, before;
+            encoder_reset(&now, 123456789);
+            encoder_scale(&now, lengths[k]);
+            encoder_reset(&before, 123456789 - counts[i]);
+            encoder_scale(&before, lengths[k]);
+            const pos_t error = encoder_position_before(&now, now.pos, counts[i]) - before.pos;
+            TEST_ASSERT_TRUE(error == 0 || error == 1); /* 2^-16 nm, by rounding down */
+        }
+    }
+}
+
 static void test_new_configuration_takes_the_axes_where_they_are_and_at_rest(void)
 {
     wires.count[0] = 700000;
@@ -367,6 +384,46 @@ static void test_following_error_may_last_as_long_as_its_timeout(void)
     TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
     tick(1);
     expect_cut(FAULT_FOLLOWING);
+}
+
+static void test_following_error_of_an_axis_is_timed_whether_the_other_one_has_power_or_an_error(void)
+{
+    for (int i = 0; i < 4; i++) {
+        const int axis = i % 2;
+        const bool other_powered = i / 2 != 0;
+        start(0, 0);
+        ring.start.nm[0] = ring.start.nm[1] = 0;
+        loop.cfg[0].following_ticks[axis] = 50;
+        loop.cfg[0].following_ticks[1 - axis] = 1000000;
+        atomic_store(&loop.command.powered[axis], SERVO_LOOP_ON);
+        atomic_store(&loop.command.powered[1 - axis], other_powered ? SERVO_LOOP_ON : SERVO_LOOP_OFF);
+        ring.start.nm[1 - axis] = 200000; /* 0.2 mm: twice the window */
+        tick(30);
+        ring.start.nm[axis] = 200000;
+        tick(50);
+        TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+        tick(1);
+        expect_cut(FAULT_FOLLOWING);
+    }
+}
+
+static void test_following_error_is_timed_anew_when_its_axis_gets_power_again(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        start(0, 0);
+        ring.start.nm[0] = ring.start.nm[1] = 0;
+        power();
+        loop.cfg[0].following_ticks[axis] = 50;
+        ring.start.nm[axis] = 200000;
+        tick(30);
+        atomic_store(&loop.command.powered[axis], SERVO_LOOP_OFF);
+        tick(1);
+        atomic_store(&loop.command.powered[axis], SERVO_LOOP_ON);
+        tick(50);
+        TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+        tick(1);
+        expect_cut(FAULT_FOLLOWING);
+    }
 }
 
 static void test_travel_ends_where_the_limits_and_the_window_do(void)
@@ -564,19 +621,24 @@ static void test_energy_is_reset_once_for_each_request(void)
 {
     power();
     for (int i = 0; i < 3000; i++) {
-        ring.start.nm[0] = (i / 100) % 2 == 0 ? 50000 : -50000;
+        ring.start.nm[0] = ring.start.nm[1] = (i / 100) % 2 == 0 ? 50000 : -50000;
         tick(1);
     }
-    for (int i = 0; i < 2000; i++) { /* the axis is moved: friction takes energy */
-        wires.count[0] += 1;
-        ring.start.nm[0] = wires.count[0] * 100;
+    for (int i = 0; i < 2000; i++) { /* the axes are moved: friction takes energy */
+        for (int axis = 0; axis < 2; axis++) {
+            wires.count[axis] += 1;
+            ring.start.nm[axis] = wires.count[axis] * 100;
+        }
         tick(1);
     }
-    const int32_t before = servo_loop_snapshot(&loop)->energy_mJ[0];
-    TEST_ASSERT_TRUE(before > 0);
+    int32_t before[2];
+    memcpy(before, servo_loop_snapshot(&loop)->energy_mJ, sizeof before);
     atomic_store(&loop.command.energy_reset, true);
     tick(10);
-    TEST_ASSERT_TRUE(servo_loop_snapshot(&loop)->energy_mJ[0] < before / 2);
+    for (int axis = 0; axis < 2; axis++) {
+        TEST_ASSERT_TRUE(before[axis] > 0);
+        TEST_ASSERT_TRUE(servo_loop_snapshot(&loop)->energy_mJ[axis] < before[axis] / 2);
+    }
     TEST_ASSERT_FALSE(atomic_load(&loop.command.energy_reset));
 }
 
@@ -675,6 +737,7 @@ int main(void)
     RUN_TEST(test_position_is_count_times_length);
     RUN_TEST(test_length_of_a_count_is_exact_to_ten_femtometres);
     RUN_TEST(test_position_by_a_new_length_is_the_one_that_all_counts_would_have_led_to);
+    RUN_TEST(test_position_some_counts_before_is_that_of_so_many_counts_less);
     RUN_TEST(test_new_configuration_takes_the_axes_where_they_are_and_at_rest);
     RUN_TEST(test_second_configuration_before_a_tick_is_taken_over_like_the_first);
     RUN_TEST(test_following_error_cuts_the_power_in_the_period_that_sees_it);
@@ -685,6 +748,8 @@ int main(void)
     RUN_TEST(test_axis_outside_the_limits_is_no_fault_while_it_is_where_its_reference_is);
     RUN_TEST(test_limits_are_the_users_and_move_with_the_origin);
     RUN_TEST(test_following_error_may_last_as_long_as_its_timeout);
+    RUN_TEST(test_following_error_of_an_axis_is_timed_whether_the_other_one_has_power_or_an_error);
+    RUN_TEST(test_following_error_is_timed_anew_when_its_axis_gets_power_again);
     RUN_TEST(test_travel_ends_where_the_limits_and_the_window_do);
     RUN_TEST(test_limits_and_window_of_each_axis_are_its_own);
     RUN_TEST(test_axis_without_power_has_no_limits);
