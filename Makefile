@@ -44,13 +44,19 @@ test-target: build/need/qemu-system-arm lib firmware
 	$(PY) tools/cost.py --check
 
 test-host: lib firmware build/need/qemu-system-arm
-	$(PY) -m pytest
+	$(PY) -m pytest -n $(CTEST_PARALLEL_LEVEL) --dist loadfile
 
-# On each target in turn. A real drive: make test-hil TARGET=can0 NO_MOTION=1, and then without NO_MOTION.
-test-hil: lib $(if $(filter vcan,$(TARGET)),build/need/uml) $(if $(filter qemu,$(TARGET)),firmware build/need/qemu-system-arm)
-	@for target in $(TARGET); do echo "Drive over its bus: $$target"; \
-	  case $$target in vcan) vcan="$(PY) tests/hil/vcan.py";; *) vcan=;; esac; \
-	  $$vcan $(PY) -m pytest tests/hil --target $$target $(if $(NO_MOTION),--no-motion) || exit 1; done
+# On each target, as many at once as there are processors. A real drive: make test-hil TARGET=can0 NO_MOTION=1, and then
+# without NO_MOTION.
+test-hil:
+	@echo "Drive over its bus: $(TARGET), each told when it is done"
+	+@$(MAKE) --no-print-directory -j$(CTEST_PARALLEL_LEVEL) --output-sync=target $(TARGET:%=hil-%)
+
+hil-vcan: build/need/uml
+hil-qemu: firmware build/need/qemu-system-arm
+hil-%: lib
+	@echo "Drive over its bus: $*"
+	@$(if $(filter vcan,$*),$(PY) tests/hil/vcan.py) $(PY) -m pytest tests/hil --target $* $(if $(NO_MOTION),--no-motion)
 
 # Source package, wheel and checkout, each in empty environments. No part of `test`: it loads many packages.
 test-install: setup
