@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -50,10 +50,10 @@ def heed_signals() -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
-def started(drive: SimProcess, *options: str, file: Path) -> subprocess.Popen[str]:
+def started(drive: SimProcess, *options: str, file: Path, kontur: Sequence[str] = KONTUR) -> subprocess.Popen[str]:
     """The run of CIRCLE on `drive`, when the first rows of its log are on the disk."""
     process = subprocess.Popen(
-        [*KONTUR, *CIRCLE, "-i", drive.interface, "-c", drive.channel, "--log", str(file), *options],
+        [*kontur, *CIRCLE, "-i", drive.interface, "-c", drive.channel, "--log", str(file), *options],
         preexec_fn=heed_signals,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -123,18 +123,40 @@ def test_signal_stops_on_the_path_and_the_log_is_complete(
     assert not running(file).exists()
 
 
+HEEDING = """
+import signal, sys
+from kontur.cli import main
+
+set_handler = signal.signal
+
+def tell(number, handler):
+    if handler is signal.default_int_handler:
+        print("the first one is heeded", file=sys.__stderr__, flush=True)
+    return set_handler(number, handler)
+
+signal.signal = tell
+main()
+"""
+
+
 def test_second_ctrl_c_ends_at_once_and_the_log_is_kept(drive: SimProcess, tmp_path: Path) -> None:
+    """It comes when the first one is heeded, and before the drive can stop."""
     file = tmp_path / "a.csv"
-    process = started(drive, file=file)
+    process = started(drive, file=file, kontur=[sys.executable, "-c", HEEDING])
+    drive.process.send_signal(signal.SIGSTOP)
     process.send_signal(signal.SIGINT)
-    time.sleep(0.02)
+    assert process.stderr is not None
+    while "heeded" not in process.stderr.readline():
+        assert process.poll() is None
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate()
+    drive.process.send_signal(signal.SIGCONT)
+    _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert "Traceback" not in err
-    found = log.read(file if file.exists() else running(file))
+    assert err.endswith("Interrupted.\n")
+    found = log.read(file)
     assert len(found) > 300
-    assert found.meta["status"] in ("interrupted", "killed")
+    assert found.meta["status"] == "interrupted"
 
 
 TELLING = """
