@@ -56,6 +56,18 @@ static void bring_to(enum cia402_state state)
     TEST_ASSERT_EQUAL(state, axis.state);
 }
 
+/* A master that knows a state from before a reset must not be taken for one that knows the state after it. */
+static void test_number_of_a_state_after_a_reset_is_none_from_before(void)
+{
+    bring_to(SO);
+    const uint32_t before = axis.changes;
+    cia402_init(&axis);
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_TRUE((int32_t)(axis.changes - before) > 0);
+        cia402_command(&axis, SHUTDOWN, true);
+    }
+}
+
 static void test_power_on_leads_to_switch_on_disabled(void)
 {
     TEST_ASSERT_EQUAL(SOD, axis.state);
@@ -301,6 +313,7 @@ static void test_state_with_a_bit_turned_over_has_no_power_tells_a_fault_and_is_
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_number_of_a_state_after_a_reset_is_none_from_before);
     RUN_TEST(test_power_on_leads_to_switch_on_disabled);
     RUN_TEST(test_reset_is_a_change_of_state_whatever_the_state_before);
     RUN_TEST(test_every_command_in_every_state_leads_where_cia_402_says);

@@ -293,6 +293,10 @@ static void test_simulated_machine_starts_at_the_nearest_count(void)
     od.onchip_plant.start_y = -1249;
     TEST_ASSERT_EQUAL_INT32(13, configuration_onchip_plant(&od).axis[0].start);
     TEST_ASSERT_EQUAL_INT32(-12, configuration_onchip_plant(&od).axis[1].start);
+    od.axis[1].plant.encoder = 20000000; /* 200 nm */
+    od.onchip_plant.start_y = -1301;
+    TEST_ASSERT_EQUAL_INT32(13, configuration_onchip_plant(&od).axis[0].start);
+    TEST_ASSERT_EQUAL_INT32(-7, configuration_onchip_plant(&od).axis[1].start);
     od.axis[0].plant.encoder = od.axis[1].plant.encoder = 100000; /* 1 nm */
     od.onchip_plant.start_x = -1;
     od.onchip_plant.start_y = 1;

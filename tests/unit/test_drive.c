@@ -142,6 +142,23 @@ static void test_axis_that_gets_power_is_held_where_it_is_and_the_other_one_at_i
     }
 }
 
+static void test_discarded_stream_leaves_an_axis_with_power_at_its_reference_and_the_other_one_where_it_is(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        setUp();
+        ms(3);
+        command(0x06, 0x06);
+        command(axis == 0 ? 0x0F : 0x06, axis == 1 ? 0x0F : 0x06);
+        ms(2);
+        wires.count[0] += 5; /* they yield to a force: 381 nm */
+        wires.count[1] += 5;
+        ms(300);
+        TEST_ASSERT_EQUAL_HEX32(0, drive_stream_command(&drive, STREAM_COMMAND_DISCARD));
+        TEST_ASSERT_EQUAL_INT32(0, drive.path.queue.ring.start.nm[axis]);
+        TEST_ASSERT_INT32_WITHIN(1, 381, drive.path.queue.ring.start.nm[1 - axis]);
+    }
+}
+
 static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void)
 {
     ms(5);
@@ -182,6 +199,19 @@ static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
         TEST_ASSERT_EQUAL_INT32(5678912 + i, c->max_nm[i]);
         TEST_ASSERT_EQUAL_INT32(-4567891 - i, drive.path.queue.min_nm[i]);
         TEST_ASSERT_EQUAL_INT32(5678912 + i, drive.path.queue.max_nm[i]);
+    }
+}
+
+static void test_new_configuration_is_written_beside_the_one_that_the_tick_uses(void)
+{
+    for (uint32_t i = 0; i < 3; i++) {
+        tick(1);
+        const num before = drive.loop.cfg_in_use->speed_max;
+        od.limits.velocity = 200000 + i;
+        drive_configure(&drive, false);
+        TEST_ASSERT_EQUAL_DOUBLE(val(before), val(drive.loop.cfg_in_use->speed_max));
+        tick(1);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, (200000 + i) * 5e-3, val(drive.loop.cfg_in_use->speed_max));
     }
 }
 
@@ -296,6 +326,40 @@ static void test_fault_of_the_tick_is_a_fault_of_the_drive(void)
     TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_AMPLIFIER), drive.faults);
     TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[0].error_code);
     TEST_ASSERT_EQUAL_HEX16(0x5400, od.axis[1].error_code);
+}
+
+static void test_flipped_bit_of_what_the_tick_reads_is_the_first_fault_and_can_be_reset(void)
+{
+    for (int flip = 0; flip < 5; flip++) {
+        setUp();
+        enable();
+        begin(100, 10);
+        wires.inputs[0] = HAL_AMPLIFIER_FAULT;
+        tick(1);
+        wires.inputs[0] = 0;
+        struct servo_loop_command *c = &drive.loop.command;
+        switch (flip) {
+        case 0: atomic_fetch_xor(&c->controller, 4u); break;
+        case 1: atomic_fetch_xor(&c->stream, 0x100u); break;
+        case 2: atomic_fetch_xor(&c->powered[0], 1u); break;
+        case 3: atomic_fetch_xor(&c->powered[1], 1u); break;
+        default: atomic_fetch_xor(&c->configured, 1u); break;
+        }
+        step(0);
+        for (int i = 0; i < 2; i++) {
+            TEST_ASSERT_EQUAL(CIA402_FAULT, drive.axis[i].state);
+            TEST_ASSERT_EQUAL_HEX16(fault_table[FAULT_MEMORY].emcy, od.axis[i].error_code);
+            TEST_ASSERT_EQUAL_HEX32(SERVO_LOOP_OFF, atomic_load(&c->powered[i]));
+        }
+        TEST_ASSERT_EQUAL_UINT8(FAULT_MEMORY, drive.first);
+        TEST_ASSERT_EQUAL(od.controller.select, atomic_load(&c->controller));
+        TEST_ASSERT_EQUAL_UINT32(drive.path.stream, atomic_load(&c->stream));
+        ms(3);
+        command(0x80, 0x80);
+        ms(3);
+        TEST_ASSERT_EQUAL_HEX32(0, drive.faults);
+        enable();
+    }
 }
 
 static void test_machine_that_is_another_one_than_configured_while_there_is_power_is_a_fault(void)
@@ -544,8 +608,10 @@ int main(void)
     RUN_TEST(test_power_on_is_idle_without_power_or_fault);
     RUN_TEST(test_axes_are_enabled_no_sooner_than_their_position_is_known);
     RUN_TEST(test_axis_that_gets_power_is_held_where_it_is_and_the_other_one_at_its_reference);
+    RUN_TEST(test_discarded_stream_leaves_an_axis_with_power_at_its_reference_and_the_other_one_where_it_is);
     RUN_TEST(test_new_parameters_are_in_force_before_the_axes_can_be_enabled);
     RUN_TEST(test_limits_of_the_dictionary_reach_the_tick_in_its_units);
+    RUN_TEST(test_new_configuration_is_written_beside_the_one_that_the_tick_uses);
     RUN_TEST(test_wiring_reaches_the_hal_from_power_on_and_with_each_configuration);
     RUN_TEST(test_jump_of_an_encoder_with_the_shortest_counts_is_within_the_range_of_its_counter);
     RUN_TEST(test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled);
@@ -554,6 +620,7 @@ int main(void)
     RUN_TEST(test_jog_begins_from_where_the_axes_are_held_and_runs_in_the_step_that_begins_it);
     RUN_TEST(test_fault_at_standstill_has_switched_the_axes_off_when_the_step_ends);
     RUN_TEST(test_fault_of_the_tick_is_a_fault_of_the_drive);
+    RUN_TEST(test_flipped_bit_of_what_the_tick_reads_is_the_first_fault_and_can_be_reset);
     RUN_TEST(test_machine_that_is_another_one_than_configured_while_there_is_power_is_a_fault);
     RUN_TEST(test_fault_that_lasts_for_a_moment_outlives_a_controlword_that_comes_before_it_is_polled);
     RUN_TEST(test_faults_are_cleared_when_both_axes_have_left_the_state_fault);

@@ -40,13 +40,18 @@ static void expect_error(int axis)
 
 static void test_current_position_becomes_the_home_offset(void)
 {
-    for (int method = 35; method <= 37; method += 2) {
-        start_at(0.0123, -0.03);
-        set(0, 0x607C, 0, 4, 5000000);
-        homing(0, method, 100);
-        expect_attained(0);
-        TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, 5.0, reported_mm(0));
-        TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, -30.0, reported_mm(1));
+    static const double at_mm[2] = {12.3, -30};
+    for (int i = 0; i < 4; i++) {
+        const int axis = i % 2, method = 35 + i / 2 * 2;
+        start_at(at_mm[0] * 1e-3, at_mm[1] * 1e-3);
+        set(axis, 0x607C, 0, 4, 5000000);
+        homing(axis, method, 100);
+        expect_attained(axis);
+        TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, 5.0, reported_mm(axis));
+        TEST_ASSERT_DOUBLE_WITHIN(0.5e-3, at_mm[1 - axis], reported_mm(1 - axis));
+        const struct servo_loop_command *c = &rig.device.drive.loop.command;
+        TEST_ASSERT_INT32_WITHIN(500, (int32_t)((5.0 - at_mm[axis]) * 1e6), atomic_load(&c->origin_nm[axis]));
+        TEST_ASSERT_EQUAL_INT32(0, atomic_load(&c->origin_nm[1 - axis]));
     }
 }
 

@@ -103,6 +103,7 @@ static void test_init_leaves_both_axes_without_power_at_their_encoders(void)
     wires = (struct hal_drive_in){.count = {12345, -54321}};
     memset(&loop, 0xA5, sizeof loop);
     servo_loop_init(&loop, &hal, &ring);
+    TEST_ASSERT_TRUE(servo_loop_progress(&loop).standing);
     for (int i = 0; i < 2; i++) {
         TEST_ASSERT_EQUAL_HEX32(SERVO_LOOP_OFF, atomic_load(&loop.command.powered[i]));
         (void)encoder_step(&loop.encoder[i], wires.count[i]);
@@ -476,6 +477,33 @@ static void test_limits_and_window_of_each_axis_are_its_own(void)
     }
 }
 
+static void test_travel_ends_where_positions_of_32_bits_do(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        for (int side = 0; side < 2; side++) {
+            const int32_t end = side != 0 ? INT32_MAX : INT32_MIN, outwards = side != 0 ? 1 : -1;
+            start(axis == 0 ? end : 0, axis == 1 ? end : 0);
+            loop.cfg[1] = loop.cfg[0];
+            loop.cfg[1].encoder_10fm[axis] = 100000; /* 1 nm */
+            loop.cfg[1].min_nm[axis] = INT32_MIN;
+            loop.cfg[1].max_nm[axis] = INT32_MAX;
+            loop.cfg[1].following_ticks[axis] = 1000000;
+            for (int beyond = 0; beyond < 2; beyond++) {
+                atomic_store(&loop.command.configured, 1 + 2u * (unsigned)beyond);
+                tick(20);
+                ring.start.nm[axis] = end - outwards * 200000;
+                ring.start.nm[1 - axis] = 0;
+                atomic_store(&loop.command.powered[axis], SERVO_LOOP_ON);
+                tick(1);
+                TEST_ASSERT_EQUAL_HEX32(beyond ? FAULT_BIT(FAULT_TRAVEL) : 0, atomic_load(&loop.faults));
+                atomic_store(&loop.command.powered[axis], SERVO_LOOP_OFF);
+                wires.count[axis] = (int32_t)((uint32_t)wires.count[axis] + (uint32_t)outwards); /* the counter wraps */
+                tick(1);
+            }
+        }
+    }
+}
+
 static void test_axis_without_power_has_no_limits(void)
 {
     wires.count[0] = 100000; /* 10 mm, in a single period */
@@ -662,6 +690,43 @@ static void test_begin_starts_path_time_anew(void)
     TEST_ASSERT_EQUAL_UINT32(2, atomic_load(&loop.stream));
 }
 
+static void configure_stop_time(double ms)
+{
+    const uint32_t next = atomic_load(&loop.command.configured) + 1u;
+    loop.cfg[next % 2u] = *loop.cfg_in_use;
+    loop.cfg[next % 2u].stop_time = mk(ms);
+    atomic_store(&loop.command.configured, next);
+}
+
+static void test_path_that_stands_while_it_is_configured_starts_smoothly(void)
+{
+    ring.count = 1000;
+    tick(10);
+    configure_stop_time(100);
+    atomic_store(&loop.command.run, true);
+    tick(10);
+    configure_stop_time(200);
+    atomic_store(&loop.command.run, false);
+    tick(3000);
+    TEST_ASSERT_TRUE(atomic_load(&loop.standing));
+    const uint32_t executed = atomic_load(&loop.executed);
+    configure_stop_time(100);
+    atomic_store(&loop.command.run, true);
+    tick(50);
+    TEST_ASSERT_UINT32_WITHIN(1, executed, atomic_load(&loop.executed)); /* from rest in 100 ms */
+}
+
+static void test_path_slows_down_when_a_stop_takes_longer_by_a_new_configuration(void)
+{
+    ring.count = 1000;
+    atomic_store(&loop.command.run, true);
+    tick(9000); /* 100 knots are left, twice as many as a stop takes */
+    TEST_ASSERT_FALSE(atomic_load(&loop.starved));
+    configure_stop_time(400);
+    tick(1);
+    TEST_ASSERT_TRUE(atomic_load(&loop.starved));
+}
+
 static void test_reference_of_a_stream_is_its_own_from_the_first_period_on(void)
 {
     power();
@@ -752,6 +817,7 @@ int main(void)
     RUN_TEST(test_following_error_is_timed_anew_when_its_axis_gets_power_again);
     RUN_TEST(test_travel_ends_where_the_limits_and_the_window_do);
     RUN_TEST(test_limits_and_window_of_each_axis_are_its_own);
+    RUN_TEST(test_travel_ends_where_positions_of_32_bits_do);
     RUN_TEST(test_axis_without_power_has_no_limits);
     RUN_TEST(test_fault_of_the_amplifier_or_encoder_cuts_both_axes_in_the_same_period);
     RUN_TEST(test_fault_with_a_path_stop_keeps_the_power);
@@ -763,6 +829,8 @@ int main(void)
     RUN_TEST(test_velocity_of_the_snapshot_is_in_um_per_s);
     RUN_TEST(test_energy_is_reset_once_for_each_request);
     RUN_TEST(test_begin_starts_path_time_anew);
+    RUN_TEST(test_path_that_stands_while_it_is_configured_starts_smoothly);
+    RUN_TEST(test_path_slows_down_when_a_stop_takes_longer_by_a_new_configuration);
     RUN_TEST(test_reference_of_a_stream_is_its_own_from_the_first_period_on);
     RUN_TEST(test_end_of_a_complete_stream_is_distinguished_from_a_stop);
     RUN_TEST(test_want_of_knots_is_reported_until_the_path_is_at_full_rate_again);
