@@ -169,7 +169,6 @@ static void restore_memory(struct drive *d)
 {
     for (int i = 0; i < 2; i++) {
         cia402_fault(&d->axis[i], false);
-        d->powered[i] = false;
         atomic_store(&d->loop.command.powered[i], SERVO_LOOP_OFF);
     }
     atomic_store(&d->loop.command.controller, d->od->controller.select);

@@ -352,6 +352,7 @@ static void test_flipped_bit_of_what_the_tick_reads_is_the_first_fault_and_can_b
             TEST_ASSERT_EQUAL_HEX32(SERVO_LOOP_OFF, atomic_load(&c->powered[i]));
         }
         TEST_ASSERT_EQUAL_UINT8(FAULT_MEMORY, drive.first);
+        TEST_ASSERT_FALSE(drive.path.queue.open); /* as with any other fault */
         TEST_ASSERT_EQUAL(od.controller.select, atomic_load(&c->controller));
         TEST_ASSERT_EQUAL_UINT32(drive.path.stream, atomic_load(&c->stream));
         ms(3);
