@@ -9,11 +9,12 @@ from __future__ import annotations
 import dataclasses
 import reprlib
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from kontur.errors import FileError, MachineError
+from kontur.errors import FileError, MachineError, ParameterError
 from kontur.files import read_toml
 
 MACHINES = Path(__file__).with_name("machines")
@@ -22,6 +23,24 @@ SCHEDULE_ROWS_MAX = 16
 ON_CHIP = "on_chip"
 MODELS = ("full", ON_CHIP)
 ENCODER_AT = ("motor", "table")
+ALL, LENGTHS, NOTHING = "all", "lengths and limits", "nothing"
+TOLD = (ALL, LENGTHS, NOTHING)
+"""What of a machine file a simulated drive is told: all; what a drive from the factory needs to know where it is, its
+encoder lengths and soft limits; nothing."""
+FULL, RIGID = "full", "rigid"
+COMPENSATIONS = (FULL, RIGID)
+"""What "all" is: everything that the drive has a parameter for, or what a rigid axis has."""
+_TOLD_TEXTS = {
+    (ALL, FULL): "told all of its machine",
+    (ALL, RIGID): "told of its machine what a rigid axis has",
+    (LENGTHS, FULL): "told only encoder lengths and soft limits of its machine",
+    (NOTHING, FULL): "told nothing of its machine",
+}
+
+
+def told_text(told: str, compensation: str = FULL) -> str:
+    """What a drive is told, to go on with after "the drive is"; empty where `told` is none of TOLD."""
+    return _TOLD_TEXTS.get((told, compensation), _TOLD_TEXTS.get((told, FULL), ""))
 
 
 @dataclass(frozen=True)
@@ -146,22 +165,22 @@ class Machine:
             "schedule_repeat_s": [self.friction_repeat_s],
         }
 
-    def parameters(self, seed: int = 1) -> dict[str, float]:
+    def parameters(self, seed: int = 1, told: str = ALL, compensation: str = FULL) -> dict[str, float]:
         """The drive's parameters that describe this machine, by their names and in their units (docs/objects.md).
 
-        With the model "on_chip" the drive simulates it, from `start_m` and `seed` on.
+        `told` is one of TOLD, `compensation` of COMPENSATIONS. With the model "on_chip" the drive simulates the
+        machine, whatever it is told, from `start_m` and `seed` on. Raises ParameterError: another word.
         """
-        values: dict[str, float] = {}
-        for name, axis in (("x", self.x), ("y", self.y)):
-            values |= {
-                f"plant_{name}.mass": axis.mass_kg,
-                f"plant_{name}.viscous": axis.viscous_Nspm,
-                f"plant_{name}.coulomb": axis.coulomb_N,
-                f"plant_{name}.force_limit": axis.force_limit_N,
-                f"plant_{name}.encoder": axis.encoder_m * 1e6,
-                f"position_limit_{name}.min": axis.soft_limit_m[0] * 1e9,
-                f"position_limit_{name}.max": axis.soft_limit_m[1] * 1e9,
-            }
+        for name, word, known in (("told", told, TOLD), ("compensation", compensation, COMPENSATIONS)):
+            if word not in known:
+                raise ParameterError(f"{name}: must be one of {', '.join(known)}, is {word!r}")
+        level = {ALL: (LENGTHS, RIGID, compensation), LENGTHS: (LENGTHS,), NOTHING: ()}[told]
+        values = {
+            "{0}_{2}.{1}".format(*parameter.split("."), name): value
+            for name, axis in (("x", self.x), ("y", self.y))
+            for parameter, of, value_of in _PARAMETERS
+            if of in level and (value := value_of(axis)) is not None
+        }
         if self.model == ON_CHIP:
             for name, axis in (("x", self.x), ("y", self.y)):
                 values |= {
@@ -182,6 +201,19 @@ REAL = tuple(f.name for f in dataclasses.fields(Axis))[
     [f.name for f in dataclasses.fields(Axis)].index("resonance_Hz") :
 ]
 """Keys of an axis that are of a real machine; the drive's own model has none of them."""
+
+# What the drive is told of an axis: the parameter, from which level on, and its value; None: it stays as it is.
+_PARAMETERS: tuple[tuple[str, str, Callable[[Axis], float | None]], ...] = (
+    ("plant.mass", RIGID, lambda axis: axis.mass_kg),
+    ("plant.viscous", RIGID, lambda axis: axis.viscous_Nspm),
+    ("plant.coulomb", RIGID, lambda axis: axis.coulomb_N),
+    ("plant.force_limit", RIGID, lambda axis: axis.force_limit_N),
+    ("plant.encoder", LENGTHS, lambda axis: axis.encoder_m * 1e6),
+    ("position_limit.min", LENGTHS, lambda axis: axis.soft_limit_m[0] * 1e9),
+    ("position_limit.max", LENGTHS, lambda axis: axis.soft_limit_m[1] * 1e9),
+    ("wiring.invert_encoder", RIGID, lambda axis: 1 if axis.encoder_inverted else None),
+    ("wiring.invert_force", RIGID, lambda axis: 1 if axis.force_inverted else None),
+)
 
 # Accepted range of every number of an axis: (least, greatest, whether the least itself is accepted).
 _RANGE = {

@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from kontur import machine as machines
 from kontur.can import bus_load
-from kontur.cli.options import interruptible, progress_bar, simulation_options, target_options
+from kontur.cli.options import bus_options, interruptible, progress_bar, simulated_target_options
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
 from kontur.errors import StreamError
+from kontur.machine import told_text
 
 if TYPE_CHECKING:
     from kontur.drive.target import Target
+
+
+_NAMES = {"contour_mean_um": "estimated_mean_um", "contour_max_um": "estimated_max_um"}
 
 
 @click.group(name="bench")
@@ -24,13 +27,12 @@ def command() -> None:
 
 @command.command(name="sim")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@simulation_options
-def sim_command(*, as_json: bool, machine: str, seed: int, num: str) -> None:
+@simulated_target_options
+def sim_command(*, as_json: bool, target: Target) -> None:
     """Measure control periods a second of the simulated drive: NumPy model, library, and library over CAN frames."""
-    from kontur.drive.target import Target
     from kontur.experiments.bench_sim import bench
 
-    result = bench(Target(machine=machines.load(machine), seed=seed, num=num))
+    result = bench(target) | {"told": target.told}
     if as_json:
         print_json(result)
         return
@@ -38,6 +40,7 @@ def sim_command(*, as_json: bool, machine: str, seed: int, num: str) -> None:
     for name, what in (("oracle", "NumPy stepping"), ("direct", "in process, direct"), ("can", "in process, over CAN")):
         rate = result[f"{name}_periods_per_s"]
         click.echo(f"{what:<22}{rate:>12,.0f} control periods/s  {rate / oracle:>8.1f} x")
+    click.echo(f"The drive is {told_text(target.told, target.compensation)}.")
 
 
 @command.command(name="stream")
@@ -49,12 +52,13 @@ def sim_command(*, as_json: bool, machine: str, seed: int, num: str) -> None:
     help="Knots (control points of the path) to stream, one a millisecond of path time.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@target_options
+@bus_options
 def stream_command(*, knots: int, as_json: bool, target: Target) -> None:
     """Stream knots, and measure how many were lost and sent again, and the time that the host needs for it.
 
     The axes move: circles of 4 mm diameter at 20 mm/s, to the left of where they stand. Without bus options the drive
-    is a process of its own on slcan, whose time passes with SYNC. With -i kontur -c sim it is in this process.
+    is a process of its own on slcan, whose time passes with SYNC; it is told nothing of its machine. With
+    -i kontur -c sim it is in this process, and told all.
     """
     from kontur.experiments import bench_stream
 
@@ -66,7 +70,7 @@ def stream_command(*, knots: int, as_json: bool, target: Target) -> None:
     else:
         for name, value in result.items():
             if value is not None and not isinstance(value, dict):
-                click.echo(f"{name:<24}{f'{value:,.4g}' if isinstance(value, float) else value}")
+                click.echo(f"{_NAMES.get(name, name):<24}{f'{value:,.4g}' if isinstance(value, float) else value}")
     print_warnings(warnings)
     if result["error"] is not None:
         raise StreamError(result["error"])

@@ -4,16 +4,27 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 import click
 
 from kontur import machine as machines
-from kontur.cli.options import CONTROLLER, parameter_option, parameter_values, progress_bar, simulation_options
+from kontur.cli.options import (
+    CONTROLLER,
+    parameter_option,
+    parameter_values,
+    progress_bar,
+    simulated_target_options,
+    simulation_options,
+)
 from kontur.cli.output import print_json, print_table
 from kontur.drive.controllers import CONTROLLERS, described
 from kontur.experiments import COMPARED, REFERENCE
 from kontur.experiments.circles import CASES, paper
-from kontur.machine import MACHINES
+from kontur.machine import ALL, MACHINES, told_text
+
+if TYPE_CHECKING:
+    from kontur.drive.target import Target
 
 _ESTIMATOR_HEADINGS = {
     "speed_mps": "mm/s",
@@ -56,7 +67,7 @@ def command() -> None:
 )
 @parameter_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@simulation_options
+@simulated_target_options
 def paper_command(
     *,
     cases: tuple[str, ...],
@@ -64,14 +75,9 @@ def paper_command(
     seeds: int,
     parameters: tuple[tuple[str, str], ...],
     as_json: bool,
-    machine: str,
-    seed: int,
-    num: str,
+    target: Target,
 ) -> None:
     """Run the paper's circles: 4.488 mm/s r 4 mm (low), 100 mm/s r 20 mm (high), 100 mm/s r 4 mm (high-tight)."""
-    from kontur.drive.target import Target
-
-    target = Target(machine=machines.load(machine), num=num)
     cases, controllers = cases or tuple(CASES), CONTROLLERS if "all" in controllers else controllers
     done = 0
     with progress_bar("experiment paper") as progress:
@@ -82,12 +88,21 @@ def paper_command(
             progress(done / (len(cases) * len(controllers) * seeds))
 
         rows = list(
-            paper(target, cases, controllers, range(seed, seed + seeds), parameter_values(parameters), one_more)
+            paper(
+                target,
+                cases,
+                controllers,
+                range(target.seed, target.seed + seeds),
+                parameter_values(parameters),
+                one_more,
+            )
         )
     if as_json:
         print_json({"cases": rows})
     else:
-        print_table(rows, "True contour error")
+        print_table(
+            rows, f"True contour error of the tool; the drive was {told_text(target.told, target.compensation)}"
+        )
 
 
 @command.command(name="estimator")
@@ -127,7 +142,9 @@ def on_chip_command(*, as_json: bool, num: str) -> None:
         print_json(rows)
     else:
         headings = {"radius_mm": "radius mm", "feed_mm_s": "mm/s", "mean_nm": "mean nm", "max_nm": "max nm"}
-        print_table(rows, "Distance of the true positions, at the control rate", headings)
+        print_table(
+            rows, f"Distance of the true positions, at the control rate; both drives were {told_text(ALL)}", headings
+        )
 
 
 @command.command(name="robust")
@@ -156,7 +173,8 @@ def robust_command(
     seed: int,
     num: str,
 ) -> None:
-    """Run controllers with default gains on random machines, of which the drive has no parameters."""
+    """Run controllers with default gains on random machines, of which the drive is told encoder lengths and force
+    limits alone: all else it knows is of --machine."""
     from kontur.experiments.robust import robust, summarise
 
     with progress_bar("experiment robust") as progress:
@@ -174,6 +192,7 @@ def robust_command(
         return
     print_table(
         [{"controller": name} | found["controllers"][name] for name in found["controllers"]],
-        f"{seeds} draws from seed {seed} on: mean contour error, draw by draw",
+        f"{seeds} draws from seed {seed} on: mean of the true contour error, draw by draw; the drive was told encoder "
+        "lengths and force limits of the drawn machine, and all else of --machine",
         _ROBUST_HEADINGS,
     )

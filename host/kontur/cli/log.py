@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import json
+import sys
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from kontur.cli.output import cell, console, print_json
+from kontur.cli.output import PIPED_WIDTH, cell, console, print_json
 
 if TYPE_CHECKING:
     from kontur.runs.sample import Total
@@ -35,7 +36,7 @@ def show(file: str, as_json: bool) -> None:
     if as_json:
         print_json({"meta": run.meta, "rows": run.total("tick").count, "columns": columns})
         return
-    out = console()
+    out = console(width=None if sys.stdout.isatty() else PIPED_WIDTH)
     head = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for key, value in run.meta.items():
         shown = f"{len(value)} values (--json shows them)" if key in _LONG else value
@@ -44,13 +45,14 @@ def show(file: str, as_json: bool) -> None:
     table = Table("column", "unit", box=None, padding=(0, 2, 0, 0))
     for name in ("rows", "min", "mean", "max"):
         table.add_column(name, justify="right")
+    table.add_column("what", overflow="fold")
     for column in log.COLUMNS:
         if column.name in columns:
             known = columns[column.name]
             numbers = (
                 "" if known[key] is None else f"{known[key]:.{column.digits}f}" for key in ("min", "mean", "max")
             )
-            table.add_row(column.name, column.unit, str(known["rows"]), *numbers)
+            table.add_row(column.name, column.unit, str(known["rows"]), *numbers, column.what)
     out.print(table)
 
 

@@ -140,6 +140,51 @@ class _BusFaults(click.ParamType["BusFaults"]):
 BUS_FAULTS = _BusFaults()
 
 
+class _Untold(click.Choice[str]):
+    """`all`, or nothing: then the option's value is kontur.machine.LENGTHS."""
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        return "[all]"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if value not in ("all", machines.LENGTHS):
+            self.fail(f"{value!r} is not 'all'; write --untold behind the rest, or --untold all", param, ctx)
+        return str(value)
+
+
+def told_options(otherwise: str = machines.ALL) -> tuple[Callable[[Any], Any], ...]:
+    """--told, --untold, --untold all, --compensation; `otherwise`, one of kontur.machine.TOLD, where none is given."""
+    default = {machines.ALL: " (the default)", machines.NOTHING: ""}[otherwise]
+    return (
+        click.option(
+            "--told", is_flag=True, help=f"Set the simulated drive's parameters from the machine file{default}."
+        ),
+        click.option(
+            "--untold",
+            type=_Untold(["all"]),
+            is_flag=False,
+            flag_value=machines.LENGTHS,
+            help="Leave them as they are from the factory, but for encoder lengths and soft limits; with `all`, "
+            f"leave all of them{'' if default else ' (the default)'}.",
+        ),
+        click.option(
+            "--compensation",
+            type=click.Choice(machines.COMPENSATIONS),
+            help="What --told sets: all that the drive has a parameter for, or what a rigid axis has (default: full).",
+        ),
+    )
+
+
+def told_of(told: bool, untold: str | None, compensation: str | None, otherwise: str = machines.ALL) -> tuple[str, str]:
+    """`told` and `compensation` of a Target. Raises UsageError where they contradict one another."""
+    if told and untold is not None:
+        raise click.UsageError("--told and --untold: which one?")
+    what = machines.ALL if told else {"all": machines.NOTHING, None: otherwise}.get(untold, machines.LENGTHS)
+    if compensation is not None and what != machines.ALL:
+        raise click.UsageError("--compensation says what --told sets; the drive is not told that here")
+    return what, compensation or machines.FULL
+
+
 class _ControllerName(click.ParamType[str]):
     """A controller by either name, or "all"; the value is the paper's name."""
 
@@ -233,10 +278,14 @@ def _target(
     machine: str,
     seed: int,
     num: str,
+    told: bool = False,
+    untold: str | None = None,
+    compensation: str | None = None,
 ) -> Target:
     from kontur.drive.target import Target
 
-    return Target(
+    what, compensated = told_of(told, untold, compensation)
+    target = Target(
         bus=_bus_config(interface, channel, bitrate, bus),
         node_id=node,
         machine=machines.load(machine),
@@ -244,12 +293,18 @@ def _target(
         num=num,
         faults=bus_faults,
         set_pdos=set_pdos,
+        told=what,
+        compensation=compensated,
     )
+    if not target.in_process and (told or untold or compensation):
+        raise click.UsageError(
+            "--told, --untold, --compensation: a drive on a bus has its own parameters, which `kontur param` sets. "
+            "Leave these options out; `kontur sim --told` is a drive on a bus that is told"
+        )
+    return target
 
 
-target_options = grouped(
-    "target",
-    _target,
+_TARGET = (
     click.option(
         "-i",
         "--interface",
@@ -275,7 +330,23 @@ target_options = grouped(
     ),
     *_SIMULATION,
 )
+target_options = grouped("target", _target, *_TARGET, *told_options())
 """Bus and simulation options, given to the verb together as `target`, a kontur.drive.target.Target."""
+bus_options = grouped("target", _target, *_TARGET)
+"""The same for a verb whose simulated drive is told what it says itself."""
+
+
+def _simulated_target(
+    machine: str, seed: int, num: str, told: bool, untold: str | None, compensation: str | None
+) -> Target:
+    from kontur.drive.target import Target
+
+    what, compensated = told_of(told, untold, compensation)
+    return Target(machine=machines.load(machine), seed=seed, num=num, told=what, compensation=compensated)
+
+
+simulated_target_options = grouped("target", _simulated_target, *_SIMULATION, *told_options())
+"""Machine, seed, numbers and what the drive is told, given to the verb together as `target`, simulated in process."""
 
 
 def _bus_config(

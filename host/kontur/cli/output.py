@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
 
-_PIPED_WIDTH = 200
+PIPED_WIDTH = 200
 
 
 def print_json(value: Any) -> None:
@@ -57,7 +57,7 @@ def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Ma
         table.add_column(headings.get(key, key), justify="right" if number else "left", overflow="fold")
     for row in rows:
         table.add_row(*(cell(_text(value)) for value in row.values()))
-    console(width=None if sys.stdout.isatty() else _PIPED_WIDTH).print(table)
+    console(width=None if sys.stdout.isatty() else PIPED_WIDTH).print(table)
 
 
 def _text(value: Any) -> str:

@@ -269,6 +269,9 @@ def command(
 ) -> None:
     """Run FILE (G-code, or CSV with t,x,y or x,y) or a shape, and show the contour error.
 
+    On a drive that is simulated in this process it is the true error of the tool. On a bus nobody knows the true
+    position: it is the drive's own estimate.
+
     SIGUSR1 holds the drive on the path, SIGUSR2 lets it go on. Ctrl-C stops it on the path. So do the faults whose
     reaction is "path stop" (docs/faults.md), and the end of this program. As long as the drive has power, the
     same command with --resume goes on from there; axes that have crept meanwhile go back to the path first.
@@ -433,17 +436,20 @@ def log_path(path: Path, controller: str, several: bool) -> Path:
 
 def _print(trajectory: Trajectory, results: list[RunResult], as_json: bool, override: float, notes: list[str]) -> None:
     """The figures of all runs, what of the feed was planned, and each warning once, whichever runs it came in."""
-    from kontur.runs.summary import summary
+    from kontur.runs.summary import heading, summary
 
+    first = results[0].log
     name, feed = trajectory.program.name, trajectory.feed
     rows = [{"controller": result.log.meta["controller"], **summary(result.log)} for result in results]
     warnings = dict.fromkeys(code for result in results for code in result.warnings)
     if as_json:
         print_json({"program": name, "duration_s": trajectory.duration_s, "feed": feed and asdict(feed),
-                    "override_percent": override, "notes": notes, "runs": rows,
+                    "override_percent": override, "notes": notes,
+                    "contour_error": "true" if first.has_truth else "estimated",
+                    "told": first.meta.get("told"), "compensation": first.meta.get("compensation"), "runs": rows,
                     "warnings": warnings_json(warnings)})  # fmt: skip
     else:
-        print_table(rows, f"{name}, {trajectory.duration_s:.2f} s: contour error")
+        print_table(rows, f"{name}, {trajectory.duration_s:.2f} s: {heading(first.meta, first.has_truth)}")
         if feed is not None:
             of_that = "" if override == 100.0 else f"; {override:g} % of that by --override"
             click.echo(f"{str(feed).capitalize() if not feed.limited else 'The ' + str(feed)}{of_that}.")
@@ -462,7 +468,7 @@ def _command(ctx: click.Context, controller: str) -> str:
         if ctx.get_parameter_source(name) in (ParameterSource.DEFAULT, None):
             continue
         value = ctx.params[name]
-        if param.is_flag:
+        if param.is_flag or value == param.flag_value:
             words.append(param.opts[-1])
             continue
         for one in value if param.multiple else [value]:

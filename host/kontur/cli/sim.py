@@ -5,15 +5,18 @@ from __future__ import annotations
 
 import signal
 import subprocess
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
 import click
 
-from kontur.cli.options import simulation_options
+from kontur.cli.options import grouped, simulation_options, told_of, told_options
+from kontur.machine import NOTHING, load, told_text
 
 if TYPE_CHECKING:
+    from kontur.drive.target import Target
     from kontur.sim.process import SimProcess
 
 _POLL_S = 0.2
@@ -49,6 +52,7 @@ def _interrupt(_signal: int, _frame: FrameType | None) -> None:
     type=click.Path(dir_okay=False, path_type=Path),
     help="File of the flash: what the drive stores (1010h) is there again in the next run.",
 )
+@grouped("told", partial(told_of, otherwise=NOTHING), *told_options(NOTHING))
 @simulation_options
 def command(
     *,
@@ -62,24 +66,29 @@ def command(
     machine: str,
     seed: int,
     num: str,
+    told: tuple[str, str],
 ) -> None:
     """Simulate a drive on a bus, until Ctrl-C.
 
     The firmware and its machine run in a process of their own, for kontur in another terminal or any CANopen master.
+    The drive is like a new one: it is told nothing of its machine. With --told it gets its parameters over its bus,
+    before this command says that it answers; those win over what --store has.
     """
+    from kontur.drive.target import Target, tell
     from kontur.sim import process
 
     if (can is not None) + (slcan_tcp is not None) + slcan_pty > 1:
         raise click.UsageError("one bus at a time: --can, --slcan-tcp or --slcan-pty")
     if can is None and not slcan_pty:
         slcan_tcp = slcan_tcp or "0"
+    plant = load(machine)
     signal.signal(signal.SIGTERM, _interrupt)
     with process.start(
         can=can,
         slcan_tcp=slcan_tcp,
         slcan_pty=slcan_pty,
         pace=pace,
-        machine=machine,
+        machine=plant,
         seed=seed,
         node_id=node,
         num=num,
@@ -87,17 +96,22 @@ def command(
         store=store,
     ) as sim:
         try:
-            _announce(sim, node)
+            target = Target(plant, sim.options(), node, seed, told=told[0], compensation=told[1])
+            if target.told != NOTHING:
+                tell(target)
+            _announce(sim, target)
             _wait(sim)
         except KeyboardInterrupt:
             pass
 
 
-def _announce(sim: SimProcess, node: int) -> None:
+def _announce(sim: SimProcess, target: Target) -> None:
+    node = target.node_id
     bus = f"-i {sim.interface} -c {sim.channel}" + (f" --node {node}" if node != 1 else "")
     click.echo(f"A drive answers on {sim.interface} {sim.channel}, node {node}. In another terminal:")
     click.echo(f"  kontur info {bus}")
     click.echo(f"  kontur run circle --radius 10 --feed 10 --approach {bus}")
+    click.echo(f"It simulates {target.machine.name!r}, and is {told_text(target.told, target.compensation)}.")
     click.echo("Ctrl-C ends it.")
 
 

@@ -12,7 +12,7 @@ from kontur.can.bad_bus import BusFaults
 from kontur.can.bus import open_bus
 from kontur.can.simulated import simulated
 from kontur.drive.device import Device, connected
-from kontur.machine import Machine, load
+from kontur.machine import ALL, FULL, Machine, load
 
 SIMULATED = "kontur"
 BAD_BUS = "kontur-bad-bus"
@@ -26,6 +26,10 @@ class Target:
     back end of the simulation. `place_at_start`: the simulated axes stand where the path starts, instead of where the
     machine's file says. `faults`: what happens to frames on their way, see kontur.can.bad_bus.
     `set_pdos`: PDOs that another master has changed are set as kontur needs them, until the drive is reset.
+
+    What a machine is and what its drive is told are two things. `told` and `compensation` say what a drive that is
+    simulated in this process is told of `machine` (kontur.machine.TOLD, COMPENSATIONS). A drive on a bus is told
+    nothing: it keeps its parameters.
     """
 
     machine: Machine = field(default_factory=load)
@@ -36,12 +40,18 @@ class Target:
     place_at_start: bool = True
     faults: BusFaults | None = None
     set_pdos: bool = False
+    told: str = ALL
+    compensation: str = FULL
 
     @property
     def in_process(self) -> bool:
         """Whether the drive is simulated in this process, and gone when the bus is closed."""
         options = self.options()
         return bool(options.get("inner", options["interface"]) == SIMULATED)
+
+    def parameters(self) -> dict[str, float]:
+        """What the drive is told of the machine, by the names of its parameters. Raises ParameterError."""
+        return self.machine.parameters(self.seed, self.told, self.compensation)
 
     def options(self) -> dict[str, Any]:
         """python-can's options to open the bus with."""
@@ -55,12 +65,21 @@ class Target:
 
 @contextmanager
 def open_drive(target: Target) -> Iterator[Device]:
-    """The drive of `target`, until the `with` ends. A simulated one gets the parameters of the machine that it moves.
+    """The drive of `target`, until the `with` ends. One in this process is told of its machine what `target` says.
 
     Raises BusError, NoAnswerError, ParameterError.
     """
     with connected(open_bus(target.options()), target.node_id) as device:
         device.pdos.may_set = target.set_pdos
         if simulated(device.link.bus):
-            device.parameters.set(target.machine.parameters(target.seed))
+            device.parameters.set(target.parameters())
         yield device
+
+
+def tell(target: Target) -> None:
+    """Tell a drive on a bus of its machine what `target` says; it keeps that until it is powered off.
+
+    Raises BusError, NoAnswerError, ParameterError.
+    """
+    with connected(open_bus(target.options()), target.node_id) as device:
+        device.parameters.set(target.parameters())

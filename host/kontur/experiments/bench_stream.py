@@ -18,6 +18,7 @@ from kontur.drive.device import Device
 from kontur.drive.stream import Operator, stream
 from kontur.drive.target import Target, open_drive
 from kontur.errors import EmcyError, StreamError
+from kontur.machine import NOTHING
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
@@ -35,11 +36,13 @@ def bench(
     """Stream `knots` knots, 1000 or more, to the drive of `target`, or to a process where it names no bus.
 
     `lost` are the knots that were not executed; `retransmitted` and `underruns` as counted on the two ends;
-    `contour_mean_um`, `contour_max_um`: the contour error that the drive has estimated (2211h).
+    `told` is what the drive was told of its machine, None where only its owner knows; `contour_mean_um`,
+    `contour_max_um`: the drive's own estimate of the contour error (2211h).
     `checksum_ok`: the drive executed these knots, each once and in order; `error`: the message if not; `warnings`:
     EMCY codes. In process the CPU time is the drive's, too. Raises BusError, DeviceError before the stream has begun;
     KeyboardInterrupt when the stop was requested.
     """
+    asked = target
     with _target(target) as target, open_drive(target) as device, device.axes.enabled():
         here_nm = np.array(device.position_nm())
         knots_nm = _circle(target, knots) + here_nm
@@ -62,6 +65,7 @@ def bench(
             "retransmitted": retransmitted,
             "underruns": int(device.read_stable("stream.underruns")),
             "checksum_ok": device.read_stable("stream.checksum") == zlib.crc32(knots_nm.astype("<i4").tobytes()),
+            "told": _told(target, asked),
             "contour_mean_um": device.read_stable("estimated_contour_error.mean") * 1e6,
             "contour_max_um": device.read_stable("estimated_contour_error.max") * 1e6,
             "seconds": seconds,
@@ -89,6 +93,11 @@ def _target(target: Target) -> Iterator[Target]:
         num=target.num,
     ) as process:
         yield replace(target, bus=process.options())
+
+
+def _told(target: Target, asked: Target) -> str | None:
+    """What the drive of `target` was told, which was `asked` for; None: a drive of someone else's."""
+    return target.told if target.in_process else NOTHING if asked.bus is None else None
 
 
 def _circle(target: Target, knots: int) -> NDArray[np.int64]:

@@ -21,7 +21,7 @@ import numpy as np
 from kontur.drive.target import Target
 from kontur.errors import DeviceError
 from kontur.experiments import COMPARED, REFERENCE
-from kontur.machine import Axis, Machine
+from kontur.machine import LENGTHS, Axis, Machine
 from kontur.path import shapes
 from kontur.path.geometry import Program
 from kontur.planning.bounds import limits
@@ -184,7 +184,7 @@ def _one(
         for key, value in (("encoder", axis.encoder_m * 1e6), ("force_limit", axis.force_limit_N))
     }
     believed |= {"limits.velocity": VELOCITY_TRIP_MPS} | parameters
-    target = Target(machine=machine, seed=seed, num=num)
+    target = Target(machine=machine, seed=seed, num=num, told=LENGTHS)
     return {
         "seed": seed,
         "shape": drawn.shape,

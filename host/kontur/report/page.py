@@ -112,9 +112,9 @@ def _has_path(entries: Sequence[Entry]) -> bool:
 
 
 def _labels(runs: Sequence[RunLog], controllers: Sequence[str]) -> list[str]:
-    """The controller; where it ran more than once with its seed, numeric back end, or number."""
+    """The controller; where it ran more than once with its seed, back end, what it was told, or number."""
     labels = list(controllers)
-    for key in ("seed", "num"):
+    for key in ("seed", "num", "told", "compensation"):
         twice = Counter(labels)
         values = [run.meta.get(key) for run in runs]
         if len(set(map(str, values))) > 1:
@@ -249,7 +249,7 @@ def _table(entries: Sequence[Entry]) -> str:
         if key == "max_um":
             heads.append('<th scope="col">where<small>t, (x, y) in mm</small></th>')
     kind = _kind(entries)
-    group = {"truth": "true contour error", "estimate": "contour error, estimate", "mixed": "contour error"}[kind]
+    group = _ERRORS[kind]
     bold = " Bold: least of its column." if len(compared) > 1 else ""
     return f"""<div class="scroll"><table class="scores">
 <thead><tr><th scope="col" rowspan="2">controller</th><th scope="col" rowspan="2">path<small>%</small></th>
@@ -277,6 +277,11 @@ def _name_cell(entry: Entry, best: bool) -> str:
             f'<small>{escape(entry.long_name)}</small></th>')  # fmt: skip
 
 
+_ERRORS = {
+    "truth": "true contour error",
+    "estimate": "contour error, estimate of the drive",
+    "mixed": "contour error, true or estimated",
+}
 _NOTES = {
     "truth": "The true error is the distance of the simulated machine's true position to the programmed path, which "
     "neither the encoder nor the drive sees.",
@@ -327,7 +332,7 @@ def _error_pictures(entries: Sequence[Entry]) -> list[str]:
             figures.sizes(entries),
             "How good",
             "Marker: mean, bar: 95 % of the time below, tip: max.",
-            f"Mean contour error: {means}.",
+            f"Mean of the {_ERRORS[_kind(entries)]}: {means}.",
         ),
     ]
     if has_path:
@@ -338,14 +343,14 @@ def _error_pictures(entries: Sequence[Entry]) -> list[str]:
         note = (f"The error is drawn from the path (grey) along its normal, magnified; {scales}. The bar shows how "
                 f"long an error of that size is drawn.{rapid_error}")  # fmt: skip
         out.append(_figure(figures.magnified(entries), "The path with its error magnified", note,
-                           f"Path with magnified contour error for {names}."))  # fmt: skip
+                           f"Path with magnified {_ERRORS[_kind(entries)]} for {names}."))  # fmt: skip
     shaded = " What is shaded is not scored." if any(e.summary.from_s > 0.0 for e in entries) else ""
     sides = (
         "" if len(entries) == 1 else "Pictures on the left: one scale for all; on the right: each at its own scale. "
     )
     out.append(_figure(figures.over_time(entries), "Error over time", sides + "Left of the path is positive. The line "
                        "goes through the smallest and the greatest value of every stretch of time; the ring is the max."
-                       + shaded, f"Contour error over time for {names}."))  # fmt: skip
+                       + shaded, f"{_ERRORS[_kind(entries)].capitalize()} over time for {names}."))  # fmt: skip
     return out
 
 
@@ -365,6 +370,7 @@ def _measured(entries: Sequence[Entry], command: str | None) -> str:
         ("feed", _meta(entries, "feed")),
         ("trajectory", _meta(entries, "trajectory")),
         ("machine", _meta(entries, "machine")),
+        ("the drive was told", _told(entries)),
         ("seed of the noise", _meta(entries, "seed")),
         ("firmware", _meta(entries, "firmware")),
         ("numbers", _meta(entries, "num")),
@@ -392,6 +398,11 @@ def _meta(entries: Sequence[Entry], key: str) -> str:
     if len(set(texts)) == 1:
         return texts[0]
     return "; ".join(f"{entry.label}: {text or 'not known'}" for entry, text in zip(entries, texts, strict=True))
+
+
+def _told(entries: Sequence[Entry]) -> str:
+    what, of = _meta(entries, "told"), _meta(entries, "compensation")
+    return f"{what}, compensation {of}" if of else what
 
 
 def _differences(entries: Sequence[Entry], key: str, heading: str) -> str:

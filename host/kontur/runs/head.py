@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 _NUMBERS = ("seed", "control_hz", "frames_lost", "accepted", "resumed_at_s", "force_max_N", "force_step_N")
-_TEXTS = ("program", "controller", "status", "fault", "trajectory", "machine", "firmware", "num", "command")
+_TEXTS = (
+    *("program", "controller", "status", "fault", "trajectory", "machine", "told", "compensation"),
+    *("firmware", "num", "command"),
+)
 _TABLES = ("plant", "parameters", "rejected", "score", "path")
 _TABLES_OF_NUMBERS = ("rejected", "score", "path")
 _PATH = {"length_mm", "from_mm", "to_mm", "known_mm"}  # kontur.runs.coverage

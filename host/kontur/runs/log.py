@@ -93,6 +93,8 @@ META = {
     "machine": "name of the machine, or of the bus of a real drive",
     "plant": "the simulated machine's values",
     "seed": "seed of the simulated noise",
+    "told": "what the simulated drive was told of its machine: all, lengths and limits, or nothing",
+    "compensation": "where it was told all: full, what it has a parameter for; rigid, what a rigid axis has",
     "firmware": "build id of the firmware",
     "num": "numeric back end of the firmware",
     "control_hz": "control periods a second",

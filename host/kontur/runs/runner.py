@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One run: a planned trajectory, streamed to a drive under one controller, logged, and scored where the truth is known.
 
-A simulated drive is treated like a real one, over CAN frames. The differences: it starts where the program starts, its
-parameters are set to those of the machine that it moves, and its true position is known.
+A simulated drive is treated like a real one, over CAN frames. The differences: it starts where the program starts, it
+is told of the machine that it moves what the target says, and its true position is known.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from kontur.drive.pdos import TELEMETRY
 from kontur.drive.stream import UNATTENDED, Operator, StreamResult, stream
 from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, EmcyError, FileError, KonturError
+from kontur.machine import ALL
 from kontur.path.geometry import KNOT_S
 from kontur.planning.bounds import Limits, limits
 from kontur.planning.planner import Trajectory
@@ -212,7 +213,8 @@ def _what(device: Device, trajectory: Trajectory, target: Target, options: RunOp
         "machine": target.machine.name if is_simulated else str(bus.channel_info),
     }
     if is_simulated:
-        meta |= {"plant": target.machine.described(), "seed": target.seed}
+        meta |= {"plant": target.machine.described(), "seed": target.seed, "told": target.told}
+        meta |= {"compensation": target.compensation} if target.told == ALL else {}
     return meta | {
         "firmware": device.read("build_id"),
         "num": device.read("num_backend"),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from kontur.errors import LogError
+from kontur.machine import told_text
 from kontur.runs.log import RunLog
 
 SUMMARY = {
@@ -132,6 +133,14 @@ def summary(log: RunLog) -> dict[str, Any]:
     """The figures of SUMMARY of a run, name to value; None where not known."""
     values = summarise(log)
     return {name: getattr(values, name) for name in SUMMARY}
+
+
+def heading(meta: Mapping[str, Any], truth: bool) -> str:
+    """What the errors of a run are, whose log has this `meta`, and what the drive was told of its machine."""
+    if not truth:
+        return "contour error by the drive's own estimate"
+    told = told_text(str(meta.get("told", "")), str(meta.get("compensation", "")))
+    return "true contour error of the tool" + (f"; the drive was {told}" if told else "")
 
 
 def _percent(path: Mapping[str, float]) -> dict[str, float | None]:
