@@ -62,6 +62,12 @@ static inline int32_t pos_to_nm(pos_t p)
     return nm > INT32_MAX ? INT32_MAX : nm < INT32_MIN ? INT32_MIN : (int32_t)nm;
 }
 
+/* The position in turns, of which there are `turns` 2^-64 a step of a position: the fraction, in 2^-32 turns. */
+static inline uint32_t pos_phase(pos_t p, uint64_t turns)
+{
+    return (uint32_t)(((uint64_t)p * turns) >> 32);
+}
+
 #if defined(KONTUR_NUM_FIX)
 #include "core/num_fix.h"
 #elif defined(KONTUR_NUM_CHK)

@@ -32,13 +32,30 @@ static void reset_laws(const struct servo_cfg *cfg, struct servo_state *state, c
     state->blending = false;
 }
 
+/* Friction over Coulomb friction for a reference velocity r_dot, whose sign is `direction`. Few drives need more than
+ * this sign, so that the rest costs the others nothing. */
+__attribute__((noinline)) static vec2 friction_shape(const struct servo_cfg *cfg, struct servo_state *state, vec2 r_dot,
+                                                     vec2 direction)
+{
+    return friction_step(&cfg->friction, &state->friction, r_dot, direction, cfg->dt);
+}
+
+/* The balance, with what cancels cogging and ripple at a force net + balance. */
+__attribute__((noinline)) static vec2 cancel(const struct servo_cfg *cfg, const struct servo_in *in, vec2 q_dot,
+                                             vec2 net, vec2 balance)
+{
+    return v2_sub(screw_cancel(&cfg->screw, in->measured, q_dot, v2_add(net, balance)), net);
+}
+
 /* The force demand of the law. *balance is the part that cancels friction and mass beyond the nominal. */
 static inline struct servo_demand law(const struct servo_cfg *cfg, struct servo_state *state,
                                       enum controller controller, const pos_t q[2], struct servo_out *out,
                                       vec2 *balance)
 {
     const struct contour_out *c = &out->contour;
-    const vec2 direction = smc_direction(cfg->smc.friction_speed, c->r_dot);
+    const vec2 sign = smc_direction(cfg->smc.friction_speed, c->r_dot);
+    const vec2 direction = cfg->friction.on ? friction_shape(cfg, state, c->r_dot, sign) : sign;
+    state->friction.shape = direction;
     struct servo_demand demand;
     if (controller == CONTROLLER_CASCADE || controller == CONTROLLER_CCC) {
         *balance = v2_mul(cfg->plant.coulomb, direction);
@@ -76,7 +93,8 @@ static inline struct servo_demand law(const struct servo_cfg *cfg, struct servo_
         if (adapts) {
             compensator_adapt(&cfg->compensator, &state->compensator, axis, out->compensator.s, slot_dt);
         } else if (!state->saturated) { /* a limited force says nothing about friction and mass */
-            feedforward_step(&cfg->feedforward, &cfg->plant, &state->feedforward, axis, direction, c->r_ddot,
+            const vec2 along = cfg->friction.on ? v2_mul(direction, v2_mul(sign, sign)) : sign; /* nothing at rest */
+            feedforward_step(&cfg->feedforward, &cfg->plant, &state->feedforward, axis, along, c->r_ddot,
                              out->compensator.u, slot_dt);
         }
     } else {
@@ -113,6 +131,16 @@ static vec2 limit(const struct plant_cfg *plant, vec2 force)
     return v2(n_within(force.x, max.x), n_within(force.y, max.y));
 }
 
+/* The friction of an axis that had no power has relaxed. */
+static void relax(struct servo_state *state)
+{
+    for (int i = 0; i < 2; i++) {
+        if (!state->enabled[i]) {
+            friction_reset(&state->friction.axis[i]);
+        }
+    }
+}
+
 /* Mostly true: both axes are enabled, and the force is within
  * its limits. A force that is no number is not within them. */
 static inline bool within_limits(const struct servo_cfg *cfg, const struct servo_in *in, vec2 force)
@@ -144,6 +172,7 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     const bool enabling_changed = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
     if (!in->enabled[0] && !in->enabled[1]) { /* there is no reference */
         *out = (struct servo_out){.velocity = out->velocity};
+        state->friction.shape = ZERO;
     } else {
         contour_step(&cfg->contour, &state->spline_cache, in->ring, &in->path, q, out->velocity, &out->contour);
         const bool switched = in->controller != state->controller;
@@ -151,8 +180,14 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
         if (enabling_changed || switched) {
             reset_laws(cfg, state, q, out->velocity);
         }
+        if (enabling_changed) {
+            relax(state);
+        }
         vec2 balance;
         demand = law(cfg, state, in->controller, q, out, &balance);
+        if (cfg->screw.on) {
+            balance = cancel(cfg, in, out->velocity, demand.net, balance);
+        }
         if (switched && !enabling_changed) {
             state->offset = v2_sub(state->force, v2_add(demand.net, balance));
             state->blending = true;

@@ -2,15 +2,16 @@
 /* servo.h: one control period of the control law. servo_step()
  * is pure: it reads cfg and in, changes state and fills out.
  *
- * Order of a step: observer, spline and contour error, law (under ccu with its compensator), limits.
+ * Order of a step: observer, spline and contour error, law (under ccu with its compensator), friction, cogging and
+ * ripple, limits.
  * servo_loop_tick() (drive/servo_loop.h) reads the encoders before it and writes the forces after it.
  *
  * Context: servo_loop_tick() calls it once in a control period, in the servo tick. Tests call it in a host process.
  *
  * The force returned acts from the next encoder reading to the one after it, that is with one control period of
  * delay. Observer and reference model are fed with this delay. The observer gets the force without the part that
- * cancels friction: that part accelerates nothing, and an observer that takes it for acceleration is wrong by mm/s
- * for some ms at each reversal.
+ * cancels friction, cogging and ripple: that part accelerates nothing, and an observer that takes it for acceleration
+ * is wrong by mm/s for some ms at each reversal.
  *
  * Change of the controller in operation: the difference between the last force and the new law's first force becomes
  * an offset that decays with cfg.blend, so that the force does not jump. The reference model gets the offset, too.
@@ -22,7 +23,9 @@
 #include "core/controllers.h"
 #include "core/energy.h"
 #include "core/feedforward.h"
+#include "core/friction.h"
 #include "core/observer.h"
+#include "core/screw.h"
 
 /* Slow computations take turns over this many control periods: slots 0 and 1
  * compute energy and adaptation of axis 0 and axis 1, slots 2 and 3 the adaptive
@@ -39,6 +42,8 @@ struct servo_cfg {
     struct smc_cfg smc;
     struct compensator_cfg compensator;
     struct feedforward_cfg feedforward;
+    struct friction_cfg friction;
+    struct screw_cfg screw;
     struct cascade_cfg cascade;
     struct energy_cfg energy[2];
 };
@@ -62,6 +67,7 @@ struct servo_state {
     struct smc_state smc;
     struct compensator_state compensator;
     struct feedforward_state feedforward; /* persists when the controller changes or an axis is disabled */
+    struct friction_state friction;       /* of an axis: persists while it is enabled */
     struct cascade_state cascade;
     struct energy_state energy[2];
     bool enabled[2];

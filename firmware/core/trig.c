@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* trig.c: cosh and sinh, trig.h. Runs in the servo tick. */
+/* trig.c: transcendental functions, trig.h. Runs in the servo tick. */
 #include "core/trig.h"
 
 #define SMALL NUM(0.5)
@@ -29,4 +29,38 @@ struct trig_cosh trig_cosh(num x)
         r.cosh_x = n_mad(NUM(1), NUM(2), s2);
     }
     return r;
+}
+
+/* exp(-x) = (1 / exp(x/16))^16, where exp() is its Taylor series to the fourth power. */
+num trig_decay(num x)
+{
+    const num y = n_mul(x, NUM(1.0 / 16));
+    num e = n_mad(NUM(1.0 / 6), y, NUM(1.0 / 24));
+    e = n_mad(NUM(0.5), y, e);
+    e = n_mad(NUM(1), y, e);
+    e = n_mad(NUM(1), y, e);
+    num r = n_div(NUM(1), e);
+    for (int i = 0; i < 4; i++) {
+        r = n_mul(r, r);
+    }
+    return r;
+}
+
+/* Taylor series in x, quarter turns from the nearest multiple of a quarter turn, |x| <= 1/2. The first omitted terms
+ * are below 4e-7 (sine) and 3e-8 (cosine). */
+struct trig_circle trig_circle(uint32_t phase)
+{
+    const uint32_t quarter = (phase + 0x20000000u) >> 30;
+    const num x = n_ratio((int32_t)(phase - (quarter << 30)), 1 << 30);
+    const num x2 = n_mul(x, x);
+    num s = n_mad(NUM(0.07969262624616703), x2, NUM(-0.004681754135318687)); /* (pi/2)^5 / 5!, -(pi/2)^7 / 7! */
+    s = n_mad(NUM(-0.6459640975062462), x2, s);
+    s = n_mul(x, n_mad(NUM(1.5707963267948966), x2, s));
+    num c = n_mad(NUM(-0.020863480763352960), x2, NUM(0.0009192602748394263)); /* -(pi/2)^6 / 6!, (pi/2)^8 / 8! */
+    c = n_mad(NUM(0.2536695079010480), x2, c);
+    c = n_mad(NUM(-1.2337005501361697), x2, c);
+    c = n_mad(NUM(1), x2, c);
+    const struct trig_circle r = {(quarter & 1u) != 0 ? s : c, (quarter & 1u) != 0 ? c : s};
+    return (struct trig_circle){quarter == 1 || quarter == 2 ? n_neg(r.cos) : r.cos,
+                                quarter == 2 || quarter == 3 ? n_neg(r.sin) : r.sin};
 }

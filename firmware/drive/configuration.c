@@ -21,9 +21,14 @@ static num micro_mps2(uint32_t u)
     return n_ratio(u, 40000);
 }
 
-static num milli(uint32_t u)
+static num milli(int64_t u)
 {
     return n_ratio(u, 1000);
+}
+
+static num micro(int32_t u)
+{
+    return n_ratio(u, 1000000);
 }
 
 /* Steps of the velocity estimate grow with the length of a count and with the bandwidth to the power of two and more: for
@@ -48,6 +53,29 @@ static struct plant_cfg plant(const struct od_plant *x, const struct od_plant *y
         .force_max = v2(milli(x->force_limit), milli(y->force_limit)),
     };
     return p;
+}
+
+static struct friction_axis_cfg friction(const struct od_friction *f)
+{
+    return friction_design(milli(f->presliding), milli(f->breakaway), nano_mps(f->stribeck));
+}
+
+static bool friction_on(const struct od_friction *f)
+{
+    return f->presliding != 0 || f->breakaway > 1000u;
+}
+
+static struct screw_axis_cfg screw(const struct od_screw *s)
+{
+    return (struct screw_axis_cfg){
+        .turns = s->lead == 0 ? 0 : screw_turns(s->lead),
+        .harmonic = {{s->order_1, milli(s->cogging_cos_1), milli(s->cogging_sin_1), micro(s->ripple_cos_1),
+                      micro(s->ripple_sin_1)},
+                     {s->order_2, milli(s->cogging_cos_2), milli(s->cogging_sin_2), micro(s->ripple_cos_2),
+                      micro(s->ripple_sin_2)},
+                     {s->order_3, milli(s->cogging_cos_3), milli(s->cogging_sin_3), micro(s->ripple_cos_3),
+                      micro(s->ripple_sin_3)}},
+    };
 }
 
 static struct energy_cfg energy(const struct od_motor *m, num sign_speed)
@@ -85,6 +113,8 @@ struct servo_cfg configuration_servo(const struct od_data *od)
     const struct od_cascade *c = &od->cascade;
     const num friction_speed = nano_mps(od->contour.friction_speed);
     const num dt = n_ratio(200, CONTROL_HZ);
+    const struct od_axis *x = &od->axis[0];
+    const struct od_axis *y = &od->axis[1];
     /* exp(-dt / blend_time) to first order: dt / (dt + blend_time) is left out of the offset each period */
     const uint32_t dt_us = 1000000u / CONTROL_HZ;
     return (struct servo_cfg){
@@ -119,6 +149,11 @@ struct servo_cfg configuration_servo(const struct od_data *od)
         .feedforward = {.friction_rate = milli_per_s(od->feedforward.friction_rate),
                         .mass_rate = milli_per_s(od->feedforward.mass_rate),
                         .acceleration = micro_mps2(od->feedforward.acceleration)},
+        .friction = {.on = friction_on(&x->friction) || friction_on(&y->friction),
+                     .axis = {friction(&x->friction), friction(&y->friction)}},
+        .screw = {.on = x->screw.lead != 0 || y->screw.lead != 0,
+                  .ahead = n_ratio(300, CONTROL_HZ),
+                  .axis = {screw(&x->screw), screw(&y->screw)}},
         .cascade = {.k_p = milli_per_s(c->position_gain),
                     .k_v = milli_per_s(c->velocity_gain),
                     .k_i = milli_per_s(c->integral_gain),

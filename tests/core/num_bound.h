@@ -152,6 +152,12 @@ static inline pos_t pos_add(pos_t p, num x)
     return (pos_t){p.v + llround(x.d / UM_PER_POS), p.e + x.e + BOUND_SUM(x.d) + 0.5 * UM_PER_POS};
 }
 
+/* As exact as p: what the error of p does is small, since screws are long. */
+static inline uint32_t pos_phase(pos_t p, uint64_t turns)
+{
+    return (uint32_t)(((uint64_t)p.v * turns) >> 32);
+}
+
 static inline acc_t acc_from(num x)
 {
     return (acc_t){x.d, x.e + 0x1p-49};

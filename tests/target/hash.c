@@ -30,6 +30,7 @@ static void mix_servo(uint32_t *hash, const struct servo_state *s)
     mix(hash, &s->compensator.q_bar_dot, sizeof s->compensator.q_bar_dot);
     mix(hash, &s->compensator.mu, sizeof s->compensator.mu);
     mix(hash, &s->feedforward, sizeof s->feedforward);
+    mix(hash, &s->friction, sizeof s->friction);
     mix(hash, &s->offset, sizeof s->offset);
     mix(hash, &s->force, sizeof s->force);
     mix(hash, s->demand, sizeof s->demand);

@@ -158,6 +158,68 @@ static void test_learned_feedforward(void)
     near(0.765432 / UM * T0 * T0, l.acceleration); /* m/s2 */
 }
 
+static void test_friction_of_each_axis_is_on_where_it_is_more_than_a_sign(void)
+{
+    TEST_ASSERT_FALSE(configuration_servo(&od).friction.on);
+    for (int i = 0; i < 2; i++) {
+        od_init(&od, 1);
+        od.axis[i].friction.breakaway = 1250;
+        TEST_ASSERT_TRUE(configuration_servo(&od).friction.on);
+        od.axis[i].friction = (struct od_friction){.presliding = 20123, .breakaway = 1000, .stribeck = 4123456};
+        const struct servo_cfg c = configuration_servo(&od);
+        TEST_ASSERT_TRUE(c.friction.on);
+        near(20.123, c.friction.axis[i].presliding); /* um */
+        near(0, c.friction.axis[i].excess);
+        near(4.123456e-3 / UM * T0, c.friction.axis[i].stribeck); /* m/s */
+        near(0, c.friction.axis[1 - i].presliding);
+        near(20.123 / 16, c.friction.axis[i].element[0].width);
+        near(2 / 20.123, c.friction.axis[i].element[0].share);
+        near(20.123 / 2, c.friction.axis[i].element[7].width);
+        near(0.25 / 20.123, c.friction.axis[i].element[7].share);
+    }
+    od.axis[1].friction.breakaway = 1250;
+    near(0.25, configuration_servo(&od).friction.axis[1].excess);
+}
+
+static void test_screw_of_each_axis_is_on_where_it_has_a_lead(void)
+{
+    TEST_ASSERT_FALSE(configuration_servo(&od).screw.on);
+    for (int i = 0; i < 2; i++) {
+        od_init(&od, 1);
+        od.axis[i].screw = (struct od_screw){.lead = 10000000,
+                                             .cogging_cos_1 = -1001,
+                                             .cogging_sin_1 = 1002,
+                                             .cogging_cos_2 = 1003,
+                                             .cogging_sin_2 = 1004,
+                                             .cogging_cos_3 = 1005,
+                                             .cogging_sin_3 = 1006,
+                                             .ripple_cos_1 = -10001,
+                                             .ripple_sin_1 = 10002,
+                                             .ripple_cos_2 = 10003,
+                                             .ripple_sin_2 = 10004,
+                                             .ripple_cos_3 = 10005,
+                                             .ripple_sin_3 = 10006,
+                                             .order_1 = 1,
+                                             .order_2 = 4,
+                                             .order_3 = 9};
+        const struct screw_cfg c = configuration_servo(&od).screw;
+        TEST_ASSERT_TRUE(c.on);
+        near(150e-6 / T0, c.ahead);
+        TEST_ASSERT_TRUE(c.axis[1 - i].turns == 0);
+        const uint32_t phase = pos_phase(pos_from_nm(15000000), c.axis[i].turns); /* 1.5 turns */
+        TEST_ASSERT_UINT32_WITHIN(1024, 1u << 31, phase);
+        for (int n = 0; n < SCREW_HARMONICS; n++) {
+            const struct screw_harmonic *h = &c.axis[i].harmonic[n];
+            const double sign = n == 0 ? -1 : 1;
+            TEST_ASSERT_EQUAL_UINT32(n == 0 ? 1 : n == 1 ? 4 : 9, h->order);
+            near(sign * (1.001 + 0.002 * n), h->cogging_cos); /* N */
+            near(1.002 + 0.002 * n, h->cogging_sin);
+            near(sign * (0.010001 + 2e-6 * n), h->ripple_cos);
+            near(0.010002 + 2e-6 * n, h->ripple_sin);
+        }
+    }
+}
+
 static void test_observer_is_slower_for_coarse_encoders_by_the_fourth_root(void)
 {
     const struct observer_cfg nominal = configuration_servo(&od).observer;
@@ -357,6 +419,8 @@ int main(void)
     RUN_TEST(test_control_period);
     RUN_TEST(test_observer_has_its_poles_where_the_bandwidth_says);
     RUN_TEST(test_learned_feedforward);
+    RUN_TEST(test_friction_of_each_axis_is_on_where_it_is_more_than_a_sign);
+    RUN_TEST(test_screw_of_each_axis_is_on_where_it_has_a_lead);
     RUN_TEST(test_observer_is_slower_for_coarse_encoders_by_the_fourth_root);
     RUN_TEST(test_defaults_fit);
     RUN_TEST(test_soft_limits_are_no_empty_range);

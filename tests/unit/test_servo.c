@@ -513,6 +513,118 @@ static void test_energy_of_each_axis_is_that_of_its_own_plant_motor_and_movement
     TEST_ASSERT_TRUE(expected[0].mJ > 0 && expected[1].mJ > 2 * expected[0].mJ);
 }
 
+/* ---- friction at reversal, cogging and ripple ---- */
+
+static void friction_on(double presliding)
+{
+    const struct friction_axis_cfg axis = friction_design(mk(presliding), mk(1.5), mk(400));
+    cfg.friction = (struct friction_cfg){.on = true, .axis = {axis, axis}};
+}
+
+static void cogging_on(int axis)
+{
+    cfg.screw.on = true;
+    cfg.screw.axis[axis].turns = screw_turns(5000000);
+    cfg.screw.axis[axis].harmonic[0] =
+        (struct screw_harmonic){.order = 1, .cogging_cos = mk(5), .ripple_cos = mk(0.0625)};
+}
+
+static void test_without_friction_at_reversal_the_shape_is_the_sign_of_the_reference(void)
+{
+    run(CONTROLLER_CASCADE, 20);
+    const vec2 sign = smc_direction(cfg.smc.friction_speed, out.contour.r_dot);
+    TEST_ASSERT_EQUAL_DOUBLE(val(sign.x), val(state.friction.shape.x));
+    TEST_ASSERT_EQUAL_DOUBLE(val(sign.y), val(state.friction.shape.y));
+    TEST_ASSERT_TRUE(val(sign.y) > 0);
+}
+
+static void test_every_controller_feeds_friction_at_reversal_forward(void)
+{
+    for (int c = 0; c < CONTROLLERS; c++) {
+        setUp();
+        friction_on(1000);
+        run((enum controller)c, 20);
+        const double x = val(state.friction.shape.x), y = val(state.friction.shape.y);
+        TEST_ASSERT_TRUE(x < -0.01 && x > -0.9 && y > 0.05 && y < 0.9);
+        ASSERT_NEAR(val(demand()->net.x) + 45.5 * x, val(out.force.x), 600.0);
+        ASSERT_NEAR(val(demand()->net.y) + 54.8 * y, val(out.force.y), 600.0);
+    }
+}
+
+static void test_friction_of_an_axis_begins_anew_where_it_gets_power(void)
+{
+    friction_on(20);
+    run(CONTROLLER_CASCADE, 50);
+    TEST_ASSERT_TRUE(val(state.friction.shape.y) > 1);
+    in.enabled[0] = false;
+    run(CONTROLLER_CASCADE, 5);
+    TEST_ASSERT_TRUE(val(state.friction.shape.x) < -1 && val(state.friction.shape.y) > 1); /* x follows its path */
+    in.enabled[0] = true;
+    run(CONTROLLER_CASCADE, 1);
+    TEST_ASSERT_TRUE(val(state.friction.shape.x) < 0 && val(state.friction.shape.x) > -1);
+    TEST_ASSERT_TRUE(val(state.friction.shape.y) > 1);
+    in.enabled[0] = in.enabled[1] = false;
+    run(CONTROLLER_CASCADE, 1);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.friction.shape.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.friction.shape.y));
+}
+
+static void test_friction_persists_over_a_change_of_controller(void)
+{
+    friction_on(20);
+    run(CONTROLLER_CASCADE, 50);
+    run(CONTROLLER_CCU, 1);
+    TEST_ASSERT_TRUE(val(state.friction.shape.x) < -1 && val(state.friction.shape.y) > 1);
+}
+
+static void test_friction_adapts_along_the_shape_and_not_while_the_reference_rests(void)
+{
+    friction_on(20);
+    cfg.feedforward.friction_rate = mk(0.5);
+    servo_reset(&cfg, &state, in.measured);
+    in.path.rate = mk(0);
+    servo_step(&cfg, &state, &in, &out);
+    state.friction.axis[1].distance = mk(20); /* it has slipped, and the reference stands where it is */
+    for (int k = 0; k < 20; k++) {
+        in.path.rate = mk(k < 9 ? 0 : 0.01);
+        servo_step(&cfg, &state, &in, &out);
+        TEST_ASSERT_TRUE(val(state.friction.shape.y) > 1);
+        TEST_ASSERT_TRUE(k < 6 || fabs(val(out.compensator.u.y)) > 0.01);
+        TEST_ASSERT_EQUAL(k >= 9, fabs(acc_val(state.feedforward.friction[1])) > 0); /* in every fourth period */
+    }
+}
+
+static void test_cogging_and_ripple_are_cancelled_and_move_neither_observer_nor_model(void)
+{
+    for (int c = 0; c < CONTROLLERS; c++) {
+        setUp();
+        run((enum controller)c, 20);
+        const vec2 net = demand()->net, model = demand()->model, force = out.force;
+        setUp();
+        cogging_on(1);
+        run((enum controller)c, 20);
+        TEST_ASSERT_EQUAL_DOUBLE(val(net.y), val(demand()->net.y));
+        TEST_ASSERT_EQUAL_DOUBLE(val(model.y), val(demand()->model.y));
+        const double turn = (double)in.measured[1] / POS_PER_NM / 5e6;
+        const double angle = 2 * 3.14159265358979323846 * turn;
+        const double u = (val(force.y) - 5 * cos(angle)) / (1 + 0.0625 * cos(angle));
+        TEST_ASSERT_DOUBLE_WITHIN(0.01, u, val(out.force.y));
+        TEST_ASSERT_TRUE(fabs(u - val(force.y)) > 1);
+    }
+}
+
+static void test_a_switch_of_controllers_keeps_the_force_with_friction_cogging_and_ripple_on(void)
+{
+    friction_on(20);
+    cogging_on(1);
+    run(CONTROLLER_CASCADE, 200);
+    const vec2 before = out.force;
+    run(CONTROLLER_CC, 1);
+    ASSERT_NEAR(val(before.x), val(out.force.x), 600.0);
+    ASSERT_NEAR(val(before.y), val(out.force.y), 600.0);
+    TEST_ASSERT_TRUE(fabs(val(state.offset.y)) > 1);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -546,5 +658,12 @@ int main(void)
     RUN_TEST(test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_slots);
     RUN_TEST(test_energy_is_counted_for_both_axes);
     RUN_TEST(test_energy_of_each_axis_is_that_of_its_own_plant_motor_and_movement);
+    RUN_TEST(test_without_friction_at_reversal_the_shape_is_the_sign_of_the_reference);
+    RUN_TEST(test_every_controller_feeds_friction_at_reversal_forward);
+    RUN_TEST(test_friction_of_an_axis_begins_anew_where_it_gets_power);
+    RUN_TEST(test_friction_persists_over_a_change_of_controller);
+    RUN_TEST(test_friction_adapts_along_the_shape_and_not_while_the_reference_rests);
+    RUN_TEST(test_cogging_and_ripple_are_cancelled_and_move_neither_observer_nor_model);
+    RUN_TEST(test_a_switch_of_controllers_keeps_the_force_with_friction_cogging_and_ripple_on);
     return UNITY_END();
 }

@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* friction.c: friction at reversal and at low speed, friction.h. Runs in the servo tick. */
+#include "core/friction.h"
+
+#include "core/trig.h"
+
+struct friction_axis_cfg friction_design(num presliding, num breakaway, num stribeck)
+{
+    struct friction_axis_cfg cfg = {.presliding = presliding, .excess = n_sub(breakaway, NUM(1)), .stribeck = stribeck};
+    for (int k = 0; k < FRICTION_ELEMENTS && n_lt(NUM(0), presliding); k++) {
+        cfg.element[k].width = n_mul(presliding, n_ratio(k + 1, 2 * FRICTION_ELEMENTS));
+        cfg.element[k].share = n_div(n_ratio(2, k + 1), presliding);
+    }
+    return cfg;
+}
+
+void friction_reset(struct friction_axis_state *state)
+{
+    *state = (struct friction_axis_state){.distance = NUM(0)};
+}
+
+static num slip(const struct friction_axis_cfg *cfg, struct friction_axis_state *state, num dx)
+{
+    const num before = state->distance;
+    const bool reversed = n_lt(before, NUM(0)) ? n_lt(NUM(0), dx) : n_lt(dx, NUM(0));
+    if (!reversed && !n_lt(n_abs(before), cfg->presliding)) { /* mostly true: all elements slip */
+        return n_lt(before, NUM(0)) ? NUM(-1) : NUM(1);
+    }
+    state->distance = n_state(n_within(reversed ? dx : n_add(before, dx), cfg->presliding));
+    num sum = NUM(0);
+    for (int k = 0; k < FRICTION_ELEMENTS; k++) {
+        const num stretch = n_state(n_within(n_add(state->stretch[k], dx), cfg->element[k].width));
+        state->stretch[k] = stretch;
+        sum = n_mad(sum, cfg->element[k].share, stretch);
+    }
+    return sum;
+}
+
+/* 1 + (breakaway - 1) exp(-|v| / stribeck) */
+static num stribeck(const struct friction_axis_cfg *cfg, num v)
+{
+    const num speed = n_abs(v);
+    if (!n_lt(NUM(0), cfg->excess) || !n_lt(n_mul(speed, NUM(1.0 / TRIG_DECAY_MAX)), cfg->stribeck)) {
+        return NUM(1);
+    }
+    return n_mad(NUM(1), cfg->excess, trig_decay(n_div(speed, cfg->stribeck)));
+}
+
+static num axis_step(const struct friction_axis_cfg *cfg, struct friction_axis_state *state, num v, num direction,
+                     num dt)
+{
+    const num along = n_lt(NUM(0), cfg->presliding) ? slip(cfg, state, n_mul(v, dt)) : direction;
+    return n_mul(along, stribeck(cfg, v));
+}
+
+vec2 friction_step(const struct friction_cfg *cfg, struct friction_state *state, vec2 r_dot, vec2 direction, num dt)
+{
+    state->shape = v2(axis_step(&cfg->axis[0], &state->axis[0], r_dot.x, direction.x, dt),
+                      axis_step(&cfg->axis[1], &state->axis[1], r_dot.y, direction.y, dt));
+    return state->shape;
+}

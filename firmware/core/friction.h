@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* friction.h: friction of each axis over Coulomb friction, -breakaway..breakaway, as the reference demands it. Every
+ * controller multiplies it by Coulomb friction and feeds it forward.
+ *
+ *   shape = slip(x) (1 + (breakaway - 1) exp(-|r'| / stribeck))
+ *
+ * - slip: friction does not jump at a reversal. It builds up over the `presliding` distance D. N elastic elements in
+ *   parallel carry 1/N of it each, and element k slips after k D / N (Maxwell slip: D. D. Rizos, S. D. Fassois,
+ *   "Presliding friction identification based upon the Maxwell Slip model structure", Chaos 14, 2004):
+ *     s_k += dx, within +-w_k,   w_k = k D / (2 N),   slip = sum of s_k / (N w_k)
+ *   dx is the distance of the reference in the control period. So the elements remember each reversal within D, and
+ *   keep their friction while the reference rests, as the real ones do. With D = 0, slip is smc_direction().
+ * - The second factor is the Stribeck curve, from breakaway at rest to Coulomb friction.
+ *
+ * Context: servo_step() (servo.c) calls friction_step() in the servo tick. The background loop calls
+ * friction_design() when parameters change (drive/configuration.c).
+ */
+#ifndef KONTUR_FRICTION_H
+#define KONTUR_FRICTION_H
+#include "core/vec2.h"
+
+#define FRICTION_ELEMENTS 8
+
+struct friction_axis_cfg {
+    num presliding; /* D, um; 0: slip is smc_direction() */
+    struct {
+        num width; /* w_k, um */
+        num share; /* 1 / (N w_k), 1/um */
+    } element[FRICTION_ELEMENTS];
+    num excess;   /* breakaway - 1, >= 0 */
+    num stribeck; /* um/T0, > 0 */
+};
+
+struct friction_cfg {
+    bool on; /* false: shape is smc_direction() */
+    struct friction_axis_cfg axis[2];
+};
+
+struct friction_axis_state {
+    num stretch[FRICTION_ELEMENTS]; /* s_k, um */
+    num distance;                   /* of the reference since its last reversal, um, within +-D */
+};
+
+struct friction_state {
+    struct friction_axis_state axis[2];
+    vec2 shape; /* of the last period */
+};
+
+/* The configuration of an axis: presliding um >= 0, breakaway >= 1, stribeck um/T0 > 0. */
+struct friction_axis_cfg friction_design(num presliding, num breakaway, num stribeck);
+/* An axis without friction at rest, which is so after its power was off: what was stretched has relaxed. */
+void friction_reset(struct friction_axis_state *state);
+/* One control period dt (T0) of both axes with cfg->on: the new shape. `direction` is smc_direction() of r_dot. */
+vec2 friction_step(const struct friction_cfg *cfg, struct friction_state *state, vec2 r_dot, vec2 direction, num dt);
+#endif
