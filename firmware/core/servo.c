@@ -125,9 +125,19 @@ static vec2 where_enabled(const bool enabled[2], vec2 v)
     return v2(enabled[0] ? v.x : NUM(0), enabled[1] ? v.y : NUM(0));
 }
 
-static vec2 limit(const struct plant_cfg *plant, vec2 force)
+/* Each axis starts with the force of now, so that its filters change nothing where the force stays. */
+static inline vec2 filter(const struct servo_cfg *cfg, struct servo_state *state, bool start, vec2 force)
 {
-    const vec2 max = plant->force_max;
+    if (start) {
+        force_filter_reset(&state->force_filter, force);
+    }
+    const vec2 filtered = force_filter_step(&cfg->force_filter, &state->force_filter, force);
+    state->filtering = v2_sub(filtered, force);
+    return filtered;
+}
+
+static vec2 limit(vec2 max, vec2 force)
+{
     return v2(n_within(force.x, max.x), n_within(force.y, max.y));
 }
 
@@ -143,10 +153,9 @@ static void relax(struct servo_state *state)
 
 /* Mostly true: both axes are enabled, and the force is within
  * its limits. A force that is no number is not within them. */
-static inline bool within_limits(const struct servo_cfg *cfg, const struct servo_in *in, vec2 force)
+static inline bool within_limits(vec2 max, const struct servo_in *in, vec2 force)
 {
-    return in->enabled[0] && in->enabled[1] && n_lt(n_abs(force.x), cfg->plant.force_max.x) &&
-           n_lt(n_abs(force.y), cfg->plant.force_max.y);
+    return in->enabled[0] && in->enabled[1] && n_lt(n_abs(force.x), max.x) && n_lt(n_abs(force.y), max.y);
 }
 
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2])
@@ -157,6 +166,8 @@ void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const p
         energy_reset(&state->energy[i]);
     }
     feedforward_reset(&state->feedforward);
+    force_filter_reset(&state->force_filter, ZERO);
+    force_limit_reset(&state->force_limit, cfg->plant.force_max);
     reset_laws(cfg, state, measured, ZERO);
 }
 
@@ -167,6 +178,10 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     pos_t q[2];
     state->slot = (state->slot + 1u) % SERVO_SLOTS;
     struct servo_demand *applied = &state->demand[state->slot % 2u]; /* replaced at the end by this period's */
+    vec2 force_max = cfg->plant.force_max;
+    if (cfg->force_limit.on) {
+        force_max = force_limit_step(&cfg->force_limit, &state->force_limit, state->force, force_max);
+    }
     observe(cfg, state, in, applied->net, q, &out->velocity);
     struct servo_demand demand = {ZERO, ZERO};
     const bool enabling_changed = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
@@ -189,7 +204,7 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
             balance = cancel(cfg, in, out->velocity, demand.net, balance);
         }
         if (switched && !enabling_changed) {
-            state->offset = v2_sub(state->force, v2_add(demand.net, balance));
+            state->offset = v2_sub(v2_sub(state->force, state->filtering), v2_add(demand.net, balance));
             state->blending = true;
         }
         if (state->blending) {
@@ -200,9 +215,14 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
 
         out->force = v2_add(demand.net, balance);
         out->saturated = false;
-        if (!within_limits(cfg, in, out->force)) {
+        if (cfg->force_filter.on) {
+            out->force = filter(cfg, state, enabling_changed, out->force);
+            demand.net = v2_add(demand.net, state->filtering);
+            demand.model = v2_add(demand.model, state->filtering);
+        }
+        if (!within_limits(force_max, in, out->force)) {
             const vec2 unlimited = out->force;
-            const vec2 limited = limit(&cfg->plant, unlimited);
+            const vec2 limited = limit(force_max, unlimited);
             const vec2 excess = v2_sub(unlimited, limited);
             out->force = where_enabled(in->enabled, limited);
             out->saturated =

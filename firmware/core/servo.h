@@ -3,7 +3,7 @@
  * is pure: it reads cfg and in, changes state and fills out.
  *
  * Order of a step: observer, spline and contour error, law (under ccu with its compensator), friction, cogging and
- * ripple, limits.
+ * ripple, force filters, limits.
  * servo_loop_tick() (drive/servo_loop.h) reads the encoders before it and writes the forces after it.
  *
  * Context: servo_loop_tick() calls it once in a control period, in the servo tick. Tests call it in a host process.
@@ -12,6 +12,8 @@
  * delay. Observer and reference model are fed with this delay. The observer gets the force without the part that
  * cancels friction, cogging and ripple: that part accelerates nothing, and an observer that takes it for acceleration
  * is wrong by mm/s for some ms at each reversal.
+ *
+ * Force filters and limits change the force after the law. Observer and reference model get what they let through.
  *
  * Change of the controller in operation: the difference between the last force and the new law's first force becomes
  * an offset that decays with cfg.blend, so that the force does not jump. The reference model gets the offset, too.
@@ -23,6 +25,8 @@
 #include "core/controllers.h"
 #include "core/energy.h"
 #include "core/feedforward.h"
+#include "core/force_filter.h"
+#include "core/force_limit.h"
 #include "core/friction.h"
 #include "core/observer.h"
 #include "core/screw.h"
@@ -46,6 +50,8 @@ struct servo_cfg {
     struct screw_cfg screw;
     struct cascade_cfg cascade;
     struct energy_cfg energy[2];
+    struct force_filter_cfg force_filter;
+    struct force_limit_cfg force_limit;
 };
 
 struct servo_in {
@@ -70,6 +76,9 @@ struct servo_state {
     struct friction_state friction;       /* of an axis: persists while it is enabled */
     struct cascade_state cascade;
     struct energy_state energy[2];
+    struct force_filter_state force_filter;
+    struct force_limit_state force_limit;
+    vec2 filtering; /* what the force filters have added to the force of the last period, N */
     bool enabled[2];
     enum controller controller;
     bool saturated; /* in the last period */
@@ -82,7 +91,7 @@ struct servo_state {
 };
 
 struct servo_out {
-    vec2 force; /* N, within plant.force_max */
+    vec2 force; /* N, within plant.force_max and the continuous limit */
     bool saturated;
     vec2 velocity; /* um/T0 */
     struct contour_out contour;

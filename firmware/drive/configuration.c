@@ -91,13 +91,46 @@ static struct energy_cfg energy(const struct od_motor *m, num sign_speed)
     return e;
 }
 
+static bool force_filter(struct force_filter_cfg *cfg, int i, const struct od_force_filter *f)
+{
+    const struct force_section_spec spec[FORCE_SECTIONS] = {
+        {f->zero_1, f->zero_damping_1, f->pole_1, f->pole_damping_1},
+        {f->zero_2, f->zero_damping_2, f->pole_2, f->pole_damping_2},
+        {f->zero_3, f->zero_damping_3, f->pole_3, f->pole_damping_3},
+        {f->zero_4, f->zero_damping_4, f->pole_4, f->pole_damping_4},
+    };
+    return force_filter_design(cfg, i, spec, CONTROL_HZ);
+}
+
+static num inverse(uint32_t force)
+{
+    return force == 0 ? NUM(0) : n_ratio(1000, force);
+}
+
+static struct force_limit_cfg force_limit(const struct od_force_continuous *x, const struct od_force_continuous *y)
+{
+    const struct force_limit_cfg c = {
+        .on = x->force != 0 || y->force != 0,
+        .continuous = v2(milli(x->force), milli(y->force)),
+        .inverse = v2(inverse(x->force), inverse(y->force)),
+        .rate = {n_ratio(ACC_GAIN * 1000, (int64_t)x->time * CONTROL_HZ),
+                 n_ratio(ACC_GAIN * 1000, (int64_t)y->time * CONTROL_HZ)},
+    };
+    return c;
+}
+
 bool configuration_fits(const struct od_data *od)
 {
     const struct od_smc *a = &od->smc;
     const struct od_compensator *u = &od->compensator;
     const uint64_t damping_range = (uint64_t)a->k_bar * a->e_max; /* k_bar e_max in 1e-9 */
     for (int i = 0; i < 2; i++) {
-        if (od->axis[i].position_limit.min > od->axis[i].position_limit.max) {
+        const struct od_axis *axis = &od->axis[i];
+        const uint64_t continuous = axis->force_continuous.force;
+        const bool bearable = continuous == 0 || continuous * FORCE_LIMIT_RATIO >= axis->plant.force_limit;
+        struct force_filter_cfg filter = {.on = false};
+        if (axis->position_limit.min > axis->position_limit.max || !bearable ||
+            !force_filter(&filter, i, &axis->force_filter)) {
             return false;
         }
     }
@@ -117,7 +150,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
     const struct od_axis *y = &od->axis[1];
     /* exp(-dt / blend_time) to first order: dt / (dt + blend_time) is left out of the offset each period */
     const uint32_t dt_us = 1000000u / CONTROL_HZ;
-    return (struct servo_cfg){
+    struct servo_cfg cfg = {
         .dt = dt,
         .blend = n_ratio(od->contour.blend_time, (int64_t)od->contour.blend_time + dt_us),
         .plant = plant(&od->axis[0].plant, &od->axis[1].plant),
@@ -160,7 +193,12 @@ struct servo_cfg configuration_servo(const struct od_data *od)
                     .coupling = milli(c->coupling_gain),
                     .integral_max = NUM(1000)},
         .energy = {energy(&od->axis[0].motor, friction_speed), energy(&od->axis[1].motor, friction_speed)},
+        .force_limit = force_limit(&od->axis[0].force_continuous, &od->axis[1].force_continuous),
     };
+    for (int i = 0; i < 2; i++) {
+        (void)force_filter(&cfg.force_filter, i, &od->axis[i].force_filter);
+    }
+    return cfg;
 }
 
 /* A length in nm as the nearest number of encoder counts of `length` 10 fm each */

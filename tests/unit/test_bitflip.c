@@ -317,6 +317,7 @@ static bool of_no_meaning(const struct variable *v, size_t bit)
     static const size_t bools[] = {
         IN_BOTH(servo.contour.newton),          IN_BOTH(servo.smc.psi_printed),
         IN_BOTH(servo.compensator.law_printed), IN_BOTH(servo.compensator.input_printed),
+        IN_BOTH(servo.force_filter.on),         IN_BOTH(servo.force_limit.on),
         IN_BOTH(onchip_plant.simulated),
     };
     for (unsigned i = 0; i < sizeof bools / sizeof bools[0]; i++) {
