@@ -206,7 +206,12 @@ SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t
         loop->lowest[i] = pos_add(pos_from_nm(cfg->min_nm[i]), n_neg(cfg->following_max[i]));
         loop->highest[i] = pos_add(pos_from_nm(cfg->max_nm[i]), cfg->following_max[i]);
     }
+    const struct force_limit_state warm = loop->servo.force_limit;
     servo_reset(&cfg->servo, &loop->servo, measured);
+    if (cfg->servo.force_limit.on) { /* a motor does not cool by a change of parameters */
+        loop->servo.force_limit.heat[0] = warm.heat[0];
+        loop->servo.force_limit.heat[1] = warm.heat[1];
+    }
     loop->path.enough = 0; /* `enough` depends on stop_time */
 }
 

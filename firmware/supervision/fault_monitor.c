@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "supervision/fault_monitor.h"
 
+enum { HEAT_WARNING = 900, HEAT_COOLED = 850 }; /* heat at which the warning of it begins, and ends, 1/1000 */
+
 static uint32_t size(int32_t x)
 {
     return x < 0 ? 0u - (uint32_t)x : (uint32_t)x;
@@ -34,12 +36,27 @@ static bool frozen(struct fault_monitor *m, const struct fault_monitor_in *in, i
     return lasts_if_wanted(m, &m->frozen_ms[i], pushed, in->od->fault_delay.frozen);
 }
 
-/* The snapshot resolves 0.1 N, so 0.1 N below the limit counts as the limit. */
+/* The snapshot resolves 0.1 N, so 0.1 N below the limit counts as the limit, of 2100h:4 and of what is in effect. */
+static bool limit_lowered(const struct fault_monitor_in *in, int i)
+{
+    const uint32_t limit_mN = (uint32_t)in->snapshot->force_limit_dN[i] * 100u;
+    return in->od->axis[i].force_continuous.force != 0 && limit_mN + 100u < in->od->axis[i].plant.force_limit;
+}
+
 static bool saturated(struct fault_monitor *m, const struct fault_monitor_in *in, int i)
 {
     const uint32_t force_mN = size(in->snapshot->force_dN[i]) * 100u;
-    const bool full = in->powered[i] && force_mN + 100u >= in->od->axis[i].plant.force_limit;
+    const uint32_t limit_mN =
+        limit_lowered(in, i) ? (uint32_t)in->snapshot->force_limit_dN[i] * 100u : in->od->axis[i].plant.force_limit;
+    const bool full = in->powered[i] && force_mN + 100u >= limit_mN;
     return lasts_if_wanted(m, &m->saturated_ms[i], full, in->od->fault_delay.saturated);
+}
+
+static bool hot(struct fault_monitor *m, const struct fault_monitor_in *in, int i)
+{
+    const int32_t heat = in->snapshot->force_heat_permille[i];
+    m->hot[i] = heat >= (m->hot[i] ? HEAT_COOLED : HEAT_WARNING);
+    return m->hot[i];
 }
 
 /* Whether an adaptive gain has grown to its limit. Units of the snapshot are 0.1 1/s and mm/s2, those of the dictionary 1e-3 and
@@ -101,7 +118,8 @@ uint32_t fault_monitor_step(struct fault_monitor *m, const struct fault_monitor_
     set(m, FAULT_GAIN, lasts_if_wanted(m, &m->lasts_ms[FAULT_GAIN], at_limit(in), in->od->fault_delay.gain));
     for (int i = 0; i < 2; i++) {
         set(m, FAULT_ENCODER_FROZEN, frozen(m, in, i));
-        set(m, FAULT_SATURATION, saturated(m, in, i));
+        set(m, limit_lowered(in, i) ? FAULT_OVERLOAD : FAULT_SATURATION, saturated(m, in, i));
+        set(m, FAULT_HEAT, hot(m, in, i));
     }
     set(m, FAULT_STORE, in->parameters_invalid);
     set(m, FAULT_ENABLE_MOVING, in->enable_refused);

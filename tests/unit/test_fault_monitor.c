@@ -63,6 +63,47 @@ static void test_encoder_is_frozen_only_where_the_push_is_more_than_friction_can
     }
 }
 
+static void test_force_at_a_lowered_limit_is_overload_and_at_the_peak_saturation(void)
+{
+    od.fault_delay.saturated = 20;
+    for (int i = 0; i < 2; i++) {
+        setUp();
+        od.fault_delay.saturated = 20;
+        od.axis[i].plant.force_limit = 600000;
+        od.axis[i].force_continuous.force = 300000;
+        snapshot.force_limit_dN[i] = 5998;
+        snapshot.force_dN[i] = -5997;
+        TEST_ASSERT_FALSE(holds_after(FAULT_OVERLOAD, 20));
+        TEST_ASSERT_TRUE(holds_after(FAULT_OVERLOAD, 1));
+        TEST_ASSERT_FALSE(holds_after(FAULT_SATURATION, 1));
+        snapshot.force_dN[i] = -5996;
+        TEST_ASSERT_FALSE(holds_after(FAULT_OVERLOAD, 100));
+        snapshot.force_limit_dN[i] = 5999;
+        snapshot.force_dN[i] = 5999;
+        TEST_ASSERT_TRUE(holds_after(FAULT_SATURATION, 21));
+        TEST_ASSERT_FALSE(holds_after(FAULT_OVERLOAD, 1));
+        snapshot.force_limit_dN[i] = 0; /* not known yet, or without a continuous limit */
+        od.axis[i].force_continuous.force = 0;
+        TEST_ASSERT_TRUE(holds_after(FAULT_SATURATION, 1));
+    }
+}
+
+static void test_heat_is_warned_of_from_90_until_85_percent(void)
+{
+    for (int i = 0; i < 2; i++) {
+        setUp();
+        powered[0] = powered[1] = false; /* a motor is as hot without power */
+        snapshot.force_heat_permille[i] = 899;
+        TEST_ASSERT_FALSE(holds_after(FAULT_HEAT, 1));
+        snapshot.force_heat_permille[i] = 900;
+        TEST_ASSERT_TRUE(holds_after(FAULT_HEAT, 1));
+        snapshot.force_heat_permille[i] = 850;
+        TEST_ASSERT_TRUE(holds_after(FAULT_HEAT, 1));
+        snapshot.force_heat_permille[i] = 849;
+        TEST_ASSERT_FALSE(holds_after(FAULT_HEAT, 1));
+    }
+}
+
 static void test_gain_at_its_limit_is_reported_of_each_gain_of_each_axis(void)
 {
     for (int i = 0; i < 4; i++) {
@@ -129,6 +170,8 @@ int main(void)
     RUN_TEST(test_event_is_warned_of_for_a_second_however_seldom_the_background_looks);
     RUN_TEST(test_what_lasts_for_more_than_a_minute_is_still_there);
     RUN_TEST(test_encoder_is_frozen_only_where_the_push_is_more_than_friction_can_hold);
+    RUN_TEST(test_force_at_a_lowered_limit_is_overload_and_at_the_peak_saturation);
+    RUN_TEST(test_heat_is_warned_of_from_90_until_85_percent);
     RUN_TEST(test_gain_at_its_limit_is_reported_of_each_gain_of_each_axis);
     RUN_TEST(test_gain_at_its_limit_is_reported_while_an_axis_has_power);
     return UNITY_END();

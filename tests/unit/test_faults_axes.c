@@ -227,6 +227,65 @@ static void test_saturation_that_lasts_stops_on_the_path(void)
     expect_clearing(ROW_SATURATION, 0);
 }
 
+static bool limit_of_y_is_lowered(void)
+{
+    return servo_loop_snapshot(&rig.device.drive.loop)->force_limit_dN[1] < 5999;
+}
+
+static void test_overload_that_lasts_stops_on_the_path(void)
+{
+    rig_write(&rig, 0x2121, 1, 2, 0);
+    rig_write(&rig, 0x6865, 0, 4, 100000000);
+    rig_write(&rig, 0x290C, 1, 4, 300000);
+    rig_write(&rig, 0x290C, 2, 4, 100);
+    be_on_the_way();
+    block(1, true);
+    for (unsigned i = 0; i < 3000 && !limit_of_y_is_lowered(); i++) {
+        rig_run(&rig, 1);
+    }
+    const unsigned n = periods_to_detect(ROW_OVERLOAD, 2510);
+    TEST_ASSERT_TRUE_MESSAGE(n >= 1500, "2121h:2, less the time at the peak");
+    TEST_ASSERT_INT32_WITHIN(150, 3000, abs((int)servo_loop_snapshot(&rig.device.drive.loop)->force_dN[1]));
+    off_path_nm = 1e9;
+    expect_reaction(ROW_OVERLOAD);
+    block(1, false);
+    expect_clearing(ROW_OVERLOAD, 0);
+}
+
+static bool y_is_hot(void)
+{
+    return servo_loop_snapshot(&rig.device.drive.loop)->force_heat_permille[1] >= 900;
+}
+
+static void test_heat_is_warned_of_until_it_is_less(void)
+{
+    rig_write(&rig, 0x290C, 1, 4, 500000);
+    rig_write(&rig, 0x290C, 2, 4, 1000);
+    be_on_the_way();
+    rig.device.drive.loop.servo.force_limit.heat[1] = acc_from(NUM(0.93));
+    wait_for(ROW_HEAT, y_is_hot, 0);
+    expect_reaction(ROW_HEAT);
+    expect_path_runs();
+    rig_ms(&rig, 100);
+    TEST_ASSERT_INT32_WITHIN(12, (int32_t)(930 * exp(-0.1)),
+                             servo_loop_snapshot(&rig.device.drive.loop)->force_heat_permille[1]);
+    expect_clearing(ROW_HEAT, 0);
+}
+
+static void test_heat_survives_a_change_of_parameters(void)
+{
+    rig_write(&rig, 0x210C, 1, 4, 500000);
+    rig_ms(&rig, 2);
+    rig.device.drive.loop.servo.force_limit.heat[0] = acc_from(NUM(0.5));
+    rig_write(&rig, 0x2110, 1, 4, 180000);
+    rig_ms(&rig, 2);
+    TEST_ASSERT_INT32_WITHIN(1, 500, (int32_t)rig_read(&rig, 0x210D, 1));
+    TEST_ASSERT_EQUAL_UINT32(6000, rig_read(&rig, 0x210D, 2));
+    rig_write(&rig, 0x210C, 1, 4, 0);
+    rig_ms(&rig, 2);
+    TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x210D, 1));
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -245,5 +304,8 @@ int main(void)
     RUN_TEST(test_limit_switch_stops_on_the_path);
     RUN_TEST(test_limit_switch_of_either_end_of_either_axis_stops_on_the_path);
     RUN_TEST(test_saturation_that_lasts_stops_on_the_path);
+    RUN_TEST(test_overload_that_lasts_stops_on_the_path);
+    RUN_TEST(test_heat_is_warned_of_until_it_is_less);
+    RUN_TEST(test_heat_survives_a_change_of_parameters);
     return UNITY_END();
 }
