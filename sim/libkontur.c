@@ -408,3 +408,76 @@ int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_m
     }
     return 0;
 }
+
+/* ---- the law without a drive ---- */
+
+/* The servo tick between two encoders, which a caller sets, and forces that act on nothing. */
+struct bench {
+    struct od_data od;
+    struct servo_loop loop;
+    struct spline_ring ring;
+    struct hal hal;
+    int32_t count;
+};
+
+static void bench_read(void *ctx, struct hal_drive_in *in)
+{
+    const struct bench *b = ctx;
+    *in = (struct hal_drive_in){.count = {b->count, b->count}};
+}
+
+static void bench_write(void *ctx, const struct hal_drive_out *out)
+{
+    (void)ctx;
+    (void)out; /* whole mN: the tick's state has the force itself */
+}
+
+static bool set_object(struct od_data *od, uint32_t address, int64_t value)
+{
+    uint32_t abort;
+    const struct od_entry *entry = od_find((uint16_t)(address >> 8), (uint8_t)address, &abort);
+    if (address > 0xFFFFFFu || entry == NULL || (entry->flags & OD_WRITE) == 0 || od_size(entry) == 0 ||
+        od_check(entry, value) != SDO_OK) {
+        return false;
+    }
+    od_write(od, entry, value);
+    return true;
+}
+
+static void respond(struct bench *b, uint32_t controller, int32_t counts, uint32_t periods, double *force_N)
+{
+    b->hal = (struct hal){.ctx = b, .drive_read = bench_read, .drive_write = bench_write};
+    servo_loop_init(&b->loop, &b->hal, &b->ring);
+    b->loop.cfg[0] = configuration_servo_loop(&b->od);
+    b->loop.command.controller = (uint8_t)controller;
+    servo_loop_tick(&b->loop);
+    b->loop.command.powered[0] = b->loop.command.powered[1] = SERVO_LOOP_ON;
+    servo_loop_tick(&b->loop);
+    b->count = counts;
+    for (uint32_t k = 0; k < periods; k++) {
+        servo_loop_tick(&b->loop);
+        b->count = 0;
+        force_N[2 * k] = (double)n_to_q32(b->loop.servo.force.x) * 0x1p-32;
+        force_N[2 * k + 1] = (double)n_to_q32(b->loop.servo.force.y) * 0x1p-32;
+    }
+}
+
+int ks_response(uint32_t count, const uint32_t *address, const int64_t *value, uint32_t controller, int32_t counts,
+                uint32_t periods, double *force_N)
+{
+    struct bench *b = controller < CONTROLLERS ? calloc(1, sizeof *b) : NULL;
+    if (b == NULL) {
+        return -1;
+    }
+    od_init(&b->od, 1);
+    bool good = true;
+    for (uint32_t i = 0; i < count; i++) {
+        good = good && set_object(&b->od, address[i], value[i]);
+    }
+    good = good && configuration_fits(&b->od);
+    if (good) {
+        respond(b, controller, counts, periods, force_N);
+    }
+    free(b);
+    return good ? 0 : -1;
+}

@@ -110,6 +110,12 @@ class Objects:
         index, subindex = _address(self._variable(name))
         return f"{index:04X}h:{subindex}" if subindex else f"{index:04X}h"
 
+    def on_wire(self, name: str, value: float) -> tuple[int, int, int]:
+        """Index, sub-index and count of a parameter for `value` in its unit. Raises ParameterError."""
+        self.check_value(name, value)
+        variable = self._variable(name)
+        return (*_address(variable), _counts(name, variable, value))
+
     def default(self, name: str) -> float | int:
         """The value of a number that the EDS declares, in its unit; NaN where it declares none."""
         variable = self._variable(name)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -189,3 +190,23 @@ def estimate(
             f"{len(knots)} knots, lag up to {lag_max_ms} ms; there must be 1 to 1024 knots, and 1 to 1000 ms"
         )
     return e_n_m
+
+
+def response(
+    objects: Sequence[tuple[int, int, int]], controller: int, counts: int, periods: int, num: str = "f32"
+) -> Floats:
+    """The firmware's force (`periods`, 2), N, on encoders that show `counts` in one control period and 0 else.
+
+    The drive is at rest with power on (ks_response() in sim/kontur_sim.h). `objects`: (index, sub-index, value on the
+    wire) in place of defaults. `controller`: as in `controller.select`. Raises LibraryError; ValueError for objects
+    that the firmware refuses.
+    """
+    ffi, lib = _load(num)
+    address = ffi.new("uint32_t[]", [index << 8 | sub for index, sub, _ in objects])
+    value = ffi.new("int64_t[]", [raw for _, _, raw in objects])
+    force_N = np.empty((periods, 2))
+    if lib.ks_response(
+        len(objects), address, value, controller, counts, periods, ffi.from_buffer("double *", force_N)
+    ):
+        raise ValueError("an object is out of range, or the parameters do not fit together")
+    return force_N

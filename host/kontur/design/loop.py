@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The control loop of one axis in the frequency domain: the firmware's law, the machine, and their margins.
+
+The loop is L = -C z^-d P. C is the response of the firmware's own servo tick to an impulse of the encoder, so there is
+no second model of the law. P is the machine with its zero-order hold: exact, of motor, spring, table and the lag of
+the force. S = 1 / (1 + L) is the sensitivity, and Ms = max |S| the inverse of the modulus margin.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import cont2discrete
+
+from kontur.machine import Axis
+from kontur.sim import library
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+RESONANCES = (1.0, 0.9, 1.1)
+MASSES = (1.0, 0.8, 1.2)
+VARIANTS = tuple((resonance, mass) for resonance in RESONANCES for mass in MASSES)
+"""Factors on the resonance and the mass that the margins hold for; the first are the machine as it is."""
+REVERSAL_MPS2 = 1.0  # acceleration of the reversal whose friction is to be balanced
+REVERSAL_S = 0.1  # over which its error is averaged
+_PERIODS = 1024  # of the response that is simulated; what comes after is a constant and an exponential
+_IMPULSE_M = 0.2e-6  # within the boundary layers
+LEAST_HZ = 1.0
+
+
+class UnstableLawError(Exception):
+    """The law alone, without a machine, does not come to rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Frequencies `hz` (f,) up to half the control rate, and what is computed once for them.
+
+    `powers` (f, periods): z^-k for the k-th period of a response.
+    """
+
+    hz: Floats
+    control_hz: int
+    z_inverse: Complex
+    powers: Complex
+
+    @classmethod
+    def around(cls, axes: Sequence[Axis], control_hz: int, points: int = 160, near: int = 25) -> Grid:
+        """A logarithmic grid of `points`, and `near` more around each resonance that may be there."""
+        hz = [np.geomspace(LEAST_HZ, control_hz / 2, points)]
+        for axis in axes:
+            for factor in RESONANCES if axis.resonance_Hz > 0.0 else ():
+                width = 6.0 * max(axis.resonance_damping, 1e-3)
+                hz.append(axis.resonance_Hz * factor * (1.0 + width * np.linspace(-1.0, 1.0, near) ** 3))
+        all_hz = np.unique(np.concatenate(hz))
+        all_hz = all_hz[(all_hz >= LEAST_HZ) & (all_hz <= control_hz / 2)]
+        z_inverse = np.exp(-2j * np.pi * all_hz / control_hz)
+        return cls(all_hz, control_hz, z_inverse, z_inverse[:, None] ** np.arange(_PERIODS))
+
+
+# --- the law ----------------------------------------------------------------------------------------------------------
+def impulse_counts(encoder_m: float) -> int:
+    """Counts of an impulse that is small, and long enough to be computed with."""
+    return max(1, round(_IMPULSE_M / encoder_m))
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """C (f,) of an axis, N/m, from encoder to force; and whether it integrates."""
+
+    force: Complex
+    integrates: bool
+
+
+def laws(
+    grid: Grid, objects: Sequence[tuple[int, int, int]], controller: int, encoder_m: Sequence[float]
+) -> tuple[Law, Law]:
+    """The law of both axes: x is along the path, and y normal to it.
+
+    Raises UnstableLawError; ValueError for objects that the firmware refuses.
+    """
+    counts = impulse_counts(max(encoder_m))
+    force_N = library.response(objects, controller, counts, _PERIODS) / (counts * np.asarray(encoder_m))
+    return _transformed(grid, force_N[:, 0]), _transformed(grid, force_N[:, 1])
+
+
+def _transformed(grid: Grid, h: Floats) -> Law:
+    """Z transform of a response whose end is a constant and a decaying exponential."""
+    quarter, window, largest = _PERIODS // 4, _PERIODS // 16, float(np.max(np.abs(h)))
+    first, second, third = (float(np.mean(h[i * quarter - window : i * quarter])) for i in (2, 3, 4))
+    if not np.max(np.abs(h[2 * quarter :])) < 0.5 * np.max(np.abs(h[:quarter])):
+        raise UnstableLawError
+    change = second - first
+    ratio = (third - second) / change if abs(change) > 1e-7 * largest else 0.0
+    if 0.0 < ratio < 0.999:
+        pole = ratio ** (1.0 / quarter)
+        constant = first - change / (ratio - 1.0)
+        rest = (third - constant) * pole ** ((window + 1) / 2)
+    else:  # it has settled
+        pole, constant, rest = 0.0, third, 0.0
+    after = constant / (1.0 - grid.z_inverse) + rest / (1.0 - pole * grid.z_inverse)
+    return Law(grid.powers @ h + grid.powers[:, -1] * grid.z_inverse * after, abs(constant) > 1e-5 * largest)
+
+
+# --- the machine ------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """Variants (v) of an axis on a grid (f), m/N: `force` from the force demand to the encoder, delay included, and
+    `friction` from the friction force to the encoder."""
+
+    force: Complex
+    friction: Complex
+
+
+def plant(grid: Grid, axis: Axis, delay_periods: int, variants: Sequence[tuple[float, float]] = VARIANTS) -> Plant:
+    """The axis with each of the factors on resonance and mass."""
+    found = [_encoder(grid, _varied(axis, *variant), delay_periods) for variant in variants]
+    return Plant(np.array([force for force, _ in found]), np.array([friction for _, friction in found]))
+
+
+def _varied(axis: Axis, resonance: float, mass: float) -> Axis:
+    return dataclasses.replace(axis, resonance_Hz=axis.resonance_Hz * resonance, mass_kg=axis.mass_kg * mass)
+
+
+def _encoder(grid: Grid, axis: Axis, delay_periods: int) -> tuple[Complex, Complex]:
+    """From force and friction of one axis to its encoder (f,)."""
+    response = _response(grid, axis)
+    at = 1 if axis.encoder_at == "table" else 0
+    friction = (1.0 - axis.friction_share) * response[:, at, 1] + axis.friction_share * response[:, at, 2]
+    return response[:, at, 0] * grid.z_inverse**delay_periods, friction
+
+
+def _response(grid: Grid, axis: Axis) -> Complex:
+    """(f, 2, 3): positions of motor and table, from force demand, force on the motor, and force on the table."""
+    a, b = _equations(axis)
+    c = np.array([[1.0, 0, 0, 0, 0], [0, 0, 1.0, 0, 0]])
+    discrete = cont2discrete((a, b, c, np.zeros((2, 3))), 1.0 / grid.control_hz)
+    a_d, b_d = np.asarray(discrete[0]), np.asarray(discrete[1])
+    resolvent = np.linalg.solve(np.eye(5) / grid.z_inverse[:, None, None] - a_d, b_d[None])
+    result: Complex = c @ resolvent
+    return result
+
+
+def _equations(axis: Axis) -> tuple[Floats, Floats]:
+    """State: position and speed of the motor, of the table, and the force. A rigid axis has both at one place."""
+    a, b = np.zeros((5, 5)), np.zeros((5, 3))
+    lag_s = max(axis.current_lag_s, 1e-7)
+    a[4, 4], b[4, 0] = -1.0 / lag_s, 1.0 / lag_s
+    a[0, 1] = a[2, 3] = 1.0
+    if axis.resonance_Hz == 0.0:
+        for speed in (1, 3):
+            a[speed, speed], a[speed, 4] = -axis.viscous_Nspm / axis.mass_kg, 1.0 / axis.mass_kg
+            b[speed, 1:] = 1.0 / axis.mass_kg
+        return a, b
+    motor_kg, table_kg = axis.mass_kg * axis.motor_share, axis.mass_kg * (1.0 - axis.motor_share)
+    omega = 2.0 * np.pi * axis.resonance_Hz
+    reduced_kg = motor_kg * table_kg / axis.mass_kg
+    spring = reduced_kg * np.array([omega**2, 2.0 * axis.resonance_damping * omega])  # by stretch, by its speed
+    pull = np.array([*spring, *-spring])
+    a[1, :4], a[3, :4] = -pull / motor_kg, pull / table_kg
+    a[1, 1] -= (1.0 - axis.friction_share) * axis.viscous_Nspm / motor_kg
+    a[3, 3] -= axis.friction_share * axis.viscous_Nspm / table_kg
+    a[1, 4] = b[1, 1] = 1.0 / motor_kg
+    b[3, 2] = 1.0 / table_kg
+    return a, b
+
+
+# --- the loop ---------------------------------------------------------------------------------------------------------
+def transfer(law: Law, plant_of_axis: Plant) -> Complex:
+    """L (v, f) of one axis."""
+    return np.asarray(-law.force * plant_of_axis.force)
+
+
+def stable(grid: Grid, axis: Axis, law: Law, l: Complex) -> bool:
+    """Whether all loops (v, f) close to stable ones: Nyquist's criterion for laws that are stable themselves.
+
+    (1 + L) (1 - 1/z)^n has no pole on or outside the unit circle, where n is the number of integrators in L, and so it
+    must not encircle 0.
+    """
+    integrators = int(law.integrates) + (1 if axis.viscous_Nspm > 0.0 else 2)
+    phase = np.unwrap(np.angle((1.0 + l) * (1.0 - grid.z_inverse) ** integrators), axis=-1)
+    return bool(np.all(np.abs(phase[:, -1]) < 0.25 * np.pi))
+
+
+def force_step(grid: Grid, axis: Axis, law: Law, s: Complex) -> float:
+    """Mean change of the force from period to period, N, which the encoder's counts make while the axis moves."""
+    spectrum = np.abs((1.0 - grid.z_inverse) * law.force * s) ** 2
+    mean_square = axis.encoder_m**2 / 12.0 * 2.0 / grid.control_hz * np.trapezoid(spectrum, grid.hz)
+    return float(np.sqrt(2.0 / np.pi * mean_square))
+
+
+def reversal_error(grid: Grid, axis: Axis, plant_of_axis: Plant, s: Complex) -> float:
+    """Error at the encoder, m, root mean square over REVERSAL_S, after the Coulomb friction has reversed.
+
+    It builds up over the time in which an axis that reverses with REVERSAL_MPS2 moves by its presliding distance.
+    """
+    rise_s = np.sqrt(2.0 * axis.presliding_m / REVERSAL_MPS2)
+    omega = 2.0 * np.pi * grid.hz
+    jump = 2.0 * axis.coulomb_N / (omega * np.hypot(1.0, omega * rise_s))
+    energy = 2.0 * np.trapezoid(np.abs(plant_of_axis.friction[0] * s * jump) ** 2, grid.hz)
+    return float(np.sqrt(energy / REVERSAL_S))
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of one axis: the worst over all VARIANTS, the rest of the machine as it is.
+
+    `ms_at_Hz`, `resonance`, `mass`: where Ms is reached. `gain`: factor on the loop to instability, upwards. `phase_deg`
+    and `delay_s` at the crossovers. `crossover_Hz`: the highest frequency with |L| = 1. `bandwidth_Hz`: up to it
+    disturbances are halved.
+    """
+
+    ms: float
+    ms_at_Hz: float
+    resonance: float
+    mass: float
+    gain: float
+    phase_deg: float
+    delay_s: float
+    crossover_Hz: float
+    bandwidth_Hz: float
+
+
+def margins(grid: Grid, l: Complex, variants: Sequence[tuple[float, float]] = VARIANTS) -> Margins:
+    """Margins of the loops (v, f) of one axis."""
+    size = 1.0 / np.abs(1.0 + l)
+    worst, at = np.unravel_index(int(np.argmax(size)), size.shape)
+    gain, phase_deg, delay_s = np.inf, np.inf, np.inf
+    for loop in l:
+        angle = np.angle(loop)
+        crossed = np.nonzero((np.abs(loop[:-1]) - 1.0) * (np.abs(loop[1:]) - 1.0) <= 0.0)[0]
+        for k in crossed:
+            margin = float(np.mod(angle[k] + np.pi, 2.0 * np.pi))
+            phase_deg = min(phase_deg, np.degrees(min(margin, 2.0 * np.pi - margin)))
+            delay_s = min(delay_s, margin / (2.0 * np.pi * grid.hz[k]))
+        imaginary = loop.imag
+        for k in np.nonzero((imaginary[:-1] * imaginary[1:] <= 0.0) & (loop.real[:-1] < 0.0))[0]:
+            if -1.0 < loop.real[k] < 0.0:
+                gain = min(gain, -1.0 / float(loop.real[k]))
+    above = grid.hz[np.abs(l[0]) >= 1.0]
+    small = np.nonzero(size[0] > 0.5)[0]
+    return Margins(
+        ms=float(size[worst, at]),
+        ms_at_Hz=float(grid.hz[at]),
+        resonance=variants[int(worst)][0],
+        mass=variants[int(worst)][1],
+        gain=gain,
+        phase_deg=phase_deg,
+        delay_s=delay_s,
+        crossover_Hz=float(above[-1]) if len(above) else 0.0,
+        bandwidth_Hz=float(grid.hz[small[0] - 1]) if len(small) and small[0] > 0 else 0.0,
+    )

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gains for a machine: the least error of a friction reversal within margins and a limit of the force step.
+
+Every controller is searched for with the same effort, globally, since the contouring law has two basins at least: one
+with a fast observer, and one with a slow observer and high gains. A search of the same machine gives the same gains.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import differential_evolution, minimize
+from scipy.stats import qmc
+
+from kontur.design import loop
+from kontur.drive.controllers import CONTROLLERS
+from kontur.drive.objects import Objects
+from kontur.drive.target import Target, open_drive
+from kontur.errors import MachineError
+from kontur.machine import Axis, Machine
+
+Gains = dict[str, float]
+
+_POPULATION, _GENERATIONS = 40, 60
+_POLISH = {"maxfev": 400, "xatol": 1e-4, "fatol": 1e-5}
+_OBSERVERS = ((60.0, 600.0), (600.0, 5000.0))  # rad/s: the basins
+_SEED = 1
+_UNSTABLE, _INFEASIBLE = 100.0, 50.0  # above every logarithm of an error
+_MU_MPS2 = 6.0
+_DIGITS = 5
+
+
+@dataclass(frozen=True)
+class Searched:
+    """A quantity that is searched for, on a logarithmic scale."""
+
+    name: str
+    least: float
+    greatest: float
+
+
+def _smc(law: Sequence[float]) -> Gains:
+    slope, gain = law
+    return {"smc.lambda": slope, "smc.k_0": gain, "smc.k_max": gain, "smc.zeta": gain}
+
+
+def _ccu(law: Sequence[float]) -> Gains:
+    slope, gain, alpha, ratio = law
+    return _smc((slope, gain)) | {
+        "compensator.alpha": alpha,
+        "compensator.mu_0": _MU_MPS2,
+        "compensator.mu_max": _MU_MPS2,
+        "compensator.phi": _MU_MPS2 / ratio,
+        "compensator.dead_zone": _MU_MPS2 / ratio,
+    }
+
+
+def _cascade(law: Sequence[float]) -> Gains:
+    position, velocity, integral = law
+    return {
+        "cascade.position_gain": position,
+        "cascade.velocity_gain": velocity,
+        "cascade.integral_gain": integral,
+    }
+
+
+def _ccc(law: Sequence[float]) -> Gains:
+    return _cascade(law[:3]) | {"cascade.coupling_gain": law[3]}
+
+
+_OBSERVER = Searched("observer.bandwidth", _OBSERVERS[0][0], _OBSERVERS[-1][-1])
+_SMC = (Searched("lambda", 5.0, 1500.0), Searched("k", 5.0, 1500.0))
+_CASCADE = (Searched("K_p", 5.0, 1000.0), Searched("K_v", 20.0, 3000.0), Searched("K_i", 1.0, 1000.0))
+_LAWS: dict[str, tuple[tuple[Searched, ...], Callable[[Sequence[float]], Gains]]] = {
+    "track": (_SMC, _smc),
+    "cc": (_SMC, _smc),
+    "ccu": ((*_SMC, Searched("alpha", 5.0, 1900.0), Searched("mu/phi", 50.0, 6000.0)), _ccu),
+    "cascade": (_CASCADE, _cascade),
+    "ccc": ((*_CASCADE, Searched("W", 0.1, 5.0)), _ccc),
+}
+_KNOWN = {  # where a search begins besides: the two basins of the contouring law with compensator
+    "ccu": ((200.0, 100.0, 60.0, 1000.0, 1120.0), (390.0, 1045.0, 1140.0, 1500.0, 250.0)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class AxisDesign:
+    """What is predicted for one axis. `force_step_N`: mean change of the force from period to period, which the
+    encoder's counts make; `reversal_m`: error of a friction reversal, root mean square over loop.REVERSAL_S. `loops`
+    (v, f): L at the frequencies `hz`, for each of loop.VARIANTS."""
+
+    margins: loop.Margins
+    force_step_N: float
+    reversal_m: float
+    hz: loop.Floats
+    loops: loop.Complex
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Gains of a controller for a machine, and what is predicted of x and y.
+
+    `parameters`: all for the drive, by name. `limit`: what keeps the loop from being faster, in a sentence.
+    """
+
+    machine: str
+    controller: str
+    gains: Gains
+    parameters: dict[str, float]
+    axes: tuple[AxisDesign, AxisDesign]
+    limit: str
+
+
+@dataclass(frozen=True)
+class _Place:
+    """An axis as a loop: its number in the machine, and in the response of the law."""
+
+    axis: Axis
+    number: int
+    swapped: bool
+
+
+class Problem:
+    """A machine and a controller, with limits of Ms and of the force step in N. Raises MachineError."""
+
+    def __init__(self, machine: Machine, controller: str, ms: float, force_step_N: float) -> None:
+        self.machine, self.controller, self.ms, self.force_step_N = machine, controller, ms, force_step_N
+        self.number = CONTROLLERS.index(controller)
+        self.searched, self._gains = _LAWS[controller]
+        self.searched = (*self.searched, _OBSERVER)
+        if machine.model != "full":
+            raise MachineError(f"machine {machine.name!r}: a design needs a machine with the model 'full'")
+        with open_drive(Target(machine=machine)) as device:
+            self._objects: Objects = device
+            self.control_hz = int(device.read("clock.control_hz"))
+        told = machine.parameters()
+        self._told = [self._on_wire(told), self._on_wire(_swapped(told))]
+        # Under ccc the loop along the normal differs from the one along the path: each axis has its turn.
+        turns = (False, True) if controller == "ccc" else (False,)
+        self.places = [
+            _Place(axis, 1 - i if swapped else i, swapped)
+            for swapped in turns
+            for i, axis in enumerate(machine.axes)
+        ]
+
+    def _on_wire(self, values: Mapping[str, float]) -> list[tuple[int, int, int]]:
+        return [self._objects.on_wire(name, value) for name, value in values.items()]
+
+    def gains(self, vector: Sequence[float]) -> Gains:
+        """Parameters of the drive for logarithms of the searched quantities."""
+        values = [math.exp(x) for x in vector]
+        gains = self._gains(values[:-1]) | {_OBSERVER.name: values[-1]}
+        return {name: float(f"{value:.{_DIGITS}g}") for name, value in gains.items()}
+
+    @cached_property
+    def bounds(self) -> list[tuple[float, float]]:
+        return [(math.log(s.least), math.log(s.greatest)) for s in self.searched]
+
+    def loops(self, grid: loop.Grid, values: Mapping[str, float]) -> list[loop.Law]:
+        """The law at each of `places`. Raises loop.UnstableLawError, and ValueError where the firmware refuses."""
+        frozen = {"smc.xi": 0.0, "compensator.rho": 0.0, "plant_x.force_limit": 3000.0, "plant_y.force_limit": 3000.0}
+        given = self._on_wire({**values, **frozen})
+        encoder_m = [axis.encoder_m for axis in self.machine.axes]
+        found = {
+            swapped: loop.laws(
+                grid, [*self._told[swapped], *given], self.number, encoder_m[::-1] if swapped else encoder_m
+            )
+            for swapped in {place.swapped for place in self.places}
+        }
+        return [found[place.swapped][place.number] for place in self.places]
+
+
+class _Search:
+    """The cost of a trial on a grid of frequencies, whose plants are computed once."""
+
+    def __init__(self, problem: Problem, ms: float) -> None:
+        self.problem, self.ms = problem, ms
+        self.grid = loop.Grid.around(problem.machine.axes, problem.control_hz)
+        self.plants = [loop.plant(self.grid, place.axis, problem.machine.delay_periods) for place in problem.places]
+
+    def __call__(self, vector: Sequence[float]) -> float:
+        problem, grid = self.problem, self.grid
+        aggressive = float(np.mean([(x - a) / (b - a) for x, (a, b) in zip(vector, problem.bounds, strict=True)]))
+        if not 0.0 <= min(
+            min(x - a, b - x) for x, (a, b) in zip(vector, problem.bounds, strict=True)
+        ):  # the simplex may leave the box
+            return 3.0 * _UNSTABLE
+        try:
+            laws = problem.loops(grid, problem.gains(vector))
+        except (loop.UnstableLawError, ValueError):
+            return 2.0 * _UNSTABLE + aggressive
+        excess, energy = 0.0, 0.0
+        for place, law, plant in zip(problem.places, laws, self.plants, strict=True):
+            l = loop.transfer(law, plant)
+            s = 1.0 / (1.0 + l)
+            if not loop.stable(grid, place.axis, law, l):
+                return _UNSTABLE + aggressive
+            ms, step_N = float(np.max(np.abs(s))), loop.force_step(grid, place.axis, law, s[0])
+            excess += max(0.0, math.log(ms / self.ms)) + max(0.0, math.log(step_N / problem.force_step_N))
+            if place.number == 1 or not any(p.swapped for p in problem.places):  # the contour error is along the normal
+                energy += loop.reversal_error(grid, place.axis, plant, s[0]) ** 2
+        return _INFEASIBLE + excess if excess > 0.0 else 0.5 * math.log(energy / 2.0)
+
+
+def design(
+    machine: Machine,
+    controller: str,
+    ms: float = 2.0,
+    force_step_N: float = 2.0,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Design:
+    """Search for the gains of `controller`. `ms`: largest sensitivity; `force_step_N`: limit of the mean force step.
+
+    Raises MachineError where no gains keep the limits.
+    """
+    problem = Problem(machine, controller, ms, force_step_N)
+    limit = ms
+    for _ in range(3):  # a peak between the points of the coarse grid tightens the limit of the next search
+        found = _searched(problem, limit, progress)
+        axes = predicted(problem, problem.gains(found))
+        worst = max(axis.margins.ms for axis in axes)
+        if worst <= 1.002 * ms:
+            break
+        limit *= 0.995 * ms / worst
+    gains = problem.gains(found)
+    selected = {"controller.select": float(problem.number)}
+    return Design(machine.name, controller, gains, {**machine.parameters(), **gains, **selected}, axes, _limit(problem, axes))
+
+
+def _searched(problem: Problem, ms: float, progress: Callable[[float], None]) -> list[float]:
+    """The logarithms of the best gains: of a search with a slow observer, and of one with a fast observer."""
+    cost = _Search(problem, ms)
+    found = []
+    for basin in range(2):
+        bounds = problem.bounds[:-1] + [tuple(np.log(_OBSERVERS[basin]))]
+        low, high = np.array(bounds).T
+        population = qmc.scale(qmc.LatinHypercube(len(low), rng=_SEED).random(_POPULATION), low, high)
+        for known in _KNOWN.get(problem.controller, ()):
+            around = np.log(known) + (population[::4] - population.mean(axis=0)) / 4.0
+            population[::4] = np.clip(around, low, high) if low[-1] <= np.log(known[-1]) <= high[-1] else population[::4]
+        generations = itertools.count(1)
+        best = differential_evolution(
+            cost, bounds, init=population, maxiter=_GENERATIONS, tol=1e-4, polish=False, rng=_SEED,
+            callback=lambda intermediate_result: progress((basin + next(generations) / _GENERATIONS) / 2.0),
+        )  # fmt: skip
+        found.append(minimize(cost, best.x, method="Nelder-Mead", options=_POLISH))
+    polished = min(found, key=lambda result: float(result.fun))
+    if polished.fun >= _INFEASIBLE:
+        raise MachineError(
+            f"machine {problem.machine.name!r}: no gains of {problem.controller} keep Ms <= {problem.ms:g} and a force "
+            f"step of {problem.force_step_N:g} N; allow more with --ms or --force-step"
+        )
+    return [float(x) for x in polished.x]
+
+
+def predicted(problem: Problem, values: Mapping[str, float]) -> tuple[AxisDesign, AxisDesign]:
+    """Margins and errors of x and y with these parameters, on a fine grid; of two directions the worse."""
+    grid = loop.Grid.around(problem.machine.axes, problem.control_hz, points=900, near=101)
+    found: dict[int, AxisDesign] = {}
+    for place, law in zip(problem.places, problem.loops(grid, values), strict=True):
+        plant = loop.plant(grid, place.axis, problem.machine.delay_periods)
+        l = loop.transfer(law, plant)
+        s = 1.0 / (1.0 + l[0])
+        axis = AxisDesign(
+            loop.margins(grid, l),
+            loop.force_step(grid, place.axis, law, s),
+            loop.reversal_error(grid, place.axis, plant, s),
+            grid.hz,
+            l,
+        )
+        i = problem.machine.axes.index(place.axis)
+        if i not in found or axis.margins.ms > found[i].margins.ms:
+            found[i] = axis
+    return found[0], found[1]
+
+
+def _limit(problem: Problem, axes: tuple[AxisDesign, AxisDesign]) -> str:
+    """What keeps the loop from being faster, in a sentence."""
+    name, axis, result = max(
+        zip("xy", problem.machine.axes, axes, strict=True), key=lambda item: item[2].margins.ms
+    )
+    step_N = max(axis.force_step_N for axis in axes)
+    m = result.margins
+    if m.ms > 0.97 * problem.ms:
+        what = f"the lag of the force and the delay of {problem.machine.delay_periods} control period"
+        if axis.resonance_Hz > 0.0:
+            what = f"the resonance of {axis.resonance_Hz:g} Hz"
+        return (
+            f"{what[0].upper()}{what[1:]} of {name} limits it: Ms is {m.ms:.2f} at {m.ms_at_Hz:.0f} Hz"
+            f"{_varied(m)}. Under {problem.controller} it is as fast as this at most: disturbances are halved up to "
+            f"{m.bandwidth_Hz:.3g} Hz."
+        )
+    if step_N > 0.97 * problem.force_step_N:
+        return f"The count of the encoder limits it: the force step is {step_N:.2f} N."
+    return "The range of the parameters limits it."
+
+
+def _varied(m: loop.Margins) -> str:
+    parts = [f"{factor:g} times the {what}" for factor, what in ((m.resonance, "resonance"), (m.mass, "mass"))
+             if factor != 1.0]  # fmt: skip
+    return f" with {' and '.join(parts)}" if parts else ""
+
+
+def _swapped(values: Mapping[str, float]) -> dict[str, float]:
+    """The parameters of x given to y, and those of y to x."""
+    other = {"_x": "_y", "_y": "_x"}
+    swapped = {}
+    for name, value in values.items():
+        record, dot, key = name.partition(".")
+        swapped[record[:-2] + other.get(record[-2:], record[-2:]) + dot + key] = value
+    return swapped
