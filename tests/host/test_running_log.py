@@ -130,9 +130,10 @@ from kontur.cli import main
 set_handler = signal.signal
 
 def tell(number, handler):
+    before = set_handler(number, handler)
     if handler is signal.default_int_handler:
         print("the first one is heeded", file=sys.__stderr__, flush=True)
-    return set_handler(number, handler)
+    return before
 
 signal.signal = tell
 main()
