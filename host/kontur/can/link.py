@@ -214,11 +214,16 @@ class Link:
         elif message.arbitration_id in self._telemetry_ids:
             if self._sync_ms and message.arbitration_id in self._tick_ids:
                 self._see_tick(message.data[0] | message.data[1] << 8)
-            if self._recording:
-                self._frames.append((message.arbitration_id - self.node_id, message.data))
+            self._record(message)
         else:
+            if message.arbitration_id == wire.TPDO1 + self.node_id:
+                self._record(message)
             self._network.notify(message.arbitration_id, message.data, message.timestamp)
         return True
+
+    def _record(self, message: can.Message) -> None:
+        if self._recording:
+            self._frames.append((message.arbitration_id - self.node_id, message.data))
 
     def handle_pending(self) -> None:
         """Handle the frames that have arrived already: after a pause of the host, `status` is an old one until then."""
@@ -268,7 +273,7 @@ class Link:
         return True
 
     def record_telemetry(self, take: Callable[[NDArray[np.int64], NDArray[np.uint8]], None] | None = None) -> None:
-        """Record all telemetry frames from now on, and discard those recorded before.
+        """Record all telemetry frames and TPDO1 from now on, and discard those recorded before.
 
         `take` is called with function (m,) and payload (m, 8) of those that have come, twice a second or more often;
         without it they are kept for recorded_telemetry().

@@ -137,9 +137,9 @@ _POSITIONS = ("position_x", "position_y")  # the low bits of the position, which
 def unpack_telemetry(function: NDArray[np.int64], payload: NDArray[np.uint8], start_nm: tuple[int, int]) -> Telemetry:
     """Telemetry from frames in the order of their arrival.
 
-    `function` (m,) COB-ID without node id, one of TELEMETRY; `payload` (m, 8); `start_nm` is any position within 8 mm
-    of the first one reported, to complete the 24 bits of the wire. Frames that arrived twice or out of order are
-    put in order. Frames with an impossible tick or position are corrupted and left out.
+    `function` (m,) COB-ID without node id, one of TELEMETRY or TPDO1; `payload` (m, 8); `start_nm` is any position
+    within 8 mm of the first one reported, to complete the 24 bits of the wire. Frames that arrived twice or out of
+    order are put in order. Frames with an impossible tick or position are corrupted and left out.
     """
     stream = TelemetryStream(start_nm)
     rows = stream.add(function, payload, last=True)
@@ -150,10 +150,14 @@ class TelemetryStream:
     """unpack_telemetry() for frames that come in pieces: each row once, as soon as it cannot change any more.
 
     A frame that comes more than _SETTLED_MS after a newer one is too late. `frames_lost` counts the rows so far.
+
+    `path_began` is the tick of the first row in which path time runs, None as long as no TPDO1 says so: the drive sends
+    it at once, before the telemetry of this tick. If this one is lost, the next one comes 10 ms later.
     """
 
     def __init__(self, start_nm: tuple[int, int]) -> None:
         self._frames = (np.empty(0, dtype=np.int64), np.empty((0, 8), dtype=np.uint8))  # the latest, still needed
+        self.path_began: int | None = None
         self._done: int | None = None  # tick up to which rows were returned
         self._at: tuple[int, tuple[int, int]] | None = None  # tick and position of the latest row
         self._start_nm = start_nm
@@ -176,6 +180,8 @@ class TelemetryStream:
             return Telemetry(tick, dict.fromkeys(signals.TELEMETRY, np.empty(0)), self.frames_lost)
         if self._done is not None:  # the same count of ticks as before
             tick += round((self._done - int(tick[len(tick) // 2])) / 0x10000) * 0x10000
+        if self.path_began is None and (began := _path_began(function, payload)) is not None:
+            self.path_began = int(tick[0]) + int(_signed(began - tick[:1], 16)[0])
         until = int(tick[-1]) - (0 if last else _SETTLED_MS)
         done = int(tick[0]) - 1 if self._done is None else self._done
         found = self._rows(tick, sound, data)
@@ -279,6 +285,16 @@ def unwrap_position(position_nm: NDArray[np.int64], start_nm: tuple[int, int]) -
 
 def _ticks(payload: NDArray[np.uint8]) -> NDArray[np.int64]:
     return payload[:, 0].astype(np.int64) | payload[:, 1].astype(np.int64) << 8
+
+
+def _path_began(function: NDArray[np.int64], payload: NDArray[np.uint8]) -> int | None:
+    """The tick after the first TPDO1 in which both statuswords say by bit 12 that path time runs."""
+    runs = np.flatnonzero((function == TPDO1) & (payload[:, [1, 3]] & 0x10).all(axis=1))
+    if not len(runs):
+        return None
+    after = slice(int(runs[0]), None)
+    ticks = _ticks(payload[after][np.isin(function[after], _DATED)])
+    return int(ticks[0]) if len(ticks) else None
 
 
 def _signed(value: NDArray[np.int64], bits: int) -> NDArray[np.int64]:

@@ -61,17 +61,21 @@ class RunClock:
         """Path time (n,) in s."""
         return np.asarray(np.minimum(self._path.at(time_s * self.control_hz), self._length) / self.control_hz)
 
-    def of_ticks(self, tick: NDArray[np.int64], by_device_time: bool) -> Floats:
+    def of_ticks(self, tick: NDArray[np.int64], began: int | None, by_device_time: bool) -> Floats:
         """Time (n,) in s of telemetry rows, the first ones of the run first.
 
         The row of tick i was sampled in control period `i ms - 1`, counted from 0. The control period in which the path
-        started is known where the host's clock is the drive's (simulated drives). Else the first row after the command
-        to start counts as the start, which is right to 1 ms and the time on the bus.
+        started is known where the host's clock is the drive's (simulated drives). Else it is in the millisecond before
+        the row of tick `began`, which the drive names (TelemetryStream.path_began); this is right to 0.5 ms. Where no
+        such frame has come, the first row counts as the start.
         """
         if self._first_tick is None and len(tick):
             self._first_tick = int(tick[0])
-        if not by_device_time or self._first_tick is None:
-            return np.asarray((tick - (self._first_tick or 0)) * wire.TICK_PERIOD_S)
+        if self._first_tick is None:
+            return np.empty(0)
+        if not by_device_time:
+            since = tick - self._first_tick if began is None else tick - began + 0.5
+            return np.asarray(since * wire.TICK_PERIOD_S)
         periods = round(wire.TICK_PERIOD_S * self.control_hz)
         first = self.start_period // periods + 1
         since = (self._first_tick - first + 0x8000) % 0x10000 - 0x8000 + (tick - self._first_tick)

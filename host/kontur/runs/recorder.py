@@ -164,7 +164,7 @@ class Recorder:
         telemetry = self._telemetry.add(function, payload, last)
         if self._sim is not None:
             self._take_truth(self._clock, self._sim.take_truth())
-        time_s = self._clock.of_ticks(telemetry.tick, self._link.by_device_time)
+        time_s = self._clock.of_ticks(telemetry.tick, self._telemetry.path_began, self._link.by_device_time)
         end_s = np.inf if self._clock.periods is None else self._clock.periods / self._clock.control_hz
         rows = (time_s >= 0.0) & (time_s <= end_s)
         time_s = time_s[rows]
