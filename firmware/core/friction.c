@@ -14,11 +14,6 @@ struct friction_axis_cfg friction_design(num presliding, num breakaway, num stri
     return cfg;
 }
 
-void friction_reset(struct friction_axis_state *state)
-{
-    *state = (struct friction_axis_state){.distance = NUM(0)};
-}
-
 static num slip(const struct friction_axis_cfg *cfg, struct friction_axis_state *state, num dx)
 {
     const num before = state->distance;
@@ -53,9 +48,14 @@ static num axis_step(const struct friction_axis_cfg *cfg, struct friction_axis_s
     return n_mul(along, stribeck(cfg, v));
 }
 
-vec2 friction_step(const struct friction_cfg *cfg, struct friction_state *state, vec2 r_dot, vec2 direction, num dt)
+void friction_step(const struct friction_cfg *cfg, struct friction_state *state, const bool enabled[2], vec2 r_dot,
+                   vec2 direction, num dt)
 {
-    state->shape = v2(axis_step(&cfg->axis[0], &state->axis[0], r_dot.x, direction.x, dt),
-                      axis_step(&cfg->axis[1], &state->axis[1], r_dot.y, direction.y, dt));
-    return state->shape;
+    for (int i = 0; i < 2; i++) {
+        if (!enabled[i]) {
+            state->axis[i] = (struct friction_axis_state){.distance = NUM(0)};
+        }
+    }
+    state->shape = v2(enabled[0] ? axis_step(&cfg->axis[0], &state->axis[0], r_dot.x, direction.x, dt) : NUM(0),
+                      enabled[1] ? axis_step(&cfg->axis[1], &state->axis[1], r_dot.y, direction.y, dt) : NUM(0));
 }

@@ -42,14 +42,14 @@ struct friction_axis_state {
 };
 
 struct friction_state {
+    vec2 shape; /* with on: of the next period; else smc_direction() of the last one */
     struct friction_axis_state axis[2];
-    vec2 shape; /* of the last period */
 };
 
 /* The configuration of an axis: presliding um >= 0, breakaway >= 1, stribeck um/T0 > 0. */
 struct friction_axis_cfg friction_design(num presliding, num breakaway, num stribeck);
-/* An axis without friction at rest, which is so after its power was off: what was stretched has relaxed. */
-void friction_reset(struct friction_axis_state *state);
-/* One control period dt (T0) of both axes with cfg->on: the new shape. `direction` is smc_direction() of r_dot. */
-vec2 friction_step(const struct friction_cfg *cfg, struct friction_state *state, vec2 r_dot, vec2 direction, num dt);
+/* One control period dt (T0) with cfg->on: the new shape. `direction` is smc_direction() of r_dot. The shape of an axis
+ * that is not enabled is 0: without power it has relaxed. */
+void friction_step(const struct friction_cfg *cfg, struct friction_state *state, const bool enabled[2], vec2 r_dot,
+                   vec2 direction, num dt);
 #endif

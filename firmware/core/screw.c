@@ -26,8 +26,7 @@ static num cancel(const struct screw_axis_cfg *cfg, pos_t at, num demand)
     return n_div(n_sub(demand, cogging), gain);
 }
 
-vec2 screw_cancel(const struct screw_cfg *cfg, const pos_t measured[2], vec2 q_dot, vec2 demand)
+vec2 screw_cancel(const struct screw_cfg *cfg, const pos_t at[2], vec2 demand)
 {
-    return v2(cancel(&cfg->axis[0], pos_add(measured[0], n_mul(q_dot.x, cfg->ahead)), demand.x),
-              cancel(&cfg->axis[1], pos_add(measured[1], n_mul(q_dot.y, cfg->ahead)), demand.y));
+    return v2(cancel(&cfg->axis[0], at[0], demand.x), cancel(&cfg->axis[1], at[1], demand.y));
 }

@@ -6,8 +6,7 @@
  * for a force demand u. Both are sums of three harmonics, c_n cos(o_n a) + s_n sin(o_n a). So that the law's demand
  * acts on the axis, u = (demand - cogging(a)) / (1 + ripple(a)).
  *
- * The angle is 0 at position 0 of the encoder. It is taken where the axis will be when the force acts: in the middle
- * of the next control period, 1.5 periods after the reading.
+ * The angle is 0 at position 0 of the encoder.
  *
  * Context: servo_step() (servo.c) calls it in the servo tick. The background loop calls screw_turns() when parameters
  * change (drive/configuration.c).
@@ -30,13 +29,12 @@ struct screw_axis_cfg {
 };
 
 struct screw_cfg {
-    bool on;   /* for one of the axes at least */
-    num ahead; /* 1.5 control periods, T0 */
+    bool on; /* for one of the axes at least */
     struct screw_axis_cfg axis[2];
 };
 
 /* The factor of pos_phase() for a lead of lead_nm > 0. */
 uint64_t screw_turns(uint32_t lead_nm);
-/* The demand u of both axes that gives `demand` (N) at encoder positions `measured` and velocity q_dot (um/T0). */
-vec2 screw_cancel(const struct screw_cfg *cfg, const pos_t measured[2], vec2 q_dot, vec2 demand);
+/* The demand u of both axes that gives `demand` (N) at encoder positions `at`. */
+vec2 screw_cancel(const struct screw_cfg *cfg, const pos_t at[2], vec2 demand);
 #endif

@@ -32,19 +32,11 @@ static void reset_laws(const struct servo_cfg *cfg, struct servo_state *state, c
     state->blending = false;
 }
 
-/* Friction over Coulomb friction for a reference velocity r_dot, whose sign is `direction`. Few drives need more than
- * this sign, so that the rest costs the others nothing. */
-__attribute__((noinline)) static vec2 friction_shape(const struct servo_cfg *cfg, struct servo_state *state, vec2 r_dot,
-                                                     vec2 direction)
+/* The direction in which friction is adapted where it has a shape of its own: the shape, and 0 at rest. */
+static vec2 while_moving(const struct servo_cfg *cfg, vec2 r_dot, vec2 shape)
 {
-    return friction_step(&cfg->friction, &state->friction, r_dot, direction, cfg->dt);
-}
-
-/* The balance, with what cancels cogging and ripple at a force net + balance. */
-__attribute__((noinline)) static vec2 cancel(const struct servo_cfg *cfg, const struct servo_in *in, vec2 q_dot,
-                                             vec2 net, vec2 balance)
-{
-    return v2_sub(screw_cancel(&cfg->screw, in->measured, q_dot, v2_add(net, balance)), net);
+    const vec2 sign = smc_direction(cfg->smc.friction_speed, r_dot);
+    return v2_mul(shape, v2_mul(sign, sign));
 }
 
 /* The force demand of the law. *balance is the part that cancels friction and mass beyond the nominal. */
@@ -53,9 +45,10 @@ static inline struct servo_demand law(const struct servo_cfg *cfg, struct servo_
                                       vec2 *balance)
 {
     const struct contour_out *c = &out->contour;
-    const vec2 sign = smc_direction(cfg->smc.friction_speed, c->r_dot);
-    const vec2 direction = cfg->friction.on ? friction_shape(cfg, state, c->r_dot, sign) : sign;
-    state->friction.shape = direction;
+    if (!cfg->friction.on) {
+        state->friction.shape = smc_direction(cfg->smc.friction_speed, c->r_dot);
+    }
+    const vec2 direction = state->friction.shape;
     struct servo_demand demand;
     if (controller == CONTROLLER_CASCADE || controller == CONTROLLER_CCC) {
         *balance = v2_mul(cfg->plant.coulomb, direction);
@@ -93,7 +86,7 @@ static inline struct servo_demand law(const struct servo_cfg *cfg, struct servo_
         if (adapts) {
             compensator_adapt(&cfg->compensator, &state->compensator, axis, out->compensator.s, slot_dt);
         } else if (!state->saturated) { /* a limited force says nothing about friction and mass */
-            const vec2 along = cfg->friction.on ? v2_mul(direction, v2_mul(sign, sign)) : sign; /* nothing at rest */
+            const vec2 along = cfg->friction.on ? while_moving(cfg, c->r_dot, direction) : direction;
             feedforward_step(&cfg->feedforward, &cfg->plant, &state->feedforward, axis, along, c->r_ddot,
                              out->compensator.u, slot_dt);
         }
@@ -141,21 +134,35 @@ static vec2 limit(vec2 max, vec2 force)
     return v2(n_within(force.x, max.x), n_within(force.y, max.y));
 }
 
-/* The friction of an axis that had no power has relaxed. */
-static void relax(struct servo_state *state)
-{
-    for (int i = 0; i < 2; i++) {
-        if (!state->enabled[i]) {
-            friction_reset(&state->friction.axis[i]);
-        }
-    }
-}
-
 /* Mostly true: both axes are enabled, and the force is within
  * its limits. A force that is no number is not within them. */
 static inline bool within_limits(vec2 max, const struct servo_in *in, vec2 force)
 {
     return in->enabled[0] && in->enabled[1] && n_lt(n_abs(force.x), max.x) && n_lt(n_abs(force.y), max.y);
+}
+
+/* What the next period needs of friction and screw is computed at the end of this one, where nothing else has to be
+ * kept. The force of the next period acts in the middle of the one after it, this long after the reading of now. */
+static num until_next_force(const struct servo_cfg *cfg)
+{
+    return n_mul(NUM(2.5), cfg->dt);
+}
+
+__attribute__((noinline)) static void predict_friction(const struct servo_cfg *cfg, struct servo_state *state,
+                                                       const struct servo_in *in, const struct servo_out *out)
+{
+    const vec2 r_dot = v2_mad(out->contour.r_dot, until_next_force(cfg), out->contour.r_ddot);
+    friction_step(&cfg->friction, &state->friction, in->enabled, r_dot, smc_direction(cfg->smc.friction_speed, r_dot),
+                  cfg->dt);
+}
+
+__attribute__((noinline)) static void predict_screw(const struct servo_cfg *cfg, struct servo_state *state,
+                                                    const struct servo_in *in, const struct servo_out *out)
+{
+    const vec2 demand = where_enabled(in->enabled, v2_sub(out->force, state->screw));
+    const vec2 ahead = v2_scale(until_next_force(cfg), out->velocity);
+    const pos_t at[2] = {pos_add(in->measured[0], ahead.x), pos_add(in->measured[1], ahead.y)};
+    state->screw = v2_sub(screw_cancel(&cfg->screw, at, demand), demand);
 }
 
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2])
@@ -187,7 +194,6 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     const bool enabling_changed = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
     if (!in->enabled[0] && !in->enabled[1]) { /* there is no reference */
         *out = (struct servo_out){.velocity = out->velocity};
-        state->friction.shape = ZERO;
     } else {
         contour_step(&cfg->contour, &state->spline_cache, in->ring, &in->path, q, out->velocity, &out->contour);
         const bool switched = in->controller != state->controller;
@@ -195,13 +201,10 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
         if (enabling_changed || switched) {
             reset_laws(cfg, state, q, out->velocity);
         }
-        if (enabling_changed) {
-            relax(state);
-        }
         vec2 balance;
         demand = law(cfg, state, in->controller, q, out, &balance);
         if (cfg->screw.on) {
-            balance = cancel(cfg, in, out->velocity, demand.net, balance);
+            balance = v2_add(balance, state->screw);
         }
         if (switched && !enabling_changed) {
             state->offset = v2_sub(v2_sub(state->force, state->filtering), v2_add(demand.net, balance));
@@ -237,4 +240,10 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     state->saturated = out->saturated;
     state->force = out->force;
     *applied = demand;
+    if (cfg->friction.on) {
+        predict_friction(cfg, state, in, out);
+    }
+    if (cfg->screw.on) {
+        predict_screw(cfg, state, in, out);
+    }
 }

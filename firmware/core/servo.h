@@ -46,12 +46,12 @@ struct servo_cfg {
     struct smc_cfg smc;
     struct compensator_cfg compensator;
     struct feedforward_cfg feedforward;
-    struct friction_cfg friction;
-    struct screw_cfg screw;
     struct cascade_cfg cascade;
     struct energy_cfg energy[2];
     struct force_filter_cfg force_filter;
     struct force_limit_cfg force_limit;
+    struct friction_cfg friction;
+    struct screw_cfg screw;
 };
 
 struct servo_in {
@@ -73,7 +73,6 @@ struct servo_state {
     struct smc_state smc;
     struct compensator_state compensator;
     struct feedforward_state feedforward; /* persists when the controller changes or an axis is disabled */
-    struct friction_state friction;       /* of an axis: persists while it is enabled */
     struct cascade_state cascade;
     struct energy_state energy[2];
     struct force_filter_state force_filter;
@@ -87,6 +86,8 @@ struct servo_state {
     uint32_t slot;                    /* of this period, 0..SERVO_SLOTS - 1 */
     vec2 force;                       /* of the last period, N */
     struct servo_demand demand[2];    /* of even and odd periods: the one before the last has just been applied */
+    struct friction_state friction;       /* of an axis: persists while it is enabled */
+    vec2 screw;                           /* what cancels cogging and ripple in the next period, N */
     struct spline_cache spline_cache; /* the caller empties it when in.ring gets another sequence of knots */
 };
 

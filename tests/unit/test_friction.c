@@ -13,14 +13,15 @@
 
 static struct friction_cfg cfg;
 static struct friction_state state;
+static bool enabled[2];
 
 void setUp(void)
 {
     cfg = (struct friction_cfg){.on = true,
                                 .axis = {friction_design(mk(PRESLIDING), mk(1), mk(STRIBECK)),
                                          friction_design(mk(0), mk(BREAKAWAY), mk(STRIBECK))}};
-    friction_reset(&state.axis[0]);
-    friction_reset(&state.axis[1]);
+    state = (struct friction_state){.shape = mk2(0, 0)};
+    enabled[0] = enabled[1] = true;
 }
 void tearDown(void)
 {
@@ -30,7 +31,8 @@ void tearDown(void)
 static void move(double distance, int steps, double y_dot, double y_sign)
 {
     for (int i = 0; i < steps; i++) {
-        friction_step(&cfg, &state, mk2(distance / DT / steps, y_dot), mk2(distance < 0 ? -1 : 1, y_sign), mk(DT));
+        friction_step(&cfg, &state, enabled, mk2(distance / DT / steps, y_dot), mk2(distance < 0 ? -1 : 1, y_sign),
+                      mk(DT));
     }
 }
 
@@ -99,12 +101,18 @@ static void test_friction_persists_while_the_reference_rests(void)
     TEST_ASSERT_EQUAL_DOUBLE(1, val(state.shape.x));
 }
 
-static void test_friction_that_has_relaxed_is_zero_and_builds_up_over_half_the_distance(void)
+static void test_without_power_friction_relaxes_and_then_builds_up_over_half_the_distance(void)
 {
-    move(2 * PRESLIDING, 4, 0, 0);
-    friction_reset(&state.axis[0]);
-    move(0, 1, 0, 0);
+    move(2 * PRESLIDING, 4, 1, 1);
+    enabled[0] = false;
+    move(PRESLIDING, 1, 1, 1);
     TEST_ASSERT_EQUAL_DOUBLE(0, val(state.shape.x));
+    TEST_ASSERT_TRUE(val(state.shape.y) > 1); /* y has power */
+    enabled[0] = true;
+    enabled[1] = false;
+    move(0, 1, 1, 1);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.shape.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.shape.y));
     move(PRESLIDING / 2, 4, 0, 0);
     ASSERT_SHAPE(1);
 }
@@ -156,7 +164,7 @@ int main(void)
     RUN_TEST(test_friction_does_not_depend_on_how_many_periods_a_distance_takes);
     RUN_TEST(test_a_loop_within_the_presliding_distance_closes);
     RUN_TEST(test_friction_persists_while_the_reference_rests);
-    RUN_TEST(test_friction_that_has_relaxed_is_zero_and_builds_up_over_half_the_distance);
+    RUN_TEST(test_without_power_friction_relaxes_and_then_builds_up_over_half_the_distance);
     RUN_TEST(test_presliding_of_a_nanometre_is_as_good_as_the_sign);
     RUN_TEST(test_without_presliding_the_sign_is_the_shape);
     RUN_TEST(test_friction_falls_from_breakaway_to_coulomb_as_the_axis_gets_faster);

@@ -545,6 +545,7 @@ static void test_every_controller_feeds_friction_at_reversal_forward(void)
         friction_on(1000);
         run((enum controller)c, 20);
         const double x = val(state.friction.shape.x), y = val(state.friction.shape.y);
+        run((enum controller)c, 1);
         TEST_ASSERT_TRUE(x < -0.01 && x > -0.9 && y > 0.05 && y < 0.9);
         ASSERT_NEAR(val(demand()->net.x) + 45.5 * x, val(out.force.x), 600.0);
         ASSERT_NEAR(val(demand()->net.y) + 54.8 * y, val(out.force.y), 600.0);
@@ -555,10 +556,11 @@ static void test_friction_of_an_axis_begins_anew_where_it_gets_power(void)
 {
     friction_on(20);
     run(CONTROLLER_CASCADE, 50);
-    TEST_ASSERT_TRUE(val(state.friction.shape.y) > 1);
+    TEST_ASSERT_TRUE(val(state.friction.shape.x) < -1 && val(state.friction.shape.y) > 1);
     in.enabled[0] = false;
     run(CONTROLLER_CASCADE, 5);
-    TEST_ASSERT_TRUE(val(state.friction.shape.x) < -1 && val(state.friction.shape.y) > 1); /* x follows its path */
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.friction.shape.x));
+    TEST_ASSERT_TRUE(val(state.friction.shape.y) > 1);
     in.enabled[0] = true;
     run(CONTROLLER_CASCADE, 1);
     TEST_ASSERT_TRUE(val(state.friction.shape.x) < 0 && val(state.friction.shape.x) > -1);
@@ -583,8 +585,8 @@ static void test_friction_adapts_along_the_shape_and_not_while_the_reference_res
     cfg.feedforward.friction_rate = mk(0.5);
     servo_reset(&cfg, &state, in.measured);
     in.path.rate = mk(0);
-    servo_step(&cfg, &state, &in, &out);
     state.friction.axis[1].distance = mk(20); /* it has slipped, and the reference stands where it is */
+    servo_step(&cfg, &state, &in, &out);
     for (int k = 0; k < 20; k++) {
         in.path.rate = mk(k < 9 ? 0 : 0.01);
         servo_step(&cfg, &state, &in, &out);
@@ -594,23 +596,40 @@ static void test_friction_adapts_along_the_shape_and_not_while_the_reference_res
     }
 }
 
+/* The force of a period acts 2.5 periods after the reading of the period before it. Its ripple is taken at the force of
+ * that period. */
 static void test_cogging_and_ripple_are_cancelled_and_move_neither_observer_nor_model(void)
 {
     for (int c = 0; c < CONTROLLERS; c++) {
         setUp();
         run((enum controller)c, 20);
+        const double before = val(out.force.y);
+        const double ahead = (double)in.measured[1] / POS_PER_NM + 2.5e3 * DT * val(out.velocity.y);
+        run((enum controller)c, 1);
         const vec2 net = demand()->net, model = demand()->model, force = out.force;
         setUp();
         cogging_on(1);
-        run((enum controller)c, 20);
+        run((enum controller)c, 21);
         TEST_ASSERT_EQUAL_DOUBLE(val(net.y), val(demand()->net.y));
         TEST_ASSERT_EQUAL_DOUBLE(val(model.y), val(demand()->model.y));
-        const double turn = (double)in.measured[1] / POS_PER_NM / 5e6;
-        const double angle = 2 * 3.14159265358979323846 * turn;
-        const double u = (val(force.y) - 5 * cos(angle)) / (1 + 0.0625 * cos(angle));
-        TEST_ASSERT_DOUBLE_WITHIN(0.01, u, val(out.force.y));
-        TEST_ASSERT_TRUE(fabs(u - val(force.y)) > 1);
+        const double angle = 2 * 3.14159265358979323846 * ahead / 5e6;
+        const double u = (before - 5 * cos(angle)) / (1 + 0.0625 * cos(angle));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, u - before, val(out.force.y) - val(force.y));
+        TEST_ASSERT_EQUAL_DOUBLE(val(force.x), val(out.force.x));
+        TEST_ASSERT_TRUE(fabs(u - before) > 1);
     }
+}
+
+static void test_an_axis_that_gets_power_starts_with_what_cancels_its_cogging(void)
+{
+    cogging_on(1);
+    run(CONTROLLER_CASCADE, 1);
+    TEST_ASSERT_TRUE(fabs(val(state.screw.y)) > 1);
+    in.enabled[1] = false;
+    run(CONTROLLER_CASCADE, 10);
+    const double angle = 2 * 3.14159265358979323846 * (double)in.measured[1] / POS_PER_NM / 5e6;
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, -5 * cos(angle) / (1 + 0.0625 * cos(angle)), val(state.screw.y));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.force.y));
 }
 
 static void test_a_switch_of_controllers_keeps_the_force_with_friction_cogging_and_ripple_on(void)
@@ -664,6 +683,7 @@ int main(void)
     RUN_TEST(test_friction_persists_over_a_change_of_controller);
     RUN_TEST(test_friction_adapts_along_the_shape_and_not_while_the_reference_rests);
     RUN_TEST(test_cogging_and_ripple_are_cancelled_and_move_neither_observer_nor_model);
+    RUN_TEST(test_an_axis_that_gets_power_starts_with_what_cancels_its_cogging);
     RUN_TEST(test_a_switch_of_controllers_keeps_the_force_with_friction_cogging_and_ripple_on);
     return UNITY_END();
 }
