@@ -511,6 +511,61 @@ def observe(x: Array, measured_m: Array, force_N: Array, p: Params, gains: Array
     return predicted + np.outer(gains, measured_m - ahead[0]), acceleration
 
 
+# --- Geometry: the tool from the encoders (not in the paper) ----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What lies between encoders and tool, SI. A map of each axis is (positions, errors), empty where there is none."""
+
+    lead: tuple[tuple[Array, Array], tuple[Array, Array]]
+    squareness_rad: Array
+    stiffness_Npm: Array
+    mass_kg: Array
+    coulomb_N: Array
+    viscous_Nspm: Array
+    backlash_m: Array
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """State of the geometry, (2,) each; `bridge_m` is what is left of a change of the user's zero."""
+
+    placed_m: Array
+    bridge_m: Array
+    deflection_m: Array
+    target: Array
+    side: Array
+    side_1ps: Array
+
+
+def geometry(
+    m: Machine, x: Transmission, user_m: Array, r_dot: Array, r_ddot: Array, direction: Array, moved: bool, dt_s: float
+) -> tuple[Array, Array, Transmission]:
+    """Corrections of both axes by position and by force, (2,) m each, and the new state.
+
+    `user_m` are the encoders' positions from the user's zero; `moved`: this zero is not that of the last period.
+    Decisions: a deflection changes by 2 mm/s at most, the correction of a new zero comes at 0.2 mm/s, and the side of
+    the gap is a second-order low-pass with two poles at 600 1/s, by the semi-implicit Euler rule.
+    """
+    angles = np.array([[0.0, m.squareness_rad[1]], [m.squareness_rad[0], 0.0]])
+    lead = [np.interp(p, *m.lead[i]) if len(m.lead[i][0]) else 0.0 for i, p in enumerate(user_m)]
+    placed = angles @ user_m + lead
+    bridge = x.bridge_m + moved * (x.placed_m - placed)
+    bridge -= np.clip(bridge, -2e-4 * dt_s, 2e-4 * dt_s)
+
+    force = m.mass_kg * r_ddot + m.coulomb_N * direction + m.viscous_Nspm * r_dot
+    change = force / m.stiffness_Npm - x.deflection_m
+    deflection = x.deflection_m + np.clip(change, -2e-3 * dt_s, 2e-3 * dt_s)
+    push = force + 0.01 * direction
+    target = np.where(np.abs(push) < 0.005, x.target, np.sign(push))
+    w = 600.0
+    matrix = np.array([[1.0 - (w * dt_s) ** 2, dt_s - 2.0 * w * dt_s**2], [-(w**2) * dt_s, 1.0 - 2.0 * w * dt_s]])
+    away, rate = matrix @ [x.side - target, x.side_1ps]
+    state = Transmission(placed, bridge, deflection, target, target + away, rate)
+    return placed + bridge, -deflection - 0.5 * m.backlash_m * state.side, state
+
+
 # --- Cascade and cross-coupled control --------------------------------------------------------------------------------
 
 

@@ -4,13 +4,24 @@
 
 static const vec2 ZERO;
 
-static inline void observe(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_in *in, vec2 net,
+/* Where the tool is. Not inline, so that it costs nothing where the encoders are at the tool. */
+static __attribute__((noinline)) void locate(const struct servo_cfg *cfg, struct servo_state *state,
+                                             const struct servo_in *in, pos_t tool[2])
+{
+    const bool first = !state->geometry.started;
+    geometry_step(&cfg->geometry, &state->geometry, in->measured, in->origin_nm, state->friction.shape, tool);
+    for (int i = 0; first && i < 2; i++) {
+        observer_reset(&state->observer[i], tool[i]);
+    }
+}
+
+static inline void observe(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2], vec2 net,
                            pos_t q[2], vec2 *q_dot)
 {
     const struct plant_cfg *p = &cfg->plant;
     struct observer_state *ob = state->observer;
-    observer_step(&cfg->observer, &ob[0], in->measured[0], net.x, p->mass.x, p->viscous.x);
-    observer_step(&cfg->observer, &ob[1], in->measured[1], net.y, p->mass.y, p->viscous.y);
+    observer_step(&cfg->observer, &ob[0], measured[0], net.x, p->mass.x, p->viscous.x);
+    observer_step(&cfg->observer, &ob[1], measured[1], net.y, p->mass.y, p->viscous.y);
     for (int i = 0; i < 2; i++) {
         q[i] = ob[i].pos;
     }
@@ -189,7 +200,11 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     if (cfg->force_limit.on) {
         force_max = force_limit_step(&cfg->force_limit, &state->force_limit, state->force, force_max);
     }
-    observe(cfg, state, in, applied->net, q, &out->velocity);
+    pos_t tool[2] = {in->measured[0], in->measured[1]};
+    if (cfg->geometry.on) {
+        locate(cfg, state, in, tool);
+    }
+    observe(cfg, state, tool, applied->net, q, &out->velocity);
     struct servo_demand demand = {ZERO, ZERO};
     const bool enabling_changed = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
     if (!in->enabled[0] && !in->enabled[1]) { /* there is no reference */
@@ -233,6 +248,10 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
             demand.net = where_enabled(in->enabled, v2_sub(demand.net, excess));
             demand.model = where_enabled(in->enabled, v2_sub(demand.model, excess));
         }
+    }
+    if (cfg->geometry.on) {
+        state->geometry.r_dot = where_enabled(in->enabled, out->contour.r_dot);
+        state->geometry.r_ddot = where_enabled(in->enabled, out->contour.r_ddot);
     }
     state->enabled[0] = in->enabled[0];
     state->enabled[1] = in->enabled[1];

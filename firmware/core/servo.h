@@ -2,8 +2,8 @@
 /* servo.h: one control period of the control law. servo_step()
  * is pure: it reads cfg and in, changes state and fills out.
  *
- * Order of a step: observer, spline and contour error, law (under ccu with its compensator), friction, cogging and
- * ripple, force filters, limits.
+ * Order of a step: position of the tool, observer, spline and contour error, law (under ccu with its compensator),
+ * friction, cogging and ripple, force filters, limits.
  * servo_loop_tick() (drive/servo_loop.h) reads the encoders before it and writes the forces after it.
  *
  * Context: servo_loop_tick() calls it once in a control period, in the servo tick. Tests call it in a host process.
@@ -28,6 +28,7 @@
 #include "core/force_filter.h"
 #include "core/force_limit.h"
 #include "core/friction.h"
+#include "core/geometry.h"
 #include "core/observer.h"
 #include "core/screw.h"
 
@@ -41,6 +42,7 @@ struct servo_cfg {
     num dt;    /* control period, T0 */
     num blend; /* factor per period on the switching offset, 0..1 */
     struct plant_cfg plant;
+    struct geometry_cfg geometry;
     struct observer_cfg observer;
     struct contour_cfg contour;
     struct smc_cfg smc;
@@ -55,8 +57,9 @@ struct servo_cfg {
 };
 
 struct servo_in {
-    pos_t measured[2]; /* encoder positions */
-    bool enabled[2];   /* of each axis; false: the axis is observed only, and its force is 0 */
+    pos_t measured[2];    /* encoder positions */
+    int32_t origin_nm[2]; /* user's positions less the servo's */
+    bool enabled[2];      /* of each axis; false: the axis is observed only, and its force is 0 */
     enum controller controller;
     struct path_state path;
     const struct spline_ring *ring;
@@ -69,6 +72,7 @@ struct servo_demand {
 };
 
 struct servo_state {
+    struct geometry_state geometry;
     struct observer_state observer[2];
     struct smc_state smc;
     struct compensator_state compensator;
@@ -86,8 +90,8 @@ struct servo_state {
     uint32_t slot;                    /* of this period, 0..SERVO_SLOTS - 1 */
     vec2 force;                       /* of the last period, N */
     struct servo_demand demand[2];    /* of even and odd periods: the one before the last has just been applied */
-    struct friction_state friction;       /* of an axis: persists while it is enabled */
-    vec2 screw;                           /* what cancels cogging and ripple in the next period, N */
+    struct friction_state friction;   /* of an axis: persists while it is enabled */
+    vec2 screw;                       /* what cancels cogging and ripple in the next period, N */
     struct spline_cache spline_cache; /* the caller empties it when in.ring gets another sequence of knots */
 };
 
@@ -100,7 +104,7 @@ struct servo_out {
     struct compensator_out compensator; /* ccu */
 };
 
-/* Start at rest at the measured positions. */
+/* Start at rest at the measured positions: of the encoders, to which the first step adds the geometry. */
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2]);
 /* One control period. */
 void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_in *in,

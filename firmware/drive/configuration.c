@@ -119,6 +119,55 @@ static struct force_limit_cfg force_limit(const struct od_force_continuous *x, c
     return c;
 }
 
+/* The table behind a spring, a gap and a screw; squareness is that of the axis, seen on the other one. */
+static struct geometry_axis_cfg geometry_axis(const struct od_axis *a, int32_t squareness)
+{
+    const struct od_transmission *t = &a->transmission;
+    struct geometry_axis_cfg g = {
+        .points = a->lead_map.points,
+        .start_nm = a->lead_map.start,
+        .step_nm = a->lead_map.step,
+        .squareness = n_ratio(squareness, 1000000),
+        .compliance = t->stiffness == 0 ? NUM(0) : n_ratio(1000, t->stiffness),
+        .mass = n_ratio(t->table_mass, 25000),
+        .coulomb = n_ratio((int64_t)a->plant.coulomb * t->table_friction, 1000000),
+        .viscous = n_ratio((int64_t)a->plant.viscous * t->table_friction, 5000000000),
+        .half_gap = n_ratio(t->backlash, 2000),
+    };
+    for (uint32_t k = 0; k < g.points; k++) {
+        g.lead[k] = n_ratio(a->lead_error[k], 1000);
+    }
+    return g;
+}
+
+static bool has_geometry(const struct od_axis *a)
+{
+    return a->lead_map.points != 0 || a->transmission.stiffness != 0 || a->transmission.backlash != 0;
+}
+
+static struct geometry_cfg geometry(const struct od_data *od, num dt)
+{
+    const struct od_geometry *g = &od->geometry;
+    return (struct geometry_cfg){
+        .on = has_geometry(&od->axis[0]) || has_geometry(&od->axis[1]) || g->squareness_x != 0 || g->squareness_y != 0,
+        .dt = dt,
+        .axis = {geometry_axis(&od->axis[0], g->squareness_x), geometry_axis(&od->axis[1], g->squareness_y)},
+    };
+}
+
+/* Whether a map is one: between two points the table moves in the encoder's direction, by 0.5 to 1.5 times as much. */
+static bool lead_map_fits(const struct od_axis *a)
+{
+    const struct od_lead_map *m = &a->lead_map;
+    for (uint32_t k = 1; k < m->points; k++) {
+        const int64_t change = (int64_t)a->lead_error[k] - a->lead_error[k - 1];
+        if (2 * (change < 0 ? -change : change) > (int64_t)m->step) {
+            return false;
+        }
+    }
+    return m->points != 1;
+}
+
 bool configuration_fits(const struct od_data *od)
 {
     const struct od_smc *a = &od->smc;
@@ -130,7 +179,7 @@ bool configuration_fits(const struct od_data *od)
         const bool bearable = continuous == 0 || continuous * FORCE_LIMIT_RATIO >= axis->plant.force_limit;
         struct force_filter_cfg filter = {.on = false};
         if (axis->position_limit.min > axis->position_limit.max || !bearable ||
-            !force_filter(&filter, i, &axis->force_filter)) {
+            !force_filter(&filter, i, &axis->force_filter) || !lead_map_fits(axis)) {
             return false;
         }
     }
@@ -155,6 +204,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
         .blend = n_ratio(od->contour.blend_time, (int64_t)od->contour.blend_time + dt_us),
         .plant = plant(&od->axis[0].plant, &od->axis[1].plant),
         .observer = observer_design(observer_bandwidth(od), dt),
+        .geometry = geometry(od, dt),
         .contour = {.v_min = nano_mps(od->contour.v_min),
                     .lag_max = n_ratio(od->contour.lag_max, 5000),
                     .newton = od->contour.newton != 0},

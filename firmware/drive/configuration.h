@@ -13,7 +13,8 @@
 
 /* Whether parameters, each of which is within the dictionary's range, fit together: k_bar e_max <= 4, k_0 <= k_max, mu_0 <= mu_max,
  * 607Dh min <= max, viscous friction of the plant on the chip that stops it no sooner than within a control period, force
- * filters (force_filter_design()), and a continuous force of 0 or at least 1 / FORCE_LIMIT_RATIO of the force limit. */
+ * filters (force_filter_design()), a continuous force of 0 or at least 1 / FORCE_LIMIT_RATIO of the force limit, and a map
+ * of the screw that has not just 1 point and changes by at most half a step from each to the next (it is monotonic). */
 bool configuration_fits(const struct od_data *od);
 /* Compute a configuration from parameters that fit together: of the law, of the plant on the chip, of the servo tick (which
  * contains both), and of the machine's wiring. */

@@ -169,7 +169,8 @@ SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_i
 {
     for (int i = 0; i < 2; i++) {
         if (((in->inputs[i] ^ loop->inputs[i]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0) {
-            loop->encoder[i].edge_nm = pos_to_nm(measured[i]);
+            const vec2 force = loop->servo.geometry.force;
+            loop->encoder[i].edge_nm = pos_to_nm(pos_add(measured[i], i == 0 ? force.x : force.y));
         }
         loop->inputs[i] = in->inputs[i];
     }
@@ -283,6 +284,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     const bool cut = (LOAD(loop->faults) & cfg->cut) != 0;
     for (int i = 0; i < 2; i++) {
         servo.enabled[i] = !cut && LOAD(loop->command.powered[i]) == SERVO_LOOP_ON;
+        servo.origin_nm[i] = LOAD(loop->command.origin_nm[i]);
     }
     servo.controller = (enum controller)LOAD(loop->command.controller);
     servo.path = loop->path.at;

@@ -6,9 +6,12 @@
 __attribute__((noinline)) void telemetry_collect(struct telemetry_record *r, const struct servo_state *servo,
                                                  const struct encoder encoder[2], const struct hal_drive_in *in)
 {
+    const vec2 force = servo->geometry.force;
     telemetry_copy_slow(&r->copies, servo, in);
+    r->correction = servo->geometry.position;
+    r->measured[0] = pos_add(encoder[0].pos, force.x);
+    r->measured[1] = pos_add(encoder[1].pos, force.y);
     for (int i = 0; i < 2; i++) {
-        r->measured[i] = encoder[i].pos;
         r->counts_since_index[i] = (int32_t)((uint32_t)in->count[i] - (uint32_t)in->index_count[i]);
         r->index_pulses[i] = in->index_pulses[i];
         r->edge_nm[i] = encoder[i].edge_nm;
@@ -44,6 +47,8 @@ void telemetry_scale(struct servo_snapshot *s, const struct telemetry_record *r,
 {
     s->ms = r->ms;
     telemetry_scale_signals(s, &r->out, &r->copies);
+    s->correction_nm[0] = n_to_scaled(r->correction.x, 1000);
+    s->correction_nm[1] = n_to_scaled(r->correction.y, 1000);
     for (int i = 0; i < 2; i++) {
         s->index_nm[i] = pos_to_nm(encoder_position_before(&encoder[i], r->measured[i], r->counts_since_index[i]));
         s->index_pulses[i] = r->index_pulses[i];

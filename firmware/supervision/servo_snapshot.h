@@ -24,7 +24,8 @@ struct servo_snapshot {
     struct contour_statistics contour_statistics;
     uint8_t controller; /* enum controller */
     uint8_t index_pulses[2];
-    int32_t index_nm[2]; /* position by the encoder at the latest index pulse */
-    int32_t edge_nm[2];  /* position by the encoder when a limit switch opened or closed last */
+    int32_t index_nm[2];      /* position by the encoder at the latest index pulse, */
+    int32_t edge_nm[2];       /* and when a limit switch opened or closed last */
+    int32_t correction_nm[2]; /* what the geometry has added by position (core/geometry.h): not a part of these two */
 };
 #endif

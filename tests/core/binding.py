@@ -89,7 +89,8 @@ class Core:
 def values(struct: Any, ffi: cffi.FFI) -> dict[str, Any]:
     """The members of a C struct: arrays (2,) and numbers."""
     found = {}
-    for name, member in ffi.typeof(struct).item.fields:
+    kind = ffi.typeof(struct)
+    for name, member in (kind.item if kind.kind == "pointer" else kind).fields:
         value = getattr(struct, name)
         found[name] = np.array(list(value)) if member.type.kind == "array" else value
     return found
@@ -168,6 +169,13 @@ class Drive:
         state = self.ffi.new("double[3]", [vel, rest, 0.0])
         self.lib.api_observe(self.handle, axis, int(measured), force, position, state)
         return [position[0], *state]
+
+    def geometry(self, axes: Any, encoder: Any) -> tuple[list[dict[str, Any]], list[int]]:
+        """geometry_step of both axes: members of api_geometry_axis, and the position of the tool (core integers)."""
+        given = self.ffi.new("struct api_geometry_axis[2]", axes)
+        tool = self.ffi.new("int64_t[2]")
+        self.lib.api_geometry(self.handle, given, [int(v) for v in encoder], tool)
+        return [values(given[i], self.ffi) for i in (0, 1)], list(tool)
 
     def cascade(self, errors: dict[str, Any], coupled: bool, integral: Any) -> tuple[np.ndarray, np.ndarray]:
         """cascade_step: force and new integrals (x, y, coupled); `errors` are members of api_contour."""

@@ -269,6 +269,54 @@ void api_observe(const api_drive *d, int i, int64_t measured, double force, int6
     state[2] = result(s.acc) * MPS2;
 }
 
+void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const int64_t *encoder, int64_t *tool)
+{
+    static struct geometry_cfg cfg;
+    struct geometry_state state = {.started = true,
+                                   .r_dot = v2(mk(axis[0].r_dot / MPS), mk(axis[1].r_dot / MPS)),
+                                   .r_ddot = v2(mk(axis[0].r_ddot / MPS2), mk(axis[1].r_ddot / MPS2))};
+    cfg.dt = d->cfg.dt;
+    for (int i = 0; i < 2; i++) {
+        const struct api_geometry_axis *a = &axis[i];
+        cfg.axis[i] = (struct geometry_axis_cfg){.points = a->points,
+                                                 .start_nm = a->start_nm,
+                                                 .step_nm = a->step_nm,
+                                                 .squareness = mk(a->squareness * 1e3),
+                                                 .compliance = mk(a->compliance / UM),
+                                                 .mass = mk(a->mass * MPS2),
+                                                 .coulomb = mk(a->coulomb),
+                                                 .viscous = mk(a->viscous * MPS),
+                                                 .half_gap = mk(0.5 * a->backlash / UM)};
+        for (uint32_t k = 0; k < a->points; k++) {
+            cfg.axis[i].lead[k] = mk(a->lead[k] / UM);
+        }
+        state.axis[i] = (struct geometry_axis_state){.origin_nm = a->last_origin_nm,
+                                                     .placed = mk(a->placed / UM),
+                                                     .bridge = mk(a->bridge / UM),
+                                                     .deflection = mk(a->deflection / UM),
+                                                     .target = mk(a->target),
+                                                     .side = mk(a->side),
+                                                     .side_rate = mk(a->side_rate * T0)};
+    }
+    const int32_t origin_nm[2] = {axis[0].origin_nm, axis[1].origin_nm};
+    const pos_t from[2] = {pos_of(encoder[0]), pos_of(encoder[1])};
+    pos_t to[2];
+    geometry_step(&cfg, &state, from, origin_nm, v2(mk(axis[0].direction), mk(axis[1].direction)), to);
+    for (int i = 0; i < 2; i++) {
+        const struct geometry_axis_state *x = &state.axis[i];
+        struct api_geometry_axis *a = &axis[i];
+        a->placed = result(x->placed) * UM;
+        a->bridge = result(x->bridge) * UM;
+        a->deflection = result(x->deflection) * UM;
+        a->target = result(x->target);
+        a->side = result(x->side);
+        a->side_rate = result(x->side_rate) / T0;
+        a->by_position = result(i == 0 ? state.position.x : state.position.y) * UM;
+        a->by_force = result(i == 0 ? state.force.x : state.force.y) * UM;
+        tool[i] = result_pos(to[i]);
+    }
+}
+
 void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force)
 {
     const struct contour_out x = {.r_dot = in2(c->r_dot, MPS),

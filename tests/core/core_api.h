@@ -50,6 +50,16 @@ struct api_compensation {
     double z_n[2], s[2], v[2], u[2];
 };
 
+struct api_geometry_axis {
+    uint32_t points, step_nm;
+    int32_t start_nm, origin_nm;
+    double lead[64], squareness, compliance, mass, coulomb, viscous, backlash;
+    double r_dot, r_ddot, direction;
+    double placed, bridge, deflection, target, side, side_rate; /* the state, which is changed */
+    int32_t last_origin_nm;
+    double by_position, by_force; /* the result */
+};
+
 /* One drive: knots, parameters and states. Positions are int64 in 2^-16 nm, as in the core. */
 typedef struct api_drive api_drive;
 
@@ -68,6 +78,8 @@ void api_compensation(const api_drive *d, const struct api_frame *frame, const i
 void api_model(const api_drive *d, const double *u_bar, int64_t *q_bar, double *q_bar_dot);
 /* state is velocity, unexplained acceleration and predicted acceleration of axis i; it and pos are changed. */
 void api_observe(const api_drive *d, int i, int64_t measured, double force, int64_t *pos, double *state);
+/* Both axes, a period after the first one. */
+void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const int64_t *encoder, int64_t *tool);
 /* The errors are those of api_contour(). integral is x, y and coupled; it is changed. */
 void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force);
 double api_power(const api_drive *d, int i, double velocity, double acceleration);

@@ -141,6 +141,11 @@ static inline pos_t pos_from_nm(int64_t nm)
     return (pos_t){nm * POS_PER_NM, 0.0};
 }
 
+static inline int32_t pos_to_nm(pos_t p)
+{
+    return (int32_t)llround((double)p.v / POS_PER_NM);
+}
+
 static inline num pos_sub(pos_t a, pos_t b)
 {
     const double d = (double)(a.v - b.v) * UM_PER_POS;

@@ -370,6 +370,71 @@ def test_observer_is_the_oracles_but_for_rounding(core: Core) -> None:
                 check("acceleration", found[2], acceleration[i], allowed[2])
 
 
+def a_map(rng: np.random.Generator, points: int) -> dict[str, Any]:
+    return {
+        "points": points,
+        "start_nm": int(rng.integers(-(10**8), 10**8)),
+        "step_nm": int(rng.integers(10**6, 10**7)),
+        "lead": list(rng.integers(-300_000, 300_000, points) * 1e-9),
+    }
+
+
+GEOMETRY_STATE = ("placed", "bridge", "deflection", "target", "side", "side_rate")
+
+
+@pytest.mark.parametrize("points", [0, 2, 64])
+def test_geometry_is_the_oracles_but_for_rounding(core: Core, points: int) -> None:
+    drive, limit, rng = core.drive(P), core.bound.drive(P), np.random.default_rng(15)
+    dt = core.params().dt_s
+    for trial in range(200):
+        given = [
+            a_map(rng, points)
+            | {
+                "origin_nm": int(rng.integers(-(10**8), 10**8)),
+                "squareness": rng.uniform(-1e-3, 1e-3),
+                "compliance": rng.uniform(0.0, 1e-6),
+                "mass": rng.uniform(0.0, 200.0),
+                "coulomb": rng.uniform(0.0, 100.0),
+                "viscous": rng.uniform(0.0, 1000.0),
+                "backlash": rng.uniform(0.0, 50e-6),
+                "r_dot": rng.uniform(-0.3, 0.3) * (trial % 3 > 0),
+                "r_ddot": rng.uniform(-5.0, 5.0) * (trial % 3 > 0),
+                "direction": rng.uniform(-1.0, 1.0) * (trial % 3 > 0),
+                "placed": rng.uniform(-1e-4, 1e-4),
+                "bridge": rng.choice([0.0, 1e-9, -5e-5, 5e-5]),
+                "deflection": rng.uniform(-2e-5, 2e-5),
+                "target": rng.choice([-1.0, 0.0, 1.0]),
+                "side": rng.uniform(-1.0, 1.0),
+                "side_rate": rng.uniform(-300.0, 300.0),
+            }
+            for _ in range(2)
+        ]
+        for axis in given:
+            axis["last_origin_nm"] = axis["origin_nm"] - trial % 2
+        encoder = np.rint(rng.uniform(-0.3, 0.3, 2) * POS_PER_M).astype(np.int64)
+
+        def both(name: str, axes: Any = given) -> np.ndarray:
+            return np.array([axis[name] for axis in axes])
+
+        lead = [((a["start_nm"] + a["step_nm"] * np.arange(points)) * 1e-9, np.array(a["lead"])) for a in given]
+        with np.errstate(divide="ignore"):
+            machine = oracle.Machine(
+                (lead[0], lead[1]), both("squareness"), 1.0 / both("compliance"), both("mass"), both("coulomb"),
+                both("viscous"), both("backlash"),
+            )  # fmt: skip
+        before = oracle.Transmission(*(both(name) for name in GEOMETRY_STATE))
+        user = np.rint(encoder / 65536.0) * 1e-9 + both("origin_nm") * 1e-9
+        reference = both("r_dot"), both("r_ddot"), both("direction")
+        by_position, by_force, after = oracle.geometry(machine, before, user, *reference, trial % 2 > 0, dt)
+        (found, tool), (allowed, d_tool) = drive.geometry(given, encoder), limit.geometry(given, encoder)
+        state = dict(zip(GEOMETRY_STATE, vars(after).values(), strict=True))
+        expected = state | {"by_position": by_position, "by_force": by_force}
+        for name, x in expected.items():
+            check(name, both(name, found), x, both(name, allowed) + of_oracle(user, 0))
+        correction = (np.array(tool) - encoder) / POS_PER_M
+        check("tool", correction, by_position + by_force, np.array(d_tool) / POS_PER_M + of_oracle(user, 0))
+
+
 @pytest.mark.parametrize("coupled", [False, True])
 def test_cascade_is_the_oracles_but_for_rounding(core: Core, coupled: bool) -> None:
     p = replace(P, coupling=0.7)

@@ -144,6 +144,58 @@ static void test_contour_estimator(void)
     TEST_ASSERT_TRUE(configuration_servo(&od).contour.newton);
 }
 
+static void test_geometry_of_each_axis(void)
+{
+    TEST_ASSERT_FALSE(configuration_servo(&od).geometry.on);
+    for (int i = 0; i < 2; i++) {
+        struct od_axis *a = &od.axis[i];
+        a->plant.coulomb = 12345;
+        a->plant.viscous = 456789;
+        a->transmission =
+            (struct od_transmission){.stiffness = 7654, .table_mass = 43210, .table_friction = 345, .backlash = 23456};
+        a->lead_map = (struct od_lead_map){.points = 3, .start = -1234567, .step = 7654321};
+        a->lead_error[0] = -1234567;
+        a->lead_error[1] = 234;
+        a->lead_error[2] = 345678;
+        a->lead_error[3] = 99;
+    }
+    od.geometry = (struct od_geometry){.squareness_x = 234567, .squareness_y = -345678};
+    const struct geometry_cfg g = configuration_servo(&od).geometry;
+    TEST_ASSERT_TRUE(g.on);
+    near(0.02, g.dt);
+    near(0.234567, g.axis[0].squareness); /* mrad: um/mm */
+    near(-0.345678, g.axis[1].squareness);
+    for (int i = 0; i < 2; i++) {
+        near(1 / 7.654, g.axis[i].compliance);
+        near(43.210 * UM / (T0 * T0), g.axis[i].mass);
+        near(0.345 * 12.345, g.axis[i].coulomb);
+        near(0.345 * 456.789 * UM / T0, g.axis[i].viscous);
+        near(23.456 / 2, g.axis[i].half_gap);
+        TEST_ASSERT_EQUAL_UINT32(3, g.axis[i].points);
+        TEST_ASSERT_EQUAL_INT32(-1234567, g.axis[i].start_nm);
+        TEST_ASSERT_EQUAL_UINT32(7654321, g.axis[i].step_nm);
+        near(-1234.567, g.axis[i].lead[0]);
+        near(0.234, g.axis[i].lead[1]);
+        near(345.678, g.axis[i].lead[2]);
+        near(0, g.axis[i].lead[3]); /* not a point */
+    }
+}
+
+static void test_geometry_is_on_where_there_is_any(void)
+{
+    for (int i = 0; i < 8; i++) {
+        od_init(&od, 1);
+        struct od_axis *a = &od.axis[i % 2];
+        a->transmission.stiffness = i / 2 == 0 ? 1 : 0;
+        a->transmission.backlash = i / 2 == 1 ? 1 : 0;
+        a->lead_map.points = i / 2 == 2 ? 2 : 0;
+        od.geometry.squareness_x = i == 6 ? 1 : 0;
+        od.geometry.squareness_y = i == 7 ? -1 : 0;
+        TEST_ASSERT_TRUE(configuration_servo(&od).geometry.on);
+    }
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(configuration_servo(&od).geometry.axis[0].compliance)); /* rigid */
+}
+
 static void test_control_period(void)
 {
     near(100e-6 / T0, configuration_servo(&od).dt);
@@ -259,6 +311,35 @@ static void test_soft_limits_are_no_empty_range(void)
         TEST_ASSERT_TRUE(configuration_fits(&od));
         od.axis[i].position_limit.min++;
         TEST_ASSERT_FALSE(configuration_fits(&od));
+    }
+}
+
+static void test_map_of_a_screw_has_two_points_or_more(void)
+{
+    for (int i = 0; i < 2; i++) {
+        od_init(&od, 1);
+        od.axis[i].lead_map.points = 1;
+        TEST_ASSERT_FALSE(configuration_fits(&od));
+        od.axis[i].lead_map.points = 2;
+        TEST_ASSERT_TRUE(configuration_fits(&od));
+    }
+}
+
+static void test_map_of_a_screw_is_monotonic(void)
+{
+    for (int i = 0; i < 2; i++) {
+        od_init(&od, 1);
+        struct od_axis *a = &od.axis[i];
+        a->lead_map = (struct od_lead_map){.points = 64, .step = 200000};
+        a->lead_error[0] = 100000; /* half a step less at the next point: the table still moves on */
+        a->lead_error[62] = -100000;
+        TEST_ASSERT_TRUE(configuration_fits(&od));
+        a->lead_error[63] = 1;
+        TEST_ASSERT_FALSE(configuration_fits(&od));
+        a->lead_error[63] = -200001;
+        TEST_ASSERT_FALSE(configuration_fits(&od));
+        a->lead_map.points = 63;
+        TEST_ASSERT_TRUE(configuration_fits(&od));
     }
 }
 
@@ -415,6 +496,8 @@ int main(void)
     RUN_TEST(test_uncertainty_compensator);
     RUN_TEST(test_cascade);
     RUN_TEST(test_contour_estimator);
+    RUN_TEST(test_geometry_of_each_axis);
+    RUN_TEST(test_geometry_is_on_where_there_is_any);
     RUN_TEST(test_control_period);
     RUN_TEST(test_observer_has_its_poles_where_the_bandwidth_says);
     RUN_TEST(test_learned_feedforward);
@@ -423,6 +506,8 @@ int main(void)
     RUN_TEST(test_observer_is_slower_for_coarse_encoders_by_the_fourth_root);
     RUN_TEST(test_defaults_fit);
     RUN_TEST(test_soft_limits_are_no_empty_range);
+    RUN_TEST(test_map_of_a_screw_has_two_points_or_more);
+    RUN_TEST(test_map_of_a_screw_is_monotonic);
     RUN_TEST(test_k_bar_times_e_max_is_at_most_4);
     RUN_TEST(test_k_0_is_at_most_k_max);
     RUN_TEST(test_mu_0_is_at_most_mu_max);

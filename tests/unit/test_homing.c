@@ -122,6 +122,30 @@ static void test_home_point_of_a_limit_switch_is_where_it_opens(void)
     }
 }
 
+/* With a map of the screw the home point is where the encoder has 607Ch, so that it is the same each time. There the axis is
+ * at 607Ch and the error of the map. */
+static void test_home_point_is_the_same_each_time_with_a_map_of_the_screw(void)
+{
+    start_at(0.0123, 0);
+    set(0, 0x2108, 2, 4, -200000000); /* -200 to 200 mm: 0.5 um/mm */
+    set(0, 0x2108, 3, 4, 400000000);
+    set(0, 0x2109, 1, 4, -100000);
+    set(0, 0x2109, 2, 4, 100000);
+    set(0, 0x2108, 1, 1, 2);
+    set(0, 0x607C, 0, 4, 80000000); /* 40 um there */
+    homing(0, 33, 3000);
+    for (int k = 0; k < 3; k++) {
+        expect_attained(0);
+        rig_ms(&rig, 1000); /* the map by the new position takes effect at 0.2 mm/s */
+        const double encoder_mm = mm(0) - (10 - 10 * k) + 80;
+        TEST_ASSERT_DOUBLE_WITHIN(0.3e-3, encoder_mm + 0.5e-3 * encoder_mm, reported_mm(0));
+        rig_controlwords(&rig, ENABLE, ENABLE); /* and to the next pulse */
+        rig_ms(&rig, 10);
+        rig_controlwords(&rig, RUN, ENABLE);
+        rig_ms(&rig, 8000);
+    }
+}
+
 static void test_axis_that_is_on_the_switch_leaves_it_first(void)
 {
     start_at(-0.199, 0);
@@ -438,6 +462,7 @@ int main(void)
     RUN_TEST(test_origin_is_shifted_without_a_force_on_any_axis);
     RUN_TEST(test_homed_axis_follows_streams_and_limits_in_its_new_positions);
     RUN_TEST(test_home_point_of_a_limit_switch_is_where_it_opens);
+    RUN_TEST(test_home_point_is_the_same_each_time_with_a_map_of_the_screw);
     RUN_TEST(test_axis_that_is_on_the_switch_leaves_it_first);
     RUN_TEST(test_home_point_of_switch_and_index_is_the_first_pulse_off_the_switch);
     RUN_TEST(test_next_index_pulse_is_found_in_either_direction);

@@ -634,6 +634,53 @@ static void test_position_of_an_index_pulse_and_of_an_edge_is_counted_by_the_enc
     TEST_ASSERT_EQUAL_INT32(630000, s->edge_nm[1]);
 }
 
+static void test_positions_that_homing_takes_are_without_what_depends_on_the_origin(void)
+{
+    loop.cfg[1] = loop.cfg[0];
+    loop.cfg[1].servo.geometry = (struct geometry_cfg){.on = true, .dt = loop.cfg[0].servo.dt};
+    for (int i = 0; i < 2; i++) {
+        struct geometry_axis_cfg *a = &loop.cfg[1].servo.geometry.axis[i];
+        a->lead[0] = i == 0 ? NUM(30) : NUM(-40);
+        a->half_gap = i == 0 ? NUM(6) : NUM(8);
+    }
+    atomic_store(&loop.command.configured, 1);
+    tick(20);
+    for (int i = 0; i < 2; i++) { /* both tables were pushed upwards last */
+        loop.servo.geometry.axis[i].target = loop.servo.geometry.axis[i].side = NUM(1);
+    }
+    tick(500);
+    wires.index_count[0] = wires.index_count[1] = -10;
+    wires.inputs[0] = wires.inputs[1] = HAL_LIMIT_MIN;
+    tick(20);
+    const struct servo_snapshot *s = servo_loop_snapshot(&loop);
+    TEST_ASSERT_INT32_WITHIN(20, 30000 - 6000, s->position_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(20, -40000 - 8000, s->position_nm[1]);
+    TEST_ASSERT_INT32_WITHIN(1, 30000, s->correction_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, -40000, s->correction_nm[1]);
+    TEST_ASSERT_INT32_WITHIN(1, -6000, s->edge_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, -8000, s->edge_nm[1]);
+    TEST_ASSERT_INT32_WITHIN(1, -6000 - 1000, s->index_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, -8000 - 1000, s->index_nm[1]);
+}
+
+static void test_map_of_the_screw_is_by_the_users_position(void)
+{
+    loop.cfg[1] = loop.cfg[0];
+    struct geometry_cfg *g = &loop.cfg[1].servo.geometry;
+    *g = (struct geometry_cfg){.on = true, .dt = loop.cfg[0].servo.dt};
+    for (int i = 0; i < 2; i++) {
+        g->axis[i] =
+            (struct geometry_axis_cfg){.points = 2, .step_nm = 1000000000, .lead = {NUM(0), NUM(1000)}}; /* 1 um/mm */
+    }
+    atomic_store(&loop.command.origin_nm[0], 5000000);
+    atomic_store(&loop.command.origin_nm[1], 7000000);
+    atomic_store(&loop.command.configured, 1);
+    tick(20);
+    const struct servo_snapshot *s = servo_loop_snapshot(&loop);
+    TEST_ASSERT_INT32_WITHIN(1, 5000, s->position_nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, 7000, s->position_nm[1]);
+}
+
 static void test_velocity_of_the_snapshot_is_in_um_per_s(void)
 {
     for (int i = 0; i < 2000; i++) {
@@ -826,6 +873,8 @@ int main(void)
     RUN_TEST(test_snapshot_that_is_read_is_not_written_for_a_millisecond);
     RUN_TEST(test_snapshot_is_in_units_of_the_wire);
     RUN_TEST(test_position_of_an_index_pulse_and_of_an_edge_is_counted_by_the_encoder_of_its_axis);
+    RUN_TEST(test_positions_that_homing_takes_are_without_what_depends_on_the_origin);
+    RUN_TEST(test_map_of_the_screw_is_by_the_users_position);
     RUN_TEST(test_velocity_of_the_snapshot_is_in_um_per_s);
     RUN_TEST(test_energy_is_reset_once_for_each_request);
     RUN_TEST(test_begin_starts_path_time_anew);

@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* geometry.c: the position of the tool, geometry.h. Runs in the servo tick. */
+#include "core/geometry.h"
+
+/* The error of the screw at the user's position p_nm, um. */
+static num lead(const struct geometry_axis_cfg *cfg, int64_t p_nm)
+{
+    const int64_t from_start = p_nm - cfg->start_nm;
+    if (cfg->points == 0 || from_start <= 0) {
+        return cfg->lead[0]; /* 0 where there is no map */
+    }
+    const uint32_t distance = from_start > UINT32_MAX ? UINT32_MAX : (uint32_t)from_start;
+    const uint32_t k = distance / cfg->step_nm;
+    if (k >= cfg->points - 1u) {
+        return cfg->lead[cfg->points - 1u];
+    }
+    const num part = n_ratio((int32_t)(distance - k * cfg->step_nm), (int32_t)cfg->step_nm);
+    return n_mad(cfg->lead[k], part, n_sub(cfg->lead[k + 1u], cfg->lead[k]));
+}
+
+/* The correction of axis i by the positions p_nm of both axes. A new origin changes it by what `bridge` takes up. */
+static num by_position(const struct geometry_cfg *cfg, struct geometry_state *state, int i, const int64_t p_nm[2],
+                       bool bridged)
+{
+    struct geometry_axis_state *s = &state->axis[i];
+    const num squareness = cfg->axis[1 - i].squareness;
+    const num placed = n_mad(lead(&cfg->axis[i], p_nm[i]), squareness, n_ratio(p_nm[1 - i], 1000000));
+    if (bridged) {
+        s->bridge = n_add(s->bridge, n_sub(s->placed, placed));
+    }
+    const num left = n_sub(n_abs(s->bridge), n_mul(NUM(GEOMETRY_ORIGIN_RATE), cfg->dt));
+    s->bridge = n_lt(left, NUM(0)) ? NUM(0) : n_state(n_lt(s->bridge, NUM(0)) ? n_neg(left) : left);
+    s->placed = n_state(placed);
+    return n_add(placed, s->bridge);
+}
+
+/* The correction of an axis by the force at its table, of a reference that moves in `direction`. */
+static num by_force(const struct geometry_axis_cfg *cfg, struct geometry_axis_state *s, num r_dot, num r_ddot,
+                    num direction, num dt)
+{
+    const num friction = n_mad(n_mul(cfg->coulomb, direction), cfg->viscous, r_dot);
+    const num force = n_mad(friction, cfg->mass, r_ddot);
+    const num change = n_sub(n_mul(cfg->compliance, force), s->deflection);
+    s->deflection = n_state(n_add(s->deflection, n_within(change, n_mul(NUM(GEOMETRY_DEFLECTION_RATE), dt))));
+
+    const num push = n_mad(force, NUM(GEOMETRY_PUSH), direction);
+    if (!n_lt(n_abs(push), NUM(GEOMETRY_PUSH_MIN))) {
+        s->target = n_lt(push, NUM(0)) ? NUM(-1) : NUM(1);
+    }
+    const num w = NUM(GEOMETRY_SIDE_BANDWIDTH);
+    const num rate = n_msub(n_mul(w, n_sub(s->target, s->side)), NUM(2), s->side_rate);
+    s->side_rate = n_state(n_mad(s->side_rate, n_mul(w, dt), rate));
+    s->side = n_state(n_mad(s->side, dt, s->side_rate));
+    return n_neg(n_mad(s->deflection, cfg->half_gap, s->side));
+}
+
+void geometry_reset(struct geometry_state *state)
+{
+    *state = (struct geometry_state){.started = false};
+}
+
+void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
+                   const int32_t origin_nm[2], vec2 direction, pos_t tool[2])
+{
+    int64_t p_nm[2];
+    bool bridged = false;
+    for (int i = 0; i < 2; i++) {
+        bridged = bridged || (state->started && origin_nm[i] != state->axis[i].origin_nm);
+        state->axis[i].origin_nm = origin_nm[i];
+        p_nm[i] = (int64_t)pos_to_nm(encoder[i]) + origin_nm[i];
+    }
+    state->position = v2(by_position(cfg, state, 0, p_nm, bridged), by_position(cfg, state, 1, p_nm, bridged));
+    state->force = v2(by_force(&cfg->axis[0], &state->axis[0], state->r_dot.x, state->r_ddot.x, direction.x, cfg->dt),
+                      by_force(&cfg->axis[1], &state->axis[1], state->r_dot.y, state->r_ddot.y, direction.y, cfg->dt));
+    tool[0] = pos_add(encoder[0], n_add(state->position.x, state->force.x));
+    tool[1] = pos_add(encoder[1], n_add(state->position.y, state->force.y));
+    state->started = true;
+}

@@ -1,0 +1,85 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* geometry.h: the position of the tool, from the positions of the encoders. With it the law, the contour error, the
+ * limits and the telemetry are about the tool. Of axis i, where j is the other one:
+ *
+ *   tool_i = encoder_i + lead_i(p_i) + s_j p_j - F_i / k_i - g_i b_i
+ *
+ * | symbol | meaning                                                                            | unit |
+ * |--------|------------------------------------------------------------------------------------|------|
+ * | p      | user's position of the encoder: its position and the origin that homing has set    | nm   |
+ * | lead   | error of the screw: linear between the points of a map, constant beyond its ends   | um   |
+ * | s      | squareness: share of an axis's travel that is seen on the other axis               | -    |
+ * | F      | force that the reference needs at the table: m r'' + L d + c r'                    | N    |
+ * | d      | direction of the friction, -1..1, as in the force law                              | -    |
+ * | m,L,c  | mass and friction beyond the spring                                                |      |
+ * | k      | stiffness of the spring between encoder and table                                  | N/um |
+ * | g, b   | half of the backlash; the side of the gap to which F pushes, -1..1                 | um,- |
+ *
+ * The force is that of the reference of the last period, because a measured acceleration is noise. Where nothing
+ * pushes, b stays. A table for which neither mass nor friction is given is pushed in the direction of motion.
+ *
+ * The result never steps, since the observer takes a step for a speed. F/k changes by at most GEOMETRY_DEFLECTION_RATE,
+ * b follows through a critically damped second-order low-pass, and where the origin changes p, the difference to the
+ * correction before decays with GEOMETRY_ORIGIN_RATE. The first period after geometry_reset() starts with the whole
+ * correction: the caller resets its observers there.
+ *
+ * Context: servo_step() (servo.c) calls geometry_step() in the servo tick, before the observer.
+ *
+ * Source: position-dependent compensation as in ISO 230-1:2012, 3.4 (positioning and squareness errors); deflection
+ * and lost motion from the reference as in Gross, Hamann, Wiegaertner, Electrical Feed Drives in Automation, 2001.
+ */
+#ifndef KONTUR_GEOMETRY_H
+#define KONTUR_GEOMETRY_H
+#include "core/vec2.h"
+
+#define GEOMETRY_POINTS 64u
+#define GEOMETRY_DEFLECTION_RATE 10.0 /* um/T0 (2 mm/s): largest rate of a deflection */
+#define GEOMETRY_ORIGIN_RATE 1.0      /* um/T0 (0.2 mm/s): rate at which a new origin takes effect */
+#define GEOMETRY_SIDE_BANDWIDTH 3.0   /* 1/T0: of the change of side in a gap; 90 % of it take 6 ms */
+#define GEOMETRY_PUSH_MIN 0.005       /* N: a smaller force does not change the side */
+#define GEOMETRY_PUSH 0.01            /* N: force in the direction of motion that decides where no other one does */
+
+struct geometry_axis_cfg {
+    uint32_t points;           /* of the map, 2..GEOMETRY_POINTS; 0: none */
+    int32_t start_nm;          /* user's position of point 0 */
+    uint32_t step_nm;          /* between points, > 0 */
+    num lead[GEOMETRY_POINTS]; /* um */
+    num squareness;            /* um on the other axis per mm of this one */
+    num compliance;            /* 1/k, um/N; 0: rigid */
+    num mass;                  /* N T0^2/um */
+    num coulomb;               /* N */
+    num viscous;               /* N T0/um */
+    num half_gap;              /* um */
+};
+
+struct geometry_cfg {
+    bool on; /* false: geometry_step() need not be called, since the tool is where the encoders are */
+    num dt;  /* control period, T0 */
+    struct geometry_axis_cfg axis[2];
+};
+
+struct geometry_axis_state {
+    int32_t origin_nm; /* of the last period */
+    num placed;        /* lead and squareness, um */
+    num bridge;        /* what is left of the difference that the last change of an origin made, um */
+    num deflection;    /* F/k, um */
+    num target;        /* side to which F pushed last: -1, 0 (not yet), 1 */
+    num side;          /* b */
+    num side_rate;     /* b', 1/T0 */
+};
+
+struct geometry_state {
+    bool started; /* false: geometry_reset() was the last call */
+    struct geometry_axis_state axis[2];
+    vec2 r_dot, r_ddot; /* the reference of the last period; 0 where an axis has no power */
+    vec2 position;      /* the correction by position, um: lead, squareness and bridge */
+    vec2 force;         /* the correction by force, um: deflection and backlash */
+};
+
+/* Start with side 0 and without a reference. */
+void geometry_reset(struct geometry_state *state);
+/* One control period. encoder and tool are positions of the servo, and origin_nm is what makes the user's of them;
+ * direction is that of the reference's friction (smc_direction()). */
+void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
+                   const int32_t origin_nm[2], vec2 direction, pos_t tool[2]);
+#endif
