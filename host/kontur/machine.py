@@ -7,10 +7,12 @@ It gives the simulator its model, the drive its parameters, and the planner its 
 from __future__ import annotations
 
 import dataclasses
+import math
 import reprlib
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,8 @@ from kontur.files import read_toml
 MACHINES = Path(__file__).with_name("machines")
 DEFAULT = MACHINES / "table1.toml"
 SCHEDULE_ROWS_MAX = 16
+COUNTS_MAX = 2**31 - 1  # of an encoder's counter
+LEAD_POINTS = 64  # of the drive's map of the screw (2109h)
 ON_CHIP = "on_chip"
 MODELS = ("full", ON_CHIP)
 ENCODER_AT = ("motor", "table")
@@ -176,7 +180,7 @@ class Machine:
                 raise ParameterError(f"{name}: must be one of {', '.join(known)}, is {word!r}")
         level = {ALL: (LENGTHS, RIGID, compensation), LENGTHS: (LENGTHS,), NOTHING: ()}[told]
         values = {
-            "{0}_{2}.{1}".format(*parameter.split("."), name): value
+            parameter.format(name): value
             for name, axis in (("x", self.x), ("y", self.y))
             for parameter, of, value_of in _PARAMETERS
             if of in level and (value := value_of(axis)) is not None
@@ -202,17 +206,113 @@ REAL = tuple(f.name for f in dataclasses.fields(Axis))[
 ]
 """Keys of an axis that are of a real machine; the drive's own model has none of them."""
 
-# What the drive is told of an axis: the parameter, from which level on, and its value; None: it stays as it is.
+
+def _sensed(axis: Axis) -> bool:
+    """Whether a sensor at the table sees what lies between motor and table."""
+    return axis.encoder_at == "table" or axis.scale_m > 0.0
+
+
+def _of_spring(axis: Axis, value: float) -> float | None:
+    return value if axis.resonance_Hz > 0.0 and not _sensed(axis) else None
+
+
+def _stiffness_Npum(axis: Axis) -> float:
+    """Two free masses m_1, m_2 with a spring k: (2 pi f)^2 = k (1/m_1 + 1/m_2)."""
+    reduced_kg = axis.mass_kg * axis.motor_share * (1.0 - axis.motor_share)
+    return reduced_kg * (2.0 * math.pi * axis.resonance_Hz) ** 2 * 1e-6
+
+
+# Share of the amplitude and phase of each harmonic of cogging and ripple, as sim/plant.c has them: order 1, 2, 6.
+_HARMONICS = ((0.5, 0.0), (0.3, 2.0), (0.2, 1.0))
+_COGGING_PHASE, _RIPPLE_PHASE = 0.0, 0.5  # of the first harmonic besides
+
+
+def _harmonic(n: int, amplitude: float, first_phase: float, wave: Callable[[float], float]) -> float | None:
+    """The sine with amplitude and phase of harmonic `n` as its part of a cosine (wave: sin) or of a sine (cos)."""
+    share, phase = _HARMONICS[n]
+    return amplitude * share * wave(phase + (first_phase if n == 0 else 0.0)) if amplitude > 0.0 else None
+
+
+def _lead_map_nm(axis: Axis) -> tuple[int, int, list[int]]:
+    """Start, step and errors of the map from the encoder's position to the table's; no errors where there is none.
+
+    An error once a turn is in it where the map has at least four points a turn, else only that in proportion to the
+    travel.
+    """
+    seen_by_sensor = _sensed(axis)
+    slope = 0.0 if seen_by_sensor else axis.lead_error
+    once_m = 0.0 if seen_by_sensor else axis.lead_once_m
+    low_m, high_m = axis.soft_limit_m
+    if (high_m - low_m) / (LEAD_POINTS - 1) > 0.25 * axis.screw_m:
+        once_m = 0.0
+    if slope == 0.0 and once_m == 0.0:
+        return 0, 0, []
+    points = LEAD_POINTS if once_m > 0.0 else 1 + max(1, math.ceil(high_m - low_m))
+    start_nm, step_nm = round(low_m * 1e9), math.ceil((high_m - low_m) * 1e9 / (points - 1))
+
+    def error_m(at_m: float) -> float:
+        once = once_m * math.sin(2.0 * math.pi * at_m / axis.screw_m) if once_m > 0.0 else 0.0
+        return slope * at_m + once
+
+    return start_nm, step_nm, [round(error_m((start_nm + i * step_nm) * 1e-9) * 1e9) for i in range(points)]
+
+
+def _lead_map(i: int, axis: Axis) -> int | None:
+    """Number of points, start or step of the map."""
+    start_nm, step_nm, errors_nm = _lead_map_nm(axis)
+    return (len(errors_nm), start_nm, step_nm)[i] if errors_nm else None
+
+
+def _lead_error_nm(i: int, axis: Axis) -> int | None:
+    errors_nm = _lead_map_nm(axis)[2]
+    return errors_nm[i] if i < len(errors_nm) else None
+
+
+# What the drive is told of an axis: the parameter, from which level on, and its value; None: it stays as it is. What
+# lies between motor and table is told where the position comes from the motor alone.
 _PARAMETERS: tuple[tuple[str, str, Callable[[Axis], float | None]], ...] = (
-    ("plant.mass", RIGID, lambda axis: axis.mass_kg),
-    ("plant.viscous", RIGID, lambda axis: axis.viscous_Nspm),
-    ("plant.coulomb", RIGID, lambda axis: axis.coulomb_N),
-    ("plant.force_limit", RIGID, lambda axis: axis.force_limit_N),
-    ("plant.encoder", LENGTHS, lambda axis: axis.encoder_m * 1e6),
-    ("position_limit.min", LENGTHS, lambda axis: axis.soft_limit_m[0] * 1e9),
-    ("position_limit.max", LENGTHS, lambda axis: axis.soft_limit_m[1] * 1e9),
-    ("wiring.invert_encoder", RIGID, lambda axis: 1 if axis.encoder_inverted else None),
-    ("wiring.invert_force", RIGID, lambda axis: 1 if axis.force_inverted else None),
+    ("plant_{}.mass", RIGID, lambda axis: axis.mass_kg),
+    ("plant_{}.viscous", RIGID, lambda axis: axis.viscous_Nspm),
+    ("plant_{}.coulomb", RIGID, lambda axis: axis.coulomb_N),
+    ("plant_{}.force_limit", RIGID, lambda axis: axis.force_limit_N),
+    ("plant_{}.encoder", LENGTHS, lambda axis: axis.encoder_m * 1e6),
+    ("position_limit_{}.min", LENGTHS, lambda axis: axis.soft_limit_m[0] * 1e9),
+    ("position_limit_{}.max", LENGTHS, lambda axis: axis.soft_limit_m[1] * 1e9),
+    ("wiring_{}.invert_encoder", RIGID, lambda axis: 1 if axis.encoder_inverted else None),
+    ("wiring_{}.invert_force", RIGID, lambda axis: 1 if axis.force_inverted else None),
+    ("friction_{}.presliding", FULL, lambda axis: axis.presliding_m * 1e6 or None),
+    ("friction_{}.breakaway", FULL, lambda axis: axis.breakaway if axis.breakaway > 1.0 else None),
+    ("friction_{}.stribeck", FULL, lambda axis: axis.stribeck_mps if axis.breakaway > 1.0 else None),
+    ("screw_{}.lead", FULL, lambda axis: axis.screw_m * 1e6 if axis.cogging_N > 0.0 or axis.ripple > 0.0 else None),
+    *(
+        (
+            f"screw_{{}}.cogging_{name}_{n + 1}",
+            FULL,
+            lambda axis, n=n, wave=wave: _harmonic(n, axis.cogging_N, _COGGING_PHASE, wave),
+        )
+        for n in range(len(_HARMONICS))
+        for name, wave in (("cos", math.sin), ("sin", math.cos))
+    ),
+    *(
+        (
+            f"screw_{{}}.ripple_{name}_{n + 1}",
+            FULL,
+            lambda axis, n=n, wave=wave: _harmonic(n, axis.ripple, _RIPPLE_PHASE, wave),
+        )
+        for n in range(len(_HARMONICS))
+        for name, wave in (("cos", math.sin), ("sin", math.cos))
+    ),
+    ("transmission_{}.stiffness", FULL, lambda axis: _of_spring(axis, _stiffness_Npum(axis))),
+    ("transmission_{}.table_mass", FULL, lambda axis: _of_spring(axis, axis.mass_kg * (1.0 - axis.motor_share))),
+    ("transmission_{}.table_friction", FULL, lambda axis: _of_spring(axis, axis.friction_share)),
+    ("transmission_{}.backlash", FULL, lambda axis: None if _sensed(axis) else axis.backlash_m * 1e6 or None),
+    *((f"lead_map_{{}}.{name}", FULL, partial(_lead_map, i)) for i, name in enumerate(("points", "start", "step"))),
+    *((f"lead_error_{{}}.entry_{i + 1}", FULL, partial(_lead_error_nm, i)) for i in range(LEAD_POINTS)),
+    ("second_encoder_{}.length", FULL, lambda axis: axis.scale_m * 1e6 or None),
+    ("second_encoder_{}.invert", FULL, lambda axis: 1 if axis.scale_m > 0.0 and axis.encoder_inverted else None),
+    ("geometry.squareness_{}", FULL, lambda axis: axis.squareness_rad or None),
+    ("force_continuous_{}.force", FULL, lambda axis: axis.continuous_force_N or None),
+    ("force_continuous_{}.time", FULL, lambda axis: axis.thermal_s if axis.continuous_force_N > 0.0 else None),
 )
 
 # Accepted range of every number of an axis: (least, greatest, whether the least itself is accepted).
@@ -367,7 +467,36 @@ class _Reader:
         for key, other, what in _NEEDS:
             if getattr(axis, key) != 0.0 and getattr(axis, other) == 0.0:
                 raise self.problem(f"{name}.{key}", f"needs {other}, {what}")
+        self.check_counts(name, axis)
+        self.check_slopes(name, axis)
         return axis
+
+    def check_counts(self, name: str, axis: Axis) -> None:
+        """Refuse counters that overflow within the travel, and limit switches that overlap."""
+        farthest_m = max(map(abs, axis.travel_m))
+        for key in ("encoder_m", "scale_m"):
+            count_m = getattr(axis, key)
+            if count_m > 0.0 and farthest_m / count_m >= COUNTS_MAX:
+                raise self.problem(
+                    f"{name}.{key}", f"must be above {farthest_m / COUNTS_MAX:.3g}: the counter is full before travel_m"
+                )
+        half_m = 0.5 * (axis.travel_m[1] - axis.travel_m[0])
+        if axis.limit_switch_m >= half_m:
+            raise self.problem(f"{name}.limit_switch_m", f"must be below half of travel_m, {half_m:g}")
+
+    def check_slopes(self, name: str, axis: Axis) -> None:
+        """Refuse errors so steep that the table or the count would go back while the axis goes on."""
+        for key, period, what in (
+            ("lead_once_m", "screw_m", "the table"),
+            ("encoder_once_m", "screw_m", "the encoder"),
+            ("interpolation_m", "interpolation_period_m", "the encoder"),
+        ):
+            slope = 1.0 + (axis.lead_error if key == "lead_once_m" else 0.0)
+            below_m = slope * getattr(axis, period) / (2.0 * math.pi)
+            if getattr(axis, key) >= below_m > 0.0:
+                raise self.problem(
+                    f"{name}.{key}", f"must be below {below_m:.3g} with this {period}: {what} turns back"
+                )
 
     def schedule(self, table: Any) -> tuple[tuple[tuple[float, float], ...], float]:
         name = "friction_schedule"

@@ -147,9 +147,11 @@ class _Untold(click.Choice[str]):
         return "[all]"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        if value not in ("all", machines.LENGTHS):
+        if value in ("", machines.LENGTHS):
+            return machines.LENGTHS
+        if value != "all":
             self.fail(f"{value!r} is not 'all'; write --untold behind the rest, or --untold all", param, ctx)
-        return str(value)
+        return "all"
 
 
 def told_options(otherwise: str = machines.ALL) -> tuple[Callable[[Any], Any], ...]:
