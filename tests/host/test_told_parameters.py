@@ -13,6 +13,10 @@ from test_plant import Plant, plants, spring_of  # noqa: F401
 from kontur import machine as machines
 from kontur.cli.options import parameter_names
 from kontur.drive.target import Target, open_drive
+from kontur.path import shapes
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs.runner import run
 
 TABLE1 = machines.load()
 REAL = dict(
@@ -156,3 +160,11 @@ def test_the_drive_takes_all_of_each_example_machine(name: str) -> None:
     real = machines.load(machines.MACHINES / f"{name}.toml")
     with open_drive(Target(real)) as device:
         assert device.read("plant_x.mass") == pytest.approx(real.x.mass_kg)
+
+
+def test_a_simulated_axis_goes_to_the_start_where_its_sensor_sees_it_elsewhere() -> None:
+    axis = dataclasses.replace(TABLE1.x, encoder_at="table", lead_error=-1e-3)  # 20 um at 20 mm, of 10 um allowed
+    far = dataclasses.replace(TABLE1, x=axis)
+    found = run(plan(shapes.circle(0.02, 0.1), limits(far)), "ccu", Target(far))
+    assert found.completed
+    assert found.log.columns["true_position_x_mm"][0] == pytest.approx(20.0, abs=2e-3)

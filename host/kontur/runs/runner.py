@@ -102,6 +102,8 @@ def run(
     controller = named(controller)
     if target.place_at_start:
         target = dataclasses.replace(target, machine=target.machine.starting_at(trajectory.program.start_m))
+        if target.in_process and options.approach is None:  # its encoders may see it elsewhere, and it may creep
+            options = dataclasses.replace(options, approach=limits(target.machine))
     with open_drive(target) as device, device.master.held():
         sim = simulated(device.link.bus)
         device.parameters.set(options.parameters)
