@@ -115,6 +115,13 @@ static void reset_energy(const struct device_objects *d, const struct od_entry *
     atomic_store(&d->drive->loop.command.energy_reset, true);
 }
 
+/* 2123h */
+static void reset_oscillation(const struct device_objects *d, const struct od_entry *entry)
+{
+    (void)entry;
+    atomic_store(&d->drive->loop.command.oscillation_reset, true);
+}
+
 /* 2300h, 2301h: while there is a fault, its capture stays. */
 static uint32_t check_scope(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
@@ -215,6 +222,7 @@ static const struct object {
     {OBJ_STREAM, SUB_STREAM_COMMAND, .command = command_stream},
     {OBJ_STREAM, SUB_STREAM_TOTAL, .command = end_stream},
     {OBJ_ENERGY, SUB_ENERGY_RESET, .written = reset_energy},
+    {OBJ_OSCILLATION_STATE, SUB_OSCILLATION_STATE_RESET, .written = reset_oscillation},
     {OBJ_SCOPE, SUB_SCOPE_COMMAND, .check = check_scope, .command = command_scope},
     {OBJ_SCOPE, SUB_SCOPE_SOURCE, .check = check_signal, .refresh = report_scope},
     {OBJ_SCOPE, ANY_SUB, .check = check_scope, .refresh = report_scope},

@@ -39,12 +39,13 @@ UNITS = {
     **{"": ("1", ""), "%": ("0.01", ""), "m": ("1", "m"), "mm": ("1e-3", "m"), "um": ("1e-6", "m"), "nm": ("1e-9", "m")},
     **{"m/s": ("1", "m/s"), "mm/s": ("1e-3", "m/s"), "um/s": ("1e-6", "m/s"), "m/s2": ("1", "m/s2")},
     **{"N": ("1", "N"), "kg": ("1", "kg"), "J": ("1", "J"), "1/s": ("1", "1/s"), "ms": ("1e-3", "s")},
+    "Hz": ("1", "Hz"),
 }
 """Each unit of the signals and of their objects in SI units."""
 SNAPSHOT_SUFFIX = {
     **{("1e-9", "m"): "_nm", ("1e-6", "m/s"): "_umps", ("1e-3", "m/s2"): "_mmps2", ("1e-3", "J"): "_mJ"},
     **{("0.1", "N"): "_dN", ("1e-3", "N"): "_mN", ("1e-3", "kg"): "_g", ("0.1", "1/s"): "_per_10s"},
-    **{("1e-3", ""): "_permille", ("1", ""): ""},
+    **{("1e-3", ""): "_permille", ("1", ""): "", ("1e-3", "Hz"): "_mHz"},
 }
 """How the name of a member of the snapshot ends, by what one count is in SI units."""
 COLUMN_SUFFIX = {"um": "_um", "mm": "_mm", "N": "_N", "1/s": "_per_s", "m/s2": "_mps2", "J": "_J"}

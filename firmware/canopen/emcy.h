@@ -32,8 +32,8 @@ enum {
 };
 #define CO_ERRORS_OF_NODE 6
 
-#define CO_ERRORS 36       /* most codes that can be in effect; the application's and the node's must fit */
-#define CO_EMCY_WAITING 40 /* more than CO_ERRORS, so that there is always one to leave out */
+#define CO_ERRORS 40       /* most codes that can be in effect; the application's and the node's must fit */
+#define CO_EMCY_WAITING 44 /* more than CO_ERRORS, so that there is always one to leave out */
 
 struct co_emcy_message {
     uint16_t code; /* 0: an error has ended */

@@ -34,10 +34,24 @@ static inline void observe(const struct servo_cfg *cfg, struct servo_state *stat
     }
 }
 
-static void reset_laws(const struct servo_cfg *cfg, struct servo_state *state, const pos_t q[2], vec2 q_dot)
+/* The configurations of the laws that are in effect. */
+struct laws {
+    const struct smc_cfg *smc;
+    const struct compensator_cfg *compensator;
+    const struct cascade_cfg *cascade;
+};
+
+static inline struct laws laws_in_effect(const struct servo_cfg *cfg, const struct servo_state *state)
 {
-    smc_reset(&cfg->smc, &state->smc);
-    compensator_reset(&cfg->compensator, &state->compensator, q, q_dot);
+    const struct servo_gains *g = &state->lowered;
+    return state->gains_lowered ? (struct laws){&g->smc, &g->compensator, &g->cascade}
+                                : (struct laws){&cfg->smc, &cfg->compensator, &cfg->cascade};
+}
+
+static void reset_laws(const struct laws *laws, struct servo_state *state, const pos_t q[2], vec2 q_dot)
+{
+    smc_reset(laws->smc, &state->smc);
+    compensator_reset(laws->compensator, &state->compensator, q, q_dot);
     cascade_reset(&state->cascade);
     state->offset = ZERO;
     state->blending = false;
@@ -51,20 +65,20 @@ static vec2 while_moving(const struct servo_cfg *cfg, vec2 r_dot, vec2 shape)
 }
 
 /* The force demand of the law. *balance is the part that cancels friction and mass beyond the nominal. */
-static inline struct servo_demand law(const struct servo_cfg *cfg, struct servo_state *state,
+static inline struct servo_demand law(const struct servo_cfg *cfg, const struct laws *laws, struct servo_state *state,
                                       enum controller controller, const pos_t q[2], struct servo_out *out,
                                       vec2 *balance)
 {
     const struct contour_out *c = &out->contour;
     if (!cfg->friction.on) {
-        state->friction.shape = smc_direction(cfg->smc.friction_speed, c->r_dot);
+        state->friction.shape = smc_direction(laws->smc->friction_speed, c->r_dot);
     }
     const vec2 direction = state->friction.shape;
     struct servo_demand demand;
     if (controller == CONTROLLER_CASCADE || controller == CONTROLLER_CCC) {
         *balance = v2_mul(cfg->plant.coulomb, direction);
         demand.net =
-            cascade_step(&cfg->cascade, &cfg->plant, &state->cascade, c, controller == CONTROLLER_CCC, cfg->dt);
+            cascade_step(laws->cascade, &cfg->plant, &state->cascade, c, controller == CONTROLLER_CCC, cfg->dt);
         demand.model = demand.net;
         out->smc = (struct smc_out){.k_hat = ZERO};
         out->compensator = (struct compensator_out){.mu = ZERO};
@@ -79,23 +93,24 @@ static inline struct servo_demand law(const struct servo_cfg *cfg, struct servo_
         in.e_dot = c->e_w_dot;
         in.a_n = c->r_ddot;
     }
-    smc_step(&cfg->smc, &cfg->plant, &state->smc, &in, &out->smc);
+    smc_step(laws->smc, &cfg->plant, &state->smc, &in, &out->smc);
     const int axis = (int)(state->slot % 2u);
     const num slot_dt = n_mul(NUM(SERVO_SLOTS), cfg->dt);
     const bool adapts = state->slot < 2u;
     if (adapts) {
-        smc_adapt(&cfg->smc, &state->smc, axis, out->smc.s_bar, slot_dt);
+        smc_adapt(laws->smc, &state->smc, axis, out->smc.s_bar, slot_dt);
     }
     *balance = out->smc.u_friction;
     demand.net = out->smc.u_linear;
-    demand.model = cfg->compensator.input_printed ? v2_add(out->smc.u_linear, out->smc.u_friction) : out->smc.u_linear;
+    demand.model =
+        laws->compensator->input_printed ? v2_add(out->smc.u_linear, out->smc.u_friction) : out->smc.u_linear;
     if (controller == CONTROLLER_CCU) {
-        compensator_step(&cfg->compensator, &cfg->plant, &state->compensator, q, out->velocity, c->t, c->theta_dot,
+        compensator_step(laws->compensator, &cfg->plant, &state->compensator, q, out->velocity, c->t, c->theta_dot,
                          &out->compensator);
         demand.net = v2_add(demand.net, out->compensator.u);
         *balance = v2_add(*balance, feedforward_force(&state->feedforward, direction, c->r_ddot));
         if (adapts) {
-            compensator_adapt(&cfg->compensator, &state->compensator, axis, out->compensator.s, slot_dt);
+            compensator_adapt(laws->compensator, &state->compensator, axis, out->compensator.s, slot_dt);
         } else if (!state->saturated) { /* a limited force says nothing about friction and mass */
             const vec2 along = cfg->friction.on ? while_moving(cfg, c->r_dot, direction) : direction;
             feedforward_step(&cfg->feedforward, &cfg->plant, &state->feedforward, axis, along, c->r_ddot,
@@ -176,9 +191,33 @@ __attribute__((noinline)) static void predict_screw(const struct servo_cfg *cfg,
     state->screw = v2_sub(screw_cancel(&cfg->screw, at, demand), demand);
 }
 
+/* The gains of the configuration times `gain`. Products of two gains, as those that act on a position, go with its square. */
+__attribute__((noinline, cold)) static void lower_gains(const struct servo_cfg *cfg, struct servo_state *state)
+{
+    const num gain = n_max(NUM(OSCILLATION_GAIN_MIN), n_mul(state->gain, cfg->oscillation.gain_step));
+    struct servo_gains g = {cfg->smc, cfg->compensator, cfg->cascade};
+    num *const gains[] = {&g.smc.lambda,  &g.smc.gamma,         &g.smc.k_0,          &g.smc.k_max,
+                          &g.smc.zeta,    &g.compensator.alpha, &g.compensator.mu_0, &g.compensator.mu_max,
+                          &g.cascade.k_p, &g.cascade.k_v,       &g.cascade.k_i};
+    for (unsigned i = 0; i < sizeof gains / sizeof gains[0]; i++) {
+        *gains[i] = n_mul(*gains[i], gain);
+    }
+    state->lowered = g;
+    state->gain = gain;
+    state->gains_lowered = state->gains_changed = true;
+}
+
+void servo_reset_oscillation(struct servo_state *state)
+{
+    state->gains_changed = state->gains_lowered;
+    state->gains_lowered = false;
+    state->gain = NUM(1);
+    state->oscillation[0] = state->oscillation[1] = (struct oscillation_state){.count = 0};
+}
+
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2])
 {
-    *state = (struct servo_state){.controller = CONTROLLERS};
+    *state = (struct servo_state){.controller = CONTROLLERS, .gain = NUM(1)};
     for (int i = 0; i < 2; i++) {
         observer_reset(&state->observer[i], measured[i]);
         energy_reset(&state->energy[i]);
@@ -186,7 +225,9 @@ void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const p
     feedforward_reset(&state->feedforward);
     force_filter_reset(&state->force_filter, ZERO);
     force_limit_reset(&state->force_limit, cfg->plant.force_max);
-    reset_laws(cfg, state, measured, ZERO);
+    state->lowered = (struct servo_gains){cfg->smc, cfg->compensator, cfg->cascade};
+    const struct laws laws = laws_in_effect(cfg, state);
+    reset_laws(&laws, state, measured, ZERO);
 }
 
 /* Flattened, so that values pass from stage to stage in registers: this saves 5 % of the tick. */
@@ -211,13 +252,15 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
         *out = (struct servo_out){.velocity = out->velocity};
     } else {
         contour_step(&cfg->contour, &state->spline_cache, in->ring, &in->path, q, out->velocity, &out->contour);
-        const bool switched = in->controller != state->controller;
+        const bool switched = in->controller != state->controller || state->gains_changed;
+        const struct laws laws = laws_in_effect(cfg, state);
+        state->gains_changed = false;
         compensator_model(&cfg->plant, &state->compensator, applied->model, cfg->dt);
         if (enabling_changed || switched) {
-            reset_laws(cfg, state, q, out->velocity);
+            reset_laws(&laws, state, q, out->velocity);
         }
         vec2 balance;
-        demand = law(cfg, state, in->controller, q, out, &balance);
+        demand = law(cfg, &laws, state, in->controller, q, out, &balance);
         if (cfg->screw.on) {
             balance = v2_add(balance, state->screw);
         }
@@ -247,6 +290,12 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
                 (in->enabled[0] && n_lt(NUM(0), n_abs(excess.x))) || (in->enabled[1] && n_lt(NUM(0), n_abs(excess.y)));
             demand.net = where_enabled(in->enabled, v2_sub(demand.net, excess));
             demand.model = where_enabled(in->enabled, v2_sub(demand.model, excess));
+        }
+        if (cfg->oscillation.on &&
+            oscillation_step(&cfg->oscillation, state->oscillation, in->enabled, demand.net, out->contour.r_dot,
+                             out->contour.r_ddot) &&
+            cfg->oscillation.lower) {
+            lower_gains(cfg, state);
         }
     }
     if (cfg->geometry.on) {

@@ -3,7 +3,7 @@
  * is pure: it reads cfg and in, changes state and fills out.
  *
  * Order of a step: position of the tool, observer, spline and contour error, law (under ccu with its compensator),
- * friction, cogging and ripple, force filters, limits.
+ * friction, cogging and ripple, force filters, limits, watch for oscillation.
  * servo_loop_tick() (drive/servo_loop.h) reads the encoders before it and writes the forces after it.
  *
  * Context: servo_loop_tick() calls it once in a control period, in the servo tick. Tests call it in a host process.
@@ -16,7 +16,8 @@
  * Force filters and limits change the force after the law. Observer and reference model get what they let through.
  *
  * Change of the controller in operation: the difference between the last force and the new law's first force becomes
- * an offset that decays with cfg.blend, so that the force does not jump. The reference model gets the offset, too.
+ * an offset that decays with cfg.blend, so that the force does not jump. The reference model gets the offset, too. The
+ * same happens where the watch for oscillation lowers the gains.
  */
 #ifndef KONTUR_SERVO_H
 #define KONTUR_SERVO_H
@@ -30,6 +31,7 @@
 #include "core/friction.h"
 #include "core/geometry.h"
 #include "core/observer.h"
+#include "core/oscillation.h"
 #include "core/screw.h"
 
 /* Slow computations take turns over this many control periods: slots 0 and 1
@@ -54,6 +56,14 @@ struct servo_cfg {
     struct force_limit_cfg force_limit;
     struct friction_cfg friction;
     struct screw_cfg screw;
+    struct oscillation_cfg oscillation;
+};
+
+/* The laws with their gains times a factor. Each law keeps its shape: its poles move towards zero. */
+struct servo_gains {
+    struct smc_cfg smc;
+    struct compensator_cfg compensator;
+    struct cascade_cfg cascade;
 };
 
 struct servo_in {
@@ -84,8 +94,13 @@ struct servo_state {
     vec2 filtering; /* what the force filters have added to the force of the last period, N */
     bool enabled[2];
     enum controller controller;
-    bool saturated; /* in the last period */
-    bool blending;  /* the offset is not 0 */
+    bool saturated;     /* in the last period */
+    bool blending;      /* the offset is not 0 */
+    bool gains_lowered; /* by the watch for oscillation: `lowered` is in effect */
+    bool gains_changed; /* in the last period */
+    num gain;           /* factor on the gains that is in effect; 1: those of the configuration */
+    struct oscillation_state oscillation[2];
+    struct servo_gains lowered;
     vec2 offset;
     uint32_t slot;                    /* of this period, 0..SERVO_SLOTS - 1 */
     vec2 force;                       /* of the last period, N */
@@ -106,6 +121,8 @@ struct servo_out {
 
 /* Start at rest at the measured positions: of the encoders, to which the first step adds the geometry. */
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2]);
+/* Forget what the watch for oscillation has seen. The gains are those of the configuration again. */
+void servo_reset_oscillation(struct servo_state *state);
 /* One control period. */
 void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_in *in,
                 struct servo_out *out);

@@ -2,6 +2,9 @@
 #include "drive/configuration.h"
 
 #include "core/trig.h"
+#include "supervision/fault.h"
+
+#define OSCILLATION_LASTS_MS 60u /* an oscillation is one when it has lasted so long */
 
 /* Core units: um, T0 = 5 ms, N. A value of u wire units of `factor` each is u * factor * core units per SI unit:
  *   m/s    -> um/T0     5000        1/s    -> 1/T0      1/200      1/s2 -> 1/T0^2  1/40000
@@ -168,6 +171,33 @@ static bool lead_map_fits(const struct od_axis *a)
     return m->points != 1;
 }
 
+/* Amplitude of the watch for oscillation in N/4, of an axis: no more than half of the largest force counts. */
+static num oscillation_limit(const struct od_data *od, int i)
+{
+    const uint32_t half = od->axis[i].plant.force_limit / 2u;
+    return n_ratio(od->oscillation.limit < half ? od->oscillation.limit : half, 4000);
+}
+
+static struct oscillation_cfg oscillation(const struct od_data *od)
+{
+    const struct od_oscillation *o = &od->oscillation;
+    const struct od_plant *x = &od->axis[0].plant;
+    const struct od_plant *y = &od->axis[1].plant;
+    return (struct oscillation_cfg){
+        .on = o->limit != 0,
+        .lower = o->reaction == OSCILLATION_LOWER_GAINS,
+        .gain_step = milli(o->gain_step),
+        /* 1 - exp(-2 pi f_c dt) to second order: w / (1 + w / 2) with w = 2 pi f_c dt, pi as 355/113 */
+        .slow = n_ratio((int64_t)710 * o->corner, (int64_t)113000 * CONTROL_HZ + (int64_t)355 * o->corner),
+        .limit = v2(oscillation_limit(od, 0), oscillation_limit(od, 1)),
+        .mass = v2(n_ratio(x->mass, 100000), n_ratio(y->mass, 100000)),
+        .viscous = v2(n_ratio(x->viscous, 20000000), n_ratio(y->viscous, 20000000)),
+        .half_wave = (uint16_t)((uint64_t)CONTROL_HZ * 1000u / o->corner),
+        .lasts = (uint16_t)(CONTROL_HZ * OSCILLATION_LASTS_MS / 1000u),
+        .control_hz = CONTROL_HZ,
+    };
+}
+
 bool configuration_fits(const struct od_data *od)
 {
     const struct od_smc *a = &od->smc;
@@ -242,6 +272,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
                     .integral_max = NUM(1000)},
         .energy = {energy(&od->axis[0].motor, friction_speed), energy(&od->axis[1].motor, friction_speed)},
         .force_limit = force_limit(&od->axis[0].force_continuous, &od->axis[1].force_continuous),
+        .oscillation = oscillation(od),
     };
     for (int i = 0; i < 2; i++) {
         (void)force_filter(&cfg.force_filter, i, &od->axis[i].force_filter);

@@ -239,6 +239,12 @@ SELDOM static void reset_energy(struct servo_loop *loop)
     energy_reset(&loop->servo.energy[1]);
 }
 
+SELDOM static void reset_oscillation(struct servo_loop *loop)
+{
+    STORE(loop->command.oscillation_reset, false);
+    servo_reset_oscillation(&loop->servo);
+}
+
 /* Publish the record, and switch to the next one. */
 static inline void publish(struct servo_loop *loop)
 {
@@ -277,6 +283,9 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     }
     if (LOAD(loop->command.energy_reset)) {
         reset_energy(loop);
+    }
+    if (LOAD(loop->command.oscillation_reset)) {
+        reset_oscillation(loop);
     }
 
     /* reference, law */

@@ -3,8 +3,10 @@
 
 enum fault_reaction fault_reaction(const struct od_data *od, enum fault f)
 {
-    const enum fault_reaction r =
-        f == FAULT_TUNNEL ? (enum fault_reaction)od->tunnel.reaction : (enum fault_reaction)fault_table[f].reaction;
+    const unsigned option = f == FAULT_TUNNEL        ? od->tunnel.reaction
+                            : f == FAULT_OSCILLATION ? od->oscillation.reaction
+                                                     : fault_table[f].reaction;
+    const enum fault_reaction r = option == OSCILLATION_LOWER_GAINS ? REACT_WARN : (enum fault_reaction)option;
     const bool off_at_once = od->axis[0].quick_stop_option == 0 || od->axis[1].quick_stop_option == 0;
     return r != REACT_QUICK_STOP ? r : off_at_once ? REACT_DISABLE : REACT_PATH_STOP;
 }

@@ -10,13 +10,16 @@
 #include "od/od.h"
 #include "supervision/fault_gen.h"
 
-/* Values of 2120h:3 */
+/* Values of 2120h:3 and 2122h:3 */
 enum fault_reaction {
     REACT_WARN,       /* nothing stops: EMCY and the warning bit, while it lasts */
     REACT_PATH_STOP,  /* stop on the path, then power off */
     REACT_QUICK_STOP, /* as 605Ah says */
     REACT_DISABLE     /* power off now: the position cannot be trusted or held */
 };
+
+/* The value of 2122h:3 beyond these: the servo tick lowers the gains, and the drive warns. */
+#define OSCILLATION_LOWER_GAINS 4u
 
 struct fault_row {
     uint16_t emcy;    /* CiA 301/402 error code; also 603Fh */

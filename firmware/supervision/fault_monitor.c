@@ -101,7 +101,22 @@ void fault_monitor_event(struct fault_monitor *m, enum fault f)
     m->now |= FAULT_BIT(f);
 }
 
-static const enum fault events[] = {FAULT_CONFIG_ENABLED, FAULT_SECOND_MASTER, FAULT_STALE_COMMAND, FAULT_STREAM};
+static const enum fault events[] = {FAULT_CONFIG_ENABLED, FAULT_OSCILLATION, FAULT_SECOND_MASTER, FAULT_STALE_COMMAND,
+                                    FAULT_STREAM};
+
+/* The servo tick has seen an oscillation, which it counts. Its warning outlasts the time to the next count. */
+static void fault_monitor_oscillation(struct fault_monitor *m, const struct fault_monitor_in *in)
+{
+    bool seen = false;
+    for (int i = 0; i < 2; i++) {
+        seen = seen || in->snapshot->oscillations[i] > m->oscillations[i];
+        m->oscillations[i] = in->snapshot->oscillations[i];
+    }
+    if (seen && fault_reaction(in->od, FAULT_OSCILLATION) == REACT_WARN) {
+        fault_monitor_event(m, FAULT_OSCILLATION);
+    }
+    set(m, FAULT_OSCILLATION, seen);
+}
 
 uint32_t fault_monitor_step(struct fault_monitor *m, const struct fault_monitor_in *in)
 {
@@ -124,6 +139,7 @@ uint32_t fault_monitor_step(struct fault_monitor *m, const struct fault_monitor_
     set(m, FAULT_STORE, in->parameters_invalid);
     set(m, FAULT_ENABLE_MOVING, in->enable_refused);
     fault_monitor_stream(m, &in->od->stream);
+    fault_monitor_oscillation(m, in);
     for (unsigned i = 0; i < sizeof events / sizeof events[0]; i++) {
         set(m, events[i], event_lasts(m, events[i]));
     }

@@ -20,9 +20,10 @@ struct fault_monitor {
     uint16_t lasts_ms[FAULTS]; /* how long a condition has held; of an event: how long its warning still lasts */
     uint16_t frozen_ms[2], saturated_ms[2];
     bool hot[2];       /* the heat has been at HEAT_WARNING, and is not below HEAT_COOLED yet */
-    int32_t count[2];  /* of the encoder when frozen_ms began */
-    uint32_t rejected; /* knot frames of the stream so far */
-    uint32_t now;      /* FAULT_BIT()s that hold */
+    int32_t count[2];        /* of the encoder when frozen_ms began */
+    int32_t oscillations[2]; /* of each axis so far */
+    uint32_t rejected;       /* knot frames of the stream so far */
+    uint32_t now;            /* FAULT_BIT()s that hold */
 };
 
 struct fault_monitor_in {
@@ -35,7 +36,7 @@ struct fault_monitor_in {
 
 /* Check one snapshot; a second call with the same one changes nothing. Returns the FAULT_BIT()s that hold now. */
 uint32_t fault_monitor_step(struct fault_monitor *m, const struct fault_monitor_in *in);
-/* Report an event, which causes a warning of one second: FAULT_STREAM, FAULT_CONFIG_ENABLED, FAULT_SECOND_MASTER or
- * FAULT_STALE_COMMAND. */
+/* Report an event, which causes a warning of one second: FAULT_STREAM, FAULT_CONFIG_ENABLED, FAULT_SECOND_MASTER,
+ * FAULT_STALE_COMMAND, or FAULT_OSCILLATION where it is a warning. */
 void fault_monitor_event(struct fault_monitor *m, enum fault f);
 #endif

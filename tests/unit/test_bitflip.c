@@ -138,6 +138,15 @@ static const struct variable variables[] = {
     FLAG(device.drive.loop.servo.enabled[0]),
     FLAG(device.drive.loop.servo.enabled[1]),
     FLAG(device.drive.loop.servo.saturated),
+    FLAG(device.drive.loop.servo.gains_lowered),
+    FLAG(device.drive.loop.servo.gains_changed),
+    LOOP(servo.gain),
+    LOOP(servo.lowered),
+    LOOP(servo.oscillation[0].half_waves),
+    LOOP(servo.oscillation[0].age),
+    LOOP(servo.oscillation[0].ticks),
+    LOOP(servo.oscillation[0].count),
+    FLAG(device.drive.loop.command.oscillation_reset),
     /* faults */
     DRIVE(faults),
     DRIVE(warnings),
@@ -318,6 +327,7 @@ static bool of_no_meaning(const struct variable *v, size_t bit)
         IN_BOTH(servo.contour.newton),          IN_BOTH(servo.smc.psi_printed),
         IN_BOTH(servo.compensator.law_printed), IN_BOTH(servo.compensator.input_printed),
         IN_BOTH(servo.force_filter.on),         IN_BOTH(servo.force_limit.on),
+        IN_BOTH(servo.oscillation.on),          IN_BOTH(servo.oscillation.lower),
         IN_BOTH(onchip_plant.simulated),
     };
     for (unsigned i = 0; i < sizeof bools / sizeof bools[0]; i++) {

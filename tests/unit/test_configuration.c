@@ -95,6 +95,32 @@ static void test_contouring_law(void)
     TEST_ASSERT_FALSE(configuration_servo(&od).smc.psi_printed);
 }
 
+static void test_watch_for_oscillation(void)
+{
+    od.axis[0].plant = (struct od_plant){.mass = 123456, .viscous = 456789, .force_limit = 100000};
+    od.axis[1].plant = (struct od_plant){.mass = 234567, .viscous = 567891, .force_limit = 80000};
+    od.oscillation = (struct od_oscillation){.limit = 45000, .corner = 43210, .reaction = 1, .gain_step = 567};
+    const struct oscillation_cfg o = configuration_servo(&od).oscillation;
+    TEST_ASSERT_TRUE(o.on);
+    TEST_ASSERT_FALSE(o.lower);
+    near(0.567, o.gain_step);
+    const double w = 2 * 3.14159265358979 * 43.210 / CONTROL_HZ;
+    TEST_ASSERT_DOUBLE_WITHIN(w * w * w / 6 + 1e-6, 1 - exp(-w), val(o.slow)); /* it is a little off */
+    near(45.0 / 4, o.limit.x);
+    near(40.0 / 4, o.limit.y); /* half of the largest force */
+    near(123.456 * UM / (T0 * T0) / 4, o.mass.x);
+    near(234.567 * UM / (T0 * T0) / 4, o.mass.y);
+    near(456.789 * UM / T0 / 4, o.viscous.x);
+    near(567.891 * UM / T0 / 4, o.viscous.y);
+    TEST_ASSERT_EQUAL_UINT16((uint16_t)(CONTROL_HZ / 43.210), o.half_wave);
+    TEST_ASSERT_EQUAL_UINT16(CONTROL_HZ * 60 / 1000, o.lasts);
+    TEST_ASSERT_EQUAL_UINT32(CONTROL_HZ, o.control_hz);
+    od.oscillation.reaction = 4;
+    TEST_ASSERT_TRUE(configuration_servo(&od).oscillation.lower);
+    od.oscillation.limit = 0;
+    TEST_ASSERT_FALSE(configuration_servo(&od).oscillation.on);
+}
+
 static void test_uncertainty_compensator(void)
 {
     od.compensator = (struct od_compensator){.alpha = 61234,
@@ -493,6 +519,7 @@ int main(void)
     RUN_TEST(test_plant_of_each_axis);
     RUN_TEST(test_motor_of_each_axis);
     RUN_TEST(test_contouring_law);
+    RUN_TEST(test_watch_for_oscillation);
     RUN_TEST(test_uncertainty_compensator);
     RUN_TEST(test_cascade);
     RUN_TEST(test_contour_estimator);

@@ -128,6 +128,35 @@ static void test_gain_at_its_limit_is_reported_while_an_axis_has_power(void)
     TEST_ASSERT_FALSE(holds_after(FAULT_GAIN, 100));
 }
 
+static void test_oscillation_that_only_warns_lasts_for_a_second_after_each_count_of_either_axis(void)
+{
+    const uint8_t warns[] = {REACT_WARN, OSCILLATION_LOWER_GAINS};
+    for (int i = 0; i < 4; i++) {
+        setUp();
+        od.oscillation.reaction = warns[i / 2];
+        TEST_ASSERT_FALSE(holds_after(FAULT_OSCILLATION, 10));
+        snapshot.oscillations[i % 2] = 3;
+        TEST_ASSERT_TRUE(holds_after(FAULT_OSCILLATION, 600));
+        snapshot.oscillations[i % 2]++;
+        TEST_ASSERT_TRUE(holds_after(FAULT_OSCILLATION, 1000));
+        TEST_ASSERT_FALSE(holds_after(FAULT_OSCILLATION, 1));
+        snapshot.oscillations[i % 2] = 0; /* the watch has been reset */
+        TEST_ASSERT_FALSE(holds_after(FAULT_OSCILLATION, 1));
+    }
+}
+
+static void test_oscillation_that_stops_the_axes_can_be_reset_at_once(void)
+{
+    const uint8_t stops[] = {REACT_PATH_STOP, REACT_QUICK_STOP, REACT_DISABLE};
+    for (int i = 0; i < 3; i++) {
+        setUp();
+        od.oscillation.reaction = stops[i];
+        snapshot.oscillations[0] = 1;
+        TEST_ASSERT_TRUE(holds_after(FAULT_OSCILLATION, 1));
+        TEST_ASSERT_FALSE(holds_after(FAULT_OSCILLATION, 1));
+    }
+}
+
 /* The snapshot of `ms` milliseconds after the last one, of which those between were not seen */
 static bool holds_late(enum fault f, unsigned ms)
 {
@@ -166,6 +195,8 @@ static void test_event_is_warned_of_for_a_second_however_seldom_the_background_l
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_oscillation_that_only_warns_lasts_for_a_second_after_each_count_of_either_axis);
+    RUN_TEST(test_oscillation_that_stops_the_axes_can_be_reset_at_once);
     RUN_TEST(test_time_counts_however_seldom_the_background_looks);
     RUN_TEST(test_event_is_warned_of_for_a_second_however_seldom_the_background_looks);
     RUN_TEST(test_what_lasts_for_more_than_a_minute_is_still_there);

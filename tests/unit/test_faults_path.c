@@ -231,6 +231,107 @@ static void test_tunnel_may_cut_the_power(void)
     expect_clearing(ROW_TUNNEL, 0);
 }
 
+/* The axes are so much lighter than their parameters say that the gains are too high. */
+static void make_gains_too_high(bool on)
+{
+    rig.plant.machine.mass_kg[0] = on ? 88.08 / 5 : 88.08;
+    rig.plant.machine.mass_kg[1] = on ? 97.90 / 5 : 97.90;
+}
+
+static bool swings(void)
+{
+    const struct oscillation_state *s = rig.device.drive.loop.servo.oscillation;
+    return s[0].half_waves > 0 || s[1].half_waves > 0;
+}
+
+static void oscillate(uint8_t reaction)
+{
+    off_path_nm = 1e6;
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2122, 3, 1, reaction));
+    be_on_the_way();
+    TEST_ASSERT_FALSE(swings());
+    make_gains_too_high(true);
+    wait_for(ROW_OSCILLATION, swings, 0);
+}
+
+static void test_oscillation_stops_on_the_path_and_is_told(void)
+{
+    oscillate(1);
+    expect_reaction(ROW_OSCILLATION);
+    make_gains_too_high(false);
+    TEST_ASSERT_TRUE(rig_read(&rig, 0x2123, 3) + rig_read(&rig, 0x2123, 4) > 0);
+    const uint32_t mHz = rig_read(&rig, 0x2123, 5), mN = rig_read(&rig, 0x2123, 7);
+    TEST_ASSERT_TRUE(mHz > 30000 && mHz < 1000000);
+    TEST_ASSERT_TRUE(mN > 30000 && mN < 2000000);
+    TEST_ASSERT_EQUAL_UINT32(1000, rig_read(&rig, 0x2123, 2));
+    expect_clearing(ROW_OSCILLATION, 0);
+}
+
+static void test_oscillation_with_a_quick_stop_does_as_605Ah_says(void)
+{
+    oscillate(2);
+    expect_reaction_as(ROW_OSCILLATION, PROMISED_QUICK_STOP);
+}
+
+static void test_oscillation_may_cut_the_power(void)
+{
+    oscillate(3);
+    expect_reaction_as(ROW_OSCILLATION, PROMISED_DISABLE);
+    make_gains_too_high(false);
+    expect_clearing(ROW_OSCILLATION, 0);
+}
+
+static void test_oscillation_that_only_warns_lets_the_path_run(void)
+{
+    oscillate(0);
+    expect_reaction_as(ROW_OSCILLATION, PROMISED_WARN);
+    run_on(100);
+    TEST_ASSERT_TRUE(swings());
+    TEST_ASSERT_EQUAL_UINT32(1000, rig_read(&rig, 0x2123, 2));
+    make_gains_too_high(false);
+    run_on(50);
+    expect_end(ROW_OSCILLATION, 1002);
+}
+
+static void test_oscillation_that_lowers_the_gains_ends_and_the_gains_come_back_on_request(void)
+{
+    oscillate(4);
+    expect_reaction_as(ROW_OSCILLATION, PROMISED_WARN);
+    run_on(300);
+    TEST_ASSERT_FALSE(swings());
+    const uint32_t gain = rig_read(&rig, 0x2123, 2);
+    TEST_ASSERT_TRUE(gain == 500 || gain == 250);
+    make_gains_too_high(false);
+    expect_end(ROW_OSCILLATION, 1002);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2123, 1, 1, 1));
+    run_on(3);
+    TEST_ASSERT_EQUAL_UINT32(1000, rig_read(&rig, 0x2123, 2));
+    TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2123, 3) + rig_read(&rig, 0x2123, 4));
+    TEST_ASSERT_FALSE(swings());
+}
+
+static void test_oscillation_is_seen_at_rest_too(void)
+{
+    off_path_nm = 1e6;
+    rig_ms(&rig, 100);
+    rig_enable(&rig);
+    rig_ms(&rig, 100);
+    rig.emcy_count = 0;
+    make_gains_too_high(true);
+    rig.plant.vel_mps[0] = 0.01; /* somebody knocks at it */
+    wait_for(ROW_OSCILLATION, swings, 0);
+    expect_reaction(ROW_OSCILLATION);
+}
+
+static void test_oscillation_is_not_watched_where_the_limit_is_0(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2122, 1, 4, 0));
+    be_on_the_way();
+    make_gains_too_high(true);
+    run_on(200);
+    TEST_ASSERT_FALSE(detected(ROW_OSCILLATION));
+}
+
 static void test_tunnel_is_off_by_default(void)
 {
     be_on_the_way();
@@ -360,6 +461,13 @@ int main(void)
     RUN_TEST(test_tunnel_with_a_quick_stop_does_as_605Ah_says);
     RUN_TEST(test_tunnel_may_cut_the_power);
     RUN_TEST(test_tunnel_is_off_by_default);
+    RUN_TEST(test_oscillation_stops_on_the_path_and_is_told);
+    RUN_TEST(test_oscillation_with_a_quick_stop_does_as_605Ah_says);
+    RUN_TEST(test_oscillation_may_cut_the_power);
+    RUN_TEST(test_oscillation_that_only_warns_lets_the_path_run);
+    RUN_TEST(test_oscillation_that_lowers_the_gains_ends_and_the_gains_come_back_on_request);
+    RUN_TEST(test_oscillation_is_seen_at_rest_too);
+    RUN_TEST(test_oscillation_is_not_watched_where_the_limit_is_0);
     RUN_TEST(test_gain_at_its_limit_is_warned_of);
     RUN_TEST(test_gain_that_cannot_grow_is_no_warning);
 #ifndef KONTUR_NUM_FIX

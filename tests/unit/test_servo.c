@@ -441,6 +441,123 @@ static void test_cascade_is_coupled_in_ccc_alone(void)
     TEST_ASSERT_TRUE(fabs(val(state.cascade.coupled)) > 0);
 }
 
+/* The axes swing at 160 Hz for `count` periods, or until the gains are lowered. Returns the largest step of the force. */
+static double shake(int count)
+{
+    double largest = 0;
+    for (int i = 0; i < count && !state.gains_changed; i++) {
+        const vec2 before = out.force;
+        step(20 + 2 * sin(0.1 * periods), 4);
+        largest = fmax(largest, fmax(fabs(val(out.force.x) - val(before.x)), fabs(val(out.force.y) - val(before.y))));
+    }
+    return largest;
+}
+
+static void watch_for_oscillation(bool lower)
+{
+    cfg.oscillation = (struct oscillation_cfg){.on = true,
+                                               .lower = lower,
+                                               .gain_step = mk(0.5),
+                                               .slow = mk(0.025),
+                                               .limit = mk2(0.5, 0.5),
+                                               .mass = mk2(MASS_X / 4, MASS_Y / 4),
+                                               .viscous = mk2(VISCOUS_X / 4, VISCOUS_Y / 4),
+                                               .half_wave = 250,
+                                               .lasts = 600,
+                                               .control_hz = 10000};
+}
+
+static int32_t oscillations(void)
+{
+    return state.oscillation[0].count + state.oscillation[1].count;
+}
+
+static void test_oscillation_leaves_the_gains_alone_where_it_is_not_to_lower_them(void)
+{
+    shake(800);
+    TEST_ASSERT_EQUAL_INT32(0, oscillations()); /* it is not watched */
+    watch_for_oscillation(false);
+    shake(800);
+    TEST_ASSERT_TRUE(oscillations() > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(state.gain));
+    TEST_ASSERT_FALSE(state.gains_lowered || state.gains_changed);
+}
+
+static void test_axes_that_follow_their_path_do_not_oscillate(void)
+{
+    watch_for_oscillation(true);
+    run(CONTROLLER_CCU, 2000);
+    TEST_ASSERT_EQUAL_INT32(0, oscillations());
+}
+
+static void test_oscillation_lowers_the_gains_of_every_law_without_a_step_of_the_force(void)
+{
+    for (int law = 0; law < CONTROLLERS; law++) {
+        setUp();
+        in.controller = (enum controller)law;
+        shake(300);
+        const double usual = shake(300);
+        watch_for_oscillation(true);
+        shake(1000);
+        TEST_ASSERT_TRUE_MESSAGE(state.gains_lowered && state.gains_changed, "not lowered");
+        TEST_ASSERT_EQUAL_DOUBLE(0.5, val(state.gain));
+        const vec2 before = out.force;
+        step(20 + 2 * sin(0.1 * periods), 4);
+        TEST_ASSERT_FALSE(state.gains_changed);
+        ASSERT_NEAR(val(before.x), val(out.force.x), 600.0);
+        ASSERT_NEAR(val(before.y), val(out.force.y), 600.0);
+        cfg.oscillation.on = false;
+        shake(300); /* what is left of the change fades */
+        TEST_ASSERT_TRUE(shake(300) < usual);
+    }
+}
+
+static void test_lowered_gains_are_those_of_the_configuration_times_the_factor(void)
+{
+    watch_for_oscillation(true);
+    shake(1000);
+    const struct servo_gains *g = &state.lowered;
+    ASSERT_NEAR(0.5 * val(cfg.smc.lambda), val(g->smc.lambda), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.smc.gamma), val(g->smc.gamma), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.smc.k_0), val(g->smc.k_0), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.smc.k_max), val(g->smc.k_max), 2.0);
+    ASSERT_NEAR(0.5 * val(cfg.smc.zeta), val(g->smc.zeta), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.compensator.alpha), val(g->compensator.alpha), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.compensator.mu_0), val(g->compensator.mu_0), 25.0);
+    ASSERT_NEAR(0.5 * val(cfg.compensator.mu_max), val(g->compensator.mu_max), 100.0);
+    ASSERT_NEAR(0.5 * val(cfg.cascade.k_p), val(g->cascade.k_p), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.cascade.k_v), val(g->cascade.k_v), 2.0);
+    ASSERT_NEAR(0.5 * val(cfg.cascade.k_i), val(g->cascade.k_i), 1.0);
+    /* and the rest is that of the configuration */
+    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.smc.beta), val(g->smc.beta));
+    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.compensator.phi), val(g->compensator.phi));
+    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.cascade.coupling), val(g->cascade.coupling));
+}
+
+static void test_gains_are_lowered_again_down_to_a_least_factor_and_come_back_without_a_step_of_the_force(void)
+{
+    watch_for_oscillation(true);
+    cfg.oscillation.limit = mk2(0.01, 0.01);
+    cfg.oscillation.gain_step = mk(0.1);
+    cfg.blend = mk(0.9);
+    for (int i = 0; i < 3; i++) {
+        shake(1000);
+        TEST_ASSERT_TRUE(state.gains_changed);
+        ASSERT_NEAR(fmax(0.05, pow(0.1, i + 1)), val(state.gain), 1.0);
+        step(20 + 2 * sin(0.1 * periods), 4);
+    }
+    servo_reset_oscillation(&state);
+    TEST_ASSERT_EQUAL_INT32(0, oscillations());
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(state.gain));
+    const vec2 before = out.force;
+    step(20 + 2 * sin(0.1 * periods), 4);
+    ASSERT_NEAR(val(before.x), val(out.force.x), 600.0);
+    ASSERT_NEAR(val(before.y), val(out.force.y), 600.0);
+    ASSERT_NEAR(val(cfg.smc.k_0), val(out.smc.k_hat.x), 1.0);
+    servo_reset_oscillation(&state); /* nothing to do */
+    TEST_ASSERT_FALSE(state.gains_changed);
+}
+
 static void test_velocity_is_that_of_the_encoders(void)
 {
     run(CONTROLLER_CC, 400);
@@ -727,6 +844,11 @@ static void test_a_switch_of_controllers_keeps_the_force_with_friction_cogging_a
         RUN_TEST(test_track_works_on_the_tracking_error_in_the_axis_frame);
         RUN_TEST(test_cc_works_on_the_error_at_the_foot_point);
         RUN_TEST(test_cascade_is_coupled_in_ccc_alone);
+        RUN_TEST(test_oscillation_leaves_the_gains_alone_where_it_is_not_to_lower_them);
+        RUN_TEST(test_axes_that_follow_their_path_do_not_oscillate);
+        RUN_TEST(test_oscillation_lowers_the_gains_of_every_law_without_a_step_of_the_force);
+        RUN_TEST(test_lowered_gains_are_those_of_the_configuration_times_the_factor);
+        RUN_TEST(test_gains_are_lowered_again_down_to_a_least_factor_and_come_back_without_a_step_of_the_force);
         RUN_TEST(test_velocity_is_that_of_the_encoders);
         RUN_TEST(test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_slots);
         RUN_TEST(test_energy_is_counted_for_both_axes);

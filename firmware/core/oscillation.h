@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* oscillation.h: the watch for oscillation of an axis. Not in the paper.
+ *
+ * What it looks at is the force after the limits, less what the path needs and what cancels friction:
+ *   x = u - M r'' - C r'
+ * Steps of a reference and of its friction are not in x, and what is left of them does not swing to both sides for long.
+ * x goes through a first-order high-pass filter with the corner frequency f_c:
+ *   h = x - l,   l' = 2 pi f_c h
+ *
+ * A half wave is a time in which |h| exceeds the limit with one sign; the next one begins where it does with the other
+ * sign. It is an oscillation when
+ *   - OSCILLATION_HALF_WAVES half waves have followed each other, the last of which begins, each within 1/f_c of the one
+ *     before,
+ *   - for at least cfg.lasts periods, and
+ *   - no peak was below half of the largest one: what decays is the answer to a step.
+ * A disturbance of half a wave or less, noise below the limit, and the reversals of a path are none of this.
+ *
+ * Symbols
+ *   x, h, l   force, N/4 (the quarter keeps x and h within the range of fixed point)
+ *   f_c       corner frequency, Hz
+ *
+ * Context: servo_step() (servo.c) calls oscillation_step() once in a control period, in the servo tick.
+ */
+#ifndef KONTUR_OSCILLATION_H
+#define KONTUR_OSCILLATION_H
+#include "core/smc.h"
+
+#define OSCILLATION_HALF_WAVES 5u
+#define OSCILLATION_GAIN_MIN 0.05 /* the factor on the gains is not lowered to less */
+
+struct oscillation_cfg {
+    bool on;
+    bool lower;          /* an oscillation lowers the gains */
+    num gain_step;       /* by this factor, 0..1 */
+    num slow;            /* share of h that l follows in a control period, 0..1 */
+    vec2 limit;          /* amplitude, N/4 */
+    vec2 mass, viscous;  /* of the plant, a quarter of each */
+    uint16_t half_wave;  /* longest half wave, control periods */
+    uint16_t lasts;      /* control periods */
+    uint32_t control_hz; /* control periods a second */
+};
+
+/* Of an axis. */
+struct oscillation_state {
+    num slow;             /* l, N/4 */
+    num peak;             /* of the half wave that goes on, N/4 */
+    num largest;          /* of the half waves before, N/4 */
+    uint16_t age;         /* of the half wave that goes on, control periods */
+    uint16_t ticks;       /* from the first half wave to the one that goes on, control periods */
+    uint16_t half_waves;  /* so far; 0: none */
+    bool positive;        /* sign of the half wave that goes on */
+    int32_t count;        /* oscillations seen; counts on while one lasts */
+    num frequency, force; /* of the latest one: Hz, and the amplitude in N */
+};
+
+/* One control period of both axes with the force `net` (N), which is without the part that cancels friction. An axis that
+ * is not enabled begins anew. Returns whether an oscillation was seen. */
+bool oscillation_step(const struct oscillation_cfg *cfg, struct oscillation_state state[2], const bool enabled[2],
+                      vec2 net, vec2 r_dot, vec2 r_ddot);
+#endif

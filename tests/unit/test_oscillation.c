@@ -1,0 +1,234 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* test_oscillation.c: the watch for oscillation of one and of both axes. */
+#include "core/oscillation.h"
+
+#include <math.h>
+
+#include "nominal.h"
+#include "unity.h"
+
+#define PI 3.14159265358979323846
+#define HZ 10000
+
+static struct oscillation_cfg cfg;
+static struct oscillation_state state[2];
+static bool enabled[2];
+static bool seen;    /* in the last period */
+static int first_at; /* period in which an oscillation was first seen, -1: none */
+static int now;      /* period */
+
+/* 30 N of x and 40 N of y, corner 40 Hz, 60 ms; masses 2 and 4, viscous friction 0.5 and 1 */
+void setUp(void)
+{
+    cfg = (struct oscillation_cfg){.on = true,
+                                   .slow = mk(1 - exp(-2 * PI * 40 / HZ)),
+                                   .limit = mk2(30 / 4.0, 40 / 4.0),
+                                   .mass = mk2(2 / 4.0, 4 / 4.0),
+                                   .viscous = mk2(0.5 / 4, 1 / 4.0),
+                                   .half_wave = HZ / 40,
+                                   .lasts = 600,
+                                   .control_hz = HZ};
+    state[0] = state[1] = (struct oscillation_state){.count = 0};
+    enabled[0] = enabled[1] = true;
+    first_at = -1;
+    now = 0;
+}
+void tearDown(void)
+{
+}
+
+static void step(double x, double y)
+{
+    seen = oscillation_step(&cfg, state, enabled, mk2(x, y), mk2(0, 0), mk2(0, 0));
+    first_at = seen && first_at < 0 ? now : first_at;
+    now++;
+}
+
+/* The share of a sine that the high-pass lets through, from the difference equation of a first-order high-pass */
+static double passed(double hz)
+{
+    const double w = 2 * PI * hz / HZ, p = exp(-2 * PI * 40 / HZ);
+    return 2 * sin(w / 2) / sqrt(1 - 2 * p * cos(w) + p * p);
+}
+
+/* `ms` of a force on x that is `amplitude` at the output of the high-pass */
+static void swing(double hz, double amplitude, int ms)
+{
+    for (int i = 0; i < 10 * ms; i++) {
+        step(amplitude / passed(hz) * sin(2 * PI * hz * now / HZ), 0);
+    }
+}
+
+static void test_a_force_that_swings_beyond_the_limit_is_seen_within_100_ms_at_every_frequency(void)
+{
+    for (int hz = 30; hz <= 600; hz += 15) {
+        setUp();
+        swing(hz, 33, 100);
+        TEST_ASSERT_TRUE_MESSAGE(first_at >= 0, "not seen");
+        TEST_ASSERT_TRUE_MESSAGE(first_at >= 590, "seen too soon");
+        TEST_ASSERT_DOUBLE_WITHIN(0.02 * hz, hz, val(state[0].frequency));
+        TEST_ASSERT_DOUBLE_WITHIN(3, 33, val(state[0].force)); /* its beginning passes the filter better */
+        TEST_ASSERT_EQUAL_INT32(0, state[1].count);
+    }
+}
+
+static void test_a_force_that_swings_within_the_limit_is_not_seen(void)
+{
+    for (int hz = 5; hz <= 600; hz += 15) {
+        setUp();
+        swing(hz, hz < 20 ? 20 : 29, 1000); /* its beginning passes the filter better */
+        TEST_ASSERT_EQUAL_INT32(0, state[0].count);
+    }
+}
+
+static void test_a_force_that_swings_slower_than_half_the_corner_is_not_seen(void)
+{
+    swing(19, 100, 1000);
+    TEST_ASSERT_EQUAL_INT32(0, state[0].count);
+    swing(21, 100, 1000);
+    TEST_ASSERT_TRUE(state[0].count > 0);
+}
+
+static void test_what_swings_on_is_counted_on(void)
+{
+    swing(100, 50, 300);
+    const int32_t count = state[0].count;
+    TEST_ASSERT_TRUE(count >= 3 && count <= 5);
+    swing(100, 50, 300);
+    TEST_ASSERT_TRUE(state[0].count >= count + 3);
+}
+
+static void test_five_half_waves_are_needed_however_long_they_last(void)
+{
+    cfg.lasts = 0;
+    for (int i = 0; i < 4; i++) {
+        step(i % 2 == 0 ? 100 : -100, 0);
+        TEST_ASSERT_FALSE(seen);
+    }
+    step(100, 0);
+    TEST_ASSERT_TRUE(seen);
+    TEST_ASSERT_EQUAL_DOUBLE(4000, val(state[0].frequency)); /* of 5000: it is limited */
+}
+
+static void test_what_decays_by_half_within_the_time_is_not_seen(void)
+{
+    /* the answer of a mode to a step, at each damping from 2 % on: exp(-0.02 2 pi 100 Hz 60 ms) = 0.47 */
+    for (double damping = 0.02; damping < 1; damping *= 1.3) {
+        setUp();
+        for (int i = 0; i < 2000; i++) {
+            const double w = 2 * PI * 100 * i / HZ;
+            step(2000 * exp(-damping * w) * sin(w), 0);
+        }
+        TEST_ASSERT_EQUAL_INT32(0, state[0].count);
+    }
+    setUp();
+    for (int i = 0; i < 2000; i++) { /* it is seen where it rings for longer */
+        const double w = 2 * PI * 100 * i / HZ;
+        step(2000 * exp(-0.01 * w) * sin(w), 0);
+    }
+    TEST_ASSERT_TRUE(state[0].count > 0);
+}
+
+static void test_steps_that_follow_each_other_slower_than_the_corner_are_not_seen(void)
+{
+    for (int i = 0; i < 10000; i++) { /* friction at the reversals of a small circle */
+        step(i / 260 % 2 == 0 ? 100 : -100, 0);
+    }
+    TEST_ASSERT_EQUAL_INT32(0, state[0].count);
+    for (int i = 0; i < 10000; i++) {
+        step(i / 240 % 2 == 0 ? 100 : -100, 0);
+    }
+    TEST_ASSERT_TRUE(state[0].count > 0);
+}
+
+static void test_pulses_to_one_side_are_not_seen(void)
+{
+    for (int i = 0; i < 10000; i++) { /* between them the filter gives -19 N at most */
+        step(i % 100 < 10 ? 100 : 0, 0);
+    }
+    TEST_ASSERT_EQUAL_INT32(0, state[0].count);
+}
+
+static void test_a_half_wave_that_is_missing_begins_anew(void)
+{
+    for (int k = 0; k < 20; k++) {
+        swing(100, 50, 50);
+        for (int i = 0; i < 251; i++) {
+            step(0, 0);
+        }
+    }
+    TEST_ASSERT_EQUAL_INT32(0, state[0].count);
+}
+
+static void test_the_force_that_the_path_needs_is_no_oscillation(void)
+{
+    for (int i = 0; i < 10000; i++) {
+        const double a = sin(2 * PI * 50 * i / HZ), v = cos(2 * PI * 50 * i / HZ);
+        const vec2 r_dot = mk2(500 * v, -300 * v), r_ddot = mk2(200 * a, -150 * a);
+        oscillation_step(&cfg, state, enabled, mk2(2 * 200 * a + 0.5 * 500 * v, -4 * 150 * a - 1 * 300 * v), r_dot,
+                         r_ddot);
+    }
+    TEST_ASSERT_EQUAL_INT32(0, state[0].count);
+    TEST_ASSERT_EQUAL_INT32(0, state[1].count);
+    for (int i = 0; i < 10000; i++) { /* an axis that does not follow it */
+        const double a = sin(2 * PI * 50 * i / HZ);
+        oscillation_step(&cfg, state, enabled, mk2(0, 0), mk2(0, 0), mk2(200 * a, -150 * a));
+    }
+    TEST_ASSERT_TRUE(state[0].count > 0 && state[1].count > 0);
+}
+
+static void test_each_axis_has_its_own_limit(void)
+{
+    for (int i = 0; i < 2000; i++) {
+        step(36 * sin(2 * PI * 300 * i / HZ), 36 * sin(2 * PI * 300 * i / HZ));
+    }
+    TEST_ASSERT_TRUE(state[0].count > 0);
+    TEST_ASSERT_EQUAL_INT32(0, state[1].count);
+    for (int i = 0; i < 2000; i++) {
+        step(0, 46 * sin(2 * PI * 200 * i / HZ));
+    }
+    TEST_ASSERT_TRUE(state[1].count > 0);
+    TEST_ASSERT_DOUBLE_WITHIN(6, 300, val(state[0].frequency));
+    TEST_ASSERT_DOUBLE_WITHIN(4, 200, val(state[1].frequency));
+}
+
+static void test_an_axis_that_is_disabled_begins_anew(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        setUp();
+        for (int i = 0; i < 2000; i++) {
+            const double u = 100 * sin(2 * PI * 100 * i / HZ);
+            enabled[axis] = i % 500 != 0;
+            step(axis == 0 ? u : 0, axis == 0 ? 0 : u);
+        }
+        TEST_ASSERT_EQUAL_INT32(0, state[axis].count);
+    }
+}
+
+static void test_of_a_force_beyond_all_limits_the_largest_is_told(void)
+{
+    for (int i = 0; i < 1000; i++) {
+        step(i / 50 % 2 == 0 ? 4000 : -4000, 0);
+    }
+    TEST_ASSERT_TRUE(state[0].count > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(4000, val(state[0].force));
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_a_force_that_swings_beyond_the_limit_is_seen_within_100_ms_at_every_frequency);
+    RUN_TEST(test_a_force_that_swings_within_the_limit_is_not_seen);
+    RUN_TEST(test_a_force_that_swings_slower_than_half_the_corner_is_not_seen);
+    RUN_TEST(test_what_swings_on_is_counted_on);
+    RUN_TEST(test_five_half_waves_are_needed_however_long_they_last);
+    RUN_TEST(test_what_decays_by_half_within_the_time_is_not_seen);
+    RUN_TEST(test_steps_that_follow_each_other_slower_than_the_corner_are_not_seen);
+    RUN_TEST(test_pulses_to_one_side_are_not_seen);
+    RUN_TEST(test_a_half_wave_that_is_missing_begins_anew);
+    RUN_TEST(test_the_force_that_the_path_needs_is_no_oscillation);
+    RUN_TEST(test_each_axis_has_its_own_limit);
+    RUN_TEST(test_an_axis_that_is_disabled_begins_anew);
+    RUN_TEST(test_of_a_force_beyond_all_limits_the_largest_is_told);
+    return UNITY_END();
+}
