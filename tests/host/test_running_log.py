@@ -186,12 +186,17 @@ def test_what_draws_the_report_is_loaded_before_motion_where_a_second_ctrl_c_can
     assert ended.stderr.split()[:2] == ["matplotlib", "-running.csv"]
 
 
-def test_bus_that_is_lost_leaves_the_log_and_one_message_names_it(drive: SimProcess, tmp_path: Path) -> None:
-    file = tmp_path / "a.csv"
-    process = started(drive, file=file)
+def test_bus_that_is_lost_leaves_log_table_and_report_and_one_message_names_the_files(
+    drive: SimProcess, tmp_path: Path
+) -> None:
+    file, report = tmp_path / "a.csv", tmp_path / "a.html"
+    process = started(drive, "--report", str(report), file=file)
     killed_drive(drive)
-    _, err = process.communicate(timeout=PATIENCE_S)
+    out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
+    assert "contour error" in out
+    assert f"The report up to then is in {report}." in err
+    assert report.exists()
     assert err.count("Error: ") == 1
     assert f"The log up to then is in {file}." in err
     found = log.read(file)

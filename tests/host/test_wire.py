@@ -165,3 +165,18 @@ def test_telemetry_in_pieces_is_that_of_the_whole_run(loss: float, late: bool) -
     for name, values in whole.values.items():
         np.testing.assert_array_equal(np.concatenate([piece.values[name] for piece in pieces]), values)
     assert stream.frames_lost == whole.frames_lost
+
+
+@pytest.mark.parametrize("before", [0, 1, 3])
+def test_path_begins_at_the_tick_after_the_first_status_that_says_so(before: int) -> None:
+    """Also where this status is the first frame of all, and where the tick wraps."""
+    standing = (wire.TPDO1, struct.pack("<HHHH", 0x1237, 0x237, 0, 9))
+    running = (wire.TPDO1, struct.pack("<HHHH", 0x1237, 0x1237, 0, 9))
+    frames = [standing, *(f for i in range(before) for f in millisecond(65_533 + i, (0, 0), (0, 0)))]
+    frames += [running, *(f for i in range(before, 9) for f in millisecond((65_533 + i) % 65_536, (0, 0), (0, 0)))]
+    stream = wire.TelemetryStream((0, 0))
+    function = np.array([f for f, _ in frames], dtype=np.int64)
+    payload = np.frombuffer(b"".join(d for _, d in frames), dtype=np.uint8).reshape(-1, 8)
+    rows = stream.add(function, payload, last=True)
+    assert stream.path_began == 65_533 + before
+    assert rows.tick.tolist() == [*range(65_533, 65_542)]

@@ -318,7 +318,7 @@ def command(
     if len(results) < len(names):
         click.echo(f"Not run after that: {', '.join(names[len(results) :])}.", err=True)
     last = results[-1]
-    told = [error for error in (last.fault, last.log_problem, *errors) if error is not None]
+    told = [error for error in (last.error, last.fault, last.log_problem, *errors) if error is not None]
     for error in told[1:]:
         click.echo(f"Error: {error}", err=True)
     if told:
@@ -347,6 +347,8 @@ def _report(
         _print(trajectory, results, output.as_json, motion.override, notes)
     finally:  # also where nobody reads what is printed
         for result in results:
+            if result.error is not None:
+                continue
             try:
                 _save_capture(result, several, output, recording)
             except KonturError as error:
@@ -356,6 +358,8 @@ def _report(
 
             try:
                 write_report(output.report, [result.log for result in results])
+                if results[-1].error is not None:
+                    click.echo(f"The report up to then is in {output.report}.", err=True)
             except KonturError as error:
                 errors.append(error)
     return errors

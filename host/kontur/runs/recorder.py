@@ -62,6 +62,7 @@ class Recorder:
         self._names, self._whole = names, whole
         self._clock: RunClock | None = None
         self._waiting: list[tuple[NDArray[np.int64], NDArray[np.uint8]]] = []  # frames from before the start is known
+        self._rows = 0
         self._tables: list[Floats] = []
         self._sample = Sample(names)
         self._first_period = 0  # of the truth to come, since power-on
@@ -103,24 +104,26 @@ class Recorder:
         self._finish_file()
         return run
 
-    def fail(self, problem: str) -> Path | None:
-        """End after an error: what was received stays. Returns the file, None without a log or a row in it."""
+    def fail(self, problem: str) -> RunLog | None:
+        """End after an error: what was received stays, as a log; None without a row."""
         if self._clock is not None:
             self._link.stop_recording()
             self._clock.follow(self._link.time_s)
             self._take(np.empty(0, dtype=np.int64), np.empty((0, 8), dtype=np.uint8), last=True)
-        return self.abandon({"status": "error", "fault": problem})
-
-    def abandon(self, meta: Mapping[str, Any]) -> Path | None:
-        """End at once: what was logged stays, with `meta`. Returns the file, None without a log or a row in it."""
-        if self.growing is None:
+        if not self._rows:
+            self.abandon({})
             return None
+        return self.end({"status": "error", "fault": problem})
+
+    def abandon(self, meta: Mapping[str, Any]) -> None:
+        """End at once: what was logged stays in the file, with `meta`; without a row there is none."""
+        if self.growing is None:
+            return
         if not self.growing.rows:
             self.growing.discard()
-            return None
+            return
         self._complete(meta)
         self._finish_file()
-        return self.growing.file
 
     def truth(self) -> Truth | None:
         """The truth at the control rate from the start of the path to its end, if it was kept."""
@@ -179,6 +182,7 @@ class Recorder:
         self._keep(np.column_stack([found[name] for name in self._names]))
 
     def _keep(self, table: Floats) -> None:
+        self._rows += len(table)
         if self._whole:
             self._tables.append(table)
         else:

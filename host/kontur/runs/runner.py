@@ -42,8 +42,8 @@ class RunOptions:
     trajectory where the drive stopped on it; the log has the rest of the path. Axes that have crept go back to it, at
     most resume.RETURN_MAX_M, or with `approach` as far as it is. `scope` is armed just before the start.
 
-    `score_from_s`: the error is scored from this time on. `raise_fault`: a fault during the motion is raised; else the
-    log ends there. `command` is kept in the log: the command that makes the run again.
+    `score_from_s`: the error is scored from this time on. `raise_fault`: a fault during the motion, or an error, is
+    raised; else the log ends there. `command` is kept in the log: the command that makes the run again.
 
     `log`: write the log to this .csv or .mf4 file while the run goes. `whole`: the result has all rows of the log, and
     the truth, in memory (0.9 MB a second); else the rows of a long run are thinned (RunLog.even), and no truth is kept.
@@ -68,7 +68,8 @@ class RunResult:
     """`log` of the run; `truth` at the control rate from the start of the path to its end, None on a real drive, or
     where RunOptions.whole is False.
 
-    `completed`: the drive went all the way. `fault`: what the drive reported, where a fault ended the run. `capture`:
+    `completed`: the drive went all the way. `fault`: what the drive reported, where a fault ended the run. `error`:
+    what broke the run off where RunOptions.raise_fault is False, of the bus or in an answer of the drive. `capture`:
     what the scope recorded, if it was asked for and triggered, or if a fault ended the run, or if a warning came that
     is captured. `warnings`: EMCY codes of the drive's warnings. `log_problem`: why the file of the log could not be
     written, which stopped the run on the path.
@@ -81,6 +82,7 @@ class RunResult:
     capture: scopes.Capture | None = None
     warnings: tuple[int, ...] = ()
     log_problem: FileError | None = None
+    error: KonturError | None = None
 
 
 def run(
@@ -97,9 +99,27 @@ def run(
 
     Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError; FileError when the log cannot
     be begun; KeyboardInterrupt when the operator requested the stop on the way to the start, where there is no log yet.
-    After an error while the path runs, `options.log` has what was received before, and the message says so.
+    After an error while the path runs, `options.log` has what was received before, and the message says so. It is in
+    the result where `options.raise_fault` is False.
     """
-    controller = named(controller)
+    broken_off: list[RunResult] = []
+    try:
+        return _run(trajectory, named(controller), target, options, operator, broken_off)
+    except KonturError:
+        if options.raise_fault or not broken_off:
+            raise
+        return broken_off[0]
+
+
+def _run(
+    trajectory: Trajectory,
+    controller: str,
+    target: Target,
+    options: RunOptions,
+    operator: Operator,
+    broken_off: list[RunResult],
+) -> RunResult:
+    """run(); after an error while the path runs, the result up to then is in `broken_off`."""
     if target.place_at_start:
         target = dataclasses.replace(target, machine=target.machine.starting_at(trajectory.program.start_m))
         if target.in_process and options.approach is None:  # its encoders may see it elsewhere, and it may creep
@@ -129,8 +149,10 @@ def run(
             warnings = device.faults.warnings()
             capture = _capture(device, streamed, warnings, options, operator)
         except KonturError as error:
-            if (file := recorder.fail(str(error))) is not None:
-                error.args = (f"{error}\nThe log up to then is in {file}.",)
+            if (log := recorder.fail(str(error))) is not None:
+                if recorder.growing is not None:
+                    error.args = (f"{error}\nThe log up to then is in {recorder.growing.file}.",)
+                broken_off.append(RunResult(log, None, completed=False, error=error))
             raise
         except BaseException:
             recorder.abandon({"status": "interrupted"})
