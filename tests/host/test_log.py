@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from pathlib import Path
 
@@ -132,6 +133,31 @@ def test_a_cell_that_is_no_number_is_named_by_its_line(tmp_path: Path) -> None:
     with pytest.raises(FileError) as caught:
         log.read(tmp_path / "bad.csv")
     assert caught.value.line == header + 4
+
+
+@pytest.mark.parametrize(
+    ("pattern", "put", "says"),
+    [
+        (r"# status: .*", '# status: "late"', "'late'"),
+        (r"# seed: .*", '# seed: "one"', "seed is no number"),
+        (r"702,", "nan,", "do not increase"),
+        (r"702,", "701,", "do not increase"),
+        (r"702,0.002000,[^,]*", "702,0.002000,1e13", "has a value beyond"),
+    ],
+)
+@pytest.mark.parametrize("rows", [1, 1 << 14])
+def test_a_value_that_cannot_be_is_named_by_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int, pattern: str, put: str, says: str
+) -> None:
+    """Also where it begins another table of the rows that are read at once."""
+    monkeypatch.setattr(log, "_ROWS", rows)
+    lines = log.csv_text(made_run(rows=5)).splitlines()
+    (at,) = (i for i, line in enumerate(lines) if re.match(pattern, line))
+    lines[at] = re.sub(pattern, put, lines[at])
+    (tmp_path / "bad.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(FileError, match=says) as caught:
+        log.read(tmp_path / "bad.csv")
+    assert caught.value.line == at + 1
 
 
 @pytest.mark.parametrize("content", [b"", b"no MDF", b"\xff\xfe\x00", b"MDF     4.10    " + bytes(200)])

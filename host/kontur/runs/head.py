@@ -23,11 +23,13 @@ _LARGEST = 2.0**64
 _MEASURED_MAX = 1e12
 
 
-def problem_of_values(columns: Mapping[str, NDArray[np.float64]]) -> str | None:
-    """The first column with a value that nothing measures; None: there is none. Not known (NaN) is no problem."""
+def problem_of_values(columns: Mapping[str, NDArray[np.float64]]) -> tuple[int, str] | None:
+    """The first column with a value that nothing measures, and the row of that; None: there is none. Not known (NaN) is
+    no problem."""
     for name, values in columns.items():
-        if np.any(np.abs(values) > _MEASURED_MAX):
-            return f"column {name} has a value beyond {_MEASURED_MAX:g}"
+        beyond = np.abs(values) > _MEASURED_MAX
+        if np.any(beyond):
+            return int(np.argmax(beyond)), f"column {name} has a value beyond {_MEASURED_MAX:g}"
     return None
 
 

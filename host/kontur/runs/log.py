@@ -382,6 +382,7 @@ def _csv_tables(
 ) -> Iterator[Array]:
     """The rows, while the lines after them fill in `meta`."""
     rows: list[list[float]] = []
+    at: list[int] = []  # the lines of these
     check = _Increasing(names)
     cut = ""  # a last line that is not whole
     for number, line in lines:
@@ -397,17 +398,18 @@ def _csv_tables(
             if cut and "status" not in meta:
                 break
             raise
+        at.append(number)
         if cut and "status" not in meta:
             rows.pop()  # its last cell may be cut, too
         if len(rows) == _ROWS:
-            yield check.checked(np.array(rows), path, head)
-            rows = []
+            yield check.checked(np.array(rows), path, at)
+            rows, at = [], []
     meta.setdefault("status", "killed")
     problem = _meta_problem(meta)
     if problem:
         raise FileError(path, problem, line=head)
     if rows:
-        yield check.checked(np.array(rows), path, head)
+        yield check.checked(np.array(rows), path, at)
 
 
 def _text_lines(file: IO[bytes], path: Path) -> Iterator[tuple[int, str]]:
@@ -424,6 +426,9 @@ def _read_meta(meta: dict[str, Any], line: str, path: Path, number: int) -> None
         meta[key.strip()] = json.loads(value)
     except (ValueError, RecursionError) as error:
         raise FileError(path, "the value after ':' is not JSON", line=number, word=key.strip()) from error
+    problem = _values_problem({key.strip(): meta[key.strip()]})
+    if problem:
+        raise FileError(path, problem, line=number)
 
 
 def _csv_row(line: str, names: list[str], path: Path, number: int) -> list[float]:
@@ -557,14 +562,19 @@ class _Increasing:
         self._at = [self._names.index(name) for name in ("tick", "time_s")]
         self._last = np.empty((0, 2))
 
-    def checked(self, table: Array, path: Path, line: int | None) -> Array:
-        """`table`. Raises FileError."""
+    def checked(self, table: Array, path: Path, lines: Sequence[int] | None) -> Array:
+        """`table`, whose rows stand in `lines` of a text file. Raises FileError."""
         both = np.concatenate([self._last, table[:, self._at]])
-        if not (np.all(np.isfinite(both)) and np.all(np.diff(both, axis=0) > 0)):
-            raise FileError(path, _NOT_INCREASING, line=line)
-        problem = problem_of_values(dict(zip(self._names, table.T, strict=True)))
+        good = np.isfinite(both).all(axis=1)
+        with np.errstate(invalid="ignore"):
+            good[1:] &= (np.diff(both, axis=0) > 0).all(axis=1)
+        problem = (
+            problem_of_values(dict(zip(self._names, table.T, strict=True)))
+            if good.all()
+            else (int(np.argmin(good)) - len(self._last), _NOT_INCREASING)
+        )
         if problem:
-            raise FileError(path, problem, line=line)
+            raise FileError(path, problem[1], line=lines[problem[0]] if lines is not None else None)
         self._last = both[-1:]
         return table
 
@@ -579,7 +589,11 @@ def _meta_problem(meta: object) -> str | None:
     missing = [key for key in REQUIRED_META if key not in meta]
     if missing:
         return f"the head lacks {', '.join(missing)}"
-    if meta["status"] not in STATUS:
+    return _values_problem(meta)
+
+
+def _values_problem(meta: Mapping[str, Any]) -> str | None:
+    if "status" in meta and meta["status"] not in STATUS:
         return f"status is {meta['status']!r}, not one of {', '.join(STATUS)}"
     return problem_of_kinds(meta)
 
@@ -604,7 +618,8 @@ def _columns_problem(columns: Mapping[str, Array]) -> str | None:
         np.all(np.isfinite(columns[name])) and np.all(np.diff(columns[name]) > 0) for name in ("tick", "time_s")
     ):
         return _NOT_INCREASING
-    return problem_of_values(columns)
+    problem_of_value = problem_of_values(columns)
+    return problem_of_value[1] if problem_of_value else None
 
 
 def _suffix(path: Path) -> str:
