@@ -61,12 +61,9 @@ def atomic_writer(path: Path) -> Iterator[BinaryIO]:
             return
         # Its name is unpredictable, and "x" neither follows a link nor opens what is there.
         part = target.parent / f".kontur-{secrets.token_hex(8)}.part"
-        mode = 0o666 if old is None else 0o600
-        opened = open(part, "xb", opener=lambda name, flags: os.open(name, flags, mode))  # noqa: SIM115
+        created = create_for(path, part)
         try:
-            with opened as file:
-                if old is not None:
-                    _keep_owner_and_mode(file.fileno(), old)
+            with io.BufferedWriter(created) as file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
@@ -77,6 +74,25 @@ def atomic_writer(path: Path) -> Iterator[BinaryIO]:
             raise
     except OSError as error:
         raise FileError(path, f"cannot be written ({error.strerror}); name another file") from error
+
+
+def create_for(path: Path, part: Path) -> io.FileIO:
+    """Make the file `part`, which will take the place of `path`: with its mode and owner, if it exists, from the start.
+
+    Raises OSError; FileExistsError when there is such a file.
+    """
+    old = _status(path)
+    kept = old if old is not None and stat.S_ISREG(old.st_mode) else None
+    mode = 0o666 if kept is None else 0o600
+    file = io.FileIO(part, "xb", opener=lambda name, flags: os.open(name, flags, mode))
+    if kept is not None:
+        try:
+            _keep_owner_and_mode(file.fileno(), kept)
+        except OSError:
+            file.close()
+            part.unlink()
+            raise
+    return file
 
 
 def put_in_place(part: Path, path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import resource
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -255,6 +256,17 @@ def test_run_under_nohup_goes_on_when_the_terminal_is_closed(drive: SimProcess, 
     process.send_signal(signal.SIGHUP)
     assert process.wait(PATIENCE_S) == 0
     assert log.read(file).meta["status"] == "complete"
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".mf4"])
+def test_log_that_takes_the_place_of_a_private_one_is_never_open_to_others(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.touch(mode=0o600)
+    growing = log.Growing(path, {"program": "circle", "controller": "ccu"}, [c.name for c in log.COLUMNS if c.required])
+    assert stat.S_IMODE(growing.file.stat().st_mode) == 0o600
+    growing.append(np.array([[1.0, 0.0, 0.0, 0.0]]))
+    growing.finish({"status": "complete"})
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
 def test_what_a_killed_run_left_is_not_overwritten(trajectory: Trajectory, tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from kontur.can import signals
 from kontur.errors import FileError, LogError
-from kontur.files import atomic_writer, open_bytes, put_in_place, write_atomically
+from kontur.files import atomic_writer, create_for, open_bytes, put_in_place, write_atomically
 from kontur.runs.head import problem_of_kinds, problem_of_values
 from kontur.runs.sample import Sample, Total, total_of
 
@@ -270,7 +270,7 @@ class Growing:
         for number in itertools.count(1):
             self.file = beside.with_name(f"{beside.stem}-running{'' if number == 1 else f'-{number}'}.csv")
             try:
-                self._out = self.file.open("xb", buffering=0)
+                self._out = create_for(path, self.file)
                 break
             except FileExistsError:
                 pass  # of a run that was killed, or that goes on
