@@ -113,6 +113,10 @@ class Params:
     impedance_ohm: Array = field(default_factory=lambda: _pair(2.5, 2.5))
     back_emf_Vspm: Array = field(default_factory=lambda: _pair(41.6, 41.6))
     power_factor: float = 0.9
+    # force filters: rows (4, 4) of each axis are zero Hz, zero damping, pole Hz, pole damping; continuous limit
+    sections: Array = field(default_factory=lambda: np.zeros((2, 4, 4)))
+    continuous_N: Array = field(default_factory=lambda: np.zeros(2))
+    thermal_s: Array = field(default_factory=lambda: _pair(10.0, 10.0))
     # switching of controllers
     blend: float = 0.995
     # the machine, where it is not the nominal plant
@@ -589,6 +593,48 @@ def cascade(
     return p.mass_kg * acceleration + p.viscous_Nspm * c.r_dot, integral, coupled_integral
 
 
+# --- Force filters and continuous limit -------------------------------------------------------------------------------
+
+
+def force_filter(sections: Array, state: Array, force_N: float, p: Params) -> tuple[float, Array]:
+    """One period of the sections (4, 4) of one axis: (filtered force, new state (4, 2) of the trapezoidal integrators).
+
+    In units of the pole frequency a section is x' = A x + B u, y = C x + D u with x = (band-pass, low-pass). The
+    trapezoidal rule over a period of 2 g, g = tan(pi f_p/f_s), is x = (I - g A)^-1 (s + g B u), s+ = 2 x - s.
+    """
+    after = state.copy()
+    u = force_N
+    for n, (zero_Hz, zero_damping, pole_Hz, pole_damping) in enumerate(sections):
+        if pole_Hz == 0.0:
+            continue
+        g, k = np.tan(np.pi * pole_Hz * p.dt_s), 2.0 * pole_damping
+        r = g / np.tan(np.pi * zero_Hz * p.dt_s) if zero_Hz else 0.0
+        x = np.linalg.solve(np.eye(2) - g * np.array([[-k, -1.0], [1.0, 0.0]]), state[n] + g * np.array([u, 0.0]))
+        after[n] = 2.0 * x - state[n]
+        acceleration = u - k * x[0] - x[1]
+        u = float(r**2 * acceleration + 2.0 * zero_damping * r * x[0] + x[1])
+    return u, after
+
+
+def force_filter_at(force_N: float) -> Array:
+    """State (4, 2) of the filters of one axis that has been at this force for long."""
+    return np.tile([0.0, force_N], (4, 1))
+
+
+def force_limit(heat: Array, force_N: Array, p: Params) -> tuple[Array, Array]:
+    """Heat (2,) after a period with this force, and the limits (2,), N, that it leaves (I2t; decision).
+
+    The heat is the mean square of the force over that of the continuous force. From 95 % of it to 100 % the limit falls
+    from the peak to the continuous force.
+    """
+    on = p.continuous_N > 0.0
+    continuous = np.where(on, p.continuous_N, np.inf)
+    after = heat + ((force_N / continuous) ** 2 - heat) * p.dt_s / p.thermal_s
+    ends = np.stack([p.force_max_N, p.continuous_N])
+    lowered = np.array([np.interp(after[i], [0.95, 1.0], ends[:, i]) for i in (0, 1)])
+    return after, np.where(on, np.minimum(lowered, p.force_max_N), p.force_max_N)
+
+
 # --- Energy (26)-(30) -------------------------------------------------------------------------------------------------
 
 
@@ -643,6 +689,9 @@ class State:
     energy_J: Array
     feedforward_friction_N: Array
     feedforward_mass_kg: Array
+    filters: list[Array]
+    filtering: Array
+    heat: Array
     saturated: bool = False
     turn: int = 0
     controller: str | None = None
@@ -650,7 +699,7 @@ class State:
 
 
 class Servo:
-    """One drive: observer, contour error, law, limits, in the firmware's order."""
+    """One drive: observer, contour error, law, force filters, limits, in the firmware's order."""
 
     def __init__(self, p: Params, knots_nm: npt.NDArray[np.int32], measured_m: Array, start_m: Array | None = None):
         """At rest at measured_m (2,); knots_nm (n, 2); start_m (2,): position before knot 0, by default that knot."""
@@ -672,6 +721,9 @@ class Servo:
             energy_J=zero,
             feedforward_friction_N=zero,
             feedforward_mass_kg=zero,
+            filters=[force_filter_at(0.0)] * 2,
+            filtering=zero,
+            heat=zero,
         )
         self._reset_laws(measured_m, zero)
         self.contour: Contour | None = None
@@ -700,6 +752,7 @@ class Servo:
         (decision).
         """
         p, s = self.p, self.state
+        s.heat, force_max = force_limit(s.heat, s.last[0].force, p)
         s.observer, acceleration = observe(s.observer, measured_m, s.last[1].force - s.last[1].balance, p, self.gains)
         q, q_dot = s.observer[0], s.observer[1]
         s.turn = (s.turn + 1) % TURNS  # energy, adaptation or feedforward of one axis a period, for all turns
@@ -716,16 +769,25 @@ class Servo:
             if fresh or switched:
                 self._reset_laws(q, q_dot)
             u, balance, linear = self._law(controller, c, q, q_dot)
-            s.offset = s.last[0].force - u if switched and not fresh else p.blend * s.offset
+            s.offset = s.last[0].force - s.filtering - u if switched and not fresh else p.blend * s.offset
             if not switched and np.all(np.abs(s.offset) < BLENDED_N):
                 s.offset = np.zeros(2)
-            wanted = u + s.offset
-            force = np.clip(wanted, -p.force_max_N, p.force_max_N)
+            demand = u + s.offset
+            if fresh:
+                s.filters = [force_filter_at(force) for force in demand]
+            wanted, s.filters = self._filter(demand)
+            s.filtering = wanted - demand
+            force = np.clip(wanted, -force_max, force_max)
             saturated = bool(np.any(wanted != force))
-            now = History(force, balance, linear + s.offset - (wanted - force))
+            now = History(force, balance, linear + s.offset - (demand - force))
         s.enabled, s.controller, s.saturated = enabled, controller, saturated
         s.last = [now, s.last[0]]
         return now.force
+
+    def _filter(self, force: Array) -> tuple[Array, list[Array]]:
+        """Filtered force (2,), and the new states of its filters."""
+        each = [force_filter(self.p.sections[i], self.state.filters[i], float(force[i]), self.p) for i in (0, 1)]
+        return np.array([y for y, _ in each]), [state for _, state in each]
 
     def _law(self, controller: str, c: Contour, q: Array, q_dot: Array) -> tuple[Array, Array, Array]:
         """Force of the law, its part that balances friction and the mass error, its part that drives (2), N."""

@@ -21,8 +21,8 @@
 
 struct force_limit_cfg {
     bool on;         /* an axis has a continuous limit */
-    vec2 continuous; /* F_c, N */
-    vec2 inverse;    /* 1 / F_c, 1/N; 0: the axis has no such limit */
+    vec2 continuous; /* F_c, N; of an axis without such a limit F_p */
+    vec2 inverse;    /* 1 / F_c, 1/N; of an axis without such a limit 0 */
     num rate[2];     /* control period over tau, times ACC_GAIN */
 };
 

@@ -105,21 +105,24 @@ static bool force_filter(struct force_filter_cfg *cfg, int i, const struct od_fo
     return force_filter_design(cfg, i, spec, CONTROL_HZ);
 }
 
-static num inverse(uint32_t force)
+static struct force_limit_cfg force_limit(const struct od_axis *x, const struct od_axis *y)
 {
-    return force == 0 ? NUM(0) : n_ratio(1000, force);
-}
-
-static struct force_limit_cfg force_limit(const struct od_force_continuous *x, const struct od_force_continuous *y)
-{
-    const struct force_limit_cfg c = {
-        .on = x->force != 0 || y->force != 0,
-        .continuous = v2(milli(x->force), milli(y->force)),
-        .inverse = v2(inverse(x->force), inverse(y->force)),
-        .rate = {n_ratio(ACC_GAIN * 1000, (int64_t)x->time * CONTROL_HZ),
-                 n_ratio(ACC_GAIN * 1000, (int64_t)y->time * CONTROL_HZ)},
+    const struct od_force_continuous *const c[2] = {&x->force_continuous, &y->force_continuous};
+    num inverse[2], force[2] = {milli(x->plant.force_limit), milli(y->plant.force_limit)};
+    for (int i = 0; i < 2; i++) {
+        inverse[i] = NUM(0);
+        if (c[i]->force != 0) {
+            force[i] = milli(c[i]->force);
+            inverse[i] = n_ratio(1000, c[i]->force);
+        }
+    }
+    return (struct force_limit_cfg){
+        .on = c[0]->force != 0 || c[1]->force != 0,
+        .continuous = v2(force[0], force[1]),
+        .inverse = v2(inverse[0], inverse[1]),
+        .rate = {n_ratio(ACC_GAIN * 1000, (int64_t)c[0]->time * CONTROL_HZ),
+                 n_ratio(ACC_GAIN * 1000, (int64_t)c[1]->time * CONTROL_HZ)},
     };
-    return c;
 }
 
 /* The table behind a spring, a gap and a screw; squareness is that of the axis, seen on the other one. */
@@ -271,7 +274,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
                     .coupling = milli(c->coupling_gain),
                     .integral_max = NUM(1000)},
         .energy = {energy(&od->axis[0].motor, friction_speed), energy(&od->axis[1].motor, friction_speed)},
-        .force_limit = force_limit(&od->axis[0].force_continuous, &od->axis[1].force_continuous),
+        .force_limit = force_limit(&od->axis[0], &od->axis[1]),
         .oscillation = oscillation(od),
     };
     for (int i = 0; i < 2; i++) {

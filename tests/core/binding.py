@@ -108,12 +108,15 @@ class Drive:
             name = stem if unit in UNITS else f.name
             if name in members:
                 value = getattr(p, f.name)
-                setattr(params, name, list(value) if isinstance(value, np.ndarray) else value)
+                setattr(params, name, value.tolist() if isinstance(value, np.ndarray) else value)
                 members.remove(name)
         assert not members, f"parameters of the core that the oracle does not know: {members}"
         knot_data = self.ffi.cast("int32_t *", knots.ctypes.data)
         start_data = self.ffi.new("int32_t[2]", [int(v) for v in start])
-        self.handle = self.ffi.gc(self.lib.api_new(params, knot_data, len(knots), start_data), self.lib.api_free)
+        handle = self.lib.api_new(params, knot_data, len(knots), start_data)
+        if handle == self.ffi.NULL:
+            raise ValueError("force filters that cannot be had")
+        self.handle = self.ffi.gc(handle, self.lib.api_free)
 
     def _path(self, s: int, rate: float, rate_dot: float) -> Any:
         return self.ffi.new("struct api_path *", [s, rate, rate_dot])
@@ -184,6 +187,18 @@ class Drive:
         force = self.ffi.new("double[2]")
         self.lib.api_cascade(self.handle, given, coupled, state, force)
         return np.array(list(force)), np.array(list(state))
+
+    def force_filter(self, axis: int, state: Any, force: float) -> tuple[float, np.ndarray]:
+        """force_filter_step of one axis: filtered force and new state (4, 2), N."""
+        after = self.ffi.new("double[4][2]", np.asarray(state).tolist())
+        filtered = self.lib.api_force_filter(self.handle, axis, after, force)
+        return filtered, np.array([list(section) for section in after])
+
+    def force_limit(self, heat: Any, force: Any) -> tuple[np.ndarray, np.ndarray]:
+        """force_limit_step: new heat and limits."""
+        after, limit = self.ffi.new("double[2]", list(heat)), self.ffi.new("double[2]")
+        self.lib.api_force_limit(self.handle, after, list(force), limit)
+        return np.array(list(after)), np.array(list(limit))
 
     def power(self, axis: int, velocity: float, acceleration: float) -> float:
         """energy_step's power, W."""

@@ -2,6 +2,7 @@
 /* core_api.c: the control core for Python, core_api.h. */
 #include "core_api.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 #include "core/servo.h"
@@ -84,6 +85,16 @@ int64_t api_path_one(void)
     return PATH_ONE;
 }
 
+static uint32_t milli(double x)
+{
+    return (uint32_t)lround(x * 1000);
+}
+
+static num inverse(double force)
+{
+    return mk(force > 0 ? 1 / force : 0);
+}
+
 static struct servo_cfg config(const struct api_params *p)
 {
     struct servo_cfg c = {
@@ -133,7 +144,28 @@ static struct servo_cfg config(const struct api_params *p)
                                           .sign_speed = mk(p->friction_speed / MPS),
                                           .dt_ms = mk(SERVO_SLOTS * p->dt * 1e3)};
     }
+    c.force_limit = (struct force_limit_cfg){
+        .on = p->continuous[0] > 0 || p->continuous[1] > 0,
+        .continuous = v2(mk(p->continuous[0] > 0 ? p->continuous[0] : p->force_max[0]),
+                         mk(p->continuous[1] > 0 ? p->continuous[1] : p->force_max[1])),
+        .inverse = v2(inverse(p->continuous[0]), inverse(p->continuous[1])),
+        .rate = {mk(p->dt / p->thermal[0] * ACC_GAIN), mk(p->dt / p->thermal[1] * ACC_GAIN)},
+    };
     return c;
+}
+
+static bool filters(struct servo_cfg *c, const struct api_params *p)
+{
+    bool fit = true;
+    for (int i = 0; i < 2; i++) {
+        struct force_section_spec spec[FORCE_SECTIONS];
+        for (unsigned n = 0; n < FORCE_SECTIONS; n++) {
+            const double *s = p->sections[i][n];
+            spec[n] = (struct force_section_spec){milli(s[0]), milli(s[1]), milli(s[2]), milli(s[3])};
+        }
+        fit = force_filter_design(&c->force_filter, i, spec, (uint32_t)lround(1 / p->dt)) && fit;
+    }
+    return fit;
 }
 
 api_drive *api_new(const struct api_params *p, const int32_t *knots_nm, uint32_t count, const int32_t *start_nm)
@@ -141,6 +173,10 @@ api_drive *api_new(const struct api_params *p, const int32_t *knots_nm, uint32_t
     api_drive *d = calloc(1, sizeof *d);
     if (d != NULL) {
         d->cfg = config(p);
+        if (!filters(&d->cfg, p)) {
+            free(d);
+            return NULL;
+        }
         d->ring.start = (struct knot){{start_nm[0], start_nm[1]}};
         d->ring.count = count;
         for (uint32_t i = 0; i < count; i++) {
@@ -330,6 +366,28 @@ void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, d
     out2(cascade_step(&d->cfg.cascade, &d->cfg.plant, &state, &x, coupled != 0, d->cfg.dt), 1, force);
     out2(state.integral, UM, integral);
     integral[2] = result(state.coupled) * UM;
+}
+
+double api_force_filter(const api_drive *d, int i, double (*state)[2], double force)
+{
+    struct force_filter_state s;
+    force_filter_reset(&s, v2(mk(0), mk(0)));
+    for (unsigned n = 0; n < FORCE_SECTIONS; n++) {
+        s.section[i][n] = (struct force_section_state){mk(state[n][0]), mk(state[n][1])};
+    }
+    const vec2 y = force_filter_step(&d->cfg.force_filter, &s, i == 0 ? v2(mk(force), mk(0)) : v2(mk(0), mk(force)));
+    for (unsigned n = 0; n < FORCE_SECTIONS; n++) {
+        state[n][0] = result(s.section[i][n].s1);
+        state[n][1] = result(s.section[i][n].s2);
+    }
+    return result(i == 0 ? y.x : y.y);
+}
+
+void api_force_limit(const api_drive *d, double *heat, const double *force, double *limit)
+{
+    struct force_limit_state s = {.heat = {acc_from(mk(heat[0])), acc_from(mk(heat[1]))}};
+    out2(force_limit_step(&d->cfg.force_limit, &s, in2(force, 1), d->cfg.plant.force_max), 1, limit);
+    out2(v2(acc_to(s.heat[0]), acc_to(s.heat[1])), 1, heat);
 }
 
 double api_power(const api_drive *d, int i, double velocity, double acceleration)

@@ -16,6 +16,7 @@ struct api_params {
     double alpha, mu_0, mu_max, rho, phi, dead_zone;
     double friction_rate, mass_rate, feedforward_acceleration;
     double k_p, k_v, k_i, coupling, integral_max;
+    double sections[2][4][4], continuous[2], thermal[2];
     double force_constant[2], impedance[2], back_emf[2], power_factor, blend;
     int newton, psi_printed, mu_printed, input_printed;
 };
@@ -64,6 +65,7 @@ struct api_geometry_axis {
 typedef struct api_drive api_drive;
 
 int64_t api_path_one(void);
+/* NULL where the force filters cannot be had. */
 api_drive *api_new(const struct api_params *p, const int32_t *knots_nm, uint32_t count, const int32_t *start_nm);
 void api_free(api_drive *d);
 
@@ -82,6 +84,10 @@ void api_observe(const api_drive *d, int i, int64_t measured, double force, int6
 void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const int64_t *encoder, int64_t *tool);
 /* The errors are those of api_contour(). integral is x, y and coupled; it is changed. */
 void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force);
+/* state are s1, s2 of each section of axis i, N; it is changed. Returns the filtered force. */
+double api_force_filter(const api_drive *d, int i, double (*state)[2], double force);
+/* heat is changed. */
+void api_force_limit(const api_drive *d, double *heat, const double *force, double *limit);
 double api_power(const api_drive *d, int i, double velocity, double acceleration);
 
 void api_servo_reset(api_drive *d, const int64_t *measured);

@@ -14,6 +14,7 @@ from core.bounds import QUANTUM_M, READ, T0, UM, of_oracle, rounding, size
 from oracle import Params
 from scipy.interpolate import BSpline
 from scipy.linalg import solve_banded
+from scipy.signal import bilinear, freqz, lfilter
 
 KNOTS = 300
 P = Params()
@@ -192,6 +193,71 @@ def test_oracle_loop_keeps_the_axes_on_the_circle() -> None:
         loop.step()
         distance.append(abs(np.hypot(*loop.plant.position_m) - 4e-3))
     assert np.mean(distance) < 0.5e-6
+
+
+SECTIONS = {
+    "notch": (170.0, 0.05, 170.0, 0.7),
+    "shallow notch": (62.5, 0.3, 62.5, 0.8),
+    "low-pass": (0.0, 0.0, 800.0, 0.7),
+    "slow low-pass": (0.0, 0.0, 10.0, 1.0),
+    "fast low-pass": (0.0, 0.0, 4500.0, 0.7),
+    "lead": (100.0, 1.0, 300.0, 1.0),
+    "lag": (200.0, 0.5, 70.0, 0.6),
+    "general": (900.0, 0.02, 350.0, 0.1),
+    "high notch": (4900.0, 0.1, 4900.0, 0.5),
+}
+"""zero Hz, zero damping, pole Hz, pole damping"""
+
+
+def of_scipy(section: tuple[float, ...], rate_Hz: float = 1e4) -> tuple[Any, Any]:
+    """b, a of SciPy's bilinear() of H(s), its zeros and poles prewarped."""
+    zero_Hz, zero_damping, pole_Hz, pole_damping = section
+
+    def polynomial(f_Hz: float, damping: float) -> list[float]:
+        w = 2.0 * rate_Hz * np.tan(np.pi * f_Hz / rate_Hz)
+        return [w**-2, 2.0 * damping / w, 1.0]
+
+    return bilinear(polynomial(zero_Hz, zero_damping) if zero_Hz else [1.0], polynomial(pole_Hz, pole_damping), rate_Hz)
+
+
+def one_section(section: tuple[float, ...]) -> Params:
+    """Parameters with this section on x and y."""
+    sections = np.zeros((2, 4, 4))
+    sections[:, 0] = section
+    return replace(P, sections=sections)
+
+
+def forces(count: int = 1500) -> np.ndarray:
+    """A step, a sine sweep, noise."""
+    rng, t = np.random.default_rng(21), np.arange(count) * 1e-4
+    return np.where(t < 0.03, 100.0, 150.0 * np.sin(2.0 * np.pi * 6000.0 * t**2) + rng.normal(0.0, 20.0, count))
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_oracle_filter_is_scipys_bilinear_of_the_section(name: str) -> None:
+    p, state = one_section(SECTIONS[name]), np.zeros((4, 2))
+    found = []
+    for u in forces():
+        y, state = oracle.force_filter(p.sections[0], state, u, p)
+        found.append(y)
+    np.testing.assert_allclose(found, lfilter(*of_scipy(SECTIONS[name]), forces()), atol=1e-8)
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_section_has_its_zeros_and_poles_exactly_at_their_frequencies(name: str) -> None:
+    """What SciPy makes of it is H(s) at the pole's and at the zero's frequency, each prewarped by itself."""
+    zero_Hz, zero_damping, pole_Hz, pole_damping = SECTIONS[name]
+    b, a = of_scipy(SECTIONS[name])
+    numerator, denominator = (np.polyval(c, np.exp(1j * np.pi * 1e-4 * 2 * f)) for c, f in ((b, zero_Hz), (a, pole_Hz)))
+    assert freqz(b, a, [0.0])[1][0] == pytest.approx(1.0)
+    for f, damping, polynomial, value in (
+        (zero_Hz, zero_damping, b, numerator),
+        (pole_Hz, pole_damping, a, denominator),
+    ):
+        at_rest = np.polyval(polynomial, 1.0)
+        # (2 j zeta) ((z + 1) / 2)^2 in place of 2 j zeta
+        z = np.exp(2j * np.pi * 1e-4 * f)
+        assert value / at_rest == pytest.approx((2j * damping if f else 1.0) * ((z + 1) / 2) ** 2, abs=1e-9)
 
 
 # --- Every module of the core against the oracle ----------------------------------------------------------------------
@@ -454,6 +520,85 @@ def test_cascade_is_the_oracles_but_for_rounding(core: Core, coupled: bool) -> N
             check("integral", after, [*ints, coupled_int], d_after)
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_force_filter_is_the_oracles_but_for_rounding(core: Core, axis: int) -> None:
+    rng, kinds = np.random.default_rng(22), list(SECTIONS.values())
+    for first in range(len(kinds)):
+        sections = np.zeros((2, 4, 4))
+        used = [n for n in range(4) if n != first % 5]  # 5: a section that is off is left out, also between two
+        for n, row in enumerate(used):
+            sections[axis, row] = kinds[(first + n) % len(kinds)]
+        p = replace(P, sections=sections)
+        for scale in (1e-3, 1.0, 100.0):
+            state, u = np.zeros((4, 2)), rng.uniform(-scale, scale)
+            state[used] = rng.uniform(-scale, scale, (len(used), 2))
+            expected, after = oracle.force_filter(sections[axis], state, u, p)
+            packed = np.zeros((4, 2))
+            packed[: len(used)] = state[used]
+            (found, found_after), (d, d_after) = (
+                lib.drive(p).force_filter(axis, packed, u) for lib in (core, core.bound)
+            )
+            check("force", found, expected, d, f"section {first}")
+            check("state", found_after[: len(used)], after[used], d_after[: len(used)], f"section {first}")
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_force_filter_gives_scipys_forces_over_a_run(core: Core, name: str) -> None:
+    """Each period errs by what the bound says of it, and the section carries that on as it does its states."""
+    p = one_section(SECTIONS[name])
+    drive, limit, u = core.drive(p), core.bound.drive(p), forces()
+    unit = [oracle.force_filter(p.sections[0], np.vstack([e, np.zeros((3, 2))]), 0.0, p) for e in np.eye(2)]
+    a, c = np.array([after[0] for _, after in unit]).T, np.array([y for y, _ in unit])
+    carried, power = np.zeros(2), np.eye(2)
+    for _ in range(len(u)):
+        carried, power = carried + np.abs(c @ power), a @ power
+    state, found, error, d_state = np.zeros((4, 2)), [], 0.0, np.zeros(2)
+    for force in u:
+        d, d_after = limit.force_filter(0, state, force)
+        error, d_state = max(error, d), np.maximum(d_state, d_after[0])
+        y, state = drive.force_filter(0, state, force)
+        found.append(y)
+    check("force", found, lfilter(*of_scipy(SECTIONS[name]), u), error + carried @ d_state, name)
+
+
+@pytest.mark.parametrize("force", [0.0, 123.456, -599.0])
+def test_force_filter_at_its_steady_state_changes_nothing(core: Core, force: float) -> None:
+    p = replace(P, sections=np.tile([list(SECTIONS[k]) for k in ("notch", "low-pass", "lead", "lag")], (2, 1, 1)))
+    start = oracle.force_filter_at(float(core.bound.num == "f32") * force or np.float32(force))
+    y, after = core.drive(p).force_filter(1, start, float(start[0, 1]))
+    assert y == pytest.approx(float(start[0, 1]), abs=2.0**-19 if core.num == "fix" else 0.0)
+    np.testing.assert_allclose(after, start, atol=2.0**-19 if core.num == "fix" else 0.0)
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        (0.0, 0.0, 4900.001, 0.7),
+        (0.0, 0.0, 5000.0, 0.7),
+        (0.0, 0.0, 0.999, 0.7),
+        (4900.001, 0.7, 800.0, 0.7),
+        (0.999, 0.7, 1.0, 0.7),
+        (50.0, 0.7, 510.0, 0.7),
+    ],
+)
+def test_force_filter_that_cannot_be_had_is_refused(core: Core, section: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match="cannot be had"):
+        core.drive(one_section(section))
+
+
+def test_force_limit_is_the_oracles_but_for_rounding(core: Core) -> None:
+    rng = np.random.default_rng(23)
+    for continuous in ([200.0, 350.0], [60.0, 0.0], [0.0, 601.0], [12.0, 590.0]):
+        p = replace(P, continuous_N=np.array(continuous), thermal_s=np.array([0.5, 200.0]))
+        drive, limit = core.drive(p), core.bound.drive(p)
+        for heat in (0.0, 0.5, 0.9499, 0.951, 0.97, 0.9999, 1.001, 1.3):
+            force = rng.uniform(-600.0, 600.0, 2)
+            expected_heat, expected = oracle.force_limit(np.full(2, heat), force, p)
+            (found_heat, found), (d_heat, d) = (x.force_limit([heat, heat], force) for x in (drive, limit))
+            check("heat", found_heat, expected_heat, d_heat)
+            check("limit", found, expected, d, f"continuous {continuous}, heat {heat}")
+
+
 def test_power_is_the_oracles_but_for_rounding(core: Core) -> None:
     drive, limit, rng = core.drive(P), core.bound.drive(P), np.random.default_rng(14)
     for scale in (1e-6, 1e-4, 1e-2, 0.3):
@@ -544,6 +689,62 @@ def test_servo_gives_the_oracles_forces_when_controllers_and_path_rate_change(co
         force, *_ = drive.step(s, np.rint(measured * POS_PER_M), controller, rate, rate_dot, enabled)
         check("force", force, expected, bound, f"at step {k}, {controller}")
         plant.step(expected)
+
+
+def filter_gain(p: Params) -> float:
+    """The largest that filters make of forces within +-1: the sum of their impulse response."""
+    gains = []
+    for sections in p.sections:
+        state, total = np.zeros((4, 2)), 0.0
+        for k in range(STEPS):
+            y, state = oracle.force_filter(sections, state, float(k == 0), p)
+            total += abs(y)
+        gains.append(total)
+    return max(gains)
+
+
+def test_servo_gives_the_oracles_forces_with_force_filters(core: Core) -> None:
+    """The controller changes and the drive is off a while, as it is where filters start anew."""
+    sections = np.zeros((2, 4, 4))
+    sections[0, :2] = SECTIONS["shallow notch"], SECTIONS["low-pass"]
+    sections[1, 2] = SECTIONS["notch"]
+    p = core.params(sections=sections)
+    loop, drive = oracle.Loop(p, PATHS["fast circle"], seed=4), core.drive(p, PATHS["fast circle"])
+    drive.reset(np.rint(loop.plant.encoder() * POS_PER_M))
+    bound = max(force_bound(core.num, c, p, 0.15, 10.0) for c in ("cc", "cascade")) * filter_gain(p)
+    for k in range(STEPS):
+        controller = "cc" if k // 300 % 2 else "cascade"
+        enabled = not 1000 <= k < 1200
+        measured = loop.plant.encoder()
+        expected = loop.servo.step(measured, core.seconds(core.path_time(k * p.dt_s)), controller, enabled=enabled)
+        force, *_ = drive.step(core.path_time(k * p.dt_s), np.rint(measured * POS_PER_M), controller, enabled=enabled)
+        check("force", force, expected, bound, f"at step {k}")
+        loop.plant.step(expected)
+
+
+def test_servo_gives_the_oracles_forces_at_a_limit_that_its_heat_lowers(core: Core) -> None:
+    peak, continuous = P.force_max_N[0], 225.0
+    p = core.params(continuous_N=np.array([0.0, continuous]), thermal_s=np.array([10.0, 0.1]))
+    loop, drive = (
+        oracle.Loop(p, PATHS["tight fast circle"], seed=4, controller="cascade"),
+        core.drive(p, PATHS["tight fast circle"]),
+    )
+    drive.reset(np.rint(loop.plant.encoder() * POS_PER_M))
+    # The heat errs by 8 roundings, those of 1 / continuous, and those of the force; the limit by 20 (peak - continuous)
+    # times as much.
+    bound = force_bound(core.num, "cascade", p, 0.15, 10.0)
+    of_heat = 8.0 * rounding(core.num, 1.0, 1.0) + 2.0 * continuous * rounding(core.num, 1.0 / continuous, 1.0)
+    bound += 20.0 * (peak - continuous) * (of_heat + 2.0 * bound / continuous)
+    limited = []
+    for k in range(STEPS):
+        measured = np.rint(loop.plant.encoder() * POS_PER_M)
+        expected = loop.step()
+        force, *_ = drive.step(core.path_time(k * p.dt_s), measured, "cascade")
+        check("force", force, expected, bound, f"at step {k}")
+        if loop.servo.state.saturated:
+            limited.append(abs(expected[1]))
+    assert len(limited) > 50
+    assert continuous <= min(limited) < max(limited) < peak
 
 
 def test_servo_takes_the_printed_forms_where_they_are_selected(core: Core) -> None:
