@@ -322,7 +322,86 @@ static void test_observer_has_its_poles_where_the_bandwidth_says(void)
     near(0.02, o.dt);
 }
 
+static void test_force_filters_of_each_axis(void)
+{
+    od.axis[1].force_filter.zero_2 = od.axis[1].force_filter.pole_2 = 170000;
+    od.axis[1].force_filter.zero_damping_2 = 70;
+    od.axis[1].force_filter.pole_damping_2 = 650;
+    od.axis[1].force_filter.pole_4 = 800000;
+    od.axis[0].force_filter.pole_1 = 900000;
+    od.axis[0].force_filter.pole_3 = 700000;
+    const struct force_filter_cfg c = configuration_servo(&od).force_filter;
+    TEST_ASSERT_TRUE(c.on);
+    TEST_ASSERT_EQUAL_UINT8(2, c.count[0]);
+    TEST_ASSERT_EQUAL_UINT8(2, c.count[1]);
+    const double pi = 3.14159265358979323846;
+    near(tan(pi * 900 / CONTROL_HZ), c.section[0][0].g);
+    near(tan(pi * 700 / CONTROL_HZ), c.section[0][1].g);
+    near(tan(pi * 170 / CONTROL_HZ), c.section[1][0].g);
+    near(tan(pi * 800 / CONTROL_HZ), c.section[1][1].g);
+    near(1, c.section[1][0].r2);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 2 * 0.07 - 2 * 0.65, val(c.section[1][0].c));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(c.section[1][1].r2));
+    od_init(&od, 1);
+    TEST_ASSERT_FALSE(configuration_servo(&od).force_filter.on);
+}
+
+static void test_continuous_force_of_each_axis(void)
+{
+    TEST_ASSERT_FALSE(configuration_servo(&od).force_limit.on);
+    od.axis[1].force_continuous = (struct od_force_continuous){.force = 123456, .time = 8765};
+    struct force_limit_cfg c = configuration_servo(&od).force_limit;
+    TEST_ASSERT_TRUE(c.on);
+    near(0, c.inverse.x);
+    near(600, c.continuous.x); /* its peak */
+    near(123.456, c.continuous.y);
+    near(1 / 123.456, c.inverse.y);
+    near(ACC_GAIN / 10.0 / CONTROL_HZ, c.rate[0]);
+    near(ACC_GAIN / 8.765 / CONTROL_HZ, c.rate[1]);
+    od.axis[1].force_continuous.force = 0;
+    od.axis[0].force_continuous.force = 234567;
+    c = configuration_servo(&od).force_limit;
+    TEST_ASSERT_TRUE(c.on);
+    near(234.567, c.continuous.x);
+    near(1 / 234.567, c.inverse.x);
+    near(0, c.inverse.y);
+}
+
 /* ---- what must fit together ---- */
+
+static void test_force_filters_have_frequencies_below_half_the_control_rate(void)
+{
+    for (int i = 0; i < 2; i++) {
+        struct od_force_filter *f = &od.axis[i].force_filter;
+        uint32_t *const zeros[] = {&f->zero_1, &f->zero_2, &f->zero_3, &f->zero_4};
+        uint32_t *const poles[] = {&f->pole_1, &f->pole_2, &f->pole_3, &f->pole_4};
+        for (int n = 0; n < 4; n++) {
+            *poles[n] = 490 * CONTROL_HZ;
+            TEST_ASSERT_TRUE(configuration_fits(&od));
+            *poles[n] += 1;
+            TEST_ASSERT_FALSE(configuration_fits(&od));
+            *poles[n] = 100000;
+            *zeros[n] = 490 * CONTROL_HZ + 1;
+            TEST_ASSERT_FALSE(configuration_fits(&od));
+            *zeros[n] = 0;
+            *poles[n] = 0;
+        }
+    }
+}
+
+static void test_continuous_force_is_at_least_a_fiftieth_of_the_force_limit(void)
+{
+    for (int i = 0; i < 2; i++) {
+        od_init(&od, 1);
+        od.axis[i].plant.force_limit = 3000000;
+        od.axis[i].force_continuous.force = 60000;
+        TEST_ASSERT_TRUE(configuration_fits(&od));
+        od.axis[i].force_continuous.force = 59999;
+        TEST_ASSERT_FALSE(configuration_fits(&od));
+        od.axis[i].force_continuous.force = 0;
+        TEST_ASSERT_TRUE(configuration_fits(&od));
+    }
+}
 
 static void test_defaults_fit(void)
 {
@@ -531,6 +610,10 @@ int main(void)
     RUN_TEST(test_friction_of_each_axis_is_on_where_it_is_more_than_a_sign);
     RUN_TEST(test_screw_of_each_axis_is_on_where_it_has_a_lead);
     RUN_TEST(test_observer_is_slower_for_coarse_encoders_by_the_fourth_root);
+    RUN_TEST(test_force_filters_of_each_axis);
+    RUN_TEST(test_continuous_force_of_each_axis);
+    RUN_TEST(test_force_filters_have_frequencies_below_half_the_control_rate);
+    RUN_TEST(test_continuous_force_is_at_least_a_fiftieth_of_the_force_limit);
     RUN_TEST(test_defaults_fit);
     RUN_TEST(test_soft_limits_are_no_empty_range);
     RUN_TEST(test_map_of_a_screw_has_two_points_or_more);

@@ -93,6 +93,96 @@ static void test_every_switch_of_controllers_keeps_the_force(void)
     }
 }
 
+/* Notches on x and y, and a low-pass filter on x */
+static void filter(void)
+{
+    const struct force_section_spec spec[2][FORCE_SECTIONS] = {{{170000, 70, 170000, 700}, {0, 0, 700000, 700}},
+                                                               {{90000, 100, 90000, 500}}};
+    TEST_ASSERT_TRUE(force_filter_design(&cfg.force_filter, 0, spec[0], 10000));
+    TEST_ASSERT_TRUE(force_filter_design(&cfg.force_filter, 1, spec[1], 10000));
+}
+
+static void test_force_filters_start_with_the_force_of_the_law(void)
+{
+    vec2 first[2], second[2];
+    for (int filtered = 0; filtered < 2; filtered++) {
+        setUp();
+        if (filtered != 0) {
+            filter();
+        }
+        run(CONTROLLER_CC, 1);
+        first[filtered] = out.force;
+        run(CONTROLLER_CC, 50);
+        in.enabled[1] = false;
+        run(CONTROLLER_CC, 50);
+        in.enabled[1] = true;
+        run(CONTROLLER_CC, 1);
+        second[filtered] = v2_sub(out.force, state.filtering);
+        TEST_ASSERT_EQUAL_DOUBLE(0, val(state.filtering.x));
+        TEST_ASSERT_EQUAL_DOUBLE(0, val(state.filtering.y));
+    }
+    TEST_ASSERT_TRUE(fabs(val(first[0].x)) + fabs(val(first[0].y)) > 20);
+    TEST_ASSERT_EQUAL_DOUBLE(val(first[0].x), val(first[1].x));
+    TEST_ASSERT_EQUAL_DOUBLE(val(first[0].y), val(first[1].y));
+    TEST_ASSERT_TRUE(fabs(val(second[0].x)) + fabs(val(second[1].y)) > 20);
+}
+
+static void test_models_get_the_force_that_the_filters_let_through(void)
+{
+    filter();
+    run(CONTROLLER_CASCADE, 50);
+    step(-30, 10); /* a step of the force, of which the filters let a part through */
+    TEST_ASSERT_TRUE(fabs(val(state.filtering.x)) > 1);
+    TEST_ASSERT_TRUE(fabs(val(state.filtering.y)) > 1);
+    const vec2 balance = v2_mul(cfg.plant.coulomb, smc_direction(cfg.smc.friction_speed, out.contour.r_dot));
+    const vec2 net = v2_sub(out.force, balance);
+    ASSERT_NEAR(val(net.x), val(demand()->net.x), 600.0);
+    ASSERT_NEAR(val(net.y), val(demand()->net.y), 600.0);
+    ASSERT_NEAR(val(net.x), val(demand()->model.x), 600.0);
+    ASSERT_NEAR(val(net.y), val(demand()->model.y), 600.0);
+}
+
+static void test_a_switch_keeps_the_force_that_goes_into_the_filters(void)
+{
+    filter();
+    run(CONTROLLER_CASCADE, 50);
+    step(-30, 10);
+    const vec2 before = v2_sub(out.force, state.filtering);
+    in.controller = CONTROLLER_CC;
+    step(-30, 10);
+    const vec2 after = v2_sub(out.force, state.filtering);
+    ASSERT_NEAR(val(before.x), val(after.x), 1200.0);
+    ASSERT_NEAR(val(before.y), val(after.y), 1200.0);
+}
+
+static void test_heat_lowers_the_limit_of_its_axis(void)
+{
+    for (int i = 0; i < 2; i++) {
+        setUp();
+        cfg.force_limit = (struct force_limit_cfg){
+            .on = true, .continuous = mk2(10, 10), .inverse = mk2(0.1, 0.1), .rate = {mk(0.001), mk(0.001)}};
+        run(CONTROLLER_CC, 10);
+        TEST_ASSERT_FALSE(out.saturated);
+        state.force_limit.heat[i] = acc_from(mk(1.5));
+        step(-30, 10);
+        TEST_ASSERT_TRUE(out.saturated);
+        ASSERT_NEAR(10, fabs(val(i == 0 ? out.force.x : out.force.y)), 10);
+        TEST_ASSERT_TRUE(fabs(val(i == 0 ? out.force.y : out.force.x)) > 11);
+    }
+}
+
+static void test_an_axis_cools_without_power(void)
+{
+    cfg.force_limit = (struct force_limit_cfg){
+        .on = true, .continuous = mk2(10, 10), .inverse = mk2(0.1, 0.1), .rate = {mk(1), mk(1)}};
+    run(CONTROLLER_CC, 10);
+    in.enabled[0] = in.enabled[1] = false;
+    run(CONTROLLER_CC, 1);
+    const double hot = acc_val(state.force_limit.heat[1]);
+    run(CONTROLLER_CC, 100);
+    TEST_ASSERT_DOUBLE_WITHIN(0.01 * hot, hot * exp(-100.0 / ACC_GAIN), acc_val(state.force_limit.heat[1]));
+}
+
 static void test_after_a_switch_the_offset_fades_and_the_new_law_remains(void)
 {
     cfg.blend = mk(0.75);
@@ -864,5 +954,10 @@ static void test_a_switch_of_controllers_keeps_the_force_with_friction_cogging_a
         RUN_TEST(test_first_period_takes_the_axes_at_rest_where_the_tool_is);
         RUN_TEST(test_error_of_the_path_is_that_of_the_tool);
         RUN_TEST(test_deflection_is_that_of_the_reference_of_the_axes_with_power);
-        return UNITY_END();
+        RUN_TEST(test_force_filters_start_with_the_force_of_the_law);
+    RUN_TEST(test_models_get_the_force_that_the_filters_let_through);
+    RUN_TEST(test_a_switch_keeps_the_force_that_goes_into_the_filters);
+    RUN_TEST(test_heat_lowers_the_limit_of_its_axis);
+    RUN_TEST(test_an_axis_cools_without_power);
+    return UNITY_END();
     }
