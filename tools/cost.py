@@ -41,7 +41,9 @@ STAGES = {
     "path, spline": ("step_path", "change_path", "wanted_rate", "spline_prefetch", "path_clock.c", "spline.c"),
     "contour": ("contour.c",),
     "law": ("smc.c", "cascade.c"),
+    "geometry, force filters": ("geometry.c", "force_filter.c", "force_limit.c"),
     "compensator, feedforward": ("compensator.c", "feedforward.c", "friction.c", "screw.c"),
+    "watch for oscillation": ("oscillation.c",),
     "supervision": ("supervise", "supervise_in_detail", "supervise_axis", "supervise_inputs"),
     "telemetry, scope": ("publish", "telemetry.c", "telemetry_gen.h", "scope_runs", "scope.c"),
     "composing, output": (

@@ -446,6 +446,8 @@ def _print(trajectory: Trajectory, results: list[RunResult], as_json: bool, over
     name, feed = trajectory.program.name, trajectory.feed
     rows = [{"controller": result.log.meta["controller"], **summary(result.log)} for result in results]
     warnings = dict.fromkeys(code for result in results for code in result.warnings)
+    oscillated = [result.log.meta for result in results if "oscillation" in result.log.meta]
+    notes = [*notes, *(f"{meta['controller']} oscillated: {meta['oscillation']}." for meta in oscillated)]
     if as_json:
         print_json({"program": name, "duration_s": trajectory.duration_s, "feed": feed and asdict(feed),
                     "override_percent": override, "notes": notes,

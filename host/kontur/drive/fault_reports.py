@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import takewhile
 
 from kontur.can.emcy import describe_emcy, faults
@@ -10,6 +11,7 @@ from kontur.drive.objects import Objects
 from kontur.errors import EmcyError
 
 _BIT_FAULT = 1 << 3
+_LOWER_GAINS = 4  # 2122h:3
 _ERRORS = 8  # entries of 2033h (`errors`)
 
 
@@ -31,7 +33,10 @@ class FaultReports:
             if code := self._objects.read_stable(f"error_code_{axis}"):
                 reported = {emcy[0]: emcy for emcy in self.clear_emergencies()}
                 _, register, data = reported.get(code, (code, self._objects.read("error_register"), b""))
-                raise EmcyError(code, register, data, f"the drive reports {describe_emcy(code)}")
+                seen = self.oscillation((code,))
+                raise EmcyError(
+                    code, register, data, f"the drive reports {describe_emcy(code)}{seen and f'. Seen: {seen}'}"
+                )
 
     def clear_emergencies(self) -> list[tuple[int, int, bytes]]:
         """The EMCY objects received since the last call, as (code, register, data)."""
@@ -48,6 +53,25 @@ class FaultReports:
     def warnings(self) -> tuple[int, ...]:
         """EMCY codes of the warnings since the drive is connected, and of those in effect before, each once."""
         known = faults()
-        only_warns = {"tunnel": self._objects.read("tunnel.reaction") == 0}  # rows whose reaction is an option
+        only_warns = {  # rows whose reaction is an option
+            "tunnel": self._objects.read("tunnel.reaction") == 0,
+            "oscillation": self._objects.read("oscillation.reaction") in (0, _LOWER_GAINS),
+        }
         codes = dict.fromkeys((*self._objects.link.reported, *self.errors()))
         return tuple(c for c in codes if c in known and (known[c].warns or only_warns.get(known[c].name, False)))
+
+    def oscillation(self, codes: Iterable[int]) -> str:
+        """Where oscillation is one of these faults: which axes oscillated, and whether the gains are lowered; else ""."""
+        known = faults()
+        if not any(code in known and known[code].name == "oscillation" for code in codes):
+            return ""
+        read = self._objects.read
+        seen = [
+            f"{axis} at {read(f'oscillation_state.frequency_{axis}'):.0f} Hz "
+            f"with {read(f'oscillation_state.force_{axis}'):.0f} N"
+            for axis in "xy"
+            if read(f"oscillation_state.count_{axis}")
+        ]
+        if (gain := read("oscillation_state.gain")) < 1:
+            seen.append(f"gains lowered to {gain:g} of the parameters")
+        return ", ".join(seen)

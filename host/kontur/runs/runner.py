@@ -147,6 +147,7 @@ def _run(
             with device.axes.enabled(also=TELEMETRY):
                 driven, streamed = _move(device, trajectory, left, recorder, options, operator, limits(target.machine))
             warnings = device.faults.warnings()
+            oscillation = device.faults.oscillation(warnings)
             capture = _capture(device, streamed, warnings, options, operator)
         except KonturError as error:
             if (log := recorder.fail(str(error))) is not None:
@@ -158,6 +159,8 @@ def _run(
             recorder.abandon({"status": "interrupted"})
             raise
         outcome = _outcome(streamed, warnings, recorder.problem)
+        if oscillation:
+            outcome["oscillation"] = oscillation
         if options.resume:
             outcome["resumed_at_s"] = float(driven.path_ms[streamed.passed]) * KNOT_S
         log = recorder.end(outcome | {"dropped": device.link.dropped})
