@@ -3,6 +3,7 @@
 #include "core/oscillation.h"
 
 #define QUARTER 0.25
+#define LASTING 0.7 /* a peak below this share of the largest one ends an oscillation */
 /* What is told at most */
 #define FORCE_MAX 1000     /* N/4 */
 #define FREQUENCY_MAX 4000 /* Hz */
@@ -35,7 +36,7 @@ __attribute__((noinline)) static bool beyond(const struct oscillation_cfg *cfg, 
     }
     if (s->half_waves == 0) {
         begin(s, NUM(0));
-    } else if (n_lt(s->peak, n_mul(NUM(0.5), s->largest))) {
+    } else if (n_lt(s->peak, n_mul(NUM(LASTING), s->largest))) {
         begin(s, s->peak);
     } else {
         s->half_waves++;

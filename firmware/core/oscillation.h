@@ -12,7 +12,7 @@
  *   - OSCILLATION_HALF_WAVES half waves have followed each other, the last of which begins, each within 1/f_c of the one
  *     before,
  *   - for at least cfg.lasts periods, and
- *   - no peak was below half of the largest one: what decays is the answer to a step.
+ *   - no peak was below 70 % of the largest one: what decays is the answer to a step.
  * A disturbance of half a wave or less, noise below the limit, and the reversals of a path are none of this.
  *
  * Symbols
