@@ -324,10 +324,17 @@ static bool of_no_meaning(const struct variable *v, size_t bit)
 #define IN_BOTH(member)                                                                                                \
     offsetof(struct rig, device.drive.loop.cfg[0].member), offsetof(struct rig, device.drive.loop.cfg[1].member)
     static const size_t bools[] = {
-        IN_BOTH(servo.contour.newton),          IN_BOTH(servo.smc.psi_printed),
-        IN_BOTH(servo.compensator.law_printed), IN_BOTH(servo.compensator.input_printed),
-        IN_BOTH(servo.force_filter.on),         IN_BOTH(servo.force_limit.on),
-        IN_BOTH(servo.oscillation.on),          IN_BOTH(servo.oscillation.lower),
+        IN_BOTH(servo.contour.newton),
+        IN_BOTH(servo.smc.psi_printed),
+        IN_BOTH(servo.compensator.law_printed),
+        IN_BOTH(servo.compensator.input_printed),
+        IN_BOTH(servo.force_filter.on),
+        IN_BOTH(servo.force_limit.on),
+        IN_BOTH(servo.friction.on),
+        IN_BOTH(servo.screw.on),
+        IN_BOTH(servo.geometry.on),
+        IN_BOTH(servo.oscillation.on),
+        IN_BOTH(servo.oscillation.lower),
         IN_BOTH(onchip_plant.simulated),
     };
     for (unsigned i = 0; i < sizeof bools / sizeof bools[0]; i++) {

@@ -849,115 +849,116 @@ static void test_a_switch_of_controllers_keeps_the_force_with_friction_cogging_a
     ASSERT_NEAR(val(before.x), val(out.force.x), 600.0);
     ASSERT_NEAR(val(before.y), val(out.force.y), 600.0);
     TEST_ASSERT_TRUE(fabs(val(state.offset.y)) > 1);
+}
 
-    /* ---- geometry ---- */
+/* ---- geometry ---- */
 
-    /* A map that adds 100 um to x, and a spring behind which y has 50 kg. */
-    static void with_geometry(void)
-    {
-        cfg.geometry = (struct geometry_cfg){.on = true, .dt = cfg.dt};
-        cfg.geometry.axis[0].lead[0] = NUM(100);
-        cfg.geometry.axis[1].compliance = NUM(0.25);
-        cfg.geometry.axis[1].mass = NUM(2);
-    }
+/* A map that adds 100 um to x, and a spring behind which y has 50 kg. */
+static void with_geometry(void)
+{
+    cfg.geometry = (struct geometry_cfg){.on = true, .dt = cfg.dt};
+    cfg.geometry.axis[0].lead[0] = NUM(100);
+    cfg.geometry.axis[1].compliance = NUM(0.25);
+    cfg.geometry.axis[1].mass = NUM(2);
+}
 
-    static void test_first_period_takes_the_axes_at_rest_where_the_tool_is(void)
-    {
-        with_geometry();
-        in.enabled[0] = in.enabled[1] = false;
-        servo_reset(&cfg, &state, in.measured);
-        servo_step(&cfg, &state, &in, &out);
-        TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
-        TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.y));
-        ASSERT_NEAR(100, val(pos_sub(state.observer[0].pos, in.measured[0])), 100.0);
-        ASSERT_NEAR(0, val(pos_sub(state.observer[1].pos, in.measured[1])), 1.0);
-        in.measured[0] = pos_add(in.measured[0], NUM(1));
-        servo_step(&cfg, &state, &in, &out);
-        TEST_ASSERT_TRUE(val(out.velocity.x) > 0); /* the second one does not */
-    }
+static void test_first_period_takes_the_axes_at_rest_where_the_tool_is(void)
+{
+    with_geometry();
+    in.enabled[0] = in.enabled[1] = false;
+    servo_reset(&cfg, &state, in.measured);
+    servo_step(&cfg, &state, &in, &out);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.y));
+    ASSERT_NEAR(100, val(pos_sub(state.observer[0].pos, in.measured[0])), 100.0);
+    ASSERT_NEAR(0, val(pos_sub(state.observer[1].pos, in.measured[1])), 1.0);
+    in.measured[0] = pos_add(in.measured[0], NUM(1));
+    servo_step(&cfg, &state, &in, &out);
+    TEST_ASSERT_TRUE(val(out.velocity.x) > 0); /* the second one does not */
+}
 
-    static void test_error_of_the_path_is_that_of_the_tool(void)
-    {
-        step(20, 4);
-        const double without = val(out.contour.e_w.x);
-        const pos_t encoder = state.observer[0].pos;
-        setUp();
-        with_geometry();
-        step(20, 4); /* the first one resets the observers */
-        ASSERT_NEAR(100, val(pos_sub(state.observer[0].pos, in.measured[0])), 100.0);
-        ASSERT_NEAR(val(pos_sub(state.observer[0].pos, encoder)), val(out.contour.e_w.x) - without, 200.0);
-    }
+static void test_error_of_the_path_is_that_of_the_tool(void)
+{
+    step(20, 4);
+    const double without = val(out.contour.e_w.x);
+    const pos_t encoder = state.observer[0].pos;
+    setUp();
+    with_geometry();
+    step(20, 4); /* the first one resets the observers */
+    ASSERT_NEAR(100, val(pos_sub(state.observer[0].pos, in.measured[0])), 100.0);
+    ASSERT_NEAR(val(pos_sub(state.observer[0].pos, encoder)), val(out.contour.e_w.x) - without, 200.0);
+}
 
-    static void test_deflection_is_that_of_the_reference_of_the_axes_with_power(void)
-    {
-        with_geometry();
-        step(20, 4);
-        TEST_ASSERT_EQUAL_DOUBLE(val(out.contour.r_ddot.y), val(state.geometry.r_ddot.y));
-        TEST_ASSERT_EQUAL_DOUBLE(val(out.contour.r_dot.x), val(state.geometry.r_dot.x));
-        step(20, 4);
-        const double towards = val(out.contour.r_ddot.y);
-        TEST_ASSERT_TRUE(fabs(towards) > 1);
-        ASSERT_NEAR(towards > 0 ? -0.2 : 0.2, val(state.geometry.force.y), 1.0); /* 10 um/T0 in a period */
-        in.enabled[1] = false;
-        step(20, 4);
-        TEST_ASSERT_EQUAL_DOUBLE(val(out.contour.r_dot.x), val(state.geometry.r_dot.x));
-        TEST_ASSERT_EQUAL_DOUBLE(0, val(state.geometry.r_dot.y));
-        TEST_ASSERT_EQUAL_DOUBLE(0, val(state.geometry.r_ddot.y));
-    }
+static void test_deflection_is_that_of_the_reference_of_the_axes_with_power(void)
+{
+    with_geometry();
+    step(20, 4);
+    TEST_ASSERT_EQUAL_DOUBLE(val(out.contour.r_ddot.y), val(state.geometry.r_ddot.y));
+    TEST_ASSERT_EQUAL_DOUBLE(val(out.contour.r_dot.x), val(state.geometry.r_dot.x));
+    step(20, 4);
+    const double towards = val(out.contour.r_ddot.y);
+    TEST_ASSERT_TRUE(fabs(towards) > 1);
+    ASSERT_NEAR(towards > 0 ? -0.2 : 0.2, val(state.geometry.force.y), 1.0); /* 10 um/T0 in a period */
+    in.enabled[1] = false;
+    step(20, 4);
+    TEST_ASSERT_EQUAL_DOUBLE(val(out.contour.r_dot.x), val(state.geometry.r_dot.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.geometry.r_dot.y));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.geometry.r_ddot.y));
+}
 
-    int main(void)
-    {
-        UNITY_BEGIN();
-        RUN_TEST(test_reset_is_at_rest_where_the_encoders_are);
-        RUN_TEST(test_every_switch_of_controllers_keeps_the_force);
-        RUN_TEST(test_after_a_switch_the_offset_fades_and_the_new_law_remains);
-        RUN_TEST(test_a_switch_starts_the_new_law_with_fresh_gains_and_integrals);
-        RUN_TEST(test_force_is_within_its_limits);
-        RUN_TEST(test_force_within_its_limits_is_not_called_saturated);
-        RUN_TEST(test_force_that_is_limited_in_either_axis_alone_is_called_saturated);
-        RUN_TEST(test_force_half_a_newton_beyond_its_limit_is_called_saturated_and_half_a_newton_within_is_not);
-        RUN_TEST(test_a_disabled_axis_gets_no_force);
-        RUN_TEST(test_an_axis_that_is_disabled_and_rests_is_seen_at_rest);
-        RUN_TEST(test_enabling_starts_without_an_offset_and_from_where_the_axes_are);
-        RUN_TEST(test_observer_gets_the_force_that_has_just_acted);
-        RUN_TEST(test_friction_feedforward_does_not_move_the_observer);
-        RUN_TEST(test_reference_model_is_driven_by_the_linear_part_of_the_delayed_force);
-        RUN_TEST(test_reference_model_as_printed_sees_the_friction_term);
-        RUN_TEST(test_reference_model_sees_the_switching_offset);
-        RUN_TEST(test_reference_model_sees_that_the_force_is_limited);
-        RUN_TEST(test_cc_has_no_compensation_and_ccu_has);
-        RUN_TEST(test_what_a_law_does_not_compute_is_reported_as_zero);
-        RUN_TEST(test_only_ccu_adapts_the_feedforward_and_only_ccu_uses_it);
-        RUN_TEST(test_the_feedforward_is_added_to_the_force_and_is_no_part_of_the_models_input);
-        RUN_TEST(test_a_limited_force_does_not_adapt_the_feedforward);
-        RUN_TEST(test_the_feedforward_persists_over_a_change_of_controller_and_a_loss_of_power);
-        RUN_TEST(test_track_works_on_the_tracking_error_in_the_axis_frame);
-        RUN_TEST(test_cc_works_on_the_error_at_the_foot_point);
-        RUN_TEST(test_cascade_is_coupled_in_ccc_alone);
-        RUN_TEST(test_oscillation_leaves_the_gains_alone_where_it_is_not_to_lower_them);
-        RUN_TEST(test_axes_that_follow_their_path_do_not_oscillate);
-        RUN_TEST(test_oscillation_lowers_the_gains_of_every_law_without_a_step_of_the_force);
-        RUN_TEST(test_lowered_gains_are_those_of_the_configuration_times_the_factor);
-        RUN_TEST(test_gains_are_lowered_again_down_to_a_least_factor_and_come_back_without_a_step_of_the_force);
-        RUN_TEST(test_velocity_is_that_of_the_encoders);
-        RUN_TEST(test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_slots);
-        RUN_TEST(test_energy_is_counted_for_both_axes);
-        RUN_TEST(test_energy_of_each_axis_is_that_of_its_own_plant_motor_and_movement);
-        RUN_TEST(test_without_friction_at_reversal_the_shape_is_the_sign_of_the_reference);
-        RUN_TEST(test_every_controller_feeds_friction_at_reversal_forward);
-        RUN_TEST(test_friction_of_an_axis_begins_anew_where_it_gets_power);
-        RUN_TEST(test_friction_persists_over_a_change_of_controller);
-        RUN_TEST(test_friction_adapts_along_the_shape_and_not_while_the_reference_rests);
-        RUN_TEST(test_cogging_and_ripple_are_cancelled_and_move_neither_observer_nor_model);
-        RUN_TEST(test_an_axis_that_gets_power_starts_with_what_cancels_its_cogging);
-        RUN_TEST(test_a_switch_of_controllers_keeps_the_force_with_friction_cogging_and_ripple_on);
-        RUN_TEST(test_first_period_takes_the_axes_at_rest_where_the_tool_is);
-        RUN_TEST(test_error_of_the_path_is_that_of_the_tool);
-        RUN_TEST(test_deflection_is_that_of_the_reference_of_the_axes_with_power);
-        RUN_TEST(test_force_filters_start_with_the_force_of_the_law);
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(test_reset_is_at_rest_where_the_encoders_are);
+    RUN_TEST(test_every_switch_of_controllers_keeps_the_force);
+    RUN_TEST(test_after_a_switch_the_offset_fades_and_the_new_law_remains);
+    RUN_TEST(test_a_switch_starts_the_new_law_with_fresh_gains_and_integrals);
+    RUN_TEST(test_force_is_within_its_limits);
+    RUN_TEST(test_force_within_its_limits_is_not_called_saturated);
+    RUN_TEST(test_force_that_is_limited_in_either_axis_alone_is_called_saturated);
+    RUN_TEST(test_force_half_a_newton_beyond_its_limit_is_called_saturated_and_half_a_newton_within_is_not);
+    RUN_TEST(test_a_disabled_axis_gets_no_force);
+    RUN_TEST(test_an_axis_that_is_disabled_and_rests_is_seen_at_rest);
+    RUN_TEST(test_enabling_starts_without_an_offset_and_from_where_the_axes_are);
+    RUN_TEST(test_observer_gets_the_force_that_has_just_acted);
+    RUN_TEST(test_friction_feedforward_does_not_move_the_observer);
+    RUN_TEST(test_reference_model_is_driven_by_the_linear_part_of_the_delayed_force);
+    RUN_TEST(test_reference_model_as_printed_sees_the_friction_term);
+    RUN_TEST(test_reference_model_sees_the_switching_offset);
+    RUN_TEST(test_reference_model_sees_that_the_force_is_limited);
+    RUN_TEST(test_cc_has_no_compensation_and_ccu_has);
+    RUN_TEST(test_what_a_law_does_not_compute_is_reported_as_zero);
+    RUN_TEST(test_only_ccu_adapts_the_feedforward_and_only_ccu_uses_it);
+    RUN_TEST(test_the_feedforward_is_added_to_the_force_and_is_no_part_of_the_models_input);
+    RUN_TEST(test_a_limited_force_does_not_adapt_the_feedforward);
+    RUN_TEST(test_the_feedforward_persists_over_a_change_of_controller_and_a_loss_of_power);
+    RUN_TEST(test_track_works_on_the_tracking_error_in_the_axis_frame);
+    RUN_TEST(test_cc_works_on_the_error_at_the_foot_point);
+    RUN_TEST(test_cascade_is_coupled_in_ccc_alone);
+    RUN_TEST(test_oscillation_leaves_the_gains_alone_where_it_is_not_to_lower_them);
+    RUN_TEST(test_axes_that_follow_their_path_do_not_oscillate);
+    RUN_TEST(test_oscillation_lowers_the_gains_of_every_law_without_a_step_of_the_force);
+    RUN_TEST(test_lowered_gains_are_those_of_the_configuration_times_the_factor);
+    RUN_TEST(test_gains_are_lowered_again_down_to_a_least_factor_and_come_back_without_a_step_of_the_force);
+    RUN_TEST(test_velocity_is_that_of_the_encoders);
+    RUN_TEST(test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_slots);
+    RUN_TEST(test_energy_is_counted_for_both_axes);
+    RUN_TEST(test_energy_of_each_axis_is_that_of_its_own_plant_motor_and_movement);
+    RUN_TEST(test_without_friction_at_reversal_the_shape_is_the_sign_of_the_reference);
+    RUN_TEST(test_every_controller_feeds_friction_at_reversal_forward);
+    RUN_TEST(test_friction_of_an_axis_begins_anew_where_it_gets_power);
+    RUN_TEST(test_friction_persists_over_a_change_of_controller);
+    RUN_TEST(test_friction_adapts_along_the_shape_and_not_while_the_reference_rests);
+    RUN_TEST(test_cogging_and_ripple_are_cancelled_and_move_neither_observer_nor_model);
+    RUN_TEST(test_an_axis_that_gets_power_starts_with_what_cancels_its_cogging);
+    RUN_TEST(test_a_switch_of_controllers_keeps_the_force_with_friction_cogging_and_ripple_on);
+    RUN_TEST(test_first_period_takes_the_axes_at_rest_where_the_tool_is);
+    RUN_TEST(test_error_of_the_path_is_that_of_the_tool);
+    RUN_TEST(test_deflection_is_that_of_the_reference_of_the_axes_with_power);
+    RUN_TEST(test_force_filters_start_with_the_force_of_the_law);
     RUN_TEST(test_models_get_the_force_that_the_filters_let_through);
     RUN_TEST(test_a_switch_keeps_the_force_that_goes_into_the_filters);
     RUN_TEST(test_heat_lowers_the_limit_of_its_axis);
     RUN_TEST(test_an_axis_cools_without_power);
     return UNITY_END();
-    }
+}

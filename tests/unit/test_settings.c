@@ -601,7 +601,7 @@ static void test_sets_written_are_counted_over_power_off_and_every_way_of_writin
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
     }
     TEST_ASSERT_EQUAL_UINT32(183, rig_read(&rig, 0x2035, 0));
-    TEST_ASSERT_UINT32_WITHIN(2, 180 / 9, rig.flash.erases - before);
+    TEST_ASSERT_UINT32_WITHIN(2, 180 / 4, rig.flash.erases - before);
 }
 
 int main(void)
