@@ -134,7 +134,7 @@ def test_message_about_a_hostile_word_shows_its_control_characters(arguments: tu
     assert result.exit_code in (1, 2)
     assert isinstance(result.exception, SystemExit)
     assert RAW.search(result.output_bytes) is None
-    assert rb"\x1b" in result.stderr_bytes
+    assert rb"\x1b[31m" in result.stderr_bytes
 
 
 def test_hostile_texts_of_files_are_shown_on_a_terminal(tmp_path: Path) -> None:

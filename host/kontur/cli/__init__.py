@@ -84,7 +84,12 @@ class _Verbs(click.Group):
 
 @click.command(
     cls=_Verbs,
-    context_settings={"help_option_names": ["-h", "--help"], "auto_envvar_prefix": "KONTUR", "max_content_width": 110},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "auto_envvar_prefix": "KONTUR",
+        "max_content_width": 110,
+        "color": True,  # click would remove escape sequences that go into a pipe; kontur.cli.terminal shows them
+    },
 )
 @click.version_option(package_name="kontur")
 def main() -> None:
