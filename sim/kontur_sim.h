@@ -126,6 +126,8 @@ void ks_set_can_status(ks *s, const struct ks_can_status *status);
 const void *ks_flash(const ks *s, uint32_t *bytes);
 /* Number of words written to the flash and of sectors erased, so far. */
 uint32_t ks_flash_operations(const ks *s);
+/* Call `ready` with `ctx` before each change of the flash. 0: the change fails, like one of a flash that is broken. */
+void ks_on_flash(ks *s, int (*ready)(void *ctx), void *ctx);
 /* Set the contents of the flash, as many bytes, and power on with them. Call it for a new drive only. */
 void ks_power_on_with(ks *s, const void *flash);
 

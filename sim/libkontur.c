@@ -35,6 +35,8 @@ struct ks {
     struct ks_truth *truth;
     uint64_t truth_count, truth_capacity;
     int recording;
+    int (*flash_ready)(void *ctx);
+    void *flash_ready_ctx;
 };
 
 static int push(struct fifo *f, const struct ks_frame *frame)
@@ -136,16 +138,21 @@ static void flash_read(void *ctx, unsigned sector, uint32_t offset, void *data, 
     sim_flash_read(&s->flash, sector, offset, data, bytes);
 }
 
+static bool flash_ready(const ks *s)
+{
+    return s->flash_ready == NULL || s->flash_ready(s->flash_ready_ctx) != 0;
+}
+
 static bool flash_erase(void *ctx, unsigned sector)
 {
     ks *s = ctx;
-    return sim_flash_erase(&s->flash, sector);
+    return flash_ready(s) && sim_flash_erase(&s->flash, sector);
 }
 
 static bool flash_write(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes)
 {
     ks *s = ctx;
-    return sim_flash_write(&s->flash, sector, offset, data, bytes);
+    return flash_ready(s) && sim_flash_write(&s->flash, sector, offset, data, bytes);
 }
 
 /* ---- the interface ---- */
@@ -319,6 +326,12 @@ const void *ks_flash(const ks *s, uint32_t *bytes)
 uint32_t ks_flash_operations(const ks *s)
 {
     return s->flash.operations;
+}
+
+void ks_on_flash(ks *s, int (*ready)(void *ctx), void *ctx)
+{
+    s->flash_ready = ready;
+    s->flash_ready_ctx = ctx;
 }
 
 void ks_power_on_with(ks *s, const void *flash)

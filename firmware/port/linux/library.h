@@ -20,6 +20,7 @@
     F(ks_set_can_status) \
     F(ks_flash) \
     F(ks_flash_operations) \
+    F(ks_on_flash) \
     F(ks_power_on_with) \
     F(ks_set_paced) \
     F(ks_sync_id) \

@@ -141,6 +141,25 @@ static uint32_t device_ms(const struct sim *s, uint64_t tick)
     return (uint32_t)(tick * 1000u / s->pace.hz);
 }
 
+static bool write_flash(const struct sim *s)
+{
+    uint32_t bytes;
+    const void *flash = s->lib.ks_flash(s->ks, &bytes);
+    if (!whole_file_write(s->store, flash, bytes)) {
+        print_message("--store %s cannot be written: %s; make room, or name another file", s->store, strerror(errno));
+        return false;
+    }
+    return true;
+}
+
+/* Before the first change of the flash, see whether the disk has room for it: the flash as it is is written once more.
+ * If it has not, the change fails, and the device says that it has not saved. */
+static int store_ready(void *ctx)
+{
+    const struct sim *s = ctx;
+    return s->lib.ks_flash_operations(s->ks) != s->stored || write_flash(s);
+}
+
 /* Bring the flash to the disk if the device has changed it. false: that is not possible. */
 static bool write_store(struct sim *s)
 {
@@ -148,14 +167,8 @@ static bool write_store(struct sim *s)
     if (s->store == NULL || operations == s->stored) {
         return true;
     }
-    uint32_t bytes;
-    const void *flash = s->lib.ks_flash(s->ks, &bytes);
-    if (!whole_file_write(s->store, flash, bytes)) {
-        print_message("--store %s cannot be written: %s; make room, or name another file", s->store, strerror(errno));
-        return false;
-    }
     s->stored = operations;
-    return true;
+    return write_flash(s);
 }
 
 /* Send the frames that the device has put out. true: there was at least one. The store is on the disk before, since
@@ -339,6 +352,7 @@ int main(int argc, char **argv)
         if (!write_store(&s)) { /* rather now than when something is to be stored */
             return 1;
         }
+        s.lib.ks_on_flash(s.ks, store_ready, &s);
     }
     s.sync = options.sync;
     s.lib.ks_set_paced(s.ks, s.sync);
