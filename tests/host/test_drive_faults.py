@@ -61,6 +61,18 @@ def test_parameter_that_fits_no_other_is_refused_with_its_name(device: Device) -
     device.axes.enable()
 
 
+@pytest.mark.parametrize("axis", "xy")
+@pytest.mark.parametrize(("name", "value"), [("pole_3", 4900.001), ("pole_1", 5000.0), ("pole_4", 0.5)])
+def test_force_filter_above_half_the_control_rate_is_refused_with_its_name(
+    device: Device, axis: str, name: str, value: float
+) -> None:
+    name = f"force_filter_{axis}.{name}"
+    with pytest.raises(ParameterError, match=f"{name}: the value does not fit another parameter or the control rate"):
+        device.parameters.set({name: value})
+    assert device.read(name) == 0.0
+    device.parameters.set({name: 4900.0})
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_parameters_are_as_before_when_one_of_them_fits_no_other(device: Device, order: int) -> None:
     values = {"smc.gamma": 2.0, "smc.k_0": 600.0, "smc.k_max": 800.0, "compensator.mu_0": 90.0}

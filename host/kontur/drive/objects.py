@@ -196,7 +196,8 @@ class Objects:
                     continue
                 if error.code == _ABORT_INCOMPATIBLE:
                     raise ParameterError(
-                        f"{name}: the value does not fit another parameter; docs/protocol.md, Parameters, says which"
+                        f"{name}: the value does not fit another parameter or the control rate; docs/protocol.md, "
+                        "Parameters, says which"
                     ) from error
                 raise DeviceError(f"{name}: the drive refuses: {error}") from error
             except (SdoCommunicationError, ObjectDictionaryError, UnicodeDecodeError) as error:  # or a wrong length
