@@ -44,6 +44,12 @@ BLENDED_N = 2.5e-4
 """A switching offset below this is none (decision)."""
 NU_MAX = 4.0
 """Limit of the foot point's rate |nu| (decision)."""
+ELEMENTS = 8
+"""Maxwell slip elements of an axis (decision)."""
+ORDERS = np.array([1, 2, 6])
+"""Periods a turn of the three harmonics of a screw (decision)."""
+AHEAD = 2.5
+"""Periods from an encoder reading to the middle of what the force of the next period does (decision)."""
 CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 
 IDENTITY = np.eye(2)
@@ -102,6 +108,15 @@ class Params:
     friction_rate_1ps: float = 40.0
     mass_rate_1ps: float = 20.0
     feedforward_acceleration_mps2: float = 0.5
+    # friction at reversal, cogging and ripple; not in the paper, and off with these values
+    presliding_m: Array = field(default_factory=lambda: _pair(0.0, 0.0))
+    breakaway: Array = field(default_factory=lambda: _pair(1.0, 1.0))
+    stribeck_mps: Array = field(default_factory=lambda: _pair(1e-3, 1e-3))
+    lead_m: Array = field(default_factory=lambda: _pair(0.0, 0.0))
+    cogging_cos_N: Array = field(default_factory=lambda: np.zeros((2, 3)))
+    cogging_sin_N: Array = field(default_factory=lambda: np.zeros((2, 3)))
+    ripple_cos: Array = field(default_factory=lambda: np.zeros((2, 3)))
+    ripple_sin: Array = field(default_factory=lambda: np.zeros((2, 3)))
     # cascade and cross-coupled control
     k_p_1ps: float = 67.4
     k_v_1ps: float = 307.0
@@ -385,21 +400,20 @@ def friction(r_dot_mps: Array, p: Params) -> Array:
     return p.coulomb_N * sat(r_dot_mps, p.friction_speed_mps)
 
 
-def feedforward_force(friction_N: Array, mass_kg: Array, r_dot_mps: Array, r_ddot_mps2: Array, p: Params) -> Array:
+def feedforward_force(friction_N: Array, mass_kg: Array, direction: Array, r_ddot_mps2: Array) -> Array:
     """Force (2,) for the friction and the mass that are estimated beyond the nominal plant (decision)."""
-    return friction_N * sat(r_dot_mps, p.friction_speed_mps) + mass_kg * r_ddot_mps2
+    return friction_N * direction + mass_kg * r_ddot_mps2
 
 
 def adapt_feedforward(
-    friction_N: Array, mass_kg: Array, r_dot_mps: Array, r_ddot_mps2: Array, u_N: Array, dt_s: float, p: Params
+    friction_N: Array, mass_kg: Array, direction: Array, r_ddot_mps2: Array, u_N: Array, dt_s: float, p: Params
 ) -> tuple[Array, Array]:
     """One step dt_s of adapting friction and mass to what the compensator added, u (decision).
 
-    The force that is missing is l sign(r') + m r''; the compensator supplies it. Gradient descent of u^2/2: dl/dt is
-    proportional to u d, dm/dt to u a, the latter divided by a^2 + a_0^2 so that its speed does not depend on how hard
-    the path accelerates.
+    The force that is missing is l d + m r'', where d is sign(r') or the shape of friction; the compensator supplies it.
+    Gradient descent of u^2/2: dl/dt is proportional to u d, dm/dt to u a, the latter divided by a^2 + a_0^2 so that its
+    speed does not depend on how hard the path accelerates.
     """
-    direction = sat(r_dot_mps, p.friction_speed_mps)
     regressor = r_ddot_mps2 / (r_ddot_mps2**2 + p.feedforward_acceleration_mps2**2)
     friction_N = friction_N + p.friction_rate_1ps * u_N * direction * dt_s
     mass_kg = mass_kg + p.mass_rate_1ps * u_N * regressor * dt_s
@@ -407,6 +421,68 @@ def adapt_feedforward(
         np.clip(friction_N, -p.coulomb_N, 3.0 * p.coulomb_N),
         np.clip(mass_kg, -0.5 * p.mass_kg, p.mass_kg),
     )
+
+
+# --- Friction at reversal, cogging and ripple -------------------------------------------------------------------------
+
+
+def remembered(turns_m: list[float], x_m: float) -> list[float]:
+    """The turning points that an axis at x_m still remembers, from 0, where it was without friction, to x_m.
+
+    Prandtl's model wipes out what is smaller (Madelung's rules): a point that is passed in the same direction is no
+    turning point, a loop that closes leaves no trace, and the first turn is forgotten where the axis goes further.
+    """
+    points = [*turns_m, x_m]
+    while len(points) > 2:
+        *_, a, b, c = points
+        if (b - a) * (c - b) >= 0.0:
+            del points[-2]
+        elif len(points) > 3 and abs(c - b) >= abs(b - a):
+            del points[-3:-1]
+        elif len(points) == 3 and abs(c) >= abs(b):
+            del points[-2]
+        else:
+            break
+    return points
+
+
+def slip(points_m: list[float], presliding_m: float) -> float:
+    """Friction over Coulomb friction at the last of the points that are remembered, -1..1, by Masing's rules.
+
+    The first branch is the virgin curve v(x) = mean of min(x / w_k, 1), w_k = k D / 2N, which N elements that yield one
+    by one have. Each further branch is the same curve, twice as large, from the turning point on.
+    """
+    widths = np.arange(1, ELEMENTS + 1) * presliding_m / (2.0 * ELEMENTS)
+    total = 0.0
+    for i, length in enumerate(np.diff(points_m)):
+        scale = 1.0 if i == 0 else 2.0
+        total += scale * float(np.sign(length) * np.mean(np.minimum(abs(length) / scale / widths, 1.0)))
+    return total
+
+
+def stribeck(speed_mps: Array, p: Params) -> Array:
+    """Friction in motion over Coulomb friction (2,): from breakaway at rest to 1."""
+    return 1.0 + (p.breakaway - 1.0) * np.exp(-np.abs(speed_mps) / p.stribeck_mps)
+
+
+def motor_force(demand_N: float, position_m: float, axis: int, p: Params) -> float:
+    """What a motor gives for a demand, with ripple and cogging by the angle of the screw, in complex amplitudes."""
+    turning = np.exp(2j * np.pi * ORDERS * position_m / p.lead_m[axis])
+    ripple, cogging = (
+        float(np.real(np.sum((cosine[axis] - 1j * sine[axis]) * turning)))
+        for cosine, sine in ((p.ripple_cos, p.ripple_sin), (p.cogging_cos_N, p.cogging_sin_N))
+    )
+    return demand_N * (1.0 + ripple) + cogging
+
+
+def screw_demand(force_N: Array, position_m: Array, p: Params) -> Array:
+    """The demand (2,) for which motor_force() is force_N (2,): motor_force() is a straight line of the demand."""
+    demand = np.array(force_N, dtype=np.float64)
+    for i in (0, 1):
+        if p.lead_m[i] > 0.0:
+            at_0, at_1 = (motor_force(u, position_m[i], i, p) for u in (0.0, 1.0))
+            demand[i] = (force_N[i] - at_0) / (at_1 - at_0)
+    return demand
 
 
 def surface(e: Array, e_dot: Array, p: Params) -> tuple[Array, Array, Array]:
@@ -675,7 +751,10 @@ class History:
 
 @dataclass
 class State:
-    """What the next period needs. Rows of `observer` (3, 2): position, velocity, unexplained acceleration."""
+    """What the next period needs. Rows of `observer` (3, 2): position, velocity, unexplained acceleration.
+
+    `turns_m`: of each axis, the turning points of the reference that its friction remembers, and where it is.
+    """
 
     observer: Array
     k_hat: Array
@@ -692,6 +771,9 @@ class State:
     filters: list[Array]
     filtering: Array
     heat: Array
+    shape: Array
+    turns_m: list[list[float]]
+    screw_N: Array
     saturated: bool = False
     turn: int = 0
     controller: str | None = None
@@ -724,6 +806,9 @@ class Servo:
             filters=[force_filter_at(0.0)] * 2,
             filtering=zero,
             heat=zero,
+            shape=zero,
+            turns_m=[[0.0], [0.0]],
+            screw_N=zero,
         )
         self._reset_laws(measured_m, zero)
         self.contour: Contour | None = None
@@ -760,6 +845,7 @@ class Servo:
         s.energy_J = s.energy_J + np.where(turn, power(q_dot, acceleration, p) * TURNS * p.dt_s, 0.0)
         c = contour_error(self.knots_m, self.start_m, t_s, rate, rate_dot_1ps, q, q_dot, p)
         self.contour = c
+        screw = s.screw_N
 
         now = History(np.zeros(2), np.zeros(2), np.zeros(2))
         saturated = False
@@ -769,6 +855,7 @@ class Servo:
             if fresh or switched:
                 self._reset_laws(q, q_dot)
             u, balance, linear = self._law(controller, c, q, q_dot)
+            u, balance = u + screw, balance + screw
             s.offset = s.last[0].force - s.filtering - u if switched and not fresh else p.blend * s.offset
             if not switched and np.all(np.abs(s.offset) < BLENDED_N):
                 s.offset = np.zeros(2)
@@ -782,6 +869,7 @@ class Servo:
             now = History(force, balance, linear + s.offset - (demand - force))
         s.enabled, s.controller, s.saturated = enabled, controller, saturated
         s.last = [now, s.last[0]]
+        self._predict(c, measured_m, q_dot, now.force - screw if enabled else np.zeros(2), enabled)
         return now.force
 
     def _filter(self, force: Array) -> tuple[Array, list[Array]]:
@@ -789,10 +877,27 @@ class Servo:
         each = [force_filter(self.p.sections[i], self.state.filters[i], float(force[i]), self.p) for i in (0, 1)]
         return np.array([y for y, _ in each]), [state for _, state in each]
 
+    def _predict(self, c: Contour, measured_m: Array, q_dot: Array, force_N: Array, enabled: bool) -> None:
+        """Friction, cogging and ripple for the force of the next period, where that will act (decision)."""
+        p, s = self.p, self.state
+        ahead_s = AHEAD * p.dt_s
+        v = c.r_dot + ahead_s * c.r_ddot
+        s.shape = stribeck(v, p) * sat(v, p.friction_speed_mps)
+        for i in (0, 1):
+            x = s.turns_m[i][-1] + float(v[i]) * p.dt_s
+            s.turns_m[i] = remembered(s.turns_m[i], x) if enabled else [0.0]
+            if p.presliding_m[i] > 0.0:
+                s.shape[i] = stribeck(v, p)[i] * slip(s.turns_m[i], float(p.presliding_m[i]))
+        s.shape = s.shape if enabled else np.zeros(2)
+        s.screw_N = screw_demand(force_N, measured_m + ahead_s * q_dot, p) - force_N
+
     def _law(self, controller: str, c: Contour, q: Array, q_dot: Array) -> tuple[Array, Array, Array]:
         """Force of the law, its part that balances friction and the mass error, its part that drives (2), N."""
         p, s = self.p, self.state
-        balance = friction(c.r_dot, p)
+        shaped = bool(np.any(p.presliding_m > 0.0) or np.any(p.breakaway > 1.0))
+        sign = sat(c.r_dot, p.friction_speed_mps)
+        direction = s.shape if shaped else sign
+        balance = p.coulomb_N * direction
         if controller in ("cascade", "ccc"):
             linear, s.integral, s.coupled_integral = cascade(c, s.integral, s.coupled_integral, controller == "ccc", p)
             return linear + balance, balance, linear
@@ -826,11 +931,12 @@ class Servo:
         s.q_bar = q - z
         _, surface_s, _, compensator = compensation(z, q_dot - s.q_bar_dot, c.rotation, c.theta_dot, s.mu, p)
         s.mu = np.where(turn, adapt_mu(s.mu, surface_s, TURNS * p.dt_s, p), s.mu)
-        feedforward = feedforward_force(s.feedforward_friction_N, s.feedforward_mass_kg, c.r_dot, c.r_ddot, p)
+        feedforward = feedforward_force(s.feedforward_friction_N, s.feedforward_mass_kg, direction, c.r_ddot)
         if not s.saturated:  # a force that was not given teaches nothing
             turn = np.arange(2) + 2 == s.turn
+            along = direction * sign**2 if shaped else sign  # a reference at rest teaches nothing about friction
             friction_N, mass_kg = adapt_feedforward(
-                s.feedforward_friction_N, s.feedforward_mass_kg, c.r_dot, c.r_ddot, compensator, TURNS * p.dt_s, p
+                s.feedforward_friction_N, s.feedforward_mass_kg, along, c.r_ddot, compensator, TURNS * p.dt_s, p
             )
             s.feedforward_friction_N = np.where(turn, friction_N, s.feedforward_friction_N)
             s.feedforward_mass_kg = np.where(turn, mass_kg, s.feedforward_mass_kg)

@@ -6,7 +6,7 @@
 
 uint64_t screw_turns(uint32_t lead_nm)
 {
-    return ((uint64_t)1 << 48) / lead_nm; /* 2^64 / POS_PER_NM / lead_nm */
+    return (((uint64_t)1 << 48) + lead_nm / 2u) / lead_nm; /* 2^64 / POS_PER_NM / lead_nm */
 }
 
 static num cancel(const struct screw_axis_cfg *cfg, pos_t at, num demand)

@@ -127,6 +127,16 @@ class Drive:
         self.lib.api_trig_cosh(x, out)
         return out[0], out[1]
 
+    def decay(self, x: float) -> float:
+        """exp(-x)"""
+        return float(self.lib.api_trig_decay(x))
+
+    def circle(self, phase: int) -> tuple[float, float]:
+        """(cosine, sine) of phase 2^-32 turns"""
+        out = self.ffi.new("double[2]")
+        self.lib.api_trig_circle(phase, out)
+        return out[0], out[1]
+
     def spline(self, s: int) -> dict[str, Any]:
         """r, d1, d2, d3 at path time s."""
         out = self.ffi.new("struct api_point *")
@@ -199,6 +209,18 @@ class Drive:
         after, limit = self.ffi.new("double[2]", list(heat)), self.ffi.new("double[2]")
         self.lib.api_force_limit(self.handle, after, list(force), limit)
         return np.array(list(after)), np.array(list(limit))
+
+    def friction(self, r_dot: Any) -> np.ndarray:
+        """friction_step: the shape (2,). The state is the drive's."""
+        shape = self.ffi.new("double[2]")
+        self.lib.api_friction(self.handle, list(r_dot), shape)
+        return np.array(list(shape))
+
+    def screw(self, at: Any, demand: Any) -> np.ndarray:
+        """screw_cancel at encoder positions (core integers): the demand (2,)."""
+        u = self.ffi.new("double[2]")
+        self.lib.api_screw(self.handle, [int(v) for v in at], list(demand), u)
+        return np.array(list(u))
 
     def power(self, axis: int, velocity: float, acceleration: float) -> float:
         """energy_step's power, W."""

@@ -136,7 +136,21 @@ static struct servo_cfg config(const struct api_params *p)
                     .integral_max = mk(p->integral_max / UM)},
     };
     c.observer = observer_design(mk(p->observer * T0), c.dt);
+    static const uint32_t order[SCREW_HARMONICS] = {1, 2, 6};
     for (int i = 0; i < 2; i++) {
+        c.friction.on = c.friction.on || p->presliding[i] > 0 || p->breakaway[i] > 1;
+        c.friction.axis[i] = friction_design(mk(p->presliding[i] / UM), mk(p->breakaway[i]), mk(p->stribeck[i] / MPS));
+        if (p->lead[i] > 0) {
+            c.screw.on = true;
+            c.screw.axis[i].turns = screw_turns((uint32_t)lround(p->lead[i] * 1e9));
+        }
+        for (int n = 0; n < SCREW_HARMONICS; n++) {
+            c.screw.axis[i].harmonic[n] = (struct screw_harmonic){.order = order[n],
+                                                                  .cogging_cos = mk(p->cogging_cos[i][n]),
+                                                                  .cogging_sin = mk(p->cogging_sin[i][n]),
+                                                                  .ripple_cos = mk(p->ripple_cos[i][n]),
+                                                                  .ripple_sin = mk(p->ripple_sin[i][n])};
+        }
         c.energy[i] = (struct energy_cfg){.force_constant = mk(p->force_constant[i]),
                                           .impedance = mk(p->impedance[i]),
                                           .back_emf = mk(p->back_emf[i] * MPS),
@@ -196,6 +210,18 @@ void api_trig_cosh(double x, double out[2])
     const struct trig_cosh r = trig_cosh(mk(x));
     out[0] = result(r.cosh_x);
     out[1] = result(r.sinh_x);
+}
+
+double api_trig_decay(double x)
+{
+    return result(trig_decay(mk(x)));
+}
+
+void api_trig_circle(uint32_t phase, double out[2])
+{
+    const struct trig_circle r = trig_circle(phase);
+    out[0] = result(r.cos);
+    out[1] = result(r.sin);
 }
 
 void api_spline(const api_drive *d, int64_t s, struct api_point *out)
@@ -388,6 +414,21 @@ void api_force_limit(const api_drive *d, double *heat, const double *force, doub
     struct force_limit_state s = {.heat = {acc_from(mk(heat[0])), acc_from(mk(heat[1]))}};
     out2(force_limit_step(&d->cfg.force_limit, &s, in2(force, 1), d->cfg.plant.force_max), 1, limit);
     out2(v2(acc_to(s.heat[0]), acc_to(s.heat[1])), 1, heat);
+}
+
+void api_friction(api_drive *d, const double *r_dot, double *shape)
+{
+    const vec2 v = in2(r_dot, MPS);
+    static const bool enabled[2] = {true, true};
+    friction_step(&d->cfg.friction, &d->state.friction, enabled, v, smc_direction(d->cfg.smc.friction_speed, v),
+                  d->cfg.dt);
+    out2(d->state.friction.shape, 1, shape);
+}
+
+void api_screw(const api_drive *d, const int64_t *at, const double *demand, double *u)
+{
+    const pos_t where[2] = {pos_of(at[0]), pos_of(at[1])};
+    out2(screw_cancel(&d->cfg.screw, where, in2(demand, 1)), 1, u);
 }
 
 double api_power(const api_drive *d, int i, double velocity, double acceleration)

@@ -17,6 +17,8 @@ struct api_params {
     double friction_rate, mass_rate, feedforward_acceleration;
     double k_p, k_v, k_i, coupling, integral_max;
     double sections[2][4][4], continuous[2], thermal[2];
+    double presliding[2], breakaway[2], stribeck[2], lead[2];
+    double cogging_cos[2][3], cogging_sin[2][3], ripple_cos[2][3], ripple_sin[2][3];
     double force_constant[2], impedance[2], back_emf[2], power_factor, blend;
     int newton, psi_printed, mu_printed, input_printed;
 };
@@ -70,6 +72,8 @@ api_drive *api_new(const struct api_params *p, const int32_t *knots_nm, uint32_t
 void api_free(api_drive *d);
 
 void api_trig_cosh(double x, double out[2]);
+double api_trig_decay(double x);
+void api_trig_circle(uint32_t phase, double out[2]);
 void api_spline(const api_drive *d, int64_t s, struct api_point *out);
 void api_contour(const api_drive *d, const struct api_path *path, const int64_t *q, const double *q_dot,
                  struct api_contour *out);
@@ -88,6 +92,9 @@ void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, d
 double api_force_filter(const api_drive *d, int i, double (*state)[2], double force);
 /* heat is changed. */
 void api_force_limit(const api_drive *d, double *heat, const double *force, double *limit);
+/* One period of friction with power on both axes; its state is the drive's. */
+void api_friction(api_drive *d, const double *r_dot, double *shape);
+void api_screw(const api_drive *d, const int64_t *at, const double *demand, double *u);
 double api_power(const api_drive *d, int i, double velocity, double acceleration);
 
 void api_servo_reset(api_drive *d, const int64_t *measured);

@@ -349,6 +349,74 @@ def test_cosh_and_sinh_keep_their_promise(core: Core, x: float) -> None:
     check("cosh, sinh", core.drive(P).cosh(x), (np.cosh(x), np.sinh(x)), promise)
 
 
+@pytest.mark.parametrize("x", [0.0, 1e-5, 0.3, 1.0, 2.5, 7.0, 16.0])
+def test_decay_keeps_its_promise(core: Core, x: float) -> None:
+    check("exp(-x)", core.drive(P).decay(x), np.exp(-x), 1e-5 if core.num == "f32" else 5e-5)
+
+
+def test_cosine_and_sine_keep_their_promise(core: Core) -> None:
+    for phase in [*np.random.default_rng(15).integers(0, 2**32, 200), *(i * 2**29 for i in range(8))]:
+        angle = phase / 2**31 * np.pi
+        promise = 1e-6 if core.num == "f32" else 1e-5
+        check("cosine, sine", core.drive(P).circle(int(phase)), (np.cos(angle), np.sin(angle)), promise)
+
+
+REAL = replace(
+    P,
+    presliding_m=np.array([20e-6, 0.0]),
+    breakaway=np.array([1.25, 1.4]),
+    stribeck_mps=np.array([4e-3, 1e-3]),
+    lead_m=np.array([5e-3, 20e-3]),
+    cogging_cos_N=np.array([[3.0, -1.0, 0.5], [0.0, 2.0, -0.7]]),
+    cogging_sin_N=np.array([[-1.0, 0.3, 0.9], [1.0, -2.0, 0.2]]),
+    ripple_cos=np.array([[0.01, -0.02, 0.005], [0.0, 0.03, -0.01]]),
+    ripple_sin=np.array([[-0.01, 0.01, 0.002], [0.02, 0.0, 0.004]]),
+)
+
+
+def test_friction_is_the_oracles_but_for_rounding(core: Core) -> None:
+    """Back and forth by all distances about the presliding one; what is remembered differs from turn to turn."""
+    drive, limit, rng = core.drive(REAL), core.bound.drive(REAL), np.random.default_rng(16)
+    turns, steps, most = [0.0], 0, 0.0
+    for k in range(80):
+        v = (-1) ** k * 10.0 ** rng.uniform(-4.0, -1.5)
+        distance = 10.0 ** rng.uniform(-7.0, -4.0)
+        for _ in range(min(int(np.ceil(distance / v / P.dt_s * (-1) ** k)), 40)):
+            r_dot = np.array([v, v])
+            found, allowed = drive.friction(r_dot), limit.friction(r_dot)
+            turns = oracle.remembered(turns, turns[-1] + v * P.dt_s)
+            along = np.array([oracle.slip(turns, REAL.presliding_m[0]), oracle.sat(r_dot, P.friction_speed_mps)[1]])
+            steps += 1
+            # Where an element begins to slip, the other back end may do so later, by a rounding a step.
+            late = steps * sum(rounding(core.num, 1e-5, UM) / (1e-5 * n) for n in range(1, 9))
+            check(
+                "shape",
+                found,
+                along * oracle.stribeck(r_dot, REAL),
+                allowed + np.array([2.0 * late + 1e-5, 1e-5]),
+                f"step {steps}",
+            )
+            most = max(most, len(turns))
+    assert most > 4
+
+
+def test_cogging_and_ripple_are_cancelled_as_the_oracle_does(core: Core) -> None:
+    drive, limit, rng = core.drive(REAL), core.bound.drive(REAL), np.random.default_rng(17)
+    for _ in range(200):
+        at, force = rng.integers(-(10**14), 10**14, 2), rng.uniform(-600.0, 600.0, 2)
+        expected = oracle.screw_demand(force, at / POS_PER_M, REAL)
+        angle = 12.0 * np.pi * (np.max(np.abs(at)) * 2.0**-65 + 2.0**-32)  # of the factor, half a step; of the phase
+        check("demand", drive.screw(at, force), expected, limit.screw(at, force) + 60.0 * angle + 1e-4)
+
+
+def test_oracle_motor_gives_the_force_that_was_wanted() -> None:
+    rng = np.random.default_rng(18)
+    for _ in range(20):
+        force, at = rng.uniform(-600.0, 600.0, 2), rng.uniform(-1.0, 1.0, 2)
+        demand = oracle.screw_demand(force, at, REAL)
+        np.testing.assert_allclose([oracle.motor_force(demand[i], at[i], i, REAL) for i in (0, 1)], force)
+
+
 def law_inputs(rng: np.random.Generator, e_m: float, e_dot_mps: float) -> dict[str, np.ndarray]:
     scale = {"e_w": e_m, "e_w_dot": e_dot_mps, "e": e_m, "e_dot": e_dot_mps, "r_ddot": 5.0, "q_dot": 0.3, "r_dot": 1e-4}
     return {name: rng.uniform(-v, v, 2) for name, v in scale.items()}
@@ -745,6 +813,25 @@ def test_servo_gives_the_oracles_forces_at_a_limit_that_its_heat_lowers(core: Co
             limited.append(abs(expected[1]))
     assert len(limited) > 50
     assert continuous <= min(limited) < max(limited) < peak
+
+
+@pytest.mark.parametrize("controller", oracle.CONTROLLERS)
+def test_servo_gives_the_oracles_forces_with_friction_cogging_and_ripple(core: Core, controller: str) -> None:
+    """On a path with reversals, and off for a while. The bound grows by what the tests above allow."""
+    on = {name: getattr(REAL, name) for name in ("presliding_m", "breakaway", "stribeck_mps", "lead_m")}
+    on |= {name: getattr(REAL, name) for name in ("cogging_cos_N", "cogging_sin_N", "ripple_cos", "ripple_sin")}
+    p = core.params(**on)
+    plant = oracle.Plant(p, PATHS["slow circle"][0] * 1e-9, seed=4)
+    servo, drive = oracle.Servo(p, PATHS["slow circle"], plant.encoder()), core.drive(p, PATHS["slow circle"])
+    drive.reset(np.rint(plant.encoder() * POS_PER_M))
+    bound = force_bound(core.num, controller, p, 1.1 * SLOW, 3.0) + (0.02 if core.num == "f32" else 0.1)
+    for k in range(STEPS):
+        measured, enabled = plant.encoder(), not 900 <= k < 1000
+        expected = servo.step(measured, k * p.dt_s, controller, enabled=enabled)
+        force, *_ = drive.step(core.path_time(k * p.dt_s), np.rint(measured * POS_PER_M), controller, enabled=enabled)
+        check("force", force, expected, bound, f"at step {k}")
+        plant.step(expected)
+    assert size(servo.state.shape) > 1.0
 
 
 def test_servo_takes_the_printed_forms_where_they_are_selected(core: Core) -> None:
