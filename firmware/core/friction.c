@@ -16,12 +16,12 @@ struct friction_axis_cfg friction_design(num presliding, num breakaway, num stri
 
 static num slip(const struct friction_axis_cfg *cfg, struct friction_axis_state *state, num dx)
 {
-    const num before = state->distance;
-    const bool reversed = n_lt(before, NUM(0)) ? n_lt(NUM(0), dx) : n_lt(dx, NUM(0));
-    if (!reversed && !n_lt(n_abs(before), cfg->presliding)) { /* mostly true: all elements slip */
-        return n_lt(before, NUM(0)) ? NUM(-1) : NUM(1);
+    /* Where the last element slips, all do, as long as the axis does not turn back. This is mostly true. */
+    const num last = state->stretch[FRICTION_ELEMENTS - 1];
+    const bool reversed = n_lt(last, NUM(0)) ? n_lt(NUM(0), dx) : n_lt(dx, NUM(0));
+    if (!reversed && !n_lt(n_abs(last), cfg->element[FRICTION_ELEMENTS - 1].width)) {
+        return n_lt(last, NUM(0)) ? NUM(-1) : NUM(1);
     }
-    state->distance = n_state(n_within(reversed ? dx : n_add(before, dx), cfg->presliding));
     num sum = NUM(0);
     for (int k = 0; k < FRICTION_ELEMENTS; k++) {
         const num stretch = n_state(n_within(n_add(state->stretch[k], dx), cfg->element[k].width));
@@ -53,7 +53,7 @@ void friction_step(const struct friction_cfg *cfg, struct friction_state *state,
 {
     for (int i = 0; i < 2; i++) {
         if (!enabled[i]) {
-            state->axis[i] = (struct friction_axis_state){.distance = NUM(0)};
+            state->axis[i] = (struct friction_axis_state){.stretch = {NUM(0)}};
         }
     }
     state->shape = v2(enabled[0] ? axis_step(&cfg->axis[0], &state->axis[0], r_dot.x, direction.x, dt) : NUM(0),

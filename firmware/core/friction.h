@@ -38,7 +38,6 @@ struct friction_cfg {
 
 struct friction_axis_state {
     num stretch[FRICTION_ELEMENTS]; /* s_k, um */
-    num distance;                   /* of the reference since its last reversal, um, within +-D */
 };
 
 struct friction_state {

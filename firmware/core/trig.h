@@ -24,13 +24,13 @@ struct trig_cosh trig_cosh(num x);
 
 #define TRIG_DECAY_MAX 16
 
-/* exp(-x) of x within 0..TRIG_DECAY_MAX. The error is below 1e-5 in float32 and 5e-5 in fixed point. */
+/* exp(-x) of x within 0..TRIG_DECAY_MAX. The error is below 3e-6 in float32 and 5e-5 in fixed point. */
 num trig_decay(num x);
 
 struct trig_circle {
     num cos, sin;
 };
 
-/* Cosine and sine of an angle in 2^-32 turns. The error is below 1e-6 in float32 and 1e-5 in fixed point. */
+/* Cosine and sine of an angle in 2^-32 turns. The error is below 5e-7 in float32 and 1e-5 in fixed point. */
 struct trig_circle trig_circle(uint32_t phase);
 #endif

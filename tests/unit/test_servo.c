@@ -778,6 +778,17 @@ static void test_friction_of_an_axis_begins_anew_where_it_gets_power(void)
     TEST_ASSERT_EQUAL_DOUBLE(0, val(state.friction.shape.y));
 }
 
+static void test_friction_is_that_of_when_the_force_acts(void)
+{
+    friction_on(0);
+    run(CONTROLLER_CASCADE, 5);
+    const struct contour_out *c = &out.contour;
+    const double x = fabs(val(c->r_dot.x) + 2.5 * DT * val(c->r_ddot.x));
+    const double y = val(c->r_dot.y) + 2.5 * DT * val(c->r_ddot.y);
+    TEST_ASSERT_DOUBLE_WITHIN(5e-5, -1 - 0.5 * exp(-x / 400), val(state.friction.shape.x));
+    TEST_ASSERT_DOUBLE_WITHIN(5e-5, 1 + 0.5 * exp(-y / 400), val(state.friction.shape.y));
+}
+
 static void test_friction_persists_over_a_change_of_controller(void)
 {
     friction_on(20);
@@ -792,7 +803,9 @@ static void test_friction_adapts_along_the_shape_and_not_while_the_reference_res
     cfg.feedforward.friction_rate = mk(0.5);
     servo_reset(&cfg, &state, in.measured);
     in.path.rate = mk(0);
-    state.friction.axis[1].distance = mk(20); /* it has slipped, and the reference stands where it is */
+    for (int k = 0; k < FRICTION_ELEMENTS; k++) { /* y has slipped, and its reference stands where it is */
+        state.friction.axis[1].stretch[k] = cfg.friction.axis[1].element[k].width;
+    }
     servo_step(&cfg, &state, &in, &out);
     for (int k = 0; k < 20; k++) {
         in.path.rate = mk(k < 9 ? 0 : 0.01);
@@ -947,6 +960,7 @@ int main(void)
     RUN_TEST(test_without_friction_at_reversal_the_shape_is_the_sign_of_the_reference);
     RUN_TEST(test_every_controller_feeds_friction_at_reversal_forward);
     RUN_TEST(test_friction_of_an_axis_begins_anew_where_it_gets_power);
+    RUN_TEST(test_friction_is_that_of_when_the_force_acts);
     RUN_TEST(test_friction_persists_over_a_change_of_controller);
     RUN_TEST(test_friction_adapts_along_the_shape_and_not_while_the_reference_rests);
     RUN_TEST(test_cogging_and_ripple_are_cancelled_and_move_neither_observer_nor_model);
