@@ -269,7 +269,8 @@ def _lead_error_nm(i: int, axis: Axis) -> int | None:
 
 
 # What the drive is told of an axis: the parameter, from which level on, and its value; None: it stays as it is. What
-# lies between motor and table is told where the position comes from the motor alone.
+# lies between motor and table is told where the position comes from the motor alone. Directions are not told, so that a
+# wrong one can be rehearsed.
 _PARAMETERS: tuple[tuple[str, str, Callable[[Axis], float | None]], ...] = (
     ("plant_{}.mass", RIGID, lambda axis: axis.mass_kg),
     ("plant_{}.viscous", RIGID, lambda axis: axis.viscous_Nspm),
@@ -278,8 +279,6 @@ _PARAMETERS: tuple[tuple[str, str, Callable[[Axis], float | None]], ...] = (
     ("plant_{}.encoder", LENGTHS, lambda axis: axis.encoder_m * 1e6),
     ("position_limit_{}.min", LENGTHS, lambda axis: axis.soft_limit_m[0] * 1e9),
     ("position_limit_{}.max", LENGTHS, lambda axis: axis.soft_limit_m[1] * 1e9),
-    ("wiring_{}.invert_encoder", RIGID, lambda axis: 1 if axis.encoder_inverted else None),
-    ("wiring_{}.invert_force", RIGID, lambda axis: 1 if axis.force_inverted else None),
     ("friction_{}.presliding", FULL, lambda axis: axis.presliding_m * 1e6 or None),
     ("friction_{}.breakaway", FULL, lambda axis: axis.breakaway if axis.breakaway > 1.0 else None),
     ("friction_{}.stribeck", FULL, lambda axis: axis.stribeck_mps if axis.breakaway > 1.0 else None),
@@ -309,7 +308,6 @@ _PARAMETERS: tuple[tuple[str, str, Callable[[Axis], float | None]], ...] = (
     *((f"lead_map_{{}}.{name}", FULL, partial(_lead_map, i)) for i, name in enumerate(("points", "start", "step"))),
     *((f"lead_error_{{}}.entry_{i + 1}", FULL, partial(_lead_error_nm, i)) for i in range(LEAD_POINTS)),
     ("second_encoder_{}.length", FULL, lambda axis: axis.scale_m * 1e6 or None),
-    ("second_encoder_{}.invert", FULL, lambda axis: 1 if axis.scale_m > 0.0 and axis.encoder_inverted else None),
     ("geometry.squareness_{}", FULL, lambda axis: axis.squareness_rad or None),
     ("force_continuous_{}.force", FULL, lambda axis: axis.continuous_force_N or None),
     ("force_continuous_{}.time", FULL, lambda axis: axis.thermal_s if axis.continuous_force_N > 0.0 else None),

@@ -61,6 +61,7 @@ class RunOptions:
 
 
 DEFAULTS = RunOptions()
+PLACED_WITHIN_M = 1e-6  # of the start: a simulated drive begins its path there
 
 
 @dataclass(frozen=True)
@@ -122,8 +123,6 @@ def _run(
     """run(); after an error while the path runs, the result up to then is in `broken_off`."""
     if target.place_at_start:
         target = dataclasses.replace(target, machine=target.machine.starting_at(trajectory.program.start_m))
-        if target.in_process and options.approach is None:  # its encoders may see it elsewhere, and it may creep
-            options = dataclasses.replace(options, approach=limits(target.machine))
     with open_drive(target) as device, device.master.held():
         sim = simulated(device.link.bus)
         device.parameters.set(options.parameters)
@@ -145,6 +144,10 @@ def _run(
             if options.resume:
                 left = resume.left_by(device, trajectory, resume.RETURN_MAX_M if options.approach is None else math.inf)
             with device.axes.enabled(also=TELEMETRY):
+                if left is None:
+                    placed = target.in_process and target.place_at_start
+                    _go_to_start(device, trajectory.program.start_m, options.approach, operator,
+                                 limits(target.machine) if placed else None)  # fmt: skip
                 driven, streamed = _move(device, trajectory, left, recorder, options, operator, limits(target.machine))
             warnings = device.faults.warnings()
             oscillation = device.faults.oscillation(warnings)
@@ -176,12 +179,10 @@ def _move(
     operator: Operator,
     bounds: Limits,
 ) -> tuple[Rest, StreamResult]:
-    """Go to the start, or back to where the path was `left`, within `bounds`; stream the trajectory or the rest of it,
-    and record from the start of the motion on. Returns what was streamed, too."""
+    """Go back to where the path was `left`, within `bounds`; stream the trajectory or the rest of it, and record from
+    the start of the motion on. Returns what was streamed, too."""
     driven, has_knots = whole(trajectory), False
-    if left is None:
-        _go_to_start(device, trajectory.program.start_m, options.approach, operator)
-    else:
+    if left is not None:
         driven, has_knots = resume.return_to(device, left, bounds, operator)
     device.write("energy.reset", 1)
     start_nm = device.position_nm()
@@ -207,10 +208,18 @@ def _move(
     return driven, streamed
 
 
-def _go_to_start(device: Device, start_m: tuple[float, float], approach: Limits | None, operator: Operator) -> None:
+def _go_to_start(
+    device: Device, start_m: tuple[float, float], approach: Limits | None, operator: Operator, placed: Limits | None
+) -> None:
+    """Go to the start within the limits `approach`. Axes that the simulator has put there go the last bit, within the
+    limits `placed`: their encoders may see them elsewhere, and they may have crept."""
     here_m = device.position_m()
     window_m = device.read("limits.start_window") * 1e-6
-    if max(abs(a - b) for a, b in zip(here_m, start_m, strict=True)) <= window_m:
+    away_m = max(abs(a - b) for a, b in zip(here_m, start_m, strict=True))
+    if placed is not None and PLACED_WITHIN_M < away_m <= resume.RETURN_MAX_M:
+        resume.go_straight(device, start_m, placed, operator)
+        return
+    if away_m <= window_m:
         return
     if approach is None:
         raise DeviceError(
