@@ -236,22 +236,22 @@ def _harmonic(n: int, amplitude: float, first_phase: float, wave: Callable[[floa
 def _lead_map_nm(axis: Axis) -> tuple[int, int, list[int]]:
     """Start, step and errors of the map from the encoder's position to the table's; no errors where there is none.
 
-    An error once a turn is in it where the map has at least four points a turn, else only that in proportion to the
-    travel.
+    An error once a turn, of screw or encoder, is in it where the map has at least four points a turn. Else it has only
+    the error in proportion to the travel.
     """
-    seen_by_sensor = _sensed(axis)
-    slope = 0.0 if seen_by_sensor else axis.lead_error
-    once_m = 0.0 if seen_by_sensor else axis.lead_once_m
+    slope, once_m = (0.0, 0.0) if _sensed(axis) else (axis.lead_error, axis.lead_once_m)
+    if axis.scale_m == 0.0:
+        once_m -= axis.encoder_once_m  # what the encoder shows too much
     low_m, high_m = axis.soft_limit_m
     if (high_m - low_m) / (LEAD_POINTS - 1) > 0.25 * axis.screw_m:
         once_m = 0.0
     if slope == 0.0 and once_m == 0.0:
         return 0, 0, []
-    points = LEAD_POINTS if once_m > 0.0 else 1 + max(1, math.ceil(high_m - low_m))
+    points = LEAD_POINTS if once_m != 0.0 else 1 + max(1, math.ceil(high_m - low_m))
     start_nm, step_nm = round(low_m * 1e9), math.ceil((high_m - low_m) * 1e9 / (points - 1))
 
     def error_m(at_m: float) -> float:
-        once = once_m * math.sin(2.0 * math.pi * at_m / axis.screw_m) if once_m > 0.0 else 0.0
+        once = once_m * math.sin(2.0 * math.pi * at_m / axis.screw_m) if once_m != 0.0 else 0.0
         return slope * at_m + once
 
     return start_nm, step_nm, [round(error_m((start_nm + i * step_nm) * 1e-9) * 1e9) for i in range(points)]

@@ -106,6 +106,8 @@ def test_cogging_and_ripple_are_those_of_the_machine_at_every_angle(plants: Any)
         (dict(lead_error=300e-6, travel_m=(-1.9, 1.9), soft_limit_m=(-1.8, 1.8)), 1e-9),
         (dict(lead_once_m=5e-6, screw_m=0.04), 0.34e-6),  # 8.7 points a turn: 1 - cos(pi / 8.7) at a chord
         (dict(lead_once_m=5e-6, lead_error=100e-6, screw_m=0.04), 0.34e-6),
+        (dict(lead_once_m=5e-6, encoder_once_m=2e-6, screw_m=0.04), 0.21e-6),
+        (dict(encoder_once_m=5e-6, screw_m=0.04, encoder_at="table"), 0.34e-6),
         (dict(lead_once_m=5e-6, lead_error=100e-6, screw_m=0.01), 5.1e-6),  # too few points a turn: the slope alone
     ],
 )
