@@ -21,6 +21,7 @@ _VERBS = {
     "jog": "Move the axes with constant speed for a time.",
     "home": "Home an axis, so that positions count from its home point.",
     "sim": "Simulate a drive on a bus, until Ctrl-C.",
+    "design": "Find parameters for a machine, under margins.",
     "experiment": "Run a defined experiment on the simulated drive.",
     "info": "Show the drive that answers, and its state.",
     "param": "List, read, set and store parameters.",

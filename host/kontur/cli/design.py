@@ -26,7 +26,6 @@ _HEADINGS = {
     "delay_ms": "delay margin ms",
     "crossover_Hz": "crossover Hz",
     "bandwidth_Hz": "|S| < 1/2 up to Hz",
-    "force_step_N": "force step N",
     "reversal_um": "reversal µm",
 }
 
@@ -38,8 +37,8 @@ _HEADINGS = {
 )
 @click.option(
     "--compensation",
-    type=click.Choice(["full", "rigid"]),
-    default="full",
+    type=click.Choice(machines.COMPENSATIONS),
+    default=machines.FULL,
     show_default=True,
     help="What the drive is told besides the gains: all that it can compensate, or what a rigid axis has.",
 )
@@ -94,7 +93,8 @@ def command(
         if not as_json:
             rows = [{"axis": axis, **results[-1]["axes"][axis]} for axis in "xy"]
             print_table([{key: row[key] for key in _HEADINGS} for row in rows], f"{plan.name}: {name}", _HEADINGS)
-            click.echo(f"{found.limit}\n{file}: {', '.join(f'{k} {v:g}' for k, v in found.gains.items())}\n")
+            click.echo(f"The force step is {found.force_step_N:.2f} N. {found.limit}")
+            click.echo(f"{file}: {', '.join(f'{key} {value:g}' for key, value in found.gains.items())}\n")
     if as_json:
         print_json({"machine": plan.name, "compensation": compensation, "designs": results})
 
@@ -113,7 +113,7 @@ def _as_json(design: Design, file: Path) -> dict[str, Any]:
             "delay_ms": m.delay_s * 1e3,
             "crossover_Hz": m.crossover_Hz,
             "bandwidth_Hz": m.bandwidth_Hz,
-            "force_step_N": axis.force_step_N,
+            "force_change_N": axis.force_change_N,
             "reversal_um": axis.reversal_m * 1e6,
         }
     return {
@@ -121,5 +121,6 @@ def _as_json(design: Design, file: Path) -> dict[str, Any]:
         "file": str(file),
         "gains": design.gains,
         "axes": axes,
+        "force_step_N": design.force_step_N,
         "limit": design.limit,
     }

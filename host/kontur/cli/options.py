@@ -99,6 +99,7 @@ class _MachineFile(click.Path):
 
 
 PARAMETER, PARAMETER_VALUE, SIGNALS = _Parameter(), _ParameterValue(), _Signals()
+MACHINE = _MachineFile(dir_okay=False)
 
 
 class NumberRange(click.FloatRange):
@@ -242,7 +243,7 @@ parameter_option = click.option(
 _SIMULATION = (
     click.option(
         "--machine",
-        type=_MachineFile(dir_okay=False),
+        type=MACHINE,
         default=str(machines.DEFAULT),
         show_default="Table 1 of the paper",
         help="Machine file (TOML): what is simulated, and the limits that motion is planned for.",

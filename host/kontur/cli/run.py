@@ -68,6 +68,7 @@ class Motion:
     accel: float | None
     jerk: float | None
     parameters: tuple[tuple[str, str], ...]
+    params: Path | None
     override: float
     approach: bool
     resume: bool
@@ -181,6 +182,13 @@ _motion_options = grouped(
     ),
     click.option("--jerk", type=POSITIVE, metavar="M_PER_S3", help="Jerk limit of both axes instead of the machine's."),
     parameter_option,
+    click.option(
+        "--params",
+        type=click.Path(dir_okay=False, path_type=Path),
+        metavar="PARAMS.toml",
+        help="Set the parameters of this file before, as `kontur design` and `kontur param dump` write it; --set comes "
+        "after it.",
+    ),
     click.option(
         "--override",
         type=NumberRange(0.1, 120.0),
@@ -367,11 +375,13 @@ def _report(
 
 def _plan(program: Program, motion: Motion, recording: Recording, target: Target) -> tuple[Trajectory, RunOptions]:
     """The trajectory, and the options that all runs of it have in common."""
+    from kontur.drive import parameter_file
     from kontur.planning.bounds import limits
     from kontur.planning.planner import plan
     from kontur.runs.runner import RunOptions
 
-    values = parameter_values(motion.parameters)
+    values = parameter_file.read(motion.params) if motion.params is not None else {}
+    values |= parameter_values(motion.parameters)
     bounds = limits(target.machine, motion.accel, motion.jerk)
     with progress_bar("planning") as progress:
         trajectory = plan(program, bounds, progress, travel_m=target.machine.soft_limits_m)

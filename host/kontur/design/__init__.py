@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of a drive from the file of its machine, under margins.
 
-`loop` has the loop in the frequency domain: the law, whose response the firmware itself gives, and the machine. `search`
-finds the gains, `figure` draws margins. `kontur design` is the command.
+`loop` has the loop in the frequency domain: the law, whose response the firmware itself gives, and the machine.
+`search` finds the gains, `figure` draws margins. `kontur design` is the command.
 """

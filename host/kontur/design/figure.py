@@ -36,10 +36,10 @@ def draw(design: Design, ms: float) -> Figure:
     nyquist.plot([-1.0], [0.0], "+", color=INK)
     sensitivity.axhline(ms, color=FAINT, lw=0.9, ls=(0, (4, 2)))
     for name, colour, axis in zip("xy", _COLOURS, design.axes, strict=True):
-        for i, l in enumerate(axis.loops):
+        for i, open_loop in enumerate(axis.loops):
             look = {"color": colour, "lw": 1.4 if i == 0 else 0.4, "label": name if i == 0 else None}
-            nyquist.plot(l.real, l.imag, **look)
-            sensitivity.loglog(axis.hz, 1.0 / np.abs(1.0 + l), **look)
+            nyquist.plot(open_loop.real, open_loop.imag, **look)
+            sensitivity.loglog(axis.hz, 1.0 / np.abs(1.0 + open_loop), **look)
     nyquist.set(xlim=(-2.6, 1.1), ylim=(-2.2, 1.5), aspect="equal", xlabel="Re L", ylabel="Im L")
     sensitivity.set(xlabel="frequency, Hz", ylabel="|S|", xlim=(loop.LEAST_HZ, design.axes[0].hz[-1]), ylim=(1e-3, 4.0))
     sensitivity.legend(loc="lower right")

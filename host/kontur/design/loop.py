@@ -9,12 +9,14 @@ the force. S = 1 / (1 + L) is the sensitivity, and Ms = max |S| the inverse of t
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete
+from scipy.special import ellipe
 
 from kontur.machine import Axis
 from kontur.sim import library
@@ -29,7 +31,7 @@ VARIANTS = tuple((resonance, mass) for resonance in RESONANCES for mass in MASSE
 REVERSAL_MPS2 = 1.0  # acceleration of the reversal whose friction is to be balanced
 REVERSAL_S = 0.1  # over which its error is averaged
 _PERIODS = 1024  # of the response that is simulated; what comes after is a constant and an exponential
-_IMPULSE_M = 0.2e-6  # within the boundary layers
+_IMPULSE_M = 0.4e-6  # within the boundary layers
 LEAST_HZ = 1.0
 
 
@@ -176,22 +178,28 @@ def transfer(law: Law, plant_of_axis: Plant) -> Complex:
     return np.asarray(-law.force * plant_of_axis.force)
 
 
-def stable(grid: Grid, axis: Axis, law: Law, l: Complex) -> bool:
+def stable(grid: Grid, axis: Axis, law: Law, open_loop: Complex) -> bool:
     """Whether all loops (v, f) close to stable ones: Nyquist's criterion for laws that are stable themselves.
 
     (1 + L) (1 - 1/z)^n has no pole on or outside the unit circle, where n is the number of integrators in L, and so it
     must not encircle 0.
     """
     integrators = int(law.integrates) + (1 if axis.viscous_Nspm > 0.0 else 2)
-    phase = np.unwrap(np.angle((1.0 + l) * (1.0 - grid.z_inverse) ** integrators), axis=-1)
+    phase = np.unwrap(np.angle((1.0 + open_loop) * (1.0 - grid.z_inverse) ** integrators), axis=-1)
     return bool(np.all(np.abs(phase[:, -1]) < 0.25 * np.pi))
 
 
-def force_step(grid: Grid, axis: Axis, law: Law, s: Complex) -> float:
-    """Mean change of the force from period to period, N, which the encoder's counts make while the axis moves."""
+def force_change(grid: Grid, axis: Axis, law: Law, s: Complex) -> float:
+    """Change of the force from period to period, N, root mean square, which the encoder's counts make in motion."""
     spectrum = np.abs((1.0 - grid.z_inverse) * law.force * s) ** 2
     mean_square = axis.encoder_m**2 / 12.0 * 2.0 / grid.control_hz * np.trapezoid(spectrum, grid.hz)
-    return float(np.sqrt(2.0 / np.pi * mean_square))
+    return float(np.sqrt(mean_square))
+
+
+def force_step(x_N: float, y_N: float) -> float:
+    """Mean length of the change of the force, N, as runs report it, for the force_change() of both axes."""
+    least, greatest = sorted((x_N, y_N))
+    return float(np.sqrt(2.0 / np.pi) * greatest * ellipe(1.0 - (least / max(greatest, 1e-12)) ** 2))
 
 
 def reversal_error(grid: Grid, axis: Axis, plant_of_axis: Plant, s: Complex) -> float:
@@ -210,9 +218,9 @@ def reversal_error(grid: Grid, axis: Axis, plant_of_axis: Plant, s: Complex) -> 
 class Margins:
     """Margins of one axis: the worst over all VARIANTS, the rest of the machine as it is.
 
-    `ms_at_Hz`, `resonance`, `mass`: where Ms is reached. `gain`: factor on the loop to instability, upwards. `phase_deg`
-    and `delay_s` at the crossovers. `crossover_Hz`: the highest frequency with |L| = 1. `bandwidth_Hz`: up to it
-    disturbances are halved.
+    `ms_at_Hz`, `resonance`, `mass`: where Ms is reached. `gain`: factor on the loop to instability, upwards.
+    `phase_deg` and `delay_s` at the crossovers. `crossover_Hz`: the highest frequency with |L| = 1. `bandwidth_Hz`: up
+    to it disturbances are halved.
     """
 
     ms: float
@@ -226,23 +234,23 @@ class Margins:
     bandwidth_Hz: float
 
 
-def margins(grid: Grid, l: Complex, variants: Sequence[tuple[float, float]] = VARIANTS) -> Margins:
+def margins(grid: Grid, open_loop: Complex, variants: Sequence[tuple[float, float]] = VARIANTS) -> Margins:
     """Margins of the loops (v, f) of one axis."""
-    size = 1.0 / np.abs(1.0 + l)
+    size = 1.0 / np.abs(1.0 + open_loop)
     worst, at = np.unravel_index(int(np.argmax(size)), size.shape)
-    gain, phase_deg, delay_s = np.inf, np.inf, np.inf
-    for loop in l:
+    gain = phase_deg = delay_s = math.inf
+    for loop in open_loop:
         angle = np.angle(loop)
         crossed = np.nonzero((np.abs(loop[:-1]) - 1.0) * (np.abs(loop[1:]) - 1.0) <= 0.0)[0]
         for k in crossed:
             margin = float(np.mod(angle[k] + np.pi, 2.0 * np.pi))
-            phase_deg = min(phase_deg, np.degrees(min(margin, 2.0 * np.pi - margin)))
-            delay_s = min(delay_s, margin / (2.0 * np.pi * grid.hz[k]))
+            phase_deg = min(phase_deg, math.degrees(min(margin, 2.0 * math.pi - margin)))
+            delay_s = min(delay_s, margin / (2.0 * math.pi * float(grid.hz[k])))
         imaginary = loop.imag
         for k in np.nonzero((imaginary[:-1] * imaginary[1:] <= 0.0) & (loop.real[:-1] < 0.0))[0]:
             if -1.0 < loop.real[k] < 0.0:
                 gain = min(gain, -1.0 / float(loop.real[k]))
-    above = grid.hz[np.abs(l[0]) >= 1.0]
+    above = grid.hz[np.abs(open_loop[0]) >= 1.0]
     small = np.nonzero(size[0] > 0.5)[0]
     return Margins(
         ms=float(size[worst, at]),

@@ -14,20 +14,20 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import differential_evolution, minimize
+from scipy.optimize import Bounds, differential_evolution, minimize
 from scipy.stats import qmc
 
 from kontur.design import loop
+from kontur.drive import parameter_file
 from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.objects import Objects
 from kontur.drive.target import Target, open_drive
 from kontur.errors import MachineError
-from kontur.machine import Axis, Machine
+from kontur.machine import FULL, Axis, Machine
 
 Gains = dict[str, float]
 
 _POPULATION, _GENERATIONS = 40, 60
-_POLISH = {"maxfev": 400, "xatol": 1e-4, "fatol": 1e-5}
 _OBSERVERS = ((60.0, 600.0), (600.0, 5000.0))  # rad/s: the basins
 _SEED = 1
 _UNSTABLE, _INFEASIBLE = 100.0, 50.0  # above every logarithm of an error
@@ -90,12 +90,12 @@ _KNOWN = {  # where a search begins besides: the two basins of the contouring la
 
 @dataclass(frozen=True, eq=False)
 class AxisDesign:
-    """What is predicted for one axis. `force_step_N`: mean change of the force from period to period, which the
-    encoder's counts make; `reversal_m`: error of a friction reversal, root mean square over loop.REVERSAL_S. `loops`
-    (v, f): L at the frequencies `hz`, for each of loop.VARIANTS."""
+    """What is predicted for one axis. `force_change_N`: loop.force_change(). `reversal_m`: error of a friction
+    reversal, root mean square over loop.REVERSAL_S. `loops` (v, f): L at the frequencies `hz`, for each of
+    loop.VARIANTS."""
 
     margins: loop.Margins
-    force_step_N: float
+    force_change_N: float
     reversal_m: float
     hz: loop.Floats
     loops: loop.Complex
@@ -105,13 +105,16 @@ class AxisDesign:
 class Design:
     """Gains of a controller for a machine, and what is predicted of x and y.
 
-    `parameters`: all for the drive, by name. `limit`: what keeps the loop from being faster, in a sentence.
+    `parameters`: all for the drive, by name, and `text` these as a file. `force_step_N`: mean change of the force from
+    period to period, which the encoder's counts make. `limit`: what keeps the loop from being faster, in a sentence.
     """
 
     machine: str
     controller: str
     gains: Gains
     parameters: dict[str, float]
+    text: str
+    force_step_N: float
     axes: tuple[AxisDesign, AxisDesign]
     limit: str
 
@@ -128,7 +131,7 @@ class _Place:
 class Problem:
     """A machine and a controller, with limits of Ms and of the force step in N. Raises MachineError."""
 
-    def __init__(self, machine: Machine, controller: str, ms: float, force_step_N: float) -> None:
+    def __init__(self, machine: Machine, controller: str, compensation: str, ms: float, force_step_N: float) -> None:
         self.machine, self.controller, self.ms, self.force_step_N = machine, controller, ms, force_step_N
         self.number = CONTROLLERS.index(controller)
         self.searched, self._gains = _LAWS[controller]
@@ -136,24 +139,22 @@ class Problem:
         if machine.model != "full":
             raise MachineError(f"machine {machine.name!r}: a design needs a machine with the model 'full'")
         with open_drive(Target(machine=machine)) as device:
-            self._objects: Objects = device
+            self.objects: Objects = device
             self.control_hz = int(device.read("clock.control_hz"))
-        told = machine.parameters()
-        self._told = [self._on_wire(told), self._on_wire(_swapped(told))]
+        self.told = machine.parameters(compensation=compensation)
+        self._told = [self._on_wire(self.told), self._on_wire(_swapped(self.told))]
         # Under ccc the loop along the normal differs from the one along the path: each axis has its turn.
         turns = (False, True) if controller == "ccc" else (False,)
         self.places = [
-            _Place(axis, 1 - i if swapped else i, swapped)
-            for swapped in turns
-            for i, axis in enumerate(machine.axes)
+            _Place(axis, 1 - i if swapped else i, swapped) for swapped in turns for i, axis in enumerate(machine.axes)
         ]
 
     def _on_wire(self, values: Mapping[str, float]) -> list[tuple[int, int, int]]:
-        return [self._objects.on_wire(name, value) for name, value in values.items()]
+        return [self.objects.on_wire(name, value) for name, value in values.items()]
 
-    def gains(self, vector: Sequence[float]) -> Gains:
+    def gains(self, vector: loop.Floats) -> Gains:
         """Parameters of the drive for logarithms of the searched quantities."""
-        values = [math.exp(x) for x in vector]
+        values = [float(x) for x in np.exp(vector)]
         gains = self._gains(values[:-1]) | {_OBSERVER.name: values[-1]}
         return {name: float(f"{value:.{_DIGITS}g}") for name, value in gains.items()}
 
@@ -183,79 +184,100 @@ class _Search:
         self.grid = loop.Grid.around(problem.machine.axes, problem.control_hz)
         self.plants = [loop.plant(self.grid, place.axis, problem.machine.delay_periods) for place in problem.places]
 
-    def __call__(self, vector: Sequence[float]) -> float:
+    def __call__(self, vector: loop.Floats) -> float:
         problem, grid = self.problem, self.grid
         aggressive = float(np.mean([(x - a) / (b - a) for x, (a, b) in zip(vector, problem.bounds, strict=True)]))
-        if not 0.0 <= min(
-            min(x - a, b - x) for x, (a, b) in zip(vector, problem.bounds, strict=True)
-        ):  # the simplex may leave the box
-            return 3.0 * _UNSTABLE
+        if any(not low <= x <= high for x, (low, high) in zip(vector, problem.bounds, strict=True)):
+            return 3.0 * _UNSTABLE  # the simplex may leave the box
         try:
             laws = problem.loops(grid, problem.gains(vector))
         except (loop.UnstableLawError, ValueError):
             return 2.0 * _UNSTABLE + aggressive
-        excess, energy = 0.0, 0.0
+        excess, energy, change_N = 0.0, 0.0, [0.0, 0.0]
         for place, law, plant in zip(problem.places, laws, self.plants, strict=True):
-            l = loop.transfer(law, plant)
-            s = 1.0 / (1.0 + l)
-            if not loop.stable(grid, place.axis, law, l):
+            open_loop = loop.transfer(law, plant)
+            s = 1.0 / (1.0 + open_loop)
+            if not loop.stable(grid, place.axis, law, open_loop):
                 return _UNSTABLE + aggressive
-            ms, step_N = float(np.max(np.abs(s))), loop.force_step(grid, place.axis, law, s[0])
-            excess += max(0.0, math.log(ms / self.ms)) + max(0.0, math.log(step_N / problem.force_step_N))
+            excess += max(0.0, math.log(float(np.max(np.abs(s))) / self.ms))
+            i = problem.machine.axes.index(place.axis)
+            change_N[i] = max(change_N[i], loop.force_change(grid, place.axis, law, s[0]))
             if place.number == 1 or not any(p.swapped for p in problem.places):  # the contour error is along the normal
                 energy += loop.reversal_error(grid, place.axis, plant, s[0]) ** 2
+        excess += max(0.0, math.log(loop.force_step(*change_N) / problem.force_step_N))
         return _INFEASIBLE + excess if excess > 0.0 else 0.5 * math.log(energy / 2.0)
 
 
 def design(
     machine: Machine,
     controller: str,
+    compensation: str = FULL,
     ms: float = 2.0,
     force_step_N: float = 2.0,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Design:
-    """Search for the gains of `controller`. `ms`: largest sensitivity; `force_step_N`: limit of the mean force step.
+    """Search for the gains of `controller`. `compensation`: what the drive is told besides, one of
+    kontur.machine.COMPENSATIONS. `ms`: largest sensitivity; `force_step_N`: limit of the mean force step.
 
     Raises MachineError where no gains keep the limits.
     """
-    problem = Problem(machine, controller, ms, force_step_N)
+    problem = Problem(machine, controller, compensation, ms, force_step_N)
     limit = ms
     for _ in range(3):  # a peak between the points of the coarse grid tightens the limit of the next search
-        found = _searched(problem, limit, progress)
-        axes = predicted(problem, problem.gains(found))
+        gains = problem.gains(_searched(problem, limit, progress))
+        axes = predicted(problem, gains)
         worst = max(axis.margins.ms for axis in axes)
         if worst <= 1.002 * ms:
             break
         limit *= 0.995 * ms / worst
-    gains = problem.gains(found)
-    selected = {"controller.select": float(problem.number)}
-    return Design(machine.name, controller, gains, {**machine.parameters(), **gains, **selected}, axes, _limit(problem, axes))
+    parameters = {**problem.told, **gains}
+    step_N = loop.force_step(axes[0].force_change_N, axes[1].force_change_N)
+    return Design(
+        machine=machine.name,
+        controller=controller,
+        gains=gains,
+        parameters=parameters,
+        text=f"# Of kontur design for {machine.name!r}: --controller {controller}\n"
+        + parameter_file.text(parameters, problem.objects.declared),
+        force_step_N=step_N,
+        axes=axes,
+        limit=_limit(problem, axes, step_N),
+    )
 
 
-def _searched(problem: Problem, ms: float, progress: Callable[[float], None]) -> list[float]:
-    """The logarithms of the best gains: of a search with a slow observer, and of one with a fast observer."""
+def _searched(problem: Problem, ms: float, progress: Callable[[float], None]) -> loop.Floats:
+    """The logarithms of the best gains, of a search with a slow observer and of one with a fast observer."""
     cost = _Search(problem, ms)
-    found = []
-    for basin in range(2):
-        bounds = problem.bounds[:-1] + [tuple(np.log(_OBSERVERS[basin]))]
-        low, high = np.array(bounds).T
-        population = qmc.scale(qmc.LatinHypercube(len(low), rng=_SEED).random(_POPULATION), low, high)
-        for known in _KNOWN.get(problem.controller, ()):
-            around = np.log(known) + (population[::4] - population.mean(axis=0)) / 4.0
-            population[::4] = np.clip(around, low, high) if low[-1] <= np.log(known[-1]) <= high[-1] else population[::4]
-        generations = itertools.count(1)
-        best = differential_evolution(
-            cost, bounds, init=population, maxiter=_GENERATIONS, tol=1e-4, polish=False, rng=_SEED,
-            callback=lambda intermediate_result: progress((basin + next(generations) / _GENERATIONS) / 2.0),
-        )  # fmt: skip
-        found.append(minimize(cost, best.x, method="Nelder-Mead", options=_POLISH))
-    polished = min(found, key=lambda result: float(result.fun))
-    if polished.fun >= _INFEASIBLE:
+    found = [
+        _in_basin(problem, cost, observer, lambda share, i=i: progress((i + share) / len(_OBSERVERS)))  # type: ignore[misc]
+        for i, observer in enumerate(_OBSERVERS)
+    ]
+    best, logarithms = min(found, key=lambda result: result[0])
+    if best >= _INFEASIBLE:
         raise MachineError(
             f"machine {problem.machine.name!r}: no gains of {problem.controller} keep Ms <= {problem.ms:g} and a force "
             f"step of {problem.force_step_N:g} N; allow more with --ms or --force-step"
         )
-    return [float(x) for x in polished.x]
+    return logarithms
+
+
+def _in_basin(
+    problem: Problem, cost: _Search, observer: tuple[float, float], progress: Callable[[float], None]
+) -> tuple[float, loop.Floats]:
+    """The least cost with an observer within this range, and the logarithms that have it."""
+    box = [*problem.bounds[:-1], (math.log(observer[0]), math.log(observer[1]))]
+    low, high = np.array(box).T
+    population = qmc.scale(qmc.LatinHypercube(len(low), rng=_SEED).random(_POPULATION), low, high)
+    for known in _KNOWN.get(problem.controller, ()):
+        if observer[0] <= known[-1] <= observer[1]:
+            population[::4] = np.clip(np.log(known) + (population[::4] - population.mean(axis=0)) / 4.0, low, high)
+    generation = itertools.count(1)
+    best = differential_evolution(
+        cost, Bounds(low, high), init=population, maxiter=_GENERATIONS, tol=1e-4, polish=False, rng=_SEED,
+        callback=lambda intermediate_result: progress(min(1.0, next(generation) / _GENERATIONS)),
+    )  # fmt: skip
+    polished = minimize(cost, best.x, method="Nelder-Mead", options={"maxfev": 400, "xatol": 1e-4, "fatol": 1e-5})
+    return float(polished.fun), np.asarray(polished.x)
 
 
 def predicted(problem: Problem, values: Mapping[str, float]) -> tuple[AxisDesign, AxisDesign]:
@@ -264,14 +286,14 @@ def predicted(problem: Problem, values: Mapping[str, float]) -> tuple[AxisDesign
     found: dict[int, AxisDesign] = {}
     for place, law in zip(problem.places, problem.loops(grid, values), strict=True):
         plant = loop.plant(grid, place.axis, problem.machine.delay_periods)
-        l = loop.transfer(law, plant)
-        s = 1.0 / (1.0 + l[0])
+        open_loop = loop.transfer(law, plant)
+        s = 1.0 / (1.0 + open_loop[0])
         axis = AxisDesign(
-            loop.margins(grid, l),
-            loop.force_step(grid, place.axis, law, s),
+            loop.margins(grid, open_loop),
+            loop.force_change(grid, place.axis, law, s),
             loop.reversal_error(grid, place.axis, plant, s),
             grid.hz,
-            l,
+            open_loop,
         )
         i = problem.machine.axes.index(place.axis)
         if i not in found or axis.margins.ms > found[i].margins.ms:
@@ -279,12 +301,9 @@ def predicted(problem: Problem, values: Mapping[str, float]) -> tuple[AxisDesign
     return found[0], found[1]
 
 
-def _limit(problem: Problem, axes: tuple[AxisDesign, AxisDesign]) -> str:
+def _limit(problem: Problem, axes: tuple[AxisDesign, AxisDesign], step_N: float) -> str:
     """What keeps the loop from being faster, in a sentence."""
-    name, axis, result = max(
-        zip("xy", problem.machine.axes, axes, strict=True), key=lambda item: item[2].margins.ms
-    )
-    step_N = max(axis.force_step_N for axis in axes)
+    name, axis, result = max(zip("xy", problem.machine.axes, axes, strict=True), key=lambda item: item[2].margins.ms)
     m = result.margins
     if m.ms > 0.97 * problem.ms:
         what = f"the lag of the force and the delay of {problem.machine.delay_periods} control period"

@@ -205,8 +205,6 @@ def response(
     address = ffi.new("uint32_t[]", [index << 8 | sub for index, sub, _ in objects])
     value = ffi.new("int64_t[]", [raw for _, _, raw in objects])
     force_N = np.empty((periods, 2))
-    if lib.ks_response(
-        len(objects), address, value, controller, counts, periods, ffi.from_buffer("double *", force_N)
-    ):
+    if lib.ks_response(len(objects), address, value, controller, counts, periods, ffi.from_buffer("double *", force_N)):
         raise ValueError("an object is out of range, or the parameters do not fit together")
     return force_N

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur design`: the loop that it computes with is the firmware's and the machine's, and its margins hold."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from kontur.cli import main
+from kontur.design import loop
+from kontur.design.search import Problem, predicted
+from kontur.drive import parameter_file
+from kontur.drive.target import Target
+from kontur.machine import MACHINES, Axis, Machine, load
+from kontur.path import shapes
+from kontur.planning.bounds import limits
+from kontur.planning.planner import plan
+from kontur.runs.log import read
+from kontur.runs.runner import RunOptions, run
+from kontur.sim import library
+
+CONTROL_HZ = 10_000
+# Modulus margins of the default gains on Table 1, computed by hand before there was this command.
+MODULUS = {
+    ("ccu", 0.0): 0.57,
+    ("ccu", 5e-4): 0.30,
+    ("ccu", 1e-3): 0.11,
+    ("cascade", 0.0): 0.74,
+    ("cascade", 1e-3): 0.52,
+}
+
+
+def only(machine: Machine, **values: float) -> Machine:
+    """The machine with these values of both axes."""
+    return dataclasses.replace(
+        machine, x=dataclasses.replace(machine.x, **values), y=dataclasses.replace(machine.y, **values)
+    )
+
+
+def loop_of(axis: Axis, law: loop.Law, grid: loop.Grid) -> loop.Complex:
+    return loop.transfer(law, loop.plant(grid, axis, 1, [(1.0, 1.0)]))
+
+
+@pytest.mark.parametrize(("controller", "lag_s"), MODULUS)
+def test_margins_of_default_gains_are_those_known(controller: str, lag_s: float) -> None:
+    machine = only(load(), current_lag_s=lag_s)
+    problem = Problem(machine, controller, "full", 2.0, 2.0)
+    grid = loop.Grid.around(machine.axes, CONTROL_HZ, points=600)
+    law = problem.loops(grid, {})[0]
+    open_loop = loop_of(machine.x, law, grid)
+    assert loop.stable(grid, machine.x, law, open_loop)
+    assert 1.0 / loop.margins(grid, open_loop, [(1.0, 1.0)]).ms == pytest.approx(MODULUS[controller, lag_s], abs=0.005)
+
+
+def test_a_loop_with_more_lag_than_its_delay_margin_is_unstable() -> None:
+    machine = only(load(), current_lag_s=0.003)
+    grid = loop.Grid.around(machine.axes, CONTROL_HZ)
+    law = Problem(machine, "ccu", "full", 2.0, 2.0).loops(grid, {})[0]
+    assert not loop.stable(grid, machine.x, law, loop_of(machine.x, law, grid))
+
+
+def test_the_response_of_the_law_is_linear_and_ends_as_extrapolated(monkeypatch: pytest.MonkeyPatch) -> None:
+    objects = [(0x2110, 10, 0), (0x2111, 4, 0)]  # no adaptation
+    small, large = (library.response(objects, 2, counts, 1024) / counts for counts in (3, 13))
+    assert small == pytest.approx(large, abs=1e-4 * float(np.max(np.abs(large))))
+    machine = load()
+    grid = loop.Grid.around(machine.axes, CONTROL_HZ)
+    encoder_m = [axis.encoder_m for axis in machine.axes]
+    short = loop.laws(grid, objects, 2, encoder_m)[0]
+    monkeypatch.setattr(loop, "_PERIODS", 8192)
+    long = loop.laws(loop.Grid.around(machine.axes, CONTROL_HZ), objects, 2, encoder_m)[0]
+    assert np.max(np.abs(short.force / long.force - 1.0)[grid.hz > 5.0]) < 0.005
+
+
+def test_an_object_that_the_firmware_does_not_have_or_accept_is_refused() -> None:
+    for objects in (
+        [(0x2110, 99, 1)],
+        [(0x3000, 0, 1)],
+        [(0x2110, 1, -1)],
+        [(0x2110, 7, 500_000), (0x2110, 8, 400_000)],
+    ):
+        with pytest.raises(ValueError, match="out of range, or"):
+            library.response(objects, 2, 1, 4)
+    with pytest.raises(ValueError, match="out of range, or"):
+        library.response([], 99, 1, 4)
+
+
+@pytest.mark.parametrize("at", ["motor", "table"])
+def test_the_plant_is_the_closed_form_of_two_masses_with_hold_lag_and_delay(at: str) -> None:
+    hz, lag_s = 62.5, 4e-4
+    axis = dataclasses.replace(
+        load(MACHINES / "ball_screw.toml").x, viscous_Nspm=0.0, encoder_at=at, current_lag_s=lag_s, friction_share=1.0
+    )
+    z_inverse = np.exp([-2j * np.pi * hz / CONTROL_HZ])
+    plant = loop.plant(loop.Grid(np.array([hz]), CONTROL_HZ, z_inverse, np.ones((1, 1))), axis, 2, [(1.0, 1.0)])
+    s, motor_kg, table_kg = 2j * np.pi * hz, 50.0, 50.0
+    omega = 2.0 * np.pi * axis.resonance_Hz
+    spring = 25.0 * (omega**2 + 2.0 * axis.resonance_damping * omega * s)
+    both = s**2 * (motor_kg * table_kg * s**2 + axis.mass_kg * spring)
+    of_motor = (table_kg * s**2 + spring if at == "motor" else spring) / both
+    of_table = (spring if at == "motor" else motor_kg * s**2 + spring) / both
+    hold = np.exp(-1j * np.pi * hz / CONTROL_HZ) * np.sinc(hz / CONTROL_HZ)
+    assert plant.force[0, 0] == pytest.approx(of_motor * hold * z_inverse[0] ** 2 / (1.0 + lag_s * s), rel=2e-3)
+    assert plant.friction[0, 0] == pytest.approx(of_table * hold, rel=2e-3)
+
+
+def test_the_resonance_of_the_plant_is_where_the_machine_says() -> None:
+    axis = load(MACHINES / "ball_screw.toml").x
+    grid = loop.Grid.around([axis], CONTROL_HZ, near=201)
+    near = (grid.hz > 60.0) & (grid.hz < 130.0)
+    size = np.abs(loop.plant(grid, axis, 1, [(1.0, 1.0)]).force[0][near])
+    assert grid.hz[near][int(np.argmax(size))] == pytest.approx(axis.resonance_Hz, rel=0.01)
+
+
+def test_a_design_keeps_its_limits_and_runs_quietly(tmp_path: Path) -> None:
+    file, machine = tmp_path / "params.toml", MACHINES / "ball_screw.toml"
+    done = CliRunner().invoke(
+        main, ["design", str(machine), "--controller", "cascade", "-o", str(file), "--json"], catch_exceptions=False
+    )
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.output)["designs"][0]
+    assert all(axis["ms"] <= 2.005 for axis in found["axes"].values())
+    assert found["force_step_N"] <= 2.005
+    assert "resonance" in found["limit"]
+    assert file.with_suffix(".svg").read_text().startswith("<?xml")
+    values = parameter_file.read(file)
+    plain = load(machine)
+    again = predicted(Problem(plain, "cascade", "full", 2.0, 2.0), values)
+    assert again[0].margins.ms == pytest.approx(found["axes"]["x"]["ms"])
+    circle = plan(shapes.circle(0.004, 0.1, duration_s=0.6), limits(plain))
+    log = run(circle, "cascade", Target(machine=plain), RunOptions(parameters=values, score_from_s=0.3)).log
+    assert log.meta["force_step_N"] < 1.6 * found["force_step_N"]  # force noise and ripple besides the counts
+    assert log.meta["force_max_N"] < 450.0
+
+
+def test_limits_that_no_gains_keep_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "params.toml"
+    done = CliRunner().invoke(
+        main,
+        ["design", str(MACHINES / "lead_screw.toml"), "--controller", "track", "--force-step", "1e-6", "-o", str(file)],
+    )
+    assert done.exit_code == 1
+    assert "no gains of track keep" in done.output
+    assert "--force-step" in done.output
+    assert not file.exists()
+
+
+def test_run_uses_a_file_of_parameters_and_set_goes_before_it(tmp_path: Path) -> None:
+    file, log = tmp_path / "params.toml", tmp_path / "log.csv"
+    file.write_text("[smc]\nlambda = 150.0\nk_0 = 90.0\n[observer]\nbandwidth = 900.0\n")
+    done = CliRunner().invoke(
+        main,
+        [
+            "run",
+            "circle",
+            "--radius",
+            "1",
+            "--feed",
+            "20",
+            "--params",
+            str(file),
+            "--set",
+            "smc.k_0=80",
+            "--log",
+            str(log),
+        ],
+        catch_exceptions=False,
+    )
+    assert done.exit_code == 0, done.output
+    used = read(log).meta["parameters"]
+    assert (used["smc.lambda"], used["smc.k_0"], used["observer.bandwidth"]) == (150.0, 80.0, 900.0)
+    file.write_text("[smc]\nlambda = 1e9\n")
+    done = CliRunner().invoke(main, ["run", "circle", "--radius", "1", "--feed", "20", "--params", str(file)])
+    assert done.exit_code == 1
+    assert "smc.lambda" in done.output
