@@ -587,6 +587,17 @@ static void test_last_knots_that_come_at_the_last_moment_are_gone_through_before
     }
 }
 
+static void test_new_stream_may_not_end_before_it_has_knots_as_the_last_one_did(void)
+{
+    rest_and_then(0, 0);
+    TEST_ASSERT_EQUAL_UINT8(STREAM_DONE, od.stream.state);
+    TEST_ASSERT_TRUE(atomic_load(&drive.loop.command.may_end));
+    command(0x0F, 0x0F);
+    begin(0, 0);
+    TEST_ASSERT_FALSE(atomic_load(&drive.loop.command.may_end));
+    TEST_ASSERT_FALSE(atomic_load(&drive.loop.command.complete));
+}
+
 static void test_configuration_that_changes_by_itself_is_a_fault_whichever_axis_has_power(void)
 {
     for (int powered = 0; powered < 2; powered++) {
@@ -634,6 +645,7 @@ int main(void)
     RUN_TEST(test_underrun_counts_once_however_long_it_lasts);
     RUN_TEST(test_knot_that_comes_at_the_last_moment_keeps_an_open_ended_stream_from_ending);
     RUN_TEST(test_last_knots_that_come_at_the_last_moment_are_gone_through_before_the_stream_ends);
+    RUN_TEST(test_new_stream_may_not_end_before_it_has_knots_as_the_last_one_did);
     RUN_TEST(test_configuration_that_changes_by_itself_is_a_fault_whichever_axis_has_power);
     return UNITY_END();
 }

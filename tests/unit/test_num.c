@@ -90,6 +90,8 @@ static void test_integers_of_64_bits_are_rounded_to_the_nearest_whatever_their_s
         TEST_ASSERT_EQUAL_DOUBLE(3000000000.0, val(n_ratio(3000000000, 1)));
         TEST_ASSERT_EQUAL_DOUBLE(-4294967296.0, val(n_ratio(-4294967295, 1)));
         TEST_ASSERT_EQUAL_DOUBLE(-0x1p40, val(n_ratio(-(1LL << 40) - 1, 1)));
+        TEST_ASSERT_EQUAL_DOUBLE(-0x1p63, val(n_ratio(INT64_MIN, 1)));
+        TEST_ASSERT_EQUAL_DOUBLE(0x1p63, val(n_ratio(INT64_MAX, 1)));
     }
 }
 
