@@ -646,6 +646,18 @@ def geometry(
     return placed + bridge, -deflection - 0.5 * m.backlash_m * state.side, state
 
 
+def dual_feedback(
+    encoders_m: Array, offset_m: float, crossover_radps: float, tolerance_m: float, dt_s: float
+) -> tuple[float, bool]:
+    """New offset of the position from the first encoder, and whether both agree, for positions (2,) of both.
+
+    The offset is the difference of the encoders through a first-order low-pass (explicit Euler).
+    """
+    weight = np.array([1.0 - crossover_radps * dt_s, crossover_radps * dt_s])
+    difference = encoders_m[1] - encoders_m[0]
+    return float(weight @ [offset_m, difference]), bool(abs(difference) <= tolerance_m)
+
+
 # --- Cascade and cross-coupled control --------------------------------------------------------------------------------
 
 

@@ -67,6 +67,7 @@ static void drive_read(void *ctx, struct hal_drive_in *in)
     ks *s = ctx;
     *in = (struct hal_drive_in){0};
     plant_encoders(&s->plant, in->count);
+    plant_scales(&s->plant, in->second);
     plant_switches(&s->plant, in->inputs);
     for (int i = 0; i < 2; i++) {
         in->index_pulses[i] = s->plant.index_pulses[i];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* wiring.h: what stands between the HAL and the simulated plant: the wiring of 2104h, as the board's port applies it
+/* wiring.h: what stands between the HAL and the simulated plant: the wiring of 2104h and 210Ah, as the board's port applies it
  * (port/stm32f405/encoder.c, output.c).
  *
  * The plant itself is wired right, so an inverted encoder or force is wrong here, and both together are a drive whose
@@ -13,13 +13,15 @@
 
 struct wiring {
     struct wiring_axis {
-        bool invert_force, invert_encoder;
+        bool invert_force, invert_encoder, invert_second;
         uint32_t index_counts;
         bool index_seen; /* index_count belongs to a pulse since the last wiring_configure() */
         uint8_t index_pulses;
         int32_t index_count;
         int32_t last; /* the plant's count at the last read */
         uint32_t count;
+        int32_t last_second; /* the same of the second encoder */
+        uint32_t second;
     } axis[AXES];
 };
 

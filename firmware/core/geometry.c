@@ -60,7 +60,7 @@ void geometry_reset(struct geometry_state *state)
 }
 
 void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
-                   const int32_t origin_nm[2], vec2 direction, pos_t tool[2])
+                   const int32_t origin_nm[2], vec2 direction)
 {
     int64_t p_nm[2];
     bool bridged = false;
@@ -72,7 +72,5 @@ void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state,
     state->position = v2(by_position(cfg, state, 0, p_nm, bridged), by_position(cfg, state, 1, p_nm, bridged));
     state->force = v2(by_force(&cfg->axis[0], &state->axis[0], state->r_dot.x, state->r_ddot.x, direction.x, cfg->dt),
                       by_force(&cfg->axis[1], &state->axis[1], state->r_dot.y, state->r_ddot.y, direction.y, cfg->dt));
-    tool[0] = pos_add(encoder[0], n_add(state->position.x, state->force.x));
-    tool[1] = pos_add(encoder[1], n_add(state->position.y, state->force.y));
     state->started = true;
 }

@@ -4,6 +4,8 @@
  *
  *   tool_i = encoder_i + lead_i(p_i) + s_j p_j - F_i / k_i - g_i b_i
  *
+ * A second encoder (dual_feedback.h) stands between the last two terms and the others.
+ *
  * | symbol | meaning                                                                            | unit |
  * |--------|------------------------------------------------------------------------------------|------|
  * | p      | user's position of the encoder: its position and the origin that homing has set    | nm   |
@@ -78,8 +80,8 @@ struct geometry_state {
 
 /* Start with side 0 and without a reference. */
 void geometry_reset(struct geometry_state *state);
-/* One control period. encoder and tool are positions of the servo, and origin_nm is what makes the user's of them;
- * direction is that of the reference's friction (smc_direction()). */
+/* One control period: the tool is at the encoder, moved by state->position and state->force. encoder is a position of the
+ * servo, and origin_nm is what makes the user's of it; direction is that of the reference's friction (smc_direction()). */
 void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
-                   const int32_t origin_nm[2], vec2 direction, pos_t tool[2]);
+                   const int32_t origin_nm[2], vec2 direction);
 #endif

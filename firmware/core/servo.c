@@ -9,9 +9,22 @@ static __attribute__((noinline)) void locate(const struct servo_cfg *cfg, struct
                                              const struct servo_in *in, pos_t tool[2])
 {
     const bool first = !state->geometry.started;
-    geometry_step(&cfg->geometry, &state->geometry, in->measured, in->origin_nm, state->friction.shape, tool);
-    for (int i = 0; first && i < 2; i++) {
-        observer_reset(&state->observer[i], tool[i]);
+    geometry_step(&cfg->geometry, &state->geometry, in->measured, in->origin_nm, state->friction.shape);
+    state->placed = state->geometry.force;
+    state->disagree = false;
+    for (int i = 0; i < 2; i++) {
+        num *const placed = i == 0 ? &state->placed.x : &state->placed.y;
+        struct dual_feedback_state *dual = &state->dual_feedback[i];
+        if (cfg->dual_feedback[i].on) {
+            const pos_t table = pos_add(in->measured[i], *placed);
+            state->disagree |= !dual_feedback_step(&cfg->dual_feedback[i], dual, table, in->second[i]);
+            *placed = n_add(*placed, dual->offset);
+        }
+        tool[i] =
+            pos_add(in->measured[i], n_add(*placed, i == 0 ? state->geometry.position.x : state->geometry.position.y));
+        if (first) {
+            observer_reset(&state->observer[i], tool[i]);
+        }
     }
 }
 
@@ -218,8 +231,10 @@ void servo_reset_oscillation(struct servo_state *state)
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2])
 {
     *state = (struct servo_state){.controller = CONTROLLERS, .gain = NUM(1)};
+    geometry_reset(&state->geometry);
     for (int i = 0; i < 2; i++) {
         observer_reset(&state->observer[i], measured[i]);
+        dual_feedback_reset(&state->dual_feedback[i]);
         energy_reset(&state->energy[i]);
     }
     feedforward_reset(&state->feedforward);

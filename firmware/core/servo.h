@@ -24,6 +24,7 @@
 #include "core/cascade.h"
 #include "core/compensator.h"
 #include "core/controllers.h"
+#include "core/dual_feedback.h"
 #include "core/energy.h"
 #include "core/feedforward.h"
 #include "core/force_filter.h"
@@ -45,6 +46,7 @@ struct servo_cfg {
     num blend; /* factor per period on the switching offset, 0..1 */
     struct plant_cfg plant;
     struct geometry_cfg geometry;
+    struct dual_feedback_cfg dual_feedback[2]; /* only with geometry.on */
     struct observer_cfg observer;
     struct contour_cfg contour;
     struct smc_cfg smc;
@@ -68,6 +70,7 @@ struct servo_gains {
 
 struct servo_in {
     pos_t measured[2];    /* encoder positions */
+    pos_t second[2];      /* positions of second encoders, where dual_feedback is on */
     int32_t origin_nm[2]; /* user's positions less the servo's */
     bool enabled[2];      /* of each axis; false: the axis is observed only, and its force is 0 */
     enum controller controller;
@@ -83,6 +86,9 @@ struct servo_demand {
 
 struct servo_state {
     struct geometry_state geometry;
+    struct dual_feedback_state dual_feedback[2];
+    vec2 placed;   /* the tool less the encoders, without geometry.position, um */
+    bool disagree; /* two encoders of an axis are further apart than their tolerance */
     struct observer_state observer[2];
     struct smc_state smc;
     struct compensator_state compensator;

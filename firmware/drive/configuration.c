@@ -146,16 +146,32 @@ static struct geometry_axis_cfg geometry_axis(const struct od_axis *a, int32_t s
     return g;
 }
 
-static bool has_geometry(const struct od_axis *a)
+static bool has_second(const struct od_data *od, int axis)
 {
-    return a->lead_map.points != 0 || a->transmission.stiffness != 0 || a->transmission.backlash != 0;
+    return od->axis[axis].second_encoder.length != 0 && od->onchip_plant.simulated == 0; /* that machine has none */
+}
+
+static struct dual_feedback_cfg dual_feedback(const struct od_data *od, int axis)
+{
+    const struct od_second_encoder *e = &od->axis[axis].second_encoder;
+    /* w dt = 2 pi f / CONTROL_HZ, of f in mHz; 2 pi is 6283185 / 10^6 */
+    const num w_dt = n_ratio((int64_t)e->crossover * 6283185, (int64_t)CONTROL_HZ * 1000000000);
+    return (struct dual_feedback_cfg){
+        .on = has_second(od, axis), .gain = n_min(w_dt, NUM(1)), .tolerance = milli(e->tolerance)};
+}
+
+static bool has_geometry(const struct od_data *od, int axis)
+{
+    const struct od_axis *a = &od->axis[axis];
+    return has_second(od, axis) || a->lead_map.points != 0 || a->transmission.stiffness != 0 ||
+           a->transmission.backlash != 0;
 }
 
 static struct geometry_cfg geometry(const struct od_data *od, num dt)
 {
     const struct od_geometry *g = &od->geometry;
     return (struct geometry_cfg){
-        .on = has_geometry(&od->axis[0]) || has_geometry(&od->axis[1]) || g->squareness_x != 0 || g->squareness_y != 0,
+        .on = has_geometry(od, 0) || has_geometry(od, 1) || g->squareness_x != 0 || g->squareness_y != 0,
         .dt = dt,
         .axis = {geometry_axis(&od->axis[0], g->squareness_x), geometry_axis(&od->axis[1], g->squareness_y)},
     };
@@ -238,6 +254,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
         .plant = plant(&od->axis[0].plant, &od->axis[1].plant),
         .observer = observer_design(observer_bandwidth(od), dt),
         .geometry = geometry(od, dt),
+        .dual_feedback = {dual_feedback(od, 0), dual_feedback(od, 1)},
         .contour = {.v_min = nano_mps(od->contour.v_min),
                     .lag_max = n_ratio(od->contour.lag_max, 5000),
                     .newton = od->contour.newton != 0},
@@ -335,6 +352,7 @@ struct servo_loop_cfg configuration_servo_loop(const struct od_data *od)
     for (int i = 0; i < 2; i++) {
         const struct od_axis *a = &od->axis[i];
         c.encoder_10fm[i] = a->plant.encoder;
+        c.second_10fm[i] = a->second_encoder.length;
         c.following_max[i] = n_ratio(a->following_window, 1000);
         c.following_ticks[i] = a->following_timeout * (CONTROL_HZ / 1000u);
         c.min_nm[i] = a->position_limit.min;
@@ -353,6 +371,7 @@ void configuration_hal(const struct od_data *od, struct hal_axis_cfg cfg[AXES])
             .full_scale_mN = a->wiring.full_scale,
             .invert_force = a->wiring.invert_force != 0,
             .invert_encoder = a->wiring.invert_encoder != 0,
+            .invert_second = a->second_encoder.invert != 0,
             .index_counts = a->wiring.index_counts,
             .jump_counts = jump_counts(od, a),
         };

@@ -89,6 +89,9 @@ SELDOM static void supervise_inputs(struct servo_loop *loop, unsigned inputs)
     if ((inputs & HAL_STOP) != 0) {
         servo_loop_raise(loop, FAULT_STOP);
     }
+    if (loop->servo.disagree) {
+        servo_loop_raise(loop, FAULT_SECOND_ENCODER);
+    }
 }
 
 /* If any value in the law is no finite number, the velocity or the model's force is none, too. */
@@ -152,7 +155,7 @@ static inline void supervise(struct servo_loop *loop, const struct servo_loop_cf
     const vec2 v = out->velocity;
     const vec2 e_w = out->contour.e_w;
     const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
-    if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) == 0 &&
+    if ((inputs & (HAL_AMPLIFIER_FAULT | HAL_ENCODER_FAULT | HAL_STOP)) == 0 && !loop->servo.disagree &&
         !encoder_jumped(&loop->encoder[0], cfg->jump_counts[0]) &&
         !encoder_jumped(&loop->encoder[1], cfg->jump_counts[1]) && n_lt(n_abs(v.x), cfg->speed_max) &&
         n_lt(n_abs(v.y), cfg->speed_max) && !n_lt(cfg->following_max[0], n_abs(e_w.x)) &&
@@ -169,11 +172,18 @@ SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_i
 {
     for (int i = 0; i < 2; i++) {
         if (((in->inputs[i] ^ loop->inputs[i]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0) {
-            const vec2 force = loop->servo.geometry.force;
-            loop->encoder[i].edge_nm = pos_to_nm(pos_add(measured[i], i == 0 ? force.x : force.y));
+            const vec2 placed = loop->servo.placed;
+            loop->encoder[i].edge_nm = pos_to_nm(pos_add(measured[i], i == 0 ? placed.x : placed.y));
         }
         loop->inputs[i] = in->inputs[i];
     }
+}
+
+/* The second encoders have moved. Not inline, so that drives without them have no cost. */
+__attribute__((noinline)) static void count_second(struct servo_loop *loop, const struct hal_drive_in *in)
+{
+    (void)encoder_step(&loop->second[0], in->second[0]);
+    (void)encoder_step(&loop->second[1], in->second[1]);
 }
 
 /* The background changes the number of the configuration without power only. With power one of the two numbers has
@@ -204,6 +214,10 @@ SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t
     for (int i = 0; i < 2; i++) {
         encoder_scale(&loop->encoder[i], cfg->encoder_10fm[i]);
         measured[i] = loop->encoder[i].pos;
+        loop->first_pos[i] =
+            encoder_position_before(&loop->encoder[i], measured[i],
+                                    (int32_t)((uint32_t)loop->encoder[i].last - (uint32_t)loop->first_count[i]));
+        encoder_scale(&loop->second[i], cfg->second_10fm[i]);
         loop->lowest[i] = pos_add(pos_from_nm(cfg->min_nm[i]), n_neg(cfg->following_max[i]));
         loop->highest[i] = pos_add(pos_from_nm(cfg->max_nm[i]), cfg->following_max[i]);
     }
@@ -224,6 +238,9 @@ void servo_loop_init(struct servo_loop *loop, const struct hal *hal, const struc
     hal->drive_read(hal->ctx, &in);
     for (int i = 0; i < 2; i++) {
         encoder_reset(&loop->encoder[i], in.count[i]);
+        encoder_reset(&loop->second[i], in.second[i]);
+        loop->second[i].count = 0;
+        loop->first_count[i] = in.count[i];
         atomic_store(&loop->command.powered[i], SERVO_LOOP_OFF);
     }
     atomic_store(&loop->command.rate, 1000u);
@@ -275,11 +292,18 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     for (int i = 0; i < 2; i++) {
         servo.measured[i] = encoder_step(&loop->encoder[i], in.count[i]);
     }
+    if (in.second[0] != loop->second[0].last || in.second[1] != loop->second[1].last) {
+        count_second(loop, &in);
+    }
     if (memcmp(in.inputs, loop->inputs, sizeof in.inputs) != 0) {
         latch_edges(loop, &in, servo.measured);
     }
     if (anew) {
         configure(loop, configured, servo.measured);
+    }
+    if (cfg->servo.geometry.on) {
+        servo.second[0] = loop->first_pos[0] + loop->second[0].pos;
+        servo.second[1] = loop->first_pos[1] + loop->second[1].pos;
     }
     if (LOAD(loop->command.energy_reset)) {
         reset_energy(loop);

@@ -29,6 +29,7 @@
 struct servo_loop_cfg {
     struct servo_cfg servo;
     uint32_t encoder_10fm[2];     /* length of one encoder count, 10 fm */
+    uint32_t second_10fm[2];      /* of a second encoder; 0: none */
     num following_max[2];         /* largest following error, um */
     uint32_t following_ticks[2];  /* periods for which it may be exceeded */
     num speed_max;                /* um/T0 */
@@ -79,8 +80,11 @@ struct servo_loop {
     const struct hal *io; /* what the tick reads and writes: the port's HAL, or the plant on the chip */
     struct onchip_hal onchip;
     struct encoder encoder[2];
-    uint8_t inputs[2]; /* enum hal_input of the last period */
-    uint8_t phase;     /* control periods since the last record was published */
+    struct encoder second[2]; /* counts from 0 at power-on, */
+    int32_t first_count[2];   /* where the first encoder stood at this, */
+    pos_t first_pos[2];       /* and by its present length was at this position */
+    uint8_t inputs[2];        /* enum hal_input of the last period */
+    uint8_t phase;            /* control periods since the last record was published */
     struct path_clock path;
     uint16_t rate_permille; /* the latest command.rate other than 1000 */
     num rate;               /* the same as a num */

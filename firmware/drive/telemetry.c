@@ -6,11 +6,10 @@
 __attribute__((noinline)) void telemetry_collect(struct telemetry_record *r, const struct servo_state *servo,
                                                  const struct encoder encoder[2], const struct hal_drive_in *in)
 {
-    const vec2 force = servo->geometry.force;
     telemetry_copy_slow(&r->copies, servo, in);
     r->correction = servo->geometry.position;
-    r->measured[0] = pos_add(encoder[0].pos, force.x);
-    r->measured[1] = pos_add(encoder[1].pos, force.y);
+    r->measured[0] = pos_add(encoder[0].pos, servo->placed.x);
+    r->measured[1] = pos_add(encoder[1].pos, servo->placed.y);
     for (int i = 0; i < 2; i++) {
         r->counts_since_index[i] = (int32_t)((uint32_t)in->count[i] - (uint32_t)in->index_count[i]);
         r->index_pulses[i] = in->index_pulses[i];

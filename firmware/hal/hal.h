@@ -38,6 +38,7 @@ enum hal_input {
 
 struct hal_drive_in {
     int32_t count[AXES];        /* encoder position in counts since power-on; wraps as int32 does */
+    int32_t second[AXES];       /* the same of a second encoder; 0 where there is none */
     uint8_t inputs[AXES];       /* enum hal_input */
     uint8_t index_pulses[AXES]; /* index pulses since power-on, modulo 256 */
     int32_t index_count[AXES];  /* `count` at the last index pulse */
@@ -57,13 +58,13 @@ struct hal_can_status {
     uint32_t bus_offs;            /* since power-on */
 };
 
-/* How an axis is wired (2104h). */
+/* How an axis is wired (2104h, 210Ah:4). */
 enum hal_output { HAL_OUTPUT_DAC, HAL_OUTPUT_PWM };
 enum { HAL_FULL_SCALE_MIN = 10000 };
 struct hal_axis_cfg {
     enum hal_output output;
     uint32_t full_scale_mN; /* force at the end of the output's range; at least HAL_FULL_SCALE_MIN */
-    bool invert_force, invert_encoder;
+    bool invert_force, invert_encoder, invert_second;
     uint32_t index_counts; /* encoder counts between two index pulses; 0: not checked */
     uint32_t jump_counts;  /* more counts than this in one control period are an encoder fault */
 };
@@ -99,7 +100,7 @@ enum { HAL_FLASH_SECTORS = 2, HAL_FLASH_BYTES = 16384 };
 
 struct hal {
     void *ctx;
-    /* Sample both encoders at one instant, and the inputs. */
+    /* Sample all encoders at one instant, and the inputs. */
     void (*drive_read)(void *ctx, struct hal_drive_in *in);
     /* Put out both forces at one instant. */
     void (*drive_write)(void *ctx, const struct hal_drive_out *out);

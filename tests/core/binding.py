@@ -183,12 +183,20 @@ class Drive:
         self.lib.api_observe(self.handle, axis, int(measured), force, position, state)
         return [position[0], *state]
 
-    def geometry(self, axes: Any, encoder: Any) -> tuple[list[dict[str, Any]], list[int]]:
-        """geometry_step of both axes: members of api_geometry_axis, and the position of the tool (core integers)."""
+    def geometry(self, axes: Any, encoder: Any) -> list[dict[str, Any]]:
+        """geometry_step of both axes at encoder positions (core integers): members of api_geometry_axis."""
         given = self.ffi.new("struct api_geometry_axis[2]", axes)
-        tool = self.ffi.new("int64_t[2]")
-        self.lib.api_geometry(self.handle, given, [int(v) for v in encoder], tool)
-        return [values(given[i], self.ffi) for i in (0, 1)], list(tool)
+        self.lib.api_geometry(self.handle, given, [int(v) for v in encoder])
+        return [values(given[i], self.ffi) for i in (0, 1)]
+
+    def dual_feedback(
+        self, crossover_radps: float, tolerance_m: float, offset_m: float, encoder: Any
+    ) -> tuple[float, bool]:
+        """dual_feedback_step at positions of both encoders (core integers): new offset, m, and whether they agree."""
+        agree = self.ffi.new("int *")
+        given = [int(v) for v in encoder]
+        offset = self.lib.api_dual_feedback(self.handle, crossover_radps, tolerance_m, offset_m, given, agree)
+        return offset, bool(agree[0])
 
     def cascade(self, errors: dict[str, Any], coupled: bool, integral: Any) -> tuple[np.ndarray, np.ndarray]:
         """cascade_step: force and new integrals (x, y, coupled); `errors` are members of api_contour."""

@@ -331,7 +331,7 @@ void api_observe(const api_drive *d, int i, int64_t measured, double force, int6
     state[2] = result(s.acc) * MPS2;
 }
 
-void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const int64_t *encoder, int64_t *tool)
+void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const int64_t *encoder)
 {
     static struct geometry_cfg cfg;
     struct geometry_state state = {.started = true,
@@ -362,8 +362,7 @@ void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const in
     }
     const int32_t origin_nm[2] = {axis[0].origin_nm, axis[1].origin_nm};
     const pos_t from[2] = {pos_of(encoder[0]), pos_of(encoder[1])};
-    pos_t to[2];
-    geometry_step(&cfg, &state, from, origin_nm, v2(mk(axis[0].direction), mk(axis[1].direction)), to);
+    geometry_step(&cfg, &state, from, origin_nm, v2(mk(axis[0].direction), mk(axis[1].direction)));
     for (int i = 0; i < 2; i++) {
         const struct geometry_axis_state *x = &state.axis[i];
         struct api_geometry_axis *a = &axis[i];
@@ -375,8 +374,17 @@ void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const in
         a->side_rate = result(x->side_rate) / T0;
         a->by_position = result(i == 0 ? state.position.x : state.position.y) * UM;
         a->by_force = result(i == 0 ? state.force.x : state.force.y) * UM;
-        tool[i] = result_pos(to[i]);
     }
+}
+
+double api_dual_feedback(const api_drive *d, double crossover, double tolerance, double offset, const int64_t *encoder,
+                         int *agree)
+{
+    const struct dual_feedback_cfg cfg = {
+        .on = true, .gain = n_mul(mk(crossover * T0), d->cfg.dt), .tolerance = mk(tolerance / UM)};
+    struct dual_feedback_state state = {.offset = mk(offset / UM)};
+    *agree = dual_feedback_step(&cfg, &state, pos_of(encoder[0]), pos_of(encoder[1]));
+    return result(state.offset) * UM;
 }
 
 void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force)

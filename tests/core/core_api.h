@@ -85,7 +85,10 @@ void api_model(const api_drive *d, const double *u_bar, int64_t *q_bar, double *
 /* state is velocity, unexplained acceleration and predicted acceleration of axis i; it and pos are changed. */
 void api_observe(const api_drive *d, int i, int64_t measured, double force, int64_t *pos, double *state);
 /* Both axes, a period after the first one. */
-void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const int64_t *encoder, int64_t *tool);
+void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const int64_t *encoder);
+/* First and second encoder; returns the new offset. */
+double api_dual_feedback(const api_drive *d, double crossover, double tolerance, double offset, const int64_t *encoder,
+                         int *agree);
 /* The errors are those of api_contour(). integral is x, y and coupled; it is changed. */
 void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force);
 /* state are s1, s2 of each section of axis i, N; it is changed. Returns the filtered force. */

@@ -560,13 +560,27 @@ def test_geometry_is_the_oracles_but_for_rounding(core: Core, points: int) -> No
         user = np.rint(encoder / 65536.0) * 1e-9 + both("origin_nm") * 1e-9
         reference = both("r_dot"), both("r_ddot"), both("direction")
         by_position, by_force, after = oracle.geometry(machine, before, user, *reference, trial % 2 > 0, dt)
-        (found, tool), (allowed, d_tool) = drive.geometry(given, encoder), limit.geometry(given, encoder)
+        found, allowed = drive.geometry(given, encoder), limit.geometry(given, encoder)
         state = dict(zip(GEOMETRY_STATE, vars(after).values(), strict=True))
         expected = state | {"by_position": by_position, "by_force": by_force}
         for name, x in expected.items():
             check(name, both(name, found), x, both(name, allowed) + of_oracle(user, 0))
-        correction = (np.array(tool) - encoder) / POS_PER_M
-        check("tool", correction, by_position + by_force, np.array(d_tool) / POS_PER_M + of_oracle(user, 0))
+
+
+def test_dual_feedback_is_the_oracles_but_for_rounding(core: Core) -> None:
+    drive, limit, rng = core.drive(P), core.bound.drive(P), np.random.default_rng(16)
+    dt, agreed = core.params().dt_s, set()
+    for _ in range(200):
+        crossover, offset, tolerance = rng.uniform(1.0, 6000.0), rng.uniform(-1e-3, 1e-3), rng.uniform(1e-6, 4e-3)
+        first = rng.integers(-(10**13), 10**13)
+        encoders = first, first + round(rng.uniform(-2e-3, 2e-3) * POS_PER_M)
+        expected, agree = oracle.dual_feedback(np.array(encoders) / POS_PER_M, offset, crossover, tolerance, dt)
+        found, agrees = drive.dual_feedback(crossover, tolerance, offset, encoders)
+        allowed, _ = limit.dual_feedback(crossover, tolerance, offset, encoders)
+        check("offset", found, expected, allowed + of_oracle(np.array(encoders) / POS_PER_M, 0))
+        assert agrees == agree
+        agreed.add(agree)
+    assert agreed == {False, True}
 
 
 @pytest.mark.parametrize("coupled", [False, True])

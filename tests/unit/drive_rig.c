@@ -10,6 +10,7 @@ static void drive_read(void *ctx, struct hal_drive_in *in)
     r->reads++;
     *in = (struct hal_drive_in){0};
     plant_encoders(&r->plant, in->count);
+    plant_scales(&r->plant, in->second);
     plant_switches(&r->plant, in->inputs);
     for (int i = 0; i < 2; i++) {
         in->index_pulses[i] = r->plant.index_pulses[i];
@@ -19,6 +20,7 @@ static void drive_read(void *ctx, struct hal_drive_in *in)
     for (int i = 0; i < 2; i++) {
         in->count[i] = r->frozen[i] ? r->frozen_count[i] : in->count[i] - r->lost[i];
         r->frozen_count[i] = in->count[i];
+        in->second[i] -= r->second_lost[i];
         in->inputs[i] |= r->inputs[i];
     }
 }

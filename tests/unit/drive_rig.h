@@ -21,7 +21,8 @@ struct rig {
     struct hal_drive_out out;         /* last written */
     uint8_t inputs[2];                /* enum hal_input, beside the limit switches of the plant */
     bool frozen[2];                   /* the encoder stands, whatever the axis does */
-    int32_t frozen_count[2], lost[2]; /* where; counts that were lost */
+    int32_t frozen_count[2], lost[2]; /* where; counts that were lost, */
+    int32_t second_lost[2];           /* and those of the second encoder */
     struct hal_health health;
     struct hal_can_status can;
     unsigned reads, writes; /* calls of the HAL */

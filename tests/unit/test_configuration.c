@@ -222,6 +222,32 @@ static void test_geometry_is_on_where_there_is_any(void)
     TEST_ASSERT_EQUAL_DOUBLE(0, val(configuration_servo(&od).geometry.axis[0].compliance)); /* rigid */
 }
 
+static void test_second_encoder_of_each_axis(void)
+{
+    TEST_ASSERT_FALSE(configuration_servo(&od).dual_feedback[0].on);
+    for (int i = 0; i < 2; i++) {
+        od_init(&od, 1);
+        od.axis[i].second_encoder =
+            (struct od_second_encoder){.length = 1234567, .crossover = 34567, .tolerance = 456789, .invert = 1};
+        const struct servo_cfg c = configuration_servo(&od);
+        TEST_ASSERT_TRUE(c.geometry.on);
+        TEST_ASSERT_TRUE(c.dual_feedback[i].on);
+        TEST_ASSERT_FALSE(c.dual_feedback[1 - i].on);
+        near(2 * 3.14159265358979 * 34.567 * 1e-4, c.dual_feedback[i].gain);
+        near(456.789, c.dual_feedback[i].tolerance);
+        const struct servo_loop_cfg loop = configuration_servo_loop(&od);
+        TEST_ASSERT_EQUAL_UINT32(1234567, loop.second_10fm[i]);
+        TEST_ASSERT_EQUAL_UINT32(0, loop.second_10fm[1 - i]);
+        struct hal_axis_cfg hal[AXES];
+        configuration_hal(&od, hal);
+        TEST_ASSERT_TRUE(hal[i].invert_second);
+        TEST_ASSERT_FALSE(hal[1 - i].invert_second);
+        od.onchip_plant.simulated = 1; /* it has no second encoder */
+        TEST_ASSERT_FALSE(configuration_servo(&od).dual_feedback[i].on);
+        TEST_ASSERT_FALSE(configuration_servo(&od).geometry.on);
+    }
+}
+
 static void test_control_period(void)
 {
     near(100e-6 / T0, configuration_servo(&od).dt);
@@ -604,6 +630,7 @@ int main(void)
     RUN_TEST(test_contour_estimator);
     RUN_TEST(test_geometry_of_each_axis);
     RUN_TEST(test_geometry_is_on_where_there_is_any);
+    RUN_TEST(test_second_encoder_of_each_axis);
     RUN_TEST(test_control_period);
     RUN_TEST(test_observer_has_its_poles_where_the_bandwidth_says);
     RUN_TEST(test_learned_feedforward);

@@ -152,6 +152,22 @@ static void test_encoder_jump_cuts_the_power(void)
     }
 }
 
+static void test_second_encoder_that_disagrees_cuts_the_power(void)
+{
+    for (int sign = -1; sign <= 1; sign += 2) {
+        power_on();
+        rig.plant.machine.scale_m[0] = 1e-8; /* as from power-on: it stands at 0 */
+        rig_write(&rig, 0x210A, 1, 4, 1000000);
+        rig_write(&rig, 0x210A, 3, 4, 200000); /* 200 um */
+        rig_ms(&rig, 5);
+        be_on_the_way();
+        rig.second_lost[0] = sign * 21000;
+        expect_reaction(ROW_SECOND_ENCODER);
+        rig.second_lost[0] = 0;
+        expect_clearing(ROW_SECOND_ENCODER, 0);
+    }
+}
+
 static void test_encoder_frozen_while_the_axis_is_pushed_cuts_the_power(void)
 {
     stream.length_nm = 4e6; /* up to 5 mm/s, 2 um in 0.5 ms */
@@ -297,6 +313,7 @@ int main(void)
     RUN_TEST(test_amplifier_and_stop_are_back_at_once_while_they_last);
     RUN_TEST(test_encoder_transition_that_no_movement_makes_cuts_the_power);
     RUN_TEST(test_encoder_jump_cuts_the_power);
+    RUN_TEST(test_second_encoder_that_disagrees_cuts_the_power);
     RUN_TEST(test_encoder_frozen_while_the_axis_is_pushed_cuts_the_power);
     RUN_TEST(test_encoder_frozen_at_rest_is_no_fault);
     RUN_TEST(test_stop_input_stops_on_the_path);

@@ -35,11 +35,11 @@ static void step(unsigned periods)
     for (unsigned k = 0; k < periods; k++) {
         const bool first = !state.started;
         const pos_t encoder[2] = {pos_from_nm(llround(at_mm[0] * 1e6)), pos_from_nm(llround(at_mm[1] * 1e6))};
-        pos_t tool[2];
-        geometry_step(&cfg, &state, encoder, origin_nm, mk2(direction[0], direction[1]), tool);
+        geometry_step(&cfg, &state, encoder, origin_nm, mk2(direction[0], direction[1]));
+        const vec2 tool = v2_add(state.position, state.force);
         for (int i = 0; i < 2; i++) {
             const double before = tool_um[i];
-            tool_um[i] = (double)(tool[i] - encoder[i]) / (POS_PER_NM * 1e3);
+            tool_um[i] = val(i == 0 ? tool.x : tool.y);
             largest_um[i] = first ? 0 : fmax(largest_um[i], fabs(tool_um[i] - before));
         }
     }

@@ -919,6 +919,66 @@ static void test_deflection_is_that_of_the_reference_of_the_axes_with_power(void
     TEST_ASSERT_EQUAL_DOUBLE(0, val(state.geometry.r_ddot.y));
 }
 
+static void test_slow_position_is_that_of_the_second_encoder_and_fast_that_of_the_first(void)
+{
+    in.enabled[0] = in.enabled[1] = false;
+    cfg.geometry = (struct geometry_cfg){.on = true, .dt = cfg.dt};
+    cfg.dual_feedback[1] = (struct dual_feedback_cfg){.on = true, .gain = NUM(0.01), .tolerance = NUM(50)};
+    at_um(0, 0, in.measured);
+    at_um(0, 0, in.second);
+    servo_reset(&cfg, &state, in.measured);
+    servo_step(&cfg, &state, &in, &out);
+    at_um(0, 20, in.measured); /* the motor steps, the table does not */
+    servo_step(&cfg, &state, &in, &out);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, -20 * 0.01, val(state.placed.y));
+    for (int k = 0; k < 69; k++) {
+        servo_step(&cfg, &state, &in, &out);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, -20 * (1 - pow(0.99, 70)), val(state.placed.y));
+    for (int k = 0; k < 2000; k++) {
+        servo_step(&cfg, &state, &in, &out);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0, val(pos_sub(state.observer[1].pos, in.second[1])));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.placed.x)); /* x has none */
+}
+
+static void test_encoders_further_apart_than_their_tolerance_disagree(void)
+{
+    in.enabled[0] = in.enabled[1] = false;
+    cfg.geometry = (struct geometry_cfg){.on = true, .dt = cfg.dt};
+    for (int i = 0; i < 2; i++) {
+        cfg.dual_feedback[i] = (struct dual_feedback_cfg){.on = true, .gain = NUM(0.01), .tolerance = NUM(50)};
+    }
+    for (int k = 0; k < 8; k++) {
+        const double off = (k % 2 ? 50.1 : 49.9) * (k / 2 % 2 ? 1 : -1);
+        at_um(7, 9, in.measured);
+        at_um(7 + (k < 4 ? off : 0), 9 + (k < 4 ? 0 : off), in.second);
+        servo_step(&cfg, &state, &in, &out);
+        TEST_ASSERT_EQUAL(k % 2, state.disagree);
+    }
+}
+
+static void test_known_deflection_passes_no_crossover(void)
+{
+    with_geometry();
+    cfg.dual_feedback[1] = (struct dual_feedback_cfg){.on = true, .gain = NUM(0.01), .tolerance = NUM(50)};
+    state.geometry.r_ddot = mk2(0, 20); /* 40 N: 10 um */
+    in.enabled[0] = in.enabled[1] = false;
+    at_um(0, 0, in.measured);
+    at_um(0, -10, in.second);
+    for (int k = 0; k < 100; k++) {
+        state.geometry.r_ddot = mk2(0, 20);
+        servo_step(&cfg, &state, &in, &out);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(3.0, -10, val(state.placed.y));
+    for (int k = 0; k < 1000; k++) {
+        state.geometry.r_ddot = mk2(0, 20);
+        servo_step(&cfg, &state, &in, &out);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, -10, val(state.placed.y));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0, val(state.dual_feedback[1].offset));
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -974,5 +1034,8 @@ int main(void)
     RUN_TEST(test_a_switch_keeps_the_force_that_goes_into_the_filters);
     RUN_TEST(test_heat_lowers_the_limit_of_its_axis);
     RUN_TEST(test_an_axis_cools_without_power);
+    RUN_TEST(test_slow_position_is_that_of_the_second_encoder_and_fast_that_of_the_first);
+    RUN_TEST(test_encoders_further_apart_than_their_tolerance_disagree);
+    RUN_TEST(test_known_deflection_passes_no_crossover);
     return UNITY_END();
 }

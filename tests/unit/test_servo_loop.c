@@ -681,6 +681,51 @@ static void test_map_of_the_screw_is_by_the_users_position(void)
     TEST_ASSERT_INT32_WITHIN(1, 7000, s->position_nm[1]);
 }
 
+/* x is at the motor's 12.3 mm when it is switched on, and the second encoder counts from any number. */
+static void start_with_second(int32_t second_count)
+{
+    wires.second[0] = second_count;
+    wires.count[0] = 123000;
+    servo_loop_init(&loop, &hal, &ring);
+    loop.cfg[0].servo = configuration_servo(&od_defaults);
+    loop.cfg[0].servo.geometry = (struct geometry_cfg){.on = true, .dt = loop.cfg[0].servo.dt};
+    loop.cfg[0].servo.dual_feedback[0] =
+        (struct dual_feedback_cfg){.on = true, .gain = NUM(0.5), .tolerance = NUM(500)};
+    loop.cfg[0].encoder_10fm[0] = loop.cfg[0].encoder_10fm[1] = 10000000;
+    loop.cfg[0].second_10fm[0] = 1000000; /* 10 nm */
+    loop.cfg[0].jump_counts[0] = loop.cfg[0].jump_counts[1] = 1000000;
+    loop.cfg[0].speed_max = NUM(500);
+    tick(500);
+}
+
+static void test_position_goes_with_the_second_encoder_from_where_the_first_was_at_power_on(void)
+{
+    start_with_second(INT32_MAX - 100);
+    TEST_ASSERT_INT32_WITHIN(1, 12300000, servo_loop_snapshot(&loop)->position_nm[0]);
+    wires.count[0] += 1000;                                          /* 100 um */
+    wires.second[0] = (int32_t)((uint32_t)wires.second[0] + 10200u); /* 102 um, and it wraps */
+    tick(2000);
+    TEST_ASSERT_INT32_WITHIN(2, 12402000, servo_loop_snapshot(&loop)->position_nm[0]);
+    TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+    loop.cfg[1] = loop.cfg[0]; /* new parameters leave it where it is */
+    atomic_store(&loop.command.configured, 1);
+    tick(2000);
+    TEST_ASSERT_INT32_WITHIN(2, 12402000, servo_loop_snapshot(&loop)->position_nm[0]);
+}
+
+static void test_encoders_that_disagree_are_a_fault_with_and_without_power(void)
+{
+    for (int sign = -1; sign <= 1; sign += 2) {
+        start_with_second(0);
+        wires.second[0] = sign * 49990; /* 499.9 um */
+        tick(1);
+        TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&loop.faults));
+        wires.second[0] = sign * 50010;
+        tick(1);
+        TEST_ASSERT_EQUAL_HEX32(FAULT_BIT(FAULT_SECOND_ENCODER), atomic_load(&loop.faults));
+    }
+}
+
 static void test_velocity_of_the_snapshot_is_in_um_per_s(void)
 {
     for (int i = 0; i < 2000; i++) {
@@ -875,6 +920,8 @@ int main(void)
     RUN_TEST(test_position_of_an_index_pulse_and_of_an_edge_is_counted_by_the_encoder_of_its_axis);
     RUN_TEST(test_positions_that_homing_takes_are_without_what_depends_on_the_origin);
     RUN_TEST(test_map_of_the_screw_is_by_the_users_position);
+    RUN_TEST(test_position_goes_with_the_second_encoder_from_where_the_first_was_at_power_on);
+    RUN_TEST(test_encoders_that_disagree_are_a_fault_with_and_without_power);
     RUN_TEST(test_velocity_of_the_snapshot_is_in_um_per_s);
     RUN_TEST(test_energy_is_reset_once_for_each_request);
     RUN_TEST(test_begin_starts_path_time_anew);

@@ -3,7 +3,7 @@
 #include "test_axis_modes.h"
 
 enum { INVERT_FORCE = 3, INVERT_ENCODER = 4, INDEX_COUNTS = 5 };
-enum { FOLLOWING = 0x8611, ENCODER = 0x7305 };
+enum { FOLLOWING = 0x8611, ENCODER = 0x7305, SECOND_ENCODER = 0x7306 };
 #define COUNT_MM 76.29e-6
 
 static void wire(int axis, uint8_t sub, uint8_t size, int64_t value)
@@ -114,6 +114,61 @@ static void test_index_pulses_at_the_distance_that_the_wiring_says_are_none(void
     TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
 }
 
+/* A scale of 10 nm at the table of both axes */
+static void with_second_encoders(int inverted)
+{
+    start_at(0, 0);
+    for (int i = 0; i < 2; i++) {
+        rig.plant.machine.scale_m[i] = 1e-8;
+        set(i, 0x210A, 1, 4, 1000000);
+        set(i, 0x210A, 4, 1, i == inverted);
+    }
+    rig_ms(&rig, 5);
+}
+
+static void test_second_encoder_gives_the_position_of_the_table(void)
+{
+    with_second_encoders(-1);
+    rig.plant.machine.lead_error[0] = 1e-3; /* of which the first encoder knows nothing */
+    jog(0, 20000, 1000);
+    velocity(0, 0);
+    rig_ms(&rig, 500);
+    TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
+    TEST_ASSERT_GREATER_THAN_DOUBLE(15, mm(0));
+    TEST_ASSERT_DOUBLE_WITHIN(2 * COUNT_MM, mm(0) * 1.001, reported_mm(0));
+}
+
+static void test_inverted_second_encoder_disagrees(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        with_second_encoders(axis);
+        jog(1 - axis, 20000, 200);
+        velocity(1 - axis, 0);
+        rig_ms(&rig, 500);
+        TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
+        velocity(axis, 20000);
+        rig_ms(&rig, 200);
+        rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+        TEST_ASSERT_TRUE(rig_had_emcy(&rig, SECOND_ENCODER));
+        TEST_ASSERT_DOUBLE_WITHIN(10, 0, mm(axis)); /* tolerance 1 mm, which both reach at 0.5 mm, and it runs out */
+    }
+}
+
+static void test_count_of_a_second_encoder_goes_on_when_it_is_inverted(void)
+{
+    with_second_encoders(-1);
+    jog(0, 20000, 500);
+    velocity(0, 0);
+    rig_ms(&rig, 500);
+    const double at_mm = reported_mm(0);
+    rig_controlwords(&rig, 0, 0);
+    rig_ms(&rig, 10);
+    set(0, 0x210A, 4, 1, 1);
+    rig_ms(&rig, 500);
+    TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
+    TEST_ASSERT_DOUBLE_WITHIN(5 * COUNT_MM, at_mm, reported_mm(0));
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -125,5 +180,8 @@ int main(void)
     RUN_TEST(test_index_of_an_inverted_encoder_is_a_home_point);
     RUN_TEST(test_index_pulses_at_another_distance_than_the_wiring_says_are_a_fault);
     RUN_TEST(test_index_pulses_at_the_distance_that_the_wiring_says_are_none);
+    RUN_TEST(test_second_encoder_gives_the_position_of_the_table);
+    RUN_TEST(test_inverted_second_encoder_disagrees);
+    RUN_TEST(test_count_of_a_second_encoder_goes_on_when_it_is_inverted);
     return UNITY_END();
 }
