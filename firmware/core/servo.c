@@ -256,11 +256,13 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     if (cfg->force_limit.on) {
         force_max = force_limit_step(&cfg->force_limit, &state->force_limit, state->force, force_max);
     }
-    pos_t tool[2] = {in->measured[0], in->measured[1]};
+    const pos_t *measured = in->measured;
+    pos_t tool[2];
     if (cfg->geometry.on) {
         locate(cfg, state, in, tool);
+        measured = tool;
     }
-    observe(cfg, state, tool, applied->net, q, &out->velocity);
+    observe(cfg, state, measured, applied->net, q, &out->velocity);
     struct servo_demand demand = {ZERO, ZERO};
     const bool enabling_changed = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
     if (!in->enabled[0] && !in->enabled[1]) { /* there is no reference */

@@ -45,8 +45,6 @@ struct servo_cfg {
     num dt;    /* control period, T0 */
     num blend; /* factor per period on the switching offset, 0..1 */
     struct plant_cfg plant;
-    struct geometry_cfg geometry;
-    struct dual_feedback_cfg dual_feedback[2]; /* only with geometry.on */
     struct observer_cfg observer;
     struct contour_cfg contour;
     struct smc_cfg smc;
@@ -59,6 +57,8 @@ struct servo_cfg {
     struct friction_cfg friction;
     struct screw_cfg screw;
     struct oscillation_cfg oscillation;
+    struct dual_feedback_cfg dual_feedback[2]; /* only with geometry.on */
+    struct geometry_cfg geometry;              /* last, since it is the largest */
 };
 
 /* The laws with their gains times a factor. Each law keeps its shape: its poles move towards zero. */
@@ -69,13 +69,14 @@ struct servo_gains {
 };
 
 struct servo_in {
-    pos_t measured[2];    /* encoder positions */
-    pos_t second[2];      /* positions of second encoders, where dual_feedback is on */
-    int32_t origin_nm[2]; /* user's positions less the servo's */
-    bool enabled[2];      /* of each axis; false: the axis is observed only, and its force is 0 */
+    pos_t measured[2]; /* encoder positions */
+    bool enabled[2];   /* of each axis; false: the axis is observed only, and its force is 0 */
     enum controller controller;
     struct path_state path;
     const struct spline_ring *ring;
+    /* only with geometry.on */
+    int32_t origin_nm[2]; /* user's positions less the servo's */
+    pos_t second[2];      /* positions of second encoders, where dual_feedback is on */
 };
 
 /* Force demand of a control period, N, as the models see it. */
@@ -85,10 +86,6 @@ struct servo_demand {
 };
 
 struct servo_state {
-    struct geometry_state geometry;
-    struct dual_feedback_state dual_feedback[2];
-    vec2 placed;   /* the tool less the encoders, without geometry.position, um */
-    bool disagree; /* two encoders of an axis are further apart than their tolerance */
     struct observer_state observer[2];
     struct smc_state smc;
     struct compensator_state compensator;
@@ -101,6 +98,7 @@ struct servo_state {
     bool enabled[2];
     enum controller controller;
     bool saturated;     /* in the last period */
+    bool disagree;      /* two encoders of an axis are further apart than their tolerance */
     bool blending;      /* the offset is not 0 */
     bool gains_lowered; /* by the watch for oscillation: `lowered` is in effect */
     bool gains_changed; /* in the last period */
@@ -114,6 +112,9 @@ struct servo_state {
     struct friction_state friction;   /* of an axis: persists while it is enabled */
     vec2 screw;                       /* what cancels cogging and ripple in the next period, N */
     struct spline_cache spline_cache; /* the caller empties it when in.ring gets another sequence of knots */
+    struct geometry_state geometry;
+    struct dual_feedback_state dual_feedback[2];
+    vec2 placed; /* the tool less the encoders, without geometry.position, um */
 };
 
 struct servo_out {

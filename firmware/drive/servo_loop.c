@@ -179,11 +179,14 @@ SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_i
     }
 }
 
-/* The second encoders have moved. Not inline, so that drives without them have no cost. */
-__attribute__((noinline)) static void count_second(struct servo_loop *loop, const struct hal_drive_in *in)
+/* What the geometry needs. Not inline, so that it costs nothing where the encoders are at the tool. */
+__attribute__((noinline)) static void read_for_geometry(struct servo_loop *loop, const struct hal_drive_in *in,
+                                                        struct servo_in *servo)
 {
-    (void)encoder_step(&loop->second[0], in->second[0]);
-    (void)encoder_step(&loop->second[1], in->second[1]);
+    for (int i = 0; i < 2; i++) {
+        servo->second[i] = loop->first_pos[i] + encoder_step(&loop->second[i], in->second[i]);
+        servo->origin_nm[i] = LOAD(loop->command.origin_nm[i]);
+    }
 }
 
 /* The background changes the number of the configuration without power only. With power one of the two numbers has
@@ -292,9 +295,6 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     for (int i = 0; i < 2; i++) {
         servo.measured[i] = encoder_step(&loop->encoder[i], in.count[i]);
     }
-    if (in.second[0] != loop->second[0].last || in.second[1] != loop->second[1].last) {
-        count_second(loop, &in);
-    }
     if (memcmp(in.inputs, loop->inputs, sizeof in.inputs) != 0) {
         latch_edges(loop, &in, servo.measured);
     }
@@ -302,8 +302,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
         configure(loop, configured, servo.measured);
     }
     if (cfg->servo.geometry.on) {
-        servo.second[0] = loop->first_pos[0] + loop->second[0].pos;
-        servo.second[1] = loop->first_pos[1] + loop->second[1].pos;
+        read_for_geometry(loop, &in, &servo);
     }
     if (LOAD(loop->command.energy_reset)) {
         reset_energy(loop);
@@ -317,7 +316,6 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     const bool cut = (LOAD(loop->faults) & cfg->cut) != 0;
     for (int i = 0; i < 2; i++) {
         servo.enabled[i] = !cut && LOAD(loop->command.powered[i]) == SERVO_LOOP_ON;
-        servo.origin_nm[i] = LOAD(loop->command.origin_nm[i]);
     }
     servo.controller = (enum controller)LOAD(loop->command.controller);
     servo.path = loop->path.at;

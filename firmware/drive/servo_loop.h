@@ -80,11 +80,8 @@ struct servo_loop {
     const struct hal *io; /* what the tick reads and writes: the port's HAL, or the plant on the chip */
     struct onchip_hal onchip;
     struct encoder encoder[2];
-    struct encoder second[2]; /* counts from 0 at power-on, */
-    int32_t first_count[2];   /* where the first encoder stood at this, */
-    pos_t first_pos[2];       /* and by its present length was at this position */
-    uint8_t inputs[2];        /* enum hal_input of the last period */
-    uint8_t phase;            /* control periods since the last record was published */
+    uint8_t inputs[2]; /* enum hal_input of the last period */
+    uint8_t phase;     /* control periods since the last record was published */
     struct path_clock path;
     uint16_t rate_permille; /* the latest command.rate other than 1000 */
     num rate;               /* the same as a num */
@@ -93,6 +90,9 @@ struct servo_loop {
     pos_t lowest[2], highest[2];     /* user's positions: the position limits, widened by the largest following error */
     struct telemetry_record *record; /* to be published next */
     struct contour_statistics contour_statistics;
+    struct encoder second[2]; /* counts from 0 at power-on, */
+    int32_t first_count[2];   /* where the first encoder stood at this, */
+    pos_t first_pos[2];       /* and by its present length was at this position */
 
     struct servo_loop_cfg cfg[2];
 #define SERVO_LOOP_RECORDS 4u

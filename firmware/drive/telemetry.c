@@ -8,9 +8,9 @@ __attribute__((noinline)) void telemetry_collect(struct telemetry_record *r, con
 {
     telemetry_copy_slow(&r->copies, servo, in);
     r->correction = servo->geometry.position;
-    r->measured[0] = pos_add(encoder[0].pos, servo->placed.x);
-    r->measured[1] = pos_add(encoder[1].pos, servo->placed.y);
+    r->placed = servo->placed;
     for (int i = 0; i < 2; i++) {
+        r->measured[i] = encoder[i].pos;
         r->counts_since_index[i] = (int32_t)((uint32_t)in->count[i] - (uint32_t)in->index_count[i]);
         r->index_pulses[i] = in->index_pulses[i];
         r->edge_nm[i] = encoder[i].edge_nm;
@@ -49,7 +49,8 @@ void telemetry_scale(struct servo_snapshot *s, const struct telemetry_record *r,
     s->correction_nm[0] = n_to_scaled(r->correction.x, 1000);
     s->correction_nm[1] = n_to_scaled(r->correction.y, 1000);
     for (int i = 0; i < 2; i++) {
-        s->index_nm[i] = pos_to_nm(encoder_position_before(&encoder[i], r->measured[i], r->counts_since_index[i]));
+        const pos_t index = encoder_position_before(&encoder[i], r->measured[i], r->counts_since_index[i]);
+        s->index_nm[i] = pos_to_nm(pos_add(index, i == 0 ? r->placed.x : r->placed.y));
         s->index_pulses[i] = r->index_pulses[i];
         s->edge_nm[i] = r->edge_nm[i];
     }

@@ -16,8 +16,8 @@ struct telemetry_record {
     uint32_t ms;                    /* since power-on */
     struct servo_out out;           /* of the last period */
     struct telemetry_copies copies; /* the other published signals */
-    vec2 correction;                /* of the geometry by position, um */
-    pos_t measured[2];              /* positions by the encoders, without it, */
+    vec2 correction, placed;        /* of the geometry by position, um, and all other corrections */
+    pos_t measured[2];              /* positions by the encoders, without them, */
     int32_t counts_since_index[2];  /* and how far they are beyond the latest index pulse */
     uint8_t index_pulses[2];
     int32_t edge_nm[2];
