@@ -53,8 +53,9 @@ def test_each_entry_of_the_list_of_equivalent_mutants_fits_a_mutant() -> None:
     entries = mutants.tomllib.loads(mutants.EQUIVALENT.read_text()).get("equivalent", [])
     assert all(entry["reason"] for entry in entries)
     keys = {
-        m.key
+        key
         for file in {e["file"] for e in entries}
         for m in mutants.mutants_of((mutants.ROOT / file).read_bytes(), file)
+        for key in (m.key, m.line_key)
     }
     assert mutants.read_equivalent() <= keys
