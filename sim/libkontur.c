@@ -466,13 +466,17 @@ static void respond(struct bench *b, uint32_t controller, int32_t counts, uint32
     b->loop.command.controller = (uint8_t)controller;
     servo_loop_tick(&b->loop);
     b->loop.command.powered[0] = b->loop.command.powered[1] = SERVO_LOOP_ON;
-    servo_loop_tick(&b->loop);
+    for (int k = 0; k < 16; k++) { /* until all parts have begun */
+        servo_loop_tick(&b->loop);
+    }
+    const vec2 at_rest = b->loop.servo.force; /* it holds against cogging */
     b->count = counts;
     for (uint32_t k = 0; k < periods; k++) {
         servo_loop_tick(&b->loop);
         b->count = 0;
-        force_N[2 * k] = (double)n_to_q32(b->loop.servo.force.x) * 0x1p-32;
-        force_N[2 * k + 1] = (double)n_to_q32(b->loop.servo.force.y) * 0x1p-32;
+        const vec2 change = v2_sub(b->loop.servo.force, at_rest);
+        force_N[2 * k] = (double)n_to_q32(change.x) * 0x1p-32;
+        force_N[2 * k + 1] = (double)n_to_q32(change.y) * 0x1p-32;
     }
 }
 

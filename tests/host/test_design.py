@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from kontur.cli import main
-from kontur.design import loop
+from kontur.design import loop, search
 from kontur.design.search import Problem, predicted
 from kontur.drive import parameter_file
 from kontur.drive.target import Target
@@ -117,7 +117,8 @@ def test_the_resonance_of_the_plant_is_where_the_machine_says() -> None:
     assert grid.hz[near][int(np.argmax(size))] == pytest.approx(axis.resonance_Hz, rel=0.01)
 
 
-def test_a_design_keeps_its_limits_and_runs_quietly(tmp_path: Path) -> None:
+def test_a_design_keeps_its_limits_and_runs_quietly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "_GENERATIONS", 15)
     file, machine = tmp_path / "params.toml", MACHINES / "ball_screw.toml"
     done = CliRunner().invoke(
         main, ["design", str(machine), "--controller", "cascade", "-o", str(file), "--json"], catch_exceptions=False
@@ -138,7 +139,8 @@ def test_a_design_keeps_its_limits_and_runs_quietly(tmp_path: Path) -> None:
     assert log.meta["force_max_N"] < 450.0
 
 
-def test_limits_that_no_gains_keep_are_refused(tmp_path: Path) -> None:
+def test_limits_that_no_gains_keep_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "_GENERATIONS", 2)
     file = tmp_path / "params.toml"
     done = CliRunner().invoke(
         main,
@@ -148,6 +150,24 @@ def test_limits_that_no_gains_keep_are_refused(tmp_path: Path) -> None:
     assert "no gains of track keep" in done.output
     assert "--force-step" in done.output
     assert not file.exists()
+
+
+def test_each_axis_has_its_turn_along_the_normal() -> None:
+    """Under ccc the loop along the normal has more gain: x and y swapped give the same loops, swapped."""
+    values = {"cascade.coupling_gain": 2.0, "force_filter_x.pole_1": 300.0, "force_filter_x.zero_1": 200.0}
+    machine = load(MACHINES / "ball_screw.toml")
+    problem = Problem(machine, "ccc", "full", 2.0, 2.0)
+    grid = loop.Grid.around(machine.axes, CONTROL_HZ, points=20, near=1)
+    along_x, normal_y, normal_x, along_y = [law.force for law in problem.loops(grid, values)]
+    assert [(place.number, place.axis is machine.x) for place in problem.places] == [
+        (0, True), (1, False), (1, True), (0, False)
+    ]  # fmt: skip
+    high = grid.hz > 300.0
+    assert np.all(np.abs(normal_x[high]) > 1.5 * np.abs(along_x[high]))
+    assert np.all(np.abs(normal_y[high]) > 1.5 * np.abs(along_y[high]))
+    plain = Problem(machine, "ccc", "full", 2.0, 2.0).loops(grid, {"cascade.coupling_gain": 2.0})
+    assert np.max(np.abs(plain[2].force / normal_x - 1.0)) > 0.1  # the filter of x goes with x
+    assert np.max(np.abs(plain[3].force / along_y - 1.0)) < 1e-3
 
 
 def test_run_uses_a_file_of_parameters_and_set_goes_before_it(tmp_path: Path) -> None:

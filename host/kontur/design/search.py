@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,6 +30,8 @@ Gains = dict[str, float]
 
 _POPULATION, _GENERATIONS = 40, 60
 _OBSERVERS = ((60.0, 600.0), (600.0, 5000.0))  # rad/s: the basins
+_STAGES = len(_OBSERVERS) + 1
+_NEAR = 0.7  # logarithm of the factor on gains within which a filter is searched for
 _SEED = 1
 _UNSTABLE, _INFEASIBLE = 100.0, 50.0  # above every logarithm of an error
 _MU_MPS2 = 6.0
@@ -73,6 +76,25 @@ def _ccc(law: Sequence[float]) -> Gains:
     return _cascade(law[:3]) | {"cascade.coupling_gain": law[3]}
 
 
+# While the response of the law is taken: no adaptation, no limits, and no reaction to the impulse.
+_FROZEN = {
+    "smc.xi": 0.0,
+    "compensator.rho": 0.0,
+    "plant_x.force_limit": 3000.0,
+    "plant_y.force_limit": 3000.0,
+    "force_continuous_x.force": 0.0,
+    "force_continuous_y.force": 0.0,
+    "oscillation.limit": 0.0,
+}
+# A section of the force filter, which may be a notch: frequencies of zeros and poles, times that of the first mode.
+_FILTER = (
+    Searched("zero", 0.3, 4.0),
+    Searched("zero damping", 0.02, 3.0),
+    Searched("pole", 0.3, 8.0),
+    Searched("pole damping", 0.1, 3.0),
+)
+_NO_FILTER = (1.0, 0.6, 1.0, 0.6)  # zeros and poles cancel each other
+_RIGID_HZ = 200.0  # in place of the first mode of a rigid axis
 _OBSERVER = Searched("observer.bandwidth", _OBSERVERS[0][0], _OBSERVERS[-1][-1])
 _SMC = (Searched("lambda", 5.0, 1500.0), Searched("k", 5.0, 1500.0))
 _CASCADE = (Searched("K_p", 5.0, 1000.0), Searched("K_v", 20.0, 3000.0), Searched("K_i", 1.0, 1000.0))
@@ -135,7 +157,7 @@ class Problem:
         self.machine, self.controller, self.ms, self.force_step_N = machine, controller, ms, force_step_N
         self.number = CONTROLLERS.index(controller)
         self.searched, self._gains = _LAWS[controller]
-        self.searched = (*self.searched, _OBSERVER)
+        self.searched = (*self.searched, _OBSERVER, *_FILTER)
         if machine.model != "full":
             raise MachineError(f"machine {machine.name!r}: a design needs a machine with the model 'full'")
         with open_drive(Target(machine=machine)) as device:
@@ -153,9 +175,14 @@ class Problem:
         return [self.objects.on_wire(name, value) for name, value in values.items()]
 
     def gains(self, vector: loop.Floats) -> Gains:
-        """Parameters of the drive for logarithms of the searched quantities."""
+        """Parameters of the drive for logarithms of the searched quantities, the filter's left out or with them."""
         values = [float(x) for x in np.exp(vector)]
-        gains = self._gains(values[:-1]) | {_OBSERVER.name: values[-1]}
+        law = len(self.searched) - len(_FILTER)
+        gains = self._gains(values[: law - 1]) | {_OBSERVER.name: values[law - 1]}
+        for name, axis in zip("xy", self.machine.axes, strict=True):
+            for key, value in zip(("zero", "zero_damping", "pole", "pole_damping"), values[law:], strict=False):
+                scale = 1.0 if "damping" in key else axis.resonance_Hz or _RIGID_HZ
+                gains[f"force_filter_{name}.{key}_1"] = value * scale
         return {name: float(f"{value:.{_DIGITS}g}") for name, value in gains.items()}
 
     @cached_property
@@ -164,12 +191,12 @@ class Problem:
 
     def loops(self, grid: loop.Grid, values: Mapping[str, float]) -> list[loop.Law]:
         """The law at each of `places`. Raises loop.UnstableLawError, and ValueError where the firmware refuses."""
-        frozen = {"smc.xi": 0.0, "compensator.rho": 0.0, "plant_x.force_limit": 3000.0, "plant_y.force_limit": 3000.0}
-        given = self._on_wire({**values, **frozen})
+        values = {**values, **_FROZEN}
+        given = [self._on_wire(values), self._on_wire(_swapped(values))]
         encoder_m = [axis.encoder_m for axis in self.machine.axes]
         found = {
             swapped: loop.laws(
-                grid, [*self._told[swapped], *given], self.number, encoder_m[::-1] if swapped else encoder_m
+                grid, [*self._told[swapped], *given[swapped]], self.number, encoder_m[::-1] if swapped else encoder_m
             )
             for swapped in {place.swapped for place in self.places}
         }
@@ -186,8 +213,8 @@ class _Search:
 
     def __call__(self, vector: loop.Floats) -> float:
         problem, grid = self.problem, self.grid
-        aggressive = float(np.mean([(x - a) / (b - a) for x, (a, b) in zip(vector, problem.bounds, strict=True)]))
-        if any(not low <= x <= high for x, (low, high) in zip(vector, problem.bounds, strict=True)):
+        aggressive = float(np.mean([(x - a) / (b - a) for x, (a, b) in zip(vector, problem.bounds, strict=False)]))
+        if any(not low <= x <= high for x, (low, high) in zip(vector, problem.bounds, strict=False)):
             return 3.0 * _UNSTABLE  # the simplex may leave the box
         try:
             laws = problem.loops(grid, problem.gains(vector))
@@ -249,34 +276,62 @@ def _searched(problem: Problem, ms: float, progress: Callable[[float], None]) ->
     """The logarithms of the best gains, of a search with a slow observer and of one with a fast observer."""
     cost = _Search(problem, ms)
     found = [
-        _in_basin(problem, cost, observer, lambda share, i=i: progress((i + share) / len(_OBSERVERS)))  # type: ignore[misc]
+        _in_basin(problem, cost, observer, lambda share, i=i: progress((i + share) / _STAGES))  # type: ignore[misc]
         for i, observer in enumerate(_OBSERVERS)
     ]
-    best, logarithms = min(found, key=lambda result: result[0])
-    if best >= _INFEASIBLE:
+    least, best = min(found, key=lambda result: result[0])
+    least, best = _with_filter(problem, cost, best, lambda share: progress((len(_OBSERVERS) + share) / _STAGES))
+    if least >= _INFEASIBLE:
         raise MachineError(
             f"machine {problem.machine.name!r}: no gains of {problem.controller} keep Ms <= {problem.ms:g} and a force "
             f"step of {problem.force_step_N:g} N; allow more with --ms or --force-step"
         )
-    return logarithms
+    return best
 
 
 def _in_basin(
     problem: Problem, cost: _Search, observer: tuple[float, float], progress: Callable[[float], None]
 ) -> tuple[float, loop.Floats]:
-    """The least cost with an observer within this range, and the logarithms that have it."""
-    box = [*problem.bounds[:-1], (math.log(observer[0]), math.log(observer[1]))]
+    """The least cost without a filter and with an observer within this range, and the logarithms that have it."""
+    box = [*problem.bounds[: -1 - len(_FILTER)], (math.log(observer[0]), math.log(observer[1]))]
     low, high = np.array(box).T
-    population = qmc.scale(qmc.LatinHypercube(len(low), rng=_SEED).random(_POPULATION), low, high)
+    population = _population(low, high)
     for known in _KNOWN.get(problem.controller, ()):
         if observer[0] <= known[-1] <= observer[1]:
             population[::4] = np.clip(np.log(known) + (population[::4] - population.mean(axis=0)) / 4.0, low, high)
+    return _evolved(cost, low, high, population, progress)
+
+
+def _with_filter(
+    problem: Problem, cost: _Search, law: loop.Floats, progress: Callable[[float], None]
+) -> tuple[float, loop.Floats]:
+    """The same with a filter, near the best law without one."""
+    low, high = np.array(problem.bounds).T
+    low[: len(law)] = np.maximum(low[: len(law)], law - _NEAR)
+    high[: len(law)] = np.minimum(high[: len(law)], law + _NEAR)
+    population = _population(low, high)
+    population[0] = [*law, *np.log(_NO_FILTER)]
+    return _evolved(cost, low, high, population, progress)
+
+
+def _population(low: loop.Floats, high: loop.Floats) -> loop.Floats:
+    return np.asarray(qmc.scale(qmc.LatinHypercube(len(low), rng=_SEED).random(_POPULATION), low, high))
+
+
+def _evolved(
+    cost: _Search, low: loop.Floats, high: loop.Floats, population: loop.Floats, progress: Callable[[float], None]
+) -> tuple[float, loop.Floats]:
+    """The least cost that evolution from `population` and then a simplex find, and where it is."""
     generation = itertools.count(1)
     best = differential_evolution(
         cost, Bounds(low, high), init=population, maxiter=_GENERATIONS, tol=1e-4, polish=False, rng=_SEED,
         callback=lambda intermediate_result: progress(min(1.0, next(generation) / _GENERATIONS)),
     )  # fmt: skip
-    polished = minimize(cost, best.x, method="Nelder-Mead", options={"maxfev": 400, "xatol": 1e-4, "fatol": 1e-5})
+    simplex = best.x + np.vstack([np.zeros(len(low)), 0.05 * np.eye(len(low))])
+    polished = minimize(
+        cost, best.x, method="Nelder-Mead",
+        options={"maxfev": 100 * len(low), "xatol": 1e-4, "fatol": 1e-5, "initial_simplex": simplex},
+    )  # fmt: skip
     return float(polished.fun), np.asarray(polished.x)
 
 
@@ -327,9 +382,5 @@ def _varied(m: loop.Margins) -> str:
 
 def _swapped(values: Mapping[str, float]) -> dict[str, float]:
     """The parameters of x given to y, and those of y to x."""
-    other = {"_x": "_y", "_y": "_x"}
-    swapped = {}
-    for name, value in values.items():
-        record, dot, key = name.partition(".")
-        swapped[record[:-2] + other.get(record[-2:], record[-2:]) + dot + key] = value
-    return swapped
+    other = {"x": "y", "y": "x"}
+    return {re.sub(r"(?<=_)[xy](?=\.|$)", lambda axis: other[axis[0]], name): value for name, value in values.items()}
