@@ -658,6 +658,59 @@ def dual_feedback(
     return float(weight @ [offset_m, difference]), bool(abs(difference) <= tolerance_m)
 
 
+# --- Watch for oscillation (not in the paper) -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What the watch for oscillation looks for: SI, and control periods.
+
+    `share` of the way to the force is what the slow part goes in a period: 1 - exp(-2 pi f_c dt).
+    """
+
+    limit_N: float
+    share: float
+    half_wave: int
+    lasts: int
+
+
+def oscillations(w: Watch, beyond_path_N: Array, dt_s: float) -> list[tuple[int, float, float]]:
+    """Period, frequency (Hz) and amplitude (N) of each oscillation in a force (n,) beyond what the path needs.
+
+    The slow part is the sum of the forces before, weighted by share (1 - share)^age. A half wave is (beginning, sign,
+    peak) of the forces beyond the limit. Decision: the fifth one or a later one, `lasts` after the first, makes an
+    oscillation if each began within `half_wave` of the one before, and no swing, of two half waves, was below 70 % of
+    the largest one. What decays is looked at anew from there.
+    """
+    weights = w.share * (1.0 - w.share) ** np.arange(len(beyond_path_N))
+    slow = np.convolve(beyond_path_N, weights)[: len(beyond_path_N)]
+    fast = beyond_path_N - np.concatenate([[0.0], slow[:-1]])
+    found: list[tuple[int, float, float]] = []
+    waves: list[tuple[int, float, float]] = []
+    first = 0  # of the waves that are looked at
+    swings: list[float] = []  # to compare with
+    for k in np.flatnonzero(np.abs(fast) > w.limit_N):
+        sign, size = float(np.sign(fast[k])), float(abs(fast[k]))
+        if waves and k - waves[-1][0] > w.half_wave:
+            waves = []
+        if waves and waves[-1][1] == sign:
+            waves[-1] = (waves[-1][0], sign, max(size, waves[-1][2]))
+            continue
+        if not waves:
+            first, swings = 0, []
+        elif len(waves) - first > 1:
+            swing = waves[-2][2] + waves[-1][2]
+            if swing < 0.7 * max(swings, default=0.0):
+                first, swings = len(waves), []
+            swings.append(swing)
+        waves.append((int(k), sign, size))
+        periods, count = int(k) - waves[first][0], len(waves) - first
+        if count >= 5 and periods >= w.lasts:
+            found.append((int(k), (count - 1) / (2.0 * periods * dt_s), max(swings) / 2.0))
+            waves = []
+    return found
+
+
 # --- Cascade and cross-coupled control --------------------------------------------------------------------------------
 
 

@@ -3,7 +3,7 @@
 #include "core/oscillation.h"
 
 #define QUARTER 0.25
-#define LASTING 0.7 /* a peak below this share of the largest one ends an oscillation */
+#define LASTING 0.7 /* an amplitude below this share of the largest one ends an oscillation */
 /* What is told at most */
 #define FORCE_MAX 1000     /* N/4 */
 #define FREQUENCY_MAX 4000 /* Hz */
@@ -34,15 +34,18 @@ __attribute__((noinline)) static bool beyond(const struct oscillation_cfg *cfg, 
         s->peak = n_max(s->peak, size);
         return false;
     }
+    /* of the half wave that has ended and the one before: a constant part of h is not in it */
+    const num amplitude = n_mad(n_mul(NUM(0.5), s->before), NUM(0.5), s->peak);
     if (s->half_waves == 0) {
         begin(s, NUM(0));
-    } else if (n_lt(s->peak, n_mul(NUM(LASTING), s->largest))) {
-        begin(s, s->peak);
+    } else if (s->half_waves > 1 && n_lt(amplitude, n_mul(NUM(LASTING), s->largest))) {
+        begin(s, amplitude);
     } else {
-        s->half_waves++;
         s->ticks = (uint16_t)(s->ticks + s->age);
-        s->largest = n_max(s->largest, s->peak);
+        s->largest = s->half_waves > 1 ? n_max(s->largest, amplitude) : s->largest;
+        s->half_waves++;
     }
+    s->before = s->peak;
     s->positive = positive;
     s->peak = size;
     s->age = 0;

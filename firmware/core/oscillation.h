@@ -12,7 +12,8 @@
  *   - OSCILLATION_HALF_WAVES half waves have followed each other, the last of which begins, each within 1/f_c of the one
  *     before,
  *   - for at least cfg.lasts periods, and
- *   - no peak was below 70 % of the largest one: what decays is the answer to a step.
+ *   - no amplitude, the mean of the peaks of two half waves, was below 70 % of the largest one: what decays is the
+ *     answer to a step.
  * A disturbance of half a wave or less, noise below the limit, and the reversals of a path are none of this.
  *
  * Symbols
@@ -44,7 +45,8 @@ struct oscillation_cfg {
 struct oscillation_state {
     num slow;             /* l, N/4 */
     num peak;             /* of the half wave that goes on, N/4 */
-    num largest;          /* of the half waves before, N/4 */
+    num before;           /* the same of the one before */
+    num largest;          /* amplitude so far, N/4 */
     uint16_t age;         /* of the half wave that goes on, control periods */
     uint16_t ticks;       /* from the first half wave to the one that goes on, control periods */
     uint16_t half_waves;  /* so far; 0: none */

@@ -19,7 +19,7 @@ struct fault_monitor {
     uint32_t passed_ms;        /* since the one before: more than 1 when the background is late */
     uint16_t lasts_ms[FAULTS]; /* how long a condition has held; of an event: how long its warning still lasts */
     uint16_t frozen_ms[2], saturated_ms[2];
-    bool hot[2];       /* the heat has been at HEAT_WARNING, and is not below HEAT_COOLED yet */
+    bool hot[2];             /* the heat has been at HEAT_WARNING, and is not below HEAT_COOLED yet */
     int32_t count[2];        /* of the encoder when frozen_ms began */
     int32_t oscillations[2]; /* of each axis so far */
     uint32_t rejected;       /* knot frames of the stream so far */

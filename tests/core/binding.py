@@ -198,6 +198,17 @@ class Drive:
         offset = self.lib.api_dual_feedback(self.handle, crossover_radps, tolerance_m, offset_m, given, agree)
         return offset, bool(agree[0])
 
+    def oscillations(
+        self, axis: int, w: oracle.Watch, net_N: Any, r_dot_mps: Any, r_ddot_mps2: Any
+    ) -> list[tuple[int, float, float]]:
+        """oscillation_step() over all periods: period, frequency and amplitude of each oscillation, at most 100."""
+        at, hz, size = self.ffi.new("int[100]"), self.ffi.new("double[100]"), self.ffi.new("double[100]")
+        given = [self.ffi.new("double[]", list(x)) for x in (net_N, r_dot_mps, r_ddot_mps2)]
+        found = self.lib.api_oscillations(
+            self.handle, axis, w.limit_N, w.share, w.half_wave, w.lasts, len(net_N), *given, 100, at, hz, size
+        )
+        return [(at[k], hz[k], size[k]) for k in range(found)]
+
     def cascade(self, errors: dict[str, Any], coupled: bool, integral: Any) -> tuple[np.ndarray, np.ndarray]:
         """cascade_step: force and new integrals (x, y, coupled); `errors` are members of api_contour."""
         given = self.ffi.new("struct api_contour *", {name: list(value) for name, value in errors.items()})

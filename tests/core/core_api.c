@@ -387,6 +387,35 @@ double api_dual_feedback(const api_drive *d, double crossover, double tolerance,
     return result(state.offset) * UM;
 }
 
+int api_oscillations(const api_drive *d, int i, double limit, double share, int half_wave, int lasts, int periods,
+                     const double *net, const double *r_dot, const double *r_ddot, int room, int *at, double *frequency,
+                     double *amplitude)
+{
+    const struct plant_cfg *p = &d->cfg.plant;
+    const num quarter = mk(0.25);
+    const struct oscillation_cfg cfg = {.on = true,
+                                        .slow = mk(share),
+                                        .limit = v2(mk(limit / 4.0), mk(limit / 4.0)),
+                                        .mass = v2_scale(quarter, p->mass),
+                                        .viscous = v2_scale(quarter, p->viscous),
+                                        .half_wave = (uint16_t)half_wave,
+                                        .lasts = (uint16_t)lasts,
+                                        .control_hz = 10000};
+    const bool enabled[2] = {i == 0, i == 1};
+    struct oscillation_state state[2] = {{.count = 0}, {.count = 0}};
+    int found = 0;
+    for (int k = 0; k < periods; k++) {
+        const num v = mk(r_dot[k] / MPS), a = mk(r_ddot[k] / MPS2), u = mk(net[k]);
+        if (oscillation_step(&cfg, state, enabled, v2(u, u), v2(v, v), v2(a, a)) && found < room) {
+            at[found] = k;
+            frequency[found] = result(state[i].frequency);
+            amplitude[found] = result(state[i].force);
+            found++;
+        }
+    }
+    return found;
+}
+
 void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, double *integral, double *force)
 {
     const struct contour_out x = {.r_dot = in2(c->r_dot, MPS),

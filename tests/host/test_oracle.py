@@ -504,6 +504,26 @@ def test_observer_is_the_oracles_but_for_rounding(core: Core) -> None:
                 check("acceleration", found[2], acceleration[i], allowed[2])
 
 
+def test_watch_for_oscillation_sees_what_the_oracle_sees(core: Core) -> None:
+    """Each draw: a swing of some frequency that grows or decays, steps, and noise, over a path of 30 Hz."""
+    drive, rng, seen = core.drive(P), np.random.default_rng(27), 0
+    p, t = core.params(), np.arange(5000) * 1e-4
+    for trial in range(40):
+        axis = trial % 2
+        watch = oracle.Watch(30.0, float(rng.uniform(0.01, 0.06)), int(rng.integers(100, 400)), 600)
+        swing = rng.uniform(10.0, 90.0) * np.exp(rng.uniform(-8.0, 3.0) * t) * np.sin(rng.uniform(150.0, 2500.0) * t)
+        steps = rng.choice([0.0, 60.0]) * np.sign(np.sin(rng.uniform(30.0, 200.0) * t))
+        beyond = np.clip(swing + steps + rng.normal(0.0, 3.0, len(t)), -600.0, 600.0)
+        r_dot, r_ddot = 0.1 * np.cos(190.0 * t), rng.uniform(-4.0, 4.0) * np.sin(190.0 * t)
+        net = beyond + p.mass_kg[axis] * r_ddot + p.viscous_Nspm[axis] * r_dot
+        expected = oracle.oscillations(watch, beyond, 1e-4)
+        found = drive.oscillations(axis, watch, net, r_dot, r_ddot)
+        assert [at for at, _, _ in found] == [at for at, _, _ in expected]
+        np.testing.assert_allclose([f[1:] for f in found], [e[1:] for e in expected], rtol=1e-3)
+        seen += len(found)
+    assert seen > 30
+
+
 def a_map(rng: np.random.Generator, points: int) -> dict[str, Any]:
     return {
         "points": points,

@@ -205,6 +205,15 @@ static void test_an_axis_that_is_disabled_begins_anew(void)
     }
 }
 
+static void test_a_force_that_swings_further_to_one_side_than_to_the_other_is_seen(void)
+{
+    for (int i = 0; i < 1000; i++) {
+        step((i / 20 % 2 == 0 ? 100 : -100) + 1.0 * i, 0); /* it rises by 10 kN/s, which leaves 40 N of h */
+    }
+    TEST_ASSERT_TRUE(state[0].count > 0);
+    TEST_ASSERT_TRUE(first_at < 700);
+}
+
 static void test_of_a_force_beyond_all_limits_the_largest_is_told(void)
 {
     for (int i = 0; i < 1000; i++) {
@@ -229,6 +238,7 @@ int main(void)
     RUN_TEST(test_the_force_that_the_path_needs_is_no_oscillation);
     RUN_TEST(test_each_axis_has_its_own_limit);
     RUN_TEST(test_an_axis_that_is_disabled_begins_anew);
+    RUN_TEST(test_a_force_that_swings_further_to_one_side_than_to_the_other_is_seen);
     RUN_TEST(test_of_a_force_beyond_all_limits_the_largest_is_told);
     return UNITY_END();
 }

@@ -588,7 +588,7 @@ static void test_oscillation_lowers_the_gains_of_every_law_without_a_step_of_the
         shake(300);
         const double usual = shake(300);
         watch_for_oscillation(true);
-        shake(1000);
+        shake(1500);
         TEST_ASSERT_TRUE_MESSAGE(state.gains_lowered && state.gains_changed, "not lowered");
         TEST_ASSERT_EQUAL_DOUBLE(0.5, val(state.gain));
         const vec2 before = out.force;
@@ -605,7 +605,7 @@ static void test_oscillation_lowers_the_gains_of_every_law_without_a_step_of_the
 static void test_lowered_gains_are_those_of_the_configuration_times_the_factor(void)
 {
     watch_for_oscillation(true);
-    shake(1000);
+    shake(1500);
     const struct servo_gains *g = &state.lowered;
     ASSERT_NEAR(0.5 * val(cfg.smc.lambda), val(g->smc.lambda), 1.0);
     ASSERT_NEAR(0.5 * val(cfg.smc.gamma), val(g->smc.gamma), 1.0);
@@ -631,7 +631,7 @@ static void test_gains_are_lowered_again_down_to_a_least_factor_and_come_back_wi
     cfg.oscillation.gain_step = mk(0.1);
     cfg.blend = mk(0.9);
     for (int i = 0; i < 3; i++) {
-        shake(1000);
+        shake(1500);
         TEST_ASSERT_TRUE(state.gains_changed);
         ASSERT_NEAR(fmax(0.05, pow(0.1, i + 1)), val(state.gain), 1.0);
         step(20 + 2 * sin(0.1 * periods), 4);

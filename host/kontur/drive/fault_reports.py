@@ -61,7 +61,7 @@ class FaultReports:
         return tuple(c for c in codes if c in known and (known[c].warns or only_warns.get(known[c].name, False)))
 
     def oscillation(self, codes: Iterable[int]) -> str:
-        """Where oscillation is one of these faults: which axes oscillated, and whether the gains are lowered; else ""."""
+        """Which axes oscillated, and whether the gains are lowered; "" where it is none of these faults."""
         known = faults()
         if not any(code in known and known[code].name == "oscillation" for code in codes):
             return ""
