@@ -27,7 +27,6 @@ pytestmark = pytest.mark.motion
 HEARTBEAT_LOST = 0x8130
 FAULT = 0x08  # of statusword's bits 4Fh
 LAPS = 16.0
-SLOWLY = 40  # percent of the path's rate: the knots in the queue last so much longer where a busy machine holds up the host
 ROOM = 200  # knots: the queue is full but for these, so that the heartbeat ceases before the knots do
 _START_S, _END_S = 90.0, PATIENCE_S
 
@@ -45,7 +44,6 @@ def assert_stopped_and_off(rig: Rig) -> None:
 def stream_until(rig: Rig, knots_nm: Knots, share: float) -> None:
     """Start a stream and go on until the drive has taken a `share` of it, and its queue is full."""
     rig.device.axes.enable()
-    rig.device.write("feed_override", SLOWLY)
     rig.link.record_telemetry()
     stream = SteppedStream(rig.device, knots_nm)
     stream.start()
@@ -96,7 +94,6 @@ def test_killed_host_stops_the_drive_on_the_path(target: Target, tmp_path: Path)
         pytest.skip("the simulated drive in this process dies with the host; --target slcan or vcan has one apart")
     with power_on(target) as drive, Rig(drive) as rig:
         knots_nm = rig.circle(LAPS)
-        rig.device.write("feed_override", SLOWLY)
         if not drive.listeners:
             rig.bus.shutdown()
         else:
