@@ -213,7 +213,8 @@ def _sensed(axis: Axis) -> bool:
 
 
 def _of_spring(axis: Axis, value: float) -> float | None:
-    return value if axis.resonance_Hz > 0.0 and not _sensed(axis) else None
+    """Of an encoder at the motor. Beside a scale it is told, too, since the drive takes the speed from that encoder."""
+    return value if axis.resonance_Hz > 0.0 and axis.encoder_at == "motor" else None
 
 
 def _stiffness_Npum(axis: Axis) -> float:
