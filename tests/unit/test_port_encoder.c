@@ -213,6 +213,34 @@ static void test_movement_between_distant_reads_is_counted_and_is_no_jump(void)
     TEST_ASSERT_EQUAL_UINT8(HAL_ENCODER_FAULT, in.inputs[AXIS_X]);
 }
 
+static void test_second_encoders_count_beyond_16_bits_in_both_directions(void)
+{
+    int32_t x = 0, y = 0;
+    for (int k = 0; k < 10; k++) {
+        x += 20000;
+        y -= 30000;
+        chip.tim3.CNT = (uint16_t)x;
+        chip.tim4.CNT = (uint16_t)y;
+        read_at(0, 0);
+        TEST_ASSERT_EQUAL_INT32(x, in.second[AXIS_X]);
+        TEST_ASSERT_EQUAL_INT32(y, in.second[AXIS_Y]);
+        TEST_ASSERT_EQUAL_UINT8(0, in.inputs[AXIS_X] | in.inputs[AXIS_Y]);
+    }
+}
+
+static void test_inverted_second_encoder_counts_down_from_where_it_is(void)
+{
+    chip.tim3.CNT = chip.tim4.CNT = 100;
+    read_at(0, 0);
+    const struct hal_axis_cfg cfg[AXES] = {{.jump_counts = 500}, {.jump_counts = 500, .invert_second = true}};
+    encoder_configure(cfg);
+    chip.tim3.CNT = chip.tim4.CNT = 130;
+    read_at(0, 0);
+    TEST_ASSERT_EQUAL_INT32(130, in.second[AXIS_X]);
+    TEST_ASSERT_EQUAL_INT32(70, in.second[AXIS_Y]);
+    TEST_ASSERT_EQUAL_INT32(0, in.count[AXIS_Y]);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -230,5 +258,7 @@ int main(void)
     RUN_TEST(test_new_wiring_starts_the_index_check_anew);
     RUN_TEST(test_in_an_emulator_whose_timers_count_time_the_axes_stand);
     RUN_TEST(test_movement_between_distant_reads_is_counted_and_is_no_jump);
+    RUN_TEST(test_second_encoders_count_beyond_16_bits_in_both_directions);
+    RUN_TEST(test_inverted_second_encoder_counts_down_from_where_it_is);
     return UNITY_END();
 }

@@ -2,8 +2,8 @@
 /* board_kontur.h: a controller board with an STM32F405RG (LQFP64). docs/hardware.md has the pins as a table.
  *
  * Alternate functions are those of ST, DS8626 "STM32F405xx STM32F407xx datasheet". Each input is a contact to ground
- * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA3, PA6
- * to PA8, PB0, PB2, PB4 to PB7, PB11, PB13, PC9 to PC12, PC14, PC15 and PD2. PA11 and PA12 are reserved for USB
+ * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA3, PA8, PB0,
+ * PB2, PB4, PB5, PB11, PB13, PC9 to PC12, PC14, PC15 and PD2. PA11 and PA12 are reserved for USB
  * (flashing), PA13 and PA14 for SWD.
  */
 #ifndef KONTUR_BOARD_KONTUR_H
@@ -35,6 +35,7 @@
 
 #define BOARD_X                                                                                                        \
     {.encoder = {TIM2, RCC_APB1ENR_TIM2, 0xFFFFFFFFu, PIN('A', 15), PIN('B', 3), PIN('B', 10), 1, 3},                  \
+     .second = {TIM3, RCC_APB1ENR_TIM3, 0xFFFFu, PIN('A', 6), PIN('A', 7), PIN_NONE, 2, 3},                            \
      .limit_min = {PIN('C', 0), true, PIN_PULL_UP},                                                                    \
      .limit_max = {PIN('C', 1), true, PIN_PULL_UP},                                                                    \
      .amplifier_fault = {PIN('C', 5), true, PIN_PULL_UP},                                                              \
@@ -43,6 +44,7 @@
      .direction = PIN('B', 14)}
 #define BOARD_Y                                                                                                        \
     {.encoder = {TIM5, RCC_APB1ENR_TIM5, 0xFFFFFFFFu, PIN('A', 0), PIN('A', 1), PIN('A', 2), 2, 3},                    \
+     .second = {TIM4, RCC_APB1ENR_TIM4, 0xFFFFu, PIN('B', 6), PIN('B', 7), PIN_NONE, 2, 3},                            \
      .limit_min = {PIN('C', 2), true, PIN_PULL_UP},                                                                    \
      .limit_max = {PIN('C', 3), true, PIN_PULL_UP},                                                                    \
      .amplifier_fault = {PIN('B', 1), true, PIN_PULL_UP},                                                              \

@@ -2,6 +2,8 @@
 /* encoder.c: the encoder timers, encoder.h. */
 #include "port/stm32f405/encoder.h"
 
+#include <stddef.h>
+
 #include "port/stm32f405/board.h"
 #include "port/stm32f405/cpu.h"
 
@@ -20,7 +22,7 @@ struct encoder_input {
 };
 
 static const struct board_axis axes[AXES] = {BOARD_X, BOARD_Y};
-static struct encoder_input encoders[AXES];
+static struct encoder_input encoders[AXES], seconds[AXES];
 
 /* to - from, modulo the range of the timer: the shorter of the two ways. */
 static int32_t difference(const struct board_encoder *board, uint32_t to, uint32_t from)
@@ -29,27 +31,34 @@ static int32_t difference(const struct board_encoder *board, uint32_t to, uint32
     return board->top == 0xFFFFu ? (int16_t)(uint16_t)d : (int32_t)d;
 }
 
+static struct encoder_input start(const struct board_encoder *b)
+{
+    struct tim *tim = b->tim;
+    RCC->APB1ENR |= b->apb1;
+    (void)RCC->APB1ENR;
+    pin_setup(b->a, PIN_ALTERNATE, PIN_PULL_UP, b->alternate);
+    pin_setup(b->b, PIN_ALTERNATE, PIN_PULL_UP, b->alternate);
+    pin_setup(b->index, PIN_ALTERNATE, PIN_PULL_DOWN, b->alternate);
+    /* ICxF = 0010 filters the inputs over 4 clocks of 84 MHz, 48 ns: edges of up to 10 MHz pass. */
+    const uint32_t input = TIM_CCMR_INPUT | 2u << TIM_CCMR_IC_FILTER;
+    tim->ARR = b->top;
+    tim->CCMR1 = input | input << 8;
+    tim->CCMR2 = input | input << 8;
+    tim->CCER = b->index == PIN_NONE ? 0u : (uint32_t)TIM_CCER_E << 4 * (b->index_channel - 1u);
+    tim->SMCR = TIM_SMCR_ENCODER_BOTH;
+    tim->EGR = TIM_EGR_UG;
+    tim->SR = 0;
+    tim->CR1 = TIM_CR1_CEN;
+    return (struct encoder_input){.running = !cpu_emulated(), .jump_counts = UINT32_MAX, .last = tim->CNT};
+}
+
 void encoder_init(void)
 {
     for (int i = 0; i < AXES; i++) {
-        const struct board_encoder *b = &axes[i].encoder;
-        struct tim *tim = b->tim;
-        RCC->APB1ENR |= b->apb1;
-        (void)RCC->APB1ENR;
-        pin_setup(b->a, PIN_ALTERNATE, PIN_PULL_UP, b->alternate);
-        pin_setup(b->b, PIN_ALTERNATE, PIN_PULL_UP, b->alternate);
-        pin_setup(b->index, PIN_ALTERNATE, PIN_PULL_DOWN, b->alternate);
-        /* ICxF = 0010 filters the inputs over 4 clocks of 84 MHz, 48 ns: edges of up to 10 MHz pass. */
-        const uint32_t input = TIM_CCMR_INPUT | 2u << TIM_CCMR_IC_FILTER;
-        tim->ARR = b->top;
-        tim->CCMR1 = input | input << 8;
-        tim->CCMR2 = input | input << 8;
-        tim->CCER = b->index == PIN_NONE ? 0u : (uint32_t)TIM_CCER_E << 4 * (b->index_channel - 1u);
-        tim->SMCR = TIM_SMCR_ENCODER_BOTH;
-        tim->EGR = TIM_EGR_UG;
-        tim->SR = 0;
-        tim->CR1 = TIM_CR1_CEN;
-        encoders[i] = (struct encoder_input){.running = !cpu_emulated(), .jump_counts = UINT32_MAX, .last = tim->CNT};
+        encoders[i] = start(&axes[i].encoder);
+        if (axes[i].second.tim != NULL) {
+            seconds[i] = start(&axes[i].second);
+        }
     }
 }
 
@@ -61,6 +70,7 @@ void encoder_configure(const struct hal_axis_cfg cfg[AXES])
         encoders[i].index_counts = cfg[i].index_counts;
         encoders[i].jump_counts = cfg[i].jump_counts;
         encoders[i].index_seen = false;
+        seconds[i].invert = cfg[i].invert_second;
         cpu_unlock(lock);
     }
 }
@@ -101,6 +111,16 @@ static bool update(struct encoder_input *e, const struct board_encoder *board, u
     return good;
 }
 
+/* Second encoders have no index pulse, and a count that is wrong shows in their difference to the first one. */
+static void read_second(struct hal_drive_in *in, int i)
+{
+    struct encoder_input *e = &seconds[i];
+    if (e->running) {
+        (void)update(e, &axes[i].second, axes[i].second.tim->CNT);
+    }
+    in->second[i] = (int32_t)e->count;
+}
+
 void encoder_paused(void)
 {
     for (int i = 0; i < AXES; i++) {
@@ -119,5 +139,6 @@ void encoder_read(struct hal_drive_in *in)
         in->count[i] = (int32_t)e->count;
         in->index_pulses[i] = e->index_pulses;
         in->index_count[i] = (int32_t)e->index_count;
+        read_second(in, i);
     }
 }

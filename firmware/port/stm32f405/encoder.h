@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* encoder.h: two quadrature encoders on timers in encoder mode (RM0090 18.3.12), extended to 32 bits.
+/* encoder.h: quadrature encoders on timers in encoder mode (RM0090 18.3.12), extended to 32 bits: two, and where the
+ * board has pins for them a second one of each axis.
  *
  * The timer counts every edge, so a line of the encoder is four counts. The index pulse captures the counter in
  * hardware (18.3.5), so its count is exact at any speed.
@@ -20,8 +21,8 @@
 void encoder_init(void);
 /* Set the wiring; no axis has power. */
 void encoder_configure(const struct hal_axis_cfg cfg[AXES]);
-/* Set `count`, `index_pulses` and `index_count` of both axes,
- * read within 1 us, and add HAL_ENCODER_FAULT to `inputs`. */
+/* Set `count`, `second`, `index_pulses` and `index_count` of both axes,
+ * read within 2 us, and add HAL_ENCODER_FAULT to `inputs`. */
 void encoder_read(struct hal_drive_in *in);
 /* There was no servo tick for a while: a jump found by the next read is no fault. It remains a fault of a 16-bit timer,
  * which may have wrapped meanwhile. */
