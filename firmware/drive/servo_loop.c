@@ -184,7 +184,9 @@ __attribute__((noinline)) static void read_for_geometry(struct servo_loop *loop,
                                                         struct servo_in *servo)
 {
     for (int i = 0; i < 2; i++) {
-        servo->second[i] = loop->first_pos[i] + encoder_step(&loop->second[i], in->second[i]);
+        if (loop->cfg_in_use->servo.dual_feedback[i].on) { /* the first step makes up for those left out */
+            servo->second[i] = loop->first_pos[i] + encoder_step(&loop->second[i], in->second[i]);
+        }
         servo->origin_nm[i] = LOAD(loop->command.origin_nm[i]);
     }
 }
