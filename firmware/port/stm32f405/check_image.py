@@ -12,7 +12,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-FLASH_MAX, RAM_MAX = 96 * 1024, 64 * 1024
+FLASH_MAX, RAM_MAX = 128 * 1024, 80 * 1024
 FORBIDDEN = {
     # Run-time ABI for the ARM architecture (IHI 0043), 4.1.2: arithmetic on double, and conversions from and to it
     "double-precision helper": r"__aeabi_(c?d(add|sub|rsub|mul|div|neg|cmp\w*|2\w+)|\w+2d)$"
