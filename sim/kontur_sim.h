@@ -160,12 +160,13 @@ int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_m
                 const double *path_s, const double *position_m, double *e_n_m);
 
 /* The law as a linear system: what the servo tick of a drive at rest, with power on, makes of encoders that show
- * `counts` in one control period, both at once, and 0 before and after it. It needs no drive. Parameters are the
- * defaults but for `count` objects: address[i] is index << 8 | sub-index, value[i] in units of the wire. force_N[2 k]
- * and [2 k + 1] are the changes of the forces of x and y in the k-th of `periods` periods from that one on. Along x
- * is along the path, and y is normal to it, since a path at rest lies along x. Returns 0, or -1: an object that is no
- * number or out of range, parameters that do not fit together, an unknown controller, no memory. */
-int ks_response(uint32_t count, const uint32_t *address, const int64_t *value, uint32_t controller, int32_t counts,
-                uint32_t periods, double *force_N);
+ * `counts` in one control period, both at once, and 0 before and after it; with `second` it is the second encoders that
+ * do. It needs no drive. Parameters are the defaults but for `count` objects: address[i] is index << 8 | sub-index,
+ * value[i] in units of the wire. force_N[2 k] and [2 k + 1] are the changes of the forces of x and y in the k-th of
+ * `periods` periods from that one on. Along x is along the path, and y is normal to it, since a path at rest lies along
+ * x. Returns 0, or -1: an object that is no number or out of range, parameters that do not fit together, an unknown
+ * controller, no memory. */
+int ks_response(uint32_t count, const uint32_t *address, const int64_t *value, uint32_t controller, int second,
+                int32_t counts, uint32_t periods, double *force_N);
 /* CDEF-END */
 #endif

@@ -431,13 +431,13 @@ struct bench {
     struct servo_loop loop;
     struct spline_ring ring;
     struct hal hal;
-    int32_t count;
+    int32_t count[2]; /* of the first and the second encoders */
 };
 
 static void bench_read(void *ctx, struct hal_drive_in *in)
 {
     const struct bench *b = ctx;
-    *in = (struct hal_drive_in){.count = {b->count, b->count}};
+    *in = (struct hal_drive_in){.count = {b->count[0], b->count[0]}, .second = {b->count[1], b->count[1]}};
 }
 
 static void bench_write(void *ctx, const struct hal_drive_out *out)
@@ -458,7 +458,8 @@ static bool set_object(struct od_data *od, uint32_t address, int64_t value)
     return true;
 }
 
-static void respond(struct bench *b, uint32_t controller, int32_t counts, uint32_t periods, double *force_N)
+static void respond(struct bench *b, uint32_t controller, bool second, int32_t counts, uint32_t periods,
+                    double *force_N)
 {
     b->hal = (struct hal){.ctx = b, .drive_read = bench_read, .drive_write = bench_write};
     servo_loop_init(&b->loop, &b->hal, &b->ring);
@@ -470,18 +471,18 @@ static void respond(struct bench *b, uint32_t controller, int32_t counts, uint32
         servo_loop_tick(&b->loop);
     }
     const vec2 at_rest = b->loop.servo.force; /* it holds against cogging */
-    b->count = counts;
+    b->count[second] = counts;
     for (uint32_t k = 0; k < periods; k++) {
         servo_loop_tick(&b->loop);
-        b->count = 0;
+        b->count[second] = 0;
         const vec2 change = v2_sub(b->loop.servo.force, at_rest);
         force_N[2 * k] = (double)n_to_q32(change.x) * 0x1p-32;
         force_N[2 * k + 1] = (double)n_to_q32(change.y) * 0x1p-32;
     }
 }
 
-int ks_response(uint32_t count, const uint32_t *address, const int64_t *value, uint32_t controller, int32_t counts,
-                uint32_t periods, double *force_N)
+int ks_response(uint32_t count, const uint32_t *address, const int64_t *value, uint32_t controller, int second,
+                int32_t counts, uint32_t periods, double *force_N)
 {
     struct bench *b = controller < CONTROLLERS ? calloc(1, sizeof *b) : NULL;
     if (b == NULL) {
@@ -494,7 +495,7 @@ int ks_response(uint32_t count, const uint32_t *address, const int64_t *value, u
     }
     good = good && configuration_fits(&b->od);
     if (good) {
-        respond(b, controller, counts, periods, force_N);
+        respond(b, controller, second != 0, counts, periods, force_N);
     }
     free(b);
     return good ? 0 : -1;

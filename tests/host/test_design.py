@@ -74,7 +74,7 @@ def test_the_response_of_the_law_is_linear_and_ends_as_extrapolated(monkeypatch:
     short = loop.laws(grid, objects, 2, encoder_m)[0]
     monkeypatch.setattr(loop, "_PERIODS", 8192)
     long = loop.laws(loop.Grid.around(machine.axes, CONTROL_HZ), objects, 2, encoder_m)[0]
-    assert np.max(np.abs(short.force / long.force - 1.0)[grid.hz > 5.0]) < 0.005
+    assert np.max(np.abs(short.force[0] / long.force[0] - 1.0)[grid.hz > 5.0]) < 0.005
 
 
 def test_an_object_that_the_firmware_does_not_have_or_accept_is_refused() -> None:
@@ -105,15 +105,15 @@ def test_the_plant_is_the_closed_form_of_two_masses_with_hold_lag_and_delay(at: 
     of_motor = (table_kg * s**2 + spring if at == "motor" else spring) / both
     of_table = (spring if at == "motor" else motor_kg * s**2 + spring) / both
     hold = np.exp(-1j * np.pi * hz / CONTROL_HZ) * np.sinc(hz / CONTROL_HZ)
-    assert plant.force[0, 0] == pytest.approx(of_motor * hold * z_inverse[0] ** 2 / (1.0 + lag_s * s), rel=2e-3)
-    assert plant.friction[0, 0] == pytest.approx(of_table * hold, rel=2e-3)
+    assert plant.force[0, 0, 0] == pytest.approx(of_motor * hold * z_inverse[0] ** 2 / (1.0 + lag_s * s), rel=2e-3)
+    assert plant.friction[0, 0, 0] == pytest.approx(of_table * hold, rel=2e-3)
 
 
 def test_the_resonance_of_the_plant_is_where_the_machine_says() -> None:
     axis = load(MACHINES / "ball_screw.toml").x
     grid = loop.Grid.around([axis], CONTROL_HZ, near=201)
     near = (grid.hz > 60.0) & (grid.hz < 130.0)
-    size = np.abs(loop.plant(grid, axis, 1, [(1.0, 1.0)]).force[0][near])
+    size = np.abs(loop.plant(grid, axis, 1, [(1.0, 1.0)]).force[0, 0][near])
     assert grid.hz[near][int(np.argmax(size))] == pytest.approx(axis.resonance_Hz, rel=0.01)
 
 
@@ -152,13 +152,24 @@ def test_limits_that_no_gains_keep_are_refused(tmp_path: Path, monkeypatch: pyte
     assert not file.exists()
 
 
+def test_two_encoders_share_the_loop_by_their_crossover() -> None:
+    machine = load(MACHINES / "stiff_scale.toml")
+    grid = loop.Grid.around(machine.axes, CONTROL_HZ)
+    dual = Problem(machine, "cascade", "full", 2.0, 2.0).loops(grid, {"second_encoder_x.crossover": 25.0})[0].force
+    alone = Problem(machine, "cascade", "rigid", 2.0, 2.0).loops(grid, {})[0].force
+    assert not np.any(alone[1])
+    assert np.max(np.abs(np.sum(dual, axis=0) / alone[0] - 1.0)[grid.hz > 5.0]) < 0.02
+    share = np.abs(dual[1] / np.sum(dual, axis=0))
+    assert share == pytest.approx(1.0 / np.hypot(1.0, grid.hz / 25.0), abs=0.02)
+
+
 def test_each_axis_has_its_turn_along_the_normal() -> None:
     """Under ccc the loop along the normal has more gain: x and y swapped give the same loops, swapped."""
     values = {"cascade.coupling_gain": 2.0, "force_filter_x.pole_1": 300.0, "force_filter_x.zero_1": 200.0}
     machine = load(MACHINES / "ball_screw.toml")
     problem = Problem(machine, "ccc", "full", 2.0, 2.0)
     grid = loop.Grid.around(machine.axes, CONTROL_HZ, points=20, near=1)
-    along_x, normal_y, normal_x, along_y = [law.force for law in problem.loops(grid, values)]
+    along_x, normal_y, normal_x, along_y = [law.force[0] for law in problem.loops(grid, values)]
     assert [(place.number, place.axis is machine.x) for place in problem.places] == [
         (0, True), (1, False), (1, True), (0, False)
     ]  # fmt: skip
@@ -166,8 +177,8 @@ def test_each_axis_has_its_turn_along_the_normal() -> None:
     assert np.all(np.abs(normal_x[high]) > 1.5 * np.abs(along_x[high]))
     assert np.all(np.abs(normal_y[high]) > 1.5 * np.abs(along_y[high]))
     plain = Problem(machine, "ccc", "full", 2.0, 2.0).loops(grid, {"cascade.coupling_gain": 2.0})
-    assert np.max(np.abs(plain[2].force / normal_x - 1.0)) > 0.1  # the filter of x goes with x
-    assert np.max(np.abs(plain[3].force / along_y - 1.0)) < 1e-3
+    assert np.max(np.abs(plain[2].force[0] / normal_x - 1.0)) > 0.1  # the filter of x goes with x
+    assert np.max(np.abs(plain[3].force[0] / along_y - 1.0)) < 1e-3
 
 
 def test_run_uses_a_file_of_parameters_and_set_goes_before_it(tmp_path: Path) -> None:

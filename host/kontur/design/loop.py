@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The control loop of one axis in the frequency domain: the firmware's law, the machine, and their margins.
 
-The loop is L = -C z^-d P. C is the response of the firmware's own servo tick to an impulse of the encoder, so there is
-no second model of the law. P is the machine with its zero-order hold: exact, of motor, spring, table and the lag of
-the force. S = 1 / (1 + L) is the sensitivity, and Ms = max |S| the inverse of the modulus margin.
+The loop is L = -C z^-d P, summed over the encoders of the axis. C is the response of the firmware's own servo tick to
+an impulse of an encoder, so there is no second model of the law. P is the machine with its zero-order hold: exact, of
+motor, spring, table and the lag of the force. S = 1 / (1 + L) is the sensitivity, and Ms = max |S| the inverse of the
+modulus margin.
 """
 
 from __future__ import annotations
@@ -73,32 +74,45 @@ def impulse_counts(encoder_m: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """C (f,) of an axis, N/m, from encoder to force; and whether it integrates."""
+    """C (2, f) of an axis, N/m, from its first and its second encoder to the force; and whether it integrates."""
 
     force: Complex
     integrates: bool
 
 
 def laws(
-    grid: Grid, objects: Sequence[tuple[int, int, int]], controller: int, encoder_m: Sequence[float]
+    grid: Grid,
+    objects: Sequence[tuple[int, int, int]],
+    controller: int,
+    encoder_m: Sequence[float],
+    second_m: Sequence[float] = (0.0, 0.0),
 ) -> tuple[Law, Law]:
-    """The law of both axes: x is along the path, and y normal to it.
+    """The law of both axes: x is along the path, and y normal to it. Lengths of the counts; 0: no second encoder.
 
     Raises UnstableLawError; ValueError for objects that the firmware refuses.
     """
     counts = impulse_counts(max(encoder_m))
-    force_N = library.response(objects, controller, counts, _PERIODS) / (counts * np.asarray(encoder_m))
-    return _transformed(grid, force_N[:, 0]), _transformed(grid, force_N[:, 1])
+    force_N = library.response(objects, controller, counts, _PERIODS)
+    first = [_transformed(grid, force_N[:, i] / (counts * encoder_m[i])) for i in range(2)]
+    second = [(np.zeros_like(grid.z_inverse), False)] * 2
+    if max(second_m) > 0.0:
+        counts = impulse_counts(max(second_m))
+        force_N = library.response(objects, controller, counts, _PERIODS, second=True)
+        for i in (i for i in range(2) if second_m[i] > 0.0):
+            second[i] = _transformed(grid, force_N[:, i] / (counts * second_m[i]))
+    x, y = (Law(np.array([a[0], b[0]]), a[1] or b[1]) for a, b in zip(first, second, strict=True))
+    return x, y
 
 
-def _transformed(grid: Grid, h: Floats) -> Law:
-    """Z transform of a response whose end is a constant and a decaying exponential."""
+def _transformed(grid: Grid, h: Floats) -> tuple[Complex, bool]:
+    """Z transform of a response whose end is a constant and a decaying exponential; whether there is a constant."""
     quarter, window, largest = _PERIODS // 4, _PERIODS // 16, float(np.max(np.abs(h)))
     first, second, third = (float(np.mean(h[i * quarter - window : i * quarter])) for i in (2, 3, 4))
-    if not np.max(np.abs(h[2 * quarter :])) < 0.5 * np.max(np.abs(h[:quarter])):
+    change, later = second - first, third - second
+    grows = abs(later) > max(1.05 * abs(change), 1e-3 * largest)
+    if grows or not np.max(np.abs(h[2 * quarter :])) < np.max(np.abs(h[:quarter])):
         raise UnstableLawError
-    change = second - first
-    ratio = (third - second) / change if abs(change) > 1e-7 * largest else 0.0
+    ratio = later / change if abs(change) > 1e-7 * largest else 0.0
     if 0.0 < ratio < 0.999:
         pole = ratio ** (1.0 / quarter)
         constant = first - change / (ratio - 1.0)
@@ -106,14 +120,14 @@ def _transformed(grid: Grid, h: Floats) -> Law:
     else:  # it has settled
         pole, constant, rest = 0.0, third, 0.0
     after = constant / (1.0 - grid.z_inverse) + rest / (1.0 - pole * grid.z_inverse)
-    return Law(grid.powers @ h + grid.powers[:, -1] * grid.z_inverse * after, abs(constant) > 1e-5 * largest)
+    return grid.powers @ h + grid.powers[:, -1] * grid.z_inverse * after, abs(constant) > 1e-5 * largest
 
 
 # --- the machine ------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """Variants (v) of an axis on a grid (f), m/N: `force` from the force demand to the encoder, delay included, and
-    `friction` from the friction force to the encoder."""
+    """Variants of an axis on a grid (v, 2, f), m/N, to its first encoder, and to the table, where the second one is:
+    `force` from the force demand, delay included, and `friction` from the friction force."""
 
     force: Complex
     friction: Complex
@@ -121,7 +135,7 @@ class Plant:
 
 def plant(grid: Grid, axis: Axis, delay_periods: int, variants: Sequence[tuple[float, float]] = VARIANTS) -> Plant:
     """The axis with each of the factors on resonance and mass."""
-    found = [_encoder(grid, _varied(axis, *variant), delay_periods) for variant in variants]
+    found = [_encoders(grid, _varied(axis, *variant), delay_periods) for variant in variants]
     return Plant(np.array([force for force, _ in found]), np.array([friction for _, friction in found]))
 
 
@@ -129,12 +143,12 @@ def _varied(axis: Axis, resonance: float, mass: float) -> Axis:
     return dataclasses.replace(axis, resonance_Hz=axis.resonance_Hz * resonance, mass_kg=axis.mass_kg * mass)
 
 
-def _encoder(grid: Grid, axis: Axis, delay_periods: int) -> tuple[Complex, Complex]:
-    """From force and friction of one axis to its encoder (f,)."""
-    response = _response(grid, axis)
-    at = 1 if axis.encoder_at == "table" else 0
-    friction = (1.0 - axis.friction_share) * response[:, at, 1] + axis.friction_share * response[:, at, 2]
-    return response[:, at, 0] * grid.z_inverse**delay_periods, friction
+def _encoders(grid: Grid, axis: Axis, delay_periods: int) -> tuple[Complex, Complex]:
+    """From force and friction of one axis to its encoders (2, f)."""
+    response = np.moveaxis(_response(grid, axis), 0, -1)
+    response = response[[1 if axis.encoder_at == "table" else 0, 1]]
+    friction = (1.0 - axis.friction_share) * response[:, 1] + axis.friction_share * response[:, 2]
+    return response[:, 0] * grid.z_inverse**delay_periods, friction
 
 
 def _response(grid: Grid, axis: Axis) -> Complex:
@@ -175,7 +189,7 @@ def _equations(axis: Axis) -> tuple[Floats, Floats]:
 # --- the loop ---------------------------------------------------------------------------------------------------------
 def transfer(law: Law, plant_of_axis: Plant) -> Complex:
     """L (v, f) of one axis."""
-    return np.asarray(-law.force * plant_of_axis.force)
+    return np.asarray(-np.sum(law.force * plant_of_axis.force, axis=1))
 
 
 def stable(grid: Grid, axis: Axis, law: Law, open_loop: Complex) -> bool:
@@ -189,11 +203,11 @@ def stable(grid: Grid, axis: Axis, law: Law, open_loop: Complex) -> bool:
     return bool(np.all(np.abs(phase[:, -1]) < 0.25 * np.pi))
 
 
-def force_change(grid: Grid, axis: Axis, law: Law, s: Complex) -> float:
-    """Change of the force from period to period, N, root mean square, which the encoder's counts make in motion."""
-    spectrum = np.abs((1.0 - grid.z_inverse) * law.force * s) ** 2
-    mean_square = axis.encoder_m**2 / 12.0 * 2.0 / grid.control_hz * np.trapezoid(spectrum, grid.hz)
-    return float(np.sqrt(mean_square))
+def force_change(grid: Grid, counts_m: tuple[float, float], law: Law, s: Complex) -> float:
+    """Change of the force from period to period, N, root mean square, which counts of this length make in motion."""
+    noise = np.sum(np.abs(law.force * np.array(counts_m)[:, None]) ** 2, axis=0) / 12.0
+    spectrum = np.abs((1.0 - grid.z_inverse) * s) ** 2 * noise
+    return float(np.sqrt(2.0 / grid.control_hz * np.trapezoid(spectrum, grid.hz)))
 
 
 def force_step(x_N: float, y_N: float) -> float:
@@ -202,15 +216,18 @@ def force_step(x_N: float, y_N: float) -> float:
     return float(np.sqrt(2.0 / np.pi) * greatest * ellipe(1.0 - (least / max(greatest, 1e-12)) ** 2))
 
 
-def reversal_error(grid: Grid, axis: Axis, plant_of_axis: Plant, s: Complex) -> float:
-    """Error at the encoder, m, root mean square over REVERSAL_S, after the Coulomb friction has reversed.
+def reversal_error(grid: Grid, axis: Axis, at: int, law: Law, plant_of_axis: Plant, s: Complex) -> float:
+    """Error at the first or second encoder, m, root mean square over REVERSAL_S, after Coulomb friction has reversed.
 
-    It builds up over the time in which an axis that reverses with REVERSAL_MPS2 moves by its presliding distance.
+    It builds up over the time in which an axis that reverses with REVERSAL_MPS2 moves by its presliding distance. `at`:
+    0 at the first encoder, 1 at the table.
     """
     rise_s = np.sqrt(2.0 * axis.presliding_m / REVERSAL_MPS2)
     omega = 2.0 * np.pi * grid.hz
     jump = 2.0 * axis.coulomb_N / (omega * np.hypot(1.0, omega * rise_s))
-    energy = 2.0 * np.trapezoid(np.abs(plant_of_axis.friction[0] * s * jump) ** 2, grid.hz)
+    friction, force = plant_of_axis.friction[0], plant_of_axis.force[0]
+    answer = np.sum(law.force * friction, axis=0) * s
+    energy = 2.0 * np.trapezoid(np.abs((friction[at] + force[at] * answer) * jump) ** 2, grid.hz)
     return float(np.sqrt(energy / REVERSAL_S))
 
 

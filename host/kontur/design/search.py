@@ -94,6 +94,7 @@ _FILTER = (
     Searched("pole damping", 0.1, 3.0),
 )
 _NO_FILTER = (1.0, 0.6, 1.0, 0.6)  # zeros and poles cancel each other
+_CROSSOVER = Searched("crossover of the encoders", 3.0, 300.0)  # Hz
 _RIGID_HZ = 200.0  # in place of the first mode of a rigid axis
 _OBSERVER = Searched("observer.bandwidth", _OBSERVERS[0][0], _OBSERVERS[-1][-1])
 _SMC = (Searched("lambda", 5.0, 1500.0), Searched("k", 5.0, 1500.0))
@@ -157,7 +158,6 @@ class Problem:
         self.machine, self.controller, self.ms, self.force_step_N = machine, controller, ms, force_step_N
         self.number = CONTROLLERS.index(controller)
         self.searched, self._gains = _LAWS[controller]
-        self.searched = (*self.searched, _OBSERVER, *_FILTER)
         if machine.model != "full":
             raise MachineError(f"machine {machine.name!r}: a design needs a machine with the model 'full'")
         with open_drive(Target(machine=machine)) as device:
@@ -165,6 +165,11 @@ class Problem:
             self.control_hz = int(device.read("clock.control_hz"))
         self.told = machine.parameters(compensation=compensation)
         self._told = [self._on_wire(self.told), self._on_wire(_swapped(self.told))]
+        second_m = [self.told.get(f"second_encoder_{axis}.length", 0.0) * 1e-6 for axis in "xy"]
+        self.counts_m = tuple((axis.encoder_m, m) for axis, m in zip(machine.axes, second_m, strict=True))
+        self.at = 1 if min(second_m) > 0.0 else 0  # where the error counts: 1 at the table
+        self.second = (_CROSSOVER,) if max(second_m) > 0.0 else ()
+        self.searched = (*self.searched, *self.second, _OBSERVER, *_FILTER)
         # Under ccc the loop along the normal differs from the one along the path: each axis has its turn.
         turns = (False, True) if controller == "ccc" else (False,)
         self.places = [
@@ -178,7 +183,9 @@ class Problem:
         """Parameters of the drive for logarithms of the searched quantities, the filter's left out or with them."""
         values = [float(x) for x in np.exp(vector)]
         law = len(self.searched) - len(_FILTER)
-        gains = self._gains(values[: law - 1]) | {_OBSERVER.name: values[law - 1]}
+        gains = self._gains(values[: law - 1 - len(self.second)]) | {_OBSERVER.name: values[law - 1]}
+        if self.second:
+            gains |= dict.fromkeys(("second_encoder_x.crossover", "second_encoder_y.crossover"), values[law - 2])
         for name, axis in zip("xy", self.machine.axes, strict=True):
             for key, value in zip(("zero", "zero_damping", "pole", "pole_damping"), values[law:], strict=False):
                 scale = 1.0 if "damping" in key else axis.resonance_Hz or _RIGID_HZ
@@ -193,10 +200,14 @@ class Problem:
         """The law at each of `places`. Raises loop.UnstableLawError, and ValueError where the firmware refuses."""
         values = {**values, **_FROZEN}
         given = [self._on_wire(values), self._on_wire(_swapped(values))]
-        encoder_m = [axis.encoder_m for axis in self.machine.axes]
+        first_m, second_m = zip(*self.counts_m, strict=True)
         found = {
             swapped: loop.laws(
-                grid, [*self._told[swapped], *given[swapped]], self.number, encoder_m[::-1] if swapped else encoder_m
+                grid,
+                [*self._told[swapped], *given[swapped]],
+                self.number,
+                first_m[:: -1 if swapped else 1],
+                second_m[:: -1 if swapped else 1],
             )
             for swapped in {place.swapped for place in self.places}
         }
@@ -228,9 +239,9 @@ class _Search:
                 return _UNSTABLE + aggressive
             excess += max(0.0, math.log(float(np.max(np.abs(s))) / self.ms))
             i = problem.machine.axes.index(place.axis)
-            change_N[i] = max(change_N[i], loop.force_change(grid, place.axis, law, s[0]))
+            change_N[i] = max(change_N[i], loop.force_change(grid, problem.counts_m[i], law, s[0]))
             if place.number == 1 or not any(p.swapped for p in problem.places):  # the contour error is along the normal
-                energy += loop.reversal_error(grid, place.axis, plant, s[0]) ** 2
+                energy += loop.reversal_error(grid, place.axis, problem.at, law, plant, s[0]) ** 2
         excess += max(0.0, math.log(loop.force_step(*change_N) / problem.force_step_N))
         return _INFEASIBLE + excess if excess > 0.0 else 0.5 * math.log(energy / 2.0)
 
@@ -298,7 +309,8 @@ def _in_basin(
     population = _population(low, high)
     for known in _KNOWN.get(problem.controller, ()):
         if observer[0] <= known[-1] <= observer[1]:
-            population[::4] = np.clip(np.log(known) + (population[::4] - population.mean(axis=0)) / 4.0, low, high)
+            centre = np.log([*known[:-1], *(25.0 for _ in problem.second), known[-1]])
+            population[::4] = np.clip(centre + (population[::4] - population.mean(axis=0)) / 4.0, low, high)
     return _evolved(cost, low, high, population, progress)
 
 
@@ -343,14 +355,14 @@ def predicted(problem: Problem, values: Mapping[str, float]) -> tuple[AxisDesign
         plant = loop.plant(grid, place.axis, problem.machine.delay_periods)
         open_loop = loop.transfer(law, plant)
         s = 1.0 / (1.0 + open_loop[0])
+        i = problem.machine.axes.index(place.axis)
         axis = AxisDesign(
             loop.margins(grid, open_loop),
-            loop.force_change(grid, place.axis, law, s),
-            loop.reversal_error(grid, place.axis, plant, s),
+            loop.force_change(grid, problem.counts_m[i], law, s),
+            loop.reversal_error(grid, place.axis, problem.at, law, plant, s),
             grid.hz,
             open_loop,
         )
-        i = problem.machine.axes.index(place.axis)
         if i not in found or axis.margins.ms > found[i].margins.ms:
             found[i] = axis
     return found[0], found[1]

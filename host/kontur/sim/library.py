@@ -193,18 +193,25 @@ def estimate(
 
 
 def response(
-    objects: Sequence[tuple[int, int, int]], controller: int, counts: int, periods: int, num: str = "f32"
+    objects: Sequence[tuple[int, int, int]],
+    controller: int,
+    counts: int,
+    periods: int,
+    *,
+    second: bool = False,
+    num: str = "f32",
 ) -> Floats:
     """The firmware's force (`periods`, 2), N, on encoders that show `counts` in one control period and 0 else.
 
     The drive is at rest with power on (ks_response() in sim/kontur_sim.h). `objects`: (index, sub-index, value on the
-    wire) in place of defaults. `controller`: as in `controller.select`. Raises LibraryError; ValueError for objects
-    that the firmware refuses.
+    wire) in place of defaults. `controller`: as in `controller.select`. `second`: the second encoders show it. Raises
+    LibraryError; ValueError for objects that the firmware refuses.
     """
     ffi, lib = _load(num)
     address = ffi.new("uint32_t[]", [index << 8 | sub for index, sub, _ in objects])
     value = ffi.new("int64_t[]", [raw for _, _, raw in objects])
     force_N = np.empty((periods, 2))
-    if lib.ks_response(len(objects), address, value, controller, counts, periods, ffi.from_buffer("double *", force_N)):
+    doubles = ffi.from_buffer("double *", force_N)
+    if lib.ks_response(len(objects), address, value, controller, second, counts, periods, doubles):
         raise ValueError("an object is out of range, or the parameters do not fit together")
     return force_N
