@@ -250,6 +250,23 @@ static void test_jog_ends_at_a_soft_limit_by_slowing_down(void)
     }
 }
 
+static void test_axis_that_stands_at_its_soft_limit_begins_no_jog_beyond_it(void)
+{
+    for (int i = 0; i < 4; i++) {
+        const int axis = i % 2, max = i / 2;
+        setUp();
+        set(axis, 0x607D, max != 0 ? 2 : 1, 4, 0);
+        start_jog_mode();
+        velocity(axis, max != 0 ? 10000 : -10000);
+        rig_ms(&rig, 50);
+        TEST_ASSERT_FALSE(rig.device.drive.path.modes.generating);
+        TEST_ASSERT_TRUE(status(axis, INTERNAL_LIMIT));
+        velocity(axis, max != 0 ? -10000 : 10000);
+        rig_ms(&rig, 150);
+        TEST_ASSERT_DOUBLE_WITHIN(0.2, max != 0 ? -10 : 10, mmps(axis));
+    }
+}
+
 static void test_axis_outside_its_soft_limits_is_jogged_back(void)
 {
     start_at(0.160, 0);
@@ -568,6 +585,7 @@ int main(void)
     RUN_TEST(test_both_axes_jog_at_once_each_with_its_own_ramp);
     RUN_TEST(test_jog_goes_on_where_it_ended_as_often_as_it_is_asked);
     RUN_TEST(test_jog_ends_at_a_soft_limit_by_slowing_down);
+    RUN_TEST(test_axis_that_stands_at_its_soft_limit_begins_no_jog_beyond_it);
     RUN_TEST(test_axis_outside_its_soft_limits_is_jogged_back);
     RUN_TEST(test_limit_switch_stops_a_jog_without_a_fault_and_lets_it_go_back);
     RUN_TEST(test_jog_is_no_faster_than_the_trip_allows);

@@ -55,6 +55,23 @@ static void test_current_position_becomes_the_home_offset(void)
     }
 }
 
+static void test_homing_speeds_up_with_its_own_acceleration(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        start_at(0.05, 0.05);
+        set(axis, 0x609A, 0, 4, 40000); /* 40 mm/s2 */
+        set(axis, 0x6099, 1, 4, 20000);
+        set(axis, 0x6098, 0, 1, 17);
+        rig_enable(&rig);
+        mode(axis, HOMING);
+        rig_controlwords(&rig, axis == 0 ? RUN : ENABLE, axis == 1 ? RUN : ENABLE);
+        rig_ms(&rig, 300); /* of 500 */
+        TEST_ASSERT_DOUBLE_WITHIN(2, -40 * 0.3, mmps(axis));
+        rig_ms(&rig, 400);
+        TEST_ASSERT_DOUBLE_WITHIN(0.2, -20, mmps(axis));
+    }
+}
+
 static void enable_for_homing(void)
 {
     start_at(0.0123, -0.03);
@@ -459,6 +476,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_current_position_becomes_the_home_offset);
+    RUN_TEST(test_homing_speeds_up_with_its_own_acceleration);
     RUN_TEST(test_origin_is_shifted_without_a_force_on_any_axis);
     RUN_TEST(test_homed_axis_follows_streams_and_limits_in_its_new_positions);
     RUN_TEST(test_home_point_of_a_limit_switch_is_where_it_opens);

@@ -79,6 +79,16 @@ static void test_every_parameter_is_checked_and_one_that_changed_stays_corrupt_u
     TEST_ASSERT_TRUE(parameters > 80);
 }
 
+static void test_parameters_take_as_many_milliseconds_as_so_many_entries_a_millisecond_do(void)
+{
+    od.smc.lambda++; /* wherever it stands: the sum is compared at the end of a round */
+    unsigned ms = 1;
+    while (intact()) {
+        ms++;
+    }
+    TEST_ASSERT_EQUAL_UINT((od_table_len + INTEGRITY_ENTRIES_MS - 1u) / INTEGRITY_ENTRIES_MS, ms);
+}
+
 static void test_parameter_that_is_written_by_a_master_is_no_corruption(void)
 {
     (void)intact(); /* in the middle of a round */
@@ -100,6 +110,7 @@ int main(void)
     RUN_TEST(test_what_nobody_changes_stays_intact_round_after_round);
     RUN_TEST(test_every_bit_of_the_configuration_is_checked_in_every_millisecond);
     RUN_TEST(test_every_parameter_is_checked_and_one_that_changed_stays_corrupt_until_a_reset);
+    RUN_TEST(test_parameters_take_as_many_milliseconds_as_so_many_entries_a_millisecond_do);
     RUN_TEST(test_parameter_that_is_written_by_a_master_is_no_corruption);
     RUN_TEST(test_value_that_is_no_parameter_may_change);
     return UNITY_END();

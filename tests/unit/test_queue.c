@@ -560,6 +560,21 @@ static void test_accepted_reports_its_low_16_bits(void)
     TEST_ASSERT_EQUAL_UINT16(70000 - 65536, stream.accepted16);
 }
 
+static void test_open_ended_stream_is_done_when_the_path_stands_and_only_its_last_interval_is_left(void)
+{
+    for (uint32_t left = 4; left <= 5; left++) {
+        setUp();
+        for (int i = 0; i < 20; i++) {
+            TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, queue_push(&queue, origin));
+        }
+        const struct path_progress path = {.current = true, .standing = true, .at_end = true, .executed = 20 - left};
+        queue_follow(&queue, &path, true, false);
+        TEST_ASSERT_EQUAL(left == 4, stream.state == STREAM_DONE);
+        TEST_ASSERT_EQUAL(left == 4, !queue.open);
+        TEST_ASSERT_EQUAL_UINT32(left == 4 ? 20 : 15, stream.executed);
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -598,5 +613,6 @@ int main(void)
     RUN_TEST(test_suspended_stream_goes_on_only_within_the_soft_limits_of_then);
     RUN_TEST(test_suspended_stream_that_comes_back_to_the_soft_limits_goes_on);
     RUN_TEST(test_stream_that_a_knot_has_ended_cannot_go_on);
+    RUN_TEST(test_open_ended_stream_is_done_when_the_path_stands_and_only_its_last_interval_is_left);
     return UNITY_END();
 }

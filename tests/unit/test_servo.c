@@ -210,6 +210,22 @@ static void test_a_switch_starts_the_new_law_with_fresh_gains_and_integrals(void
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.compensator.s.y));
 }
 
+static void test_laws_start_anew_when_an_axis_is_enabled_or_disabled_and_not_while_one_is_enabled_alone(void)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        setUp();
+        cfg.smc.zeta = cfg.smc.k_max; /* (16) is its constant rate */
+        const double grown = val(cfg.smc.k_0) + 4.5 * val(cfg.smc.zeta_rate) / ACC_GAIN * 4 * DT;
+        for (int other = 0; other < 3; other++) {
+            in.enabled[1 - axis] = other == 1;
+            run(CONTROLLER_CC, 3);
+            TEST_ASSERT_TRUE(acc_val(state.smc.k_hat[0]) < grown);
+            run(CONTROLLER_CC, 17);
+            TEST_ASSERT_TRUE(acc_val(state.smc.k_hat[0]) > grown); /* five times */
+        }
+    }
+}
+
 static void test_force_is_within_its_limits(void)
 {
     cfg.plant.force_max = mk2(50, 40);
@@ -986,6 +1002,7 @@ int main(void)
     RUN_TEST(test_every_switch_of_controllers_keeps_the_force);
     RUN_TEST(test_after_a_switch_the_offset_fades_and_the_new_law_remains);
     RUN_TEST(test_a_switch_starts_the_new_law_with_fresh_gains_and_integrals);
+    RUN_TEST(test_laws_start_anew_when_an_axis_is_enabled_or_disabled_and_not_while_one_is_enabled_alone);
     RUN_TEST(test_force_is_within_its_limits);
     RUN_TEST(test_force_within_its_limits_is_not_called_saturated);
     RUN_TEST(test_force_that_is_limited_in_either_axis_alone_is_called_saturated);
