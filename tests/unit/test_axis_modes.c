@@ -250,6 +250,23 @@ static void test_jog_ends_at_a_soft_limit_by_slowing_down(void)
     }
 }
 
+static void test_jog_that_has_ended_leaves_no_stream_open(void)
+{
+    for (int off = 0; off < 2; off++) {
+        setUp();
+        start_jog_mode();
+        velocity(0, 10000);
+        rig_ms(&rig, 200);
+        TEST_ASSERT_TRUE(rig.device.drive.path.modes.generating && rig.device.drive.path.queue.open);
+        velocity(0, 0);
+        if (off != 0) {
+            rig_controlwords(&rig, 0, 0);
+        }
+        rig_ms(&rig, 300);
+        TEST_ASSERT_FALSE(rig.device.drive.path.modes.generating || rig.device.drive.path.queue.open);
+    }
+}
+
 static void test_axis_that_stands_at_its_soft_limit_begins_no_jog_beyond_it(void)
 {
     for (int i = 0; i < 4; i++) {
@@ -585,6 +602,7 @@ int main(void)
     RUN_TEST(test_both_axes_jog_at_once_each_with_its_own_ramp);
     RUN_TEST(test_jog_goes_on_where_it_ended_as_often_as_it_is_asked);
     RUN_TEST(test_jog_ends_at_a_soft_limit_by_slowing_down);
+    RUN_TEST(test_jog_that_has_ended_leaves_no_stream_open);
     RUN_TEST(test_axis_that_stands_at_its_soft_limit_begins_no_jog_beyond_it);
     RUN_TEST(test_axis_outside_its_soft_limits_is_jogged_back);
     RUN_TEST(test_limit_switch_stops_a_jog_without_a_fault_and_lets_it_go_back);

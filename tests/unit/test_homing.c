@@ -55,6 +55,26 @@ static void test_current_position_becomes_the_home_offset(void)
     }
 }
 
+static void test_homing_sets_bits_10_12_and_13_of_the_statusword_and_no_other(void)
+{
+    static const struct {
+        enum homing_state state;
+        unsigned moving, standing;
+    } bits[] = {{HOMING_NONE, 0, 1u << TARGET_REACHED},
+                {HOMING_BEGIN, 0, 0},
+                {HOMING_FOUND, 0, 0},
+                {HOMING_DONE, 1u << ATTAINED | 1u << TARGET_REACHED, 1u << ATTAINED | 1u << TARGET_REACHED},
+                {HOMING_FAILING, 1u << HOMING_ERROR, 1u << HOMING_ERROR},
+                {HOMING_FAILED, 1u << HOMING_ERROR, 1u << HOMING_ERROR | 1u << TARGET_REACHED}};
+    for (unsigned i = 0; i < sizeof bits / sizeof bits[0]; i++) {
+        struct axis_modes m = {.generating = false};
+        m.axis[1].mode = MODE_HOMING;
+        m.axis[1].homing.state = bits[i].state;
+        TEST_ASSERT_EQUAL_HEX(bits[i].moving, axis_modes_status(&m, 1, 0, false));
+        TEST_ASSERT_EQUAL_HEX(bits[i].standing, axis_modes_status(&m, 1, 0, true));
+    }
+}
+
 static void test_homing_speeds_up_with_its_own_acceleration(void)
 {
     for (int axis = 0; axis < 2; axis++) {
@@ -476,6 +496,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_current_position_becomes_the_home_offset);
+    RUN_TEST(test_homing_sets_bits_10_12_and_13_of_the_statusword_and_no_other);
     RUN_TEST(test_homing_speeds_up_with_its_own_acceleration);
     RUN_TEST(test_origin_is_shifted_without_a_force_on_any_axis);
     RUN_TEST(test_homed_axis_follows_streams_and_limits_in_its_new_positions);
