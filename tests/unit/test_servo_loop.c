@@ -398,7 +398,9 @@ static void test_following_error_of_an_axis_is_timed_whether_the_other_one_has_p
         loop.cfg[0].following_ticks[1 - axis] = 1000000;
         atomic_store(&loop.command.powered[axis], SERVO_LOOP_ON);
         atomic_store(&loop.command.powered[1 - axis], other_powered ? SERVO_LOOP_ON : SERVO_LOOP_OFF);
-        ring.start.nm[1 - axis] = 200000; /* 0.2 mm: twice the window */
+        ring.start.nm[0] = ring.start.nm[1] = 200000; /* 0.2 mm: twice the window */
+        tick(20);
+        ring.start.nm[axis] = 0; /* it is within its window, and is timed anew */
         tick(30);
         ring.start.nm[axis] = 200000;
         tick(50);
