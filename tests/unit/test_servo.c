@@ -59,6 +59,10 @@ static void test_reset_is_at_rest_where_the_encoders_are(void)
     servo_reset(&cfg, &state, in.measured);
     TEST_ASSERT_EQUAL(CONTROLLERS, state.controller); /* none has been at work */
     TEST_ASSERT_FALSE(state.enabled[0] || state.enabled[1]);
+    for (int i = 0; i < 2; i++) { /* and each would begin here */
+        TEST_ASSERT_TRUE(state.compensator.q_bar[i] == in.measured[i]);
+        TEST_ASSERT_EQUAL_DOUBLE(acc_val(acc_from(cfg.smc.k_0)), acc_val(state.smc.k_hat[i]));
+    }
     servo_step(&cfg, &state, &in, &out);
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.y));
