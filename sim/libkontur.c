@@ -383,10 +383,10 @@ const struct ks_truth *ks_record_data(const ks *s)
 
 uint32_t ks_push_knots(ks *s, const int32_t *xy_nm, uint32_t count)
 {
-    for (uint32_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < count; i++) {
         const struct knot knot = {{xy_nm[2 * i], xy_nm[2 * i + 1]}};
         if (path_push(&s->device.drive.path, knot) != QUEUE_ACCEPTED) {
-            return i;
+            return (uint32_t)i;
         }
     }
     return count;
@@ -399,7 +399,7 @@ int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_m
         return -1;
     }
     struct spline_ring ring = {.start = {{xy_nm[0], xy_nm[1]}}};
-    for (uint32_t i = 0; i < knots; i++) {
+    for (size_t i = 0; i < knots; i++) {
         ring.knot[i] = (struct knot){{xy_nm[2 * i], xy_nm[2 * i + 1]}};
     }
     struct od_data od;
@@ -407,12 +407,12 @@ int ks_estimate(const int32_t *xy_nm, uint32_t knots, int newton, uint32_t lag_m
     struct contour_cfg cfg = configuration_servo(&od).contour;
     cfg.newton = newton != 0;
     cfg.lag_max = n_ratio(lag_max_ms, 5);
-    for (uint32_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < count; i++) {
         struct path_state path = {.rate = NUM(1), .rate_dot = NUM(0), .count = knots};
         path_set(&path, llround(path_s[i] * 1e3 * (double)PATH_ONE));
         pos_t q[2];
         for (int k = 0; k < 2; k++) {
-            q[k] = llround(position_m[2 * i + (uint32_t)k] * 1e9 * POS_PER_NM);
+            q[k] = llround(position_m[2 * i + (size_t)k] * 1e9 * POS_PER_NM);
         }
         struct spline_cache cache = {0};
         struct contour_out out;
@@ -472,7 +472,7 @@ static void respond(struct bench *b, uint32_t controller, bool second, int32_t c
     }
     const vec2 at_rest = b->loop.servo.force; /* it holds against cogging */
     b->count[second] = counts;
-    for (uint32_t k = 0; k < periods; k++) {
+    for (size_t k = 0; k < periods; k++) {
         servo_loop_tick(&b->loop);
         b->count[second] = 0;
         const vec2 change = v2_sub(b->loop.servo.force, at_rest);
