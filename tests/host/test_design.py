@@ -118,7 +118,7 @@ def test_the_resonance_of_the_plant_is_where_the_machine_says() -> None:
 
 
 def test_a_design_keeps_its_limits_and_runs_quietly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search, "_GENERATIONS", 15)
+    monkeypatch.setattr(search, "_GENERATIONS", 12)
     file, machine = tmp_path / "params.toml", MACHINES / "ball_screw.toml"
     done = CliRunner().invoke(
         main, ["design", str(machine), "--controller", "cascade", "-o", str(file), "--json"], catch_exceptions=False

@@ -33,7 +33,9 @@ _OBSERVERS = ((60.0, 600.0), (600.0, 5000.0))  # rad/s: the basins
 _STAGES = len(_OBSERVERS) + 1
 _NEAR = 0.7  # logarithm of the factor on gains within which a filter is searched for
 _SEED = 1
-_UNSTABLE, _INFEASIBLE = 100.0, 50.0  # above every logarithm of an error
+_UNSTABLE = 1e4  # above every logarithm of an error with
+_EXCESS = 10.0  # times the logarithm of what exceeds a limit, which keeps the search within it
+_TOLERANCE = 0.01  # of the limits
 _MU_MPS2 = 6.0
 _DIGITS = 5
 
@@ -89,9 +91,9 @@ _FROZEN = {
 # A section of the force filter, which may be a notch: frequencies of zeros and poles, times that of the first mode.
 _FILTER = (
     Searched("zero", 0.3, 4.0),
-    Searched("zero damping", 0.02, 3.0),
+    Searched("zero damping", 0.05, 3.0),
     Searched("pole", 0.3, 8.0),
-    Searched("pole damping", 0.1, 3.0),
+    Searched("pole damping", 0.2, 3.0),
 )
 _NO_FILTER = (1.0, 0.6, 1.0, 0.6)  # zeros and poles cancel each other
 _CROSSOVER = Searched("crossover of the encoders", 3.0, 300.0)  # Hz
@@ -217,9 +219,9 @@ class Problem:
 class _Search:
     """The cost of a trial on a grid of frequencies, whose plants are computed once."""
 
-    def __init__(self, problem: Problem, ms: float) -> None:
+    def __init__(self, problem: Problem, ms: float, points: int = 160, near: int = 25) -> None:
         self.problem, self.ms = problem, ms
-        self.grid = loop.Grid.around(problem.machine.axes, problem.control_hz)
+        self.grid = loop.Grid.around(problem.machine.axes, problem.control_hz, points, near)
         self.plants = [loop.plant(self.grid, place.axis, problem.machine.delay_periods) for place in problem.places]
 
     def __call__(self, vector: loop.Floats) -> float:
@@ -243,7 +245,7 @@ class _Search:
             if place.number == 1 or not any(p.swapped for p in problem.places):  # the contour error is along the normal
                 energy += loop.reversal_error(grid, place.axis, problem.at, law, plant, s[0]) ** 2
         excess += max(0.0, math.log(loop.force_step(*change_N) / problem.force_step_N))
-        return _INFEASIBLE + excess if excess > 0.0 else 0.5 * math.log(energy / 2.0)
+        return 0.5 * math.log(energy / 2.0) + _EXCESS * excess
 
 
 def design(
@@ -268,8 +270,13 @@ def design(
         if worst <= 1.002 * ms:
             break
         limit *= 0.995 * ms / worst
-    parameters = {**problem.told, **gains}
     step_N = loop.force_step(axes[0].force_change_N, axes[1].force_change_N)
+    if worst > (1.0 + _TOLERANCE) * ms or step_N > (1.0 + _TOLERANCE) * force_step_N:
+        raise MachineError(
+            f"machine {machine.name!r}: no gains of {controller} keep Ms <= {ms:g} and a force step of "
+            f"{force_step_N:g} N; the nearest have {worst:.2f} and {step_N:.3g} N. Allow more: --ms, --force-step"
+        )
+    parameters = {**problem.told, **gains}
     return Design(
         machine=machine.name,
         controller=controller,
@@ -290,14 +297,9 @@ def _searched(problem: Problem, ms: float, progress: Callable[[float], None]) ->
         _in_basin(problem, cost, observer, lambda share, i=i: progress((i + share) / _STAGES))  # type: ignore[misc]
         for i, observer in enumerate(_OBSERVERS)
     ]
-    least, best = min(found, key=lambda result: result[0])
-    least, best = _with_filter(problem, cost, best, lambda share: progress((len(_OBSERVERS) + share) / _STAGES))
-    if least >= _INFEASIBLE:
-        raise MachineError(
-            f"machine {problem.machine.name!r}: no gains of {problem.controller} keep Ms <= {problem.ms:g} and a force "
-            f"step of {problem.force_step_N:g} N; allow more with --ms or --force-step"
-        )
-    return best
+    _, law = min(found, key=lambda result: result[0])
+    _, rough = _with_filter(problem, cost, law, lambda share: progress((len(_OBSERVERS) + share) / _STAGES))
+    return _polished(_Search(problem, ms, 400, 51), rough, 0.01)[1]
 
 
 def _in_basin(
@@ -311,40 +313,55 @@ def _in_basin(
         if observer[0] <= known[-1] <= observer[1]:
             centre = np.log([*known[:-1], *(25.0 for _ in problem.second), known[-1]])
             population[::4] = np.clip(centre + (population[::4] - population.mean(axis=0)) / 4.0, low, high)
-    return _evolved(cost, low, high, population, progress)
+    return _evolved(cost, low, high, population, _GENERATIONS, progress)
 
 
 def _with_filter(
     problem: Problem, cost: _Search, law: loop.Floats, progress: Callable[[float], None]
 ) -> tuple[float, loop.Floats]:
-    """The same with a filter, near the best law without one."""
+    """The same with a filter, near the best law without one. It begins with filters that do little."""
     low, high = np.array(problem.bounds).T
     low[: len(law)] = np.maximum(low[: len(law)], law - _NEAR)
     high[: len(law)] = np.minimum(high[: len(law)], law + _NEAR)
-    population = _population(low, high)
+    population = _population(low, high, 3 * _POPULATION // 2)
+    middle = (low + high) / 2.0
+    population[:, : len(law)] = law + (population - middle)[:, : len(law)] / 4.0
+    population[:, -2:] = population[:, -4:-2] + (population - middle)[:, -2:] / 6.0  # poles near the zeros
+    population = np.clip(population, low, high)
     population[0] = [*law, *np.log(_NO_FILTER)]
-    return _evolved(cost, low, high, population, progress)
+    return _evolved(cost, low, high, population, 2 * _GENERATIONS, progress)
 
 
-def _population(low: loop.Floats, high: loop.Floats) -> loop.Floats:
-    return np.asarray(qmc.scale(qmc.LatinHypercube(len(low), rng=_SEED).random(_POPULATION), low, high))
+def _population(low: loop.Floats, high: loop.Floats, size: int = _POPULATION) -> loop.Floats:
+    return np.asarray(qmc.scale(qmc.LatinHypercube(len(low), rng=_SEED).random(size), low, high))
 
 
 def _evolved(
-    cost: _Search, low: loop.Floats, high: loop.Floats, population: loop.Floats, progress: Callable[[float], None]
+    cost: _Search,
+    low: loop.Floats,
+    high: loop.Floats,
+    population: loop.Floats,
+    generations: int,
+    progress: Callable[[float], None],
 ) -> tuple[float, loop.Floats]:
     """The least cost that evolution from `population` and then a simplex find, and where it is."""
     generation = itertools.count(1)
     best = differential_evolution(
-        cost, Bounds(low, high), init=population, maxiter=_GENERATIONS, tol=1e-4, polish=False, rng=_SEED,
-        callback=lambda intermediate_result: progress(min(1.0, next(generation) / _GENERATIONS)),
+        cost, Bounds(low, high), init=population, strategy="randtobest1bin", maxiter=generations, tol=1e-4,
+        polish=False, rng=_SEED,
+        callback=lambda intermediate_result: progress(min(1.0, next(generation) / generations)),
     )  # fmt: skip
-    simplex = best.x + np.vstack([np.zeros(len(low)), 0.05 * np.eye(len(low))])
-    polished = minimize(
-        cost, best.x, method="Nelder-Mead",
-        options={"maxfev": 100 * len(low), "xatol": 1e-4, "fatol": 1e-5, "initial_simplex": simplex},
+    return _polished(cost, best.x, 0.05)
+
+
+def _polished(cost: _Search, start: loop.Floats, size: float) -> tuple[float, loop.Floats]:
+    """The least cost that a simplex of this size finds, and where it is."""
+    simplex = start + np.vstack([np.zeros(len(start)), size * np.eye(len(start))])
+    found = minimize(
+        cost, start, method="Nelder-Mead",
+        options={"maxfev": 60 * len(start), "xatol": 1e-4, "fatol": 1e-5, "initial_simplex": simplex},
     )  # fmt: skip
-    return float(polished.fun), np.asarray(polished.x)
+    return float(found.fun), np.asarray(found.x)
 
 
 def predicted(problem: Problem, values: Mapping[str, float]) -> tuple[AxisDesign, AxisDesign]:
