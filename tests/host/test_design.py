@@ -209,3 +209,17 @@ def test_run_uses_a_file_of_parameters_and_set_goes_before_it(tmp_path: Path) ->
     done = CliRunner().invoke(main, ["run", "circle", "--radius", "1", "--feed", "20", "--params", str(file)])
     assert done.exit_code == 1
     assert "smc.lambda" in done.output
+
+
+def test_the_second_encoder_corrects_the_screw_up_to_the_crossover() -> None:
+    """Once a turn of 10 mm at 100 mm/s is 10 Hz."""
+    machine = load(MACHINES / "stiff_scale.toml")
+    grid = loop.Grid.around(machine.axes, CONTROL_HZ)
+    plant = loop.plant(grid, machine.x, 1, [(1.0, 1.0)])
+    left = []
+    for crossover in (2.0, 25.0):
+        law = Problem(machine, "cascade", "full", 2.0, 2.0).loops(grid, {"second_encoder_x.crossover": crossover})[0]
+        s = 1.0 / (1.0 + loop.transfer(law, plant)[0])
+        left.append(loop.screw_error(grid, machine.x, law, plant, s) / machine.x.lead_once_m)
+    assert left[1] < 0.6 * left[0] < 0.6
+    assert loop.screw_error(grid, dataclasses.replace(machine.x, lead_once_m=0.0), law, plant, s) == 0.0

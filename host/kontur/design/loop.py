@@ -30,6 +30,7 @@ MASSES = (1.0, 0.8, 1.2)
 VARIANTS = tuple((resonance, mass) for resonance in RESONANCES for mass in MASSES)
 """Factors on the resonance and the mass that the margins hold for; the first are the machine as it is."""
 REVERSAL_MPS2 = 1.0  # acceleration of the reversal whose friction is to be balanced
+SCREW_MPS = 0.1
 REVERSAL_S = 0.1  # over which its error is averaged
 _PERIODS = 1024  # of the response that is simulated; what comes after is a constant and an exponential
 _IMPULSE_M = 0.4e-6  # within the boundary layers
@@ -229,6 +230,19 @@ def reversal_error(grid: Grid, axis: Axis, at: int, law: Law, plant_of_axis: Pla
     answer = np.sum(law.force * friction, axis=0) * s
     energy = 2.0 * np.trapezoid(np.abs((friction[at] + force[at] * answer) * jump) ** 2, grid.hz)
     return float(np.sqrt(energy / REVERSAL_S))
+
+
+def screw_error(grid: Grid, axis: Axis, law: Law, plant_of_axis: Plant, s: Complex) -> float:
+    """Error at the table, m, root mean square, of the screw's error once a turn, at speeds up to SCREW_MPS.
+
+    The first encoder does not see it, so the second one corrects it as far as its part of the loop is fast.
+    """
+    if axis.lead_once_m == 0.0:
+        return 0.0
+    slow = grid.hz <= max(SCREW_MPS / axis.screw_m, 2.0 * LEAST_HZ)
+    left = np.abs(1.0 + plant_of_axis.force[0, 0] * law.force[1] * s)[slow] ** 2
+    mean = np.trapezoid(left, grid.hz[slow]) / (grid.hz[slow][-1] - grid.hz[0])
+    return float(axis.lead_once_m * np.sqrt(mean / 2.0))
 
 
 @dataclass(frozen=True)

@@ -244,6 +244,7 @@ class _Search:
             change_N[i] = max(change_N[i], loop.force_change(grid, problem.counts_m[i], law, s[0]))
             if place.number == 1 or not any(p.swapped for p in problem.places):  # the contour error is along the normal
                 energy += loop.reversal_error(grid, place.axis, problem.at, law, plant, s[0]) ** 2
+                energy += loop.screw_error(grid, place.axis, law, plant, s[0]) ** 2 if problem.at == 1 else 0.0
         excess += max(0.0, math.log(loop.force_step(*change_N) / problem.force_step_N))
         return 0.5 * math.log(energy / 2.0) + _EXCESS * excess
 
