@@ -11,6 +11,7 @@ import click
 from kontur import machine as machines
 from kontur.cli.options import (
     CONTROLLER,
+    MACHINE,
     parameter_option,
     parameter_values,
     progress_bar,
@@ -44,6 +45,8 @@ _ROBUST_HEADINGS = {
     "over_ccu_rms_worst": "least by rms",
     "over_ccu_max_worst": "least by max",
 }
+
+_DESIGNED = "full: the drive was told all of the machine; rigid: what a rigid axis has"
 
 
 @click.group(name="experiment")
@@ -196,3 +199,45 @@ def robust_command(
         "lengths and force limits of the drawn machine, and all else of --machine",
         _ROBUST_HEADINGS,
     )
+
+
+@command.command(name="machines")
+@click.option(
+    "--seeds",
+    type=click.IntRange(0, 1000),
+    default=4,
+    show_default=True,
+    help="Number of drawn machines, from --seed on.",
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="First seed of the drawn machines.")
+@click.option("--machine", "files", type=MACHINE, multiple=True, help="A machine besides; may be given several times.")
+@click.option("--factory", is_flag=True, help="Every controller with factory gains, in place of designs.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def machines_command(*, seeds: int, seed: int, files: tuple[str, ...], factory: bool, as_json: bool) -> None:
+    """Design ccu and cascade for real machines, and compare the true errors of the tool on four paths.
+
+    The machines are the four of this program and drawn ones from the ranges of practice. One takes some minutes.
+    """
+    from kontur.experiments import machines as experiment
+
+    work = [*experiment.packaged(), *map(machines.load, files), *map(experiment.draw, range(seed, seed + seeds))]
+    with progress_bar("experiment machines") as progress:
+        rows = experiment.compare(work, factory, progress=progress)
+    found = experiment.summarise(rows)
+    if as_json:
+        print_json(found)
+        return
+    print_table(
+        [
+            {"machine": row["name"], "case": case}
+            | {name: one["mean_um"] if one["mean_um"] is not None else one["ended"] for name, one in made.items()}
+            for row in rows
+            for case, made in row["runs"].items()
+        ],
+        "Mean of the true contour error of the tool, µm, " + ("with factory gains" if factory else _DESIGNED),
+    )
+    counts = ", ".join(f"{what} {found[what]}" for what in ("unstable", "oscillating", "tripped"))
+    ratios = ", ".join(
+        f"{name.replace('_', ' ')} {found[name]:.2f}" for name in found if name.startswith("ratio") and found[name]
+    )
+    click.echo(f"Runs: {counts}. {ratios}")
