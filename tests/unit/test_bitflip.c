@@ -332,10 +332,14 @@ static bool of_no_meaning(const struct variable *v, size_t bit)
         IN_BOTH(servo.force_limit.on),
         IN_BOTH(servo.friction.on),
         IN_BOTH(servo.screw.on),
+        IN_BOTH(servo.dual_feedback[0].on),
+        IN_BOTH(servo.dual_feedback[1].on),
         IN_BOTH(servo.geometry.on),
         IN_BOTH(servo.oscillation.on),
         IN_BOTH(servo.oscillation.lower),
         IN_BOTH(onchip_plant.simulated),
+        offsetof(struct rig, device.drive.fault_monitor.hot[0]),
+        offsetof(struct rig, device.drive.fault_monitor.hot[1]),
     };
     for (unsigned i = 0; i < sizeof bools / sizeof bools[0]; i++) {
         if (v->offset + bit / 8 == bools[i] && bit % 8 != 0) {
