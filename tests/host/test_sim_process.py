@@ -485,13 +485,15 @@ def test_clients_see_the_frames_of_the_drive_and_of_each_other_as_on_one_bus(sim
         assert b"t5818" not in read_until(closed, b"t701")
 
 
-def test_two_programs_use_one_drive_at_the_same_time(sim: SimProcess) -> None:
-    with connected(open_bus(sim.options()), 1) as device:
+def test_two_programs_use_one_drive_at_the_same_time(by_sync: SimProcess) -> None:
+    """Paced by SYNC: both hosts are in this process, so one sends no heartbeat while the other connects."""
+    with connected(open_bus(by_sync.options()), 1) as device:
         device.axes.enable()
-        talk_to = connected(open_bus(sim.options()), 1)
-        with talk_to as looker:
+        with connected(open_bus(by_sync.options()), 1) as looker:
             assert looker.info().state == ("operation enabled", "operation enabled")
-        assert device.link.wait(lambda: device.axes.states() == ("operation enabled",) * 2, TIMEOUT_S)
+        seen = device.link.status_count
+        assert device.link.wait(lambda: device.link.statuswords_since(seen), TIMEOUT_S)
+        assert device.axes.states() == ("operation enabled", "operation enabled")
 
 
 def test_when_there_is_no_place_the_client_that_has_been_silent_longest_is_told_and_goes(sim: SimProcess) -> None:
