@@ -596,9 +596,14 @@ def observe(x: Array, measured_m: Array, force_N: Array, p: Params, gains: Array
 
 @dataclass(frozen=True)
 class Machine:
-    """What lies between encoders and tool, SI. A map of each axis is (positions, errors), empty where there is none."""
+    """What lies between encoders and tool, SI. A map of each axis is (positions, errors), empty where there is none.
+
+    `once_m` is the error once a turn of a screw of lead `screw_m`, as cosine less j times sine.
+    """
 
     lead: tuple[tuple[Array, Array], tuple[Array, Array]]
+    screw_m: Array
+    once_m: Array
     squareness_rad: Array
     stiffness_Npm: Array
     mass_kg: Array
@@ -613,6 +618,8 @@ class Transmission:
 
     placed_m: Array
     bridge_m: Array
+    turn_m: Array
+    turn_bridge_m: Array
     deflection_m: Array
     target: Array
     side: Array
@@ -621,8 +628,8 @@ class Transmission:
 
 def geometry(
     m: Machine, x: Transmission, user_m: Array, r_dot: Array, r_ddot: Array, direction: Array, moved: bool, dt_s: float
-) -> tuple[Array, Array, Transmission]:
-    """Corrections of both axes by position and by force, (2,) m each, and the new state.
+) -> tuple[Array, Array, Array, Transmission]:
+    """Corrections of both axes by position, by the angle of the screw and by force, (2,) m each, and the new state.
 
     `user_m` are the encoders' positions from the user's zero; `moved`: this zero is not that of the last period.
     Decisions: a deflection changes by 2 mm/s at most, the correction of a new zero comes at 0.2 mm/s, and the side of
@@ -631,8 +638,10 @@ def geometry(
     angles = np.array([[0.0, m.squareness_rad[1]], [m.squareness_rad[0], 0.0]])
     lead = [np.interp(p, *m.lead[i]) if len(m.lead[i][0]) else 0.0 for i, p in enumerate(user_m)]
     placed = angles @ user_m + lead
+    turn = (m.once_m * np.exp(2j * np.pi * user_m / m.screw_m)).real
     bridge = x.bridge_m + moved * (x.placed_m - placed)
-    bridge -= np.clip(bridge, -2e-4 * dt_s, 2e-4 * dt_s)
+    turn_bridge = x.turn_bridge_m + moved * (x.turn_m - turn)
+    bridge, turn_bridge = (b - np.clip(b, -2e-4 * dt_s, 2e-4 * dt_s) for b in (bridge, turn_bridge))
 
     force = m.mass_kg * r_ddot + m.coulomb_N * direction + m.viscous_Nspm * r_dot
     change = force / m.stiffness_Npm - x.deflection_m
@@ -642,8 +651,8 @@ def geometry(
     w = 600.0
     matrix = np.array([[1.0 - (w * dt_s) ** 2, dt_s - 2.0 * w * dt_s**2], [-(w**2) * dt_s, 1.0 - 2.0 * w * dt_s]])
     away, rate = matrix @ [x.side - target, x.side_1ps]
-    state = Transmission(placed, bridge, deflection, target, target + away, rate)
-    return placed + bridge, -deflection - 0.5 * m.backlash_m * state.side, state
+    state = Transmission(placed, bridge, turn, turn_bridge, deflection, target, target + away, rate)
+    return placed + bridge, turn + turn_bridge, -deflection - 0.5 * m.backlash_m * state.side, state
 
 
 def dual_feedback(

@@ -2,6 +2,8 @@
 /* geometry.c: the position of the tool, geometry.h. Runs in the servo tick. */
 #include "core/geometry.h"
 
+#include "core/trig.h"
+
 /* The error of the screw at the user's position p_nm, um. */
 static num lead(const struct geometry_axis_cfg *cfg, int64_t p_nm)
 {
@@ -18,20 +20,37 @@ static num lead(const struct geometry_axis_cfg *cfg, int64_t p_nm)
     return n_mad(cfg->lead[k], part, n_sub(cfg->lead[k + 1u], cfg->lead[k]));
 }
 
-/* The correction of axis i by the positions p_nm of both axes. A new origin changes it by what `bridge` takes up. */
-static num by_position(const struct geometry_cfg *cfg, struct geometry_state *state, int i, const int64_t p_nm[2],
-                       bool bridged)
+/* The correction `placed` without a step: a new origin changes it by what `bridge` takes up. */
+static num without_step(struct geometry_placed *s, num placed, bool bridged, num dt)
 {
-    struct geometry_axis_state *s = &state->axis[i];
-    const num squareness = cfg->axis[1 - i].squareness;
-    const num placed = n_mad(lead(&cfg->axis[i], p_nm[i]), squareness, n_ratio(p_nm[1 - i], 1000000));
     if (bridged) {
         s->bridge = n_add(s->bridge, n_sub(s->placed, placed));
     }
-    const num left = n_sub(n_abs(s->bridge), n_mul(NUM(GEOMETRY_ORIGIN_RATE), cfg->dt));
+    const num left = n_sub(n_abs(s->bridge), n_mul(NUM(GEOMETRY_ORIGIN_RATE), dt));
     s->bridge = n_lt(left, NUM(0)) ? NUM(0) : n_state(n_lt(s->bridge, NUM(0)) ? n_neg(left) : left);
     s->placed = n_state(placed);
     return n_add(placed, s->bridge);
+}
+
+/* The correction of axis i by the positions p_nm of both axes. */
+static num by_position(const struct geometry_cfg *cfg, struct geometry_state *state, int i, const int64_t p_nm[2],
+                       bool bridged)
+{
+    const num squareness = cfg->axis[1 - i].squareness;
+    const num placed = n_mad(lead(&cfg->axis[i], p_nm[i]), squareness, n_ratio(p_nm[1 - i], 1000000));
+    return without_step(&state->axis[i].position, placed, bridged, cfg->dt);
+}
+
+/* The correction of an axis by the angle of its screw at the user's position p_nm. */
+static num by_angle(const struct geometry_axis_cfg *cfg, struct geometry_axis_state *s, int64_t p_nm, bool bridged,
+                    num dt)
+{
+    if (cfg->turns == 0) {
+        return NUM(0);
+    }
+    const struct trig_circle c = trig_circle(pos_phase(pos_from_nm(p_nm), cfg->turns));
+    const num placed = n_mad(n_mul(cfg->error_cos, c.cos), cfg->error_sin, c.sin);
+    return without_step(&s->turn, placed, bridged, dt);
 }
 
 /* The correction of an axis by the force at its table, of a reference that moves in `direction`. */
@@ -70,6 +89,8 @@ void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state,
         p_nm[i] = (int64_t)pos_to_nm(encoder[i]) + origin_nm[i];
     }
     state->position = v2(by_position(cfg, state, 0, p_nm, bridged), by_position(cfg, state, 1, p_nm, bridged));
+    state->turn = v2(by_angle(&cfg->axis[0], &state->axis[0], p_nm[0], bridged, cfg->dt),
+                     by_angle(&cfg->axis[1], &state->axis[1], p_nm[1], bridged, cfg->dt));
     state->force = v2(by_force(&cfg->axis[0], &state->axis[0], state->r_dot.x, state->r_ddot.x, direction.x, cfg->dt),
                       by_force(&cfg->axis[1], &state->axis[1], state->r_dot.y, state->r_ddot.y, direction.y, cfg->dt));
     state->started = true;

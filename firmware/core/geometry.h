@@ -2,20 +2,26 @@
 /* geometry.h: the position of the tool, from the positions of the encoders. With it the law, the contour error, the
  * limits and the telemetry are about the tool. Of axis i, where j is the other one:
  *
- *   tool_i = encoder_i + lead_i(p_i) + s_j p_j - F_i / k_i - g_i b_i
+ *   tool_i = encoder_i + lead_i(p_i) + s_j p_j + c_i cos(a_i) + s_i sin(a_i) - F_i / k_i - g_i b_i
  *
- * A second encoder (dual_feedback.h) stands between the last two terms and the others.
+ * A second encoder (dual_feedback.h) stands between the terms of angle and force, which lie between both encoders, and
+ * the others.
  *
  * | symbol | meaning                                                                            | unit |
  * |--------|------------------------------------------------------------------------------------|------|
  * | p      | user's position of the encoder: its position and the origin that homing has set    | nm   |
  * | lead   | error of the screw: linear between the points of a map, constant beyond its ends   | um   |
- * | s      | squareness: share of an axis's travel that is seen on the other axis               | -    |
+ * | s_j    | squareness: share of an axis's travel that is seen on the other axis               | -    |
+ * | a      | angle of the screw, 0 at p = 0                                                     |      |
+ * | c, s   | error once a turn, of the screw and of the encoder on it                           | um   |
  * | F      | force that the reference needs at the table: m r'' + L d + c r'                    | N    |
  * | d      | direction of the friction, -1..1, as in the force law                              | -    |
  * | m,L,c  | mass and friction beyond the spring                                                |      |
  * | k      | stiffness of the spring between encoder and table                                  | N/um |
  * | g, b   | half of the backlash; the side of the gap to which F pushes, -1..1                 | um,- |
+ *
+ * The angle goes by p like the map, and not by the encoder, which is 0 wherever its drive was switched on: p belongs to
+ * the same angle again as soon as the axis has been homed.
  *
  * The force is that of the reference of the last period, because a measured acceleration is noise. Where nothing
  * pushes, b stays. A table for which neither mass nor friction is given is pushed in the direction of motion.
@@ -46,6 +52,8 @@ struct geometry_axis_cfg {
     int32_t start_nm;          /* user's position of point 0 */
     uint32_t step_nm;          /* between points, > 0 */
     num lead[GEOMETRY_POINTS]; /* um */
+    uint64_t turns;            /* screw_turns() (screw.h); 0: no error once a turn */
+    num error_cos, error_sin;  /* c, s, um */
     num squareness;            /* um on the other axis per mm of this one */
     num compliance;            /* 1/k, um/N; 0: rigid */
     num mass;                  /* N T0^2/um */
@@ -60,14 +68,20 @@ struct geometry_cfg {
     struct geometry_axis_cfg axis[2];
 };
 
+/* A correction that goes by the user's position. */
+struct geometry_placed {
+    num placed; /* um */
+    num bridge; /* what is left of the difference that the last change of an origin made, um */
+};
+
 struct geometry_axis_state {
-    int32_t origin_nm; /* of the last period */
-    num placed;        /* lead and squareness, um */
-    num bridge;        /* what is left of the difference that the last change of an origin made, um */
-    num deflection;    /* F/k, um */
-    num target;        /* side to which F pushed last: -1, 0 (not yet), 1 */
-    num side;          /* b */
-    num side_rate;     /* b', 1/T0 */
+    int32_t origin_nm;               /* of the last period */
+    struct geometry_placed position; /* lead and squareness */
+    struct geometry_placed turn;     /* error once a turn */
+    num deflection;                  /* F/k, um */
+    num target;                      /* side to which F pushed last: -1, 0 (not yet), 1 */
+    num side;                        /* b */
+    num side_rate;                   /* b', 1/T0 */
 };
 
 struct geometry_state {
@@ -75,12 +89,14 @@ struct geometry_state {
     struct geometry_axis_state axis[2];
     vec2 r_dot, r_ddot; /* the reference of the last period; 0 where an axis has no power */
     vec2 position;      /* the correction by position, um: lead, squareness and bridge */
+    vec2 turn;          /* the correction by angle, um, with its bridge */
     vec2 force;         /* the correction by force, um: deflection and backlash */
 };
 
 /* Start with side 0 and without a reference. */
 void geometry_reset(struct geometry_state *state);
-/* One control period: the tool is at the encoder, moved by state->position and state->force. encoder is a position of the
+/* One control period: the tool is at the encoder, moved by state->position, state->turn and
+ * state->force. encoder is a position of the
  * servo, and origin_nm is what makes the user's of it; direction is that of the reference's friction (smc_direction()). */
 void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
                    const int32_t origin_nm[2], vec2 direction);

@@ -11,17 +11,22 @@ static __attribute__((noinline)) void locate(const struct servo_cfg *cfg, struct
     const bool first = !state->geometry.started;
     geometry_step(&cfg->geometry, &state->geometry, in->measured, in->origin_nm, state->friction.shape);
     state->placed = state->geometry.force;
+    state->correction = state->geometry.position;
     state->disagree = false;
     for (int i = 0; i < 2; i++) {
         num *const placed = i == 0 ? &state->placed.x : &state->placed.y;
+        num *const correction = i == 0 ? &state->correction.x : &state->correction.y;
+        const num turn = i == 0 ? state->geometry.turn.x : state->geometry.turn.y;
         struct dual_feedback_state *dual = &state->dual_feedback[i];
         if (cfg->dual_feedback[i].on) {
+            *placed = n_add(*placed, turn);
             const pos_t table = pos_add(in->measured[i], *placed);
             state->disagree |= !dual_feedback_step(&cfg->dual_feedback[i], dual, table, in->second[i]);
             *placed = n_add(*placed, dual->offset);
+        } else {
+            *correction = n_add(*correction, turn);
         }
-        tool[i] =
-            pos_add(in->measured[i], n_add(*placed, i == 0 ? state->geometry.position.x : state->geometry.position.y));
+        tool[i] = pos_add(in->measured[i], n_add(*placed, *correction));
         if (first) {
             observer_reset(&state->observer[i], tool[i]);
         }

@@ -114,7 +114,8 @@ struct servo_state {
     struct spline_cache spline_cache; /* the caller empties it when in.ring gets another sequence of knots */
     struct geometry_state geometry;
     struct dual_feedback_state dual_feedback[2];
-    vec2 placed; /* the tool less the encoders, without geometry.position, um */
+    /* The tool less the encoders, um: what goes by the user's position and no second encoder sees, and all else */
+    vec2 correction, placed;
 };
 
 struct servo_out {

@@ -125,14 +125,24 @@ static struct force_limit_cfg force_limit(const struct od_axis *x, const struct 
     };
 }
 
+/* Whether the screw has an error once a turn. */
+static bool has_turn_error(const struct od_screw *s)
+{
+    return s->lead != 0 && (s->error_cos != 0 || s->error_sin != 0);
+}
+
 /* The table behind a spring, a gap and a screw; squareness is that of the axis, seen on the other one. */
 static struct geometry_axis_cfg geometry_axis(const struct od_axis *a, int32_t squareness)
 {
     const struct od_transmission *t = &a->transmission;
+    const struct od_screw *s = &a->screw;
     struct geometry_axis_cfg g = {
         .points = a->lead_map.points,
         .start_nm = a->lead_map.start,
         .step_nm = a->lead_map.step,
+        .turns = has_turn_error(s) ? screw_turns(s->lead) : 0,
+        .error_cos = n_ratio(s->error_cos, 1000),
+        .error_sin = n_ratio(s->error_sin, 1000),
         .squareness = n_ratio(squareness, 1000000),
         .compliance = t->stiffness == 0 ? NUM(0) : n_ratio(1000, t->stiffness),
         .mass = n_ratio(t->table_mass, 25000),
@@ -164,7 +174,7 @@ static bool has_geometry(const struct od_data *od, int axis)
 {
     const struct od_axis *a = &od->axis[axis];
     return has_second(od, axis) || a->lead_map.points != 0 || a->transmission.stiffness != 0 ||
-           a->transmission.backlash != 0;
+           a->transmission.backlash != 0 || has_turn_error(&a->screw);
 }
 
 static struct geometry_cfg geometry(const struct od_data *od, num dt)
@@ -188,6 +198,13 @@ static bool lead_map_fits(const struct od_axis *a)
         }
     }
     return m->points != 1;
+}
+
+/* Whether an error once a turn of the screw is as flat as that of a map: amplitude times 2 pi / lead is at most 0.5. */
+static bool turn_error_fits(const struct od_screw *s)
+{
+    const int64_t square = (int64_t)s->error_cos * s->error_cos + (int64_t)s->error_sin * s->error_sin;
+    return s->lead == 0 || 158 * square <= (int64_t)s->lead * s->lead; /* (4 pi)^2 */
 }
 
 /* Amplitude of the watch for oscillation in N/4, of an axis: no more than half of the largest force counts. */
@@ -228,7 +245,7 @@ bool configuration_fits(const struct od_data *od)
         const bool bearable = continuous == 0 || continuous * FORCE_LIMIT_RATIO >= axis->plant.force_limit;
         struct force_filter_cfg filter = {.on = false};
         if (axis->position_limit.min > axis->position_limit.max || !bearable ||
-            !force_filter(&filter, i, &axis->force_filter) || !lead_map_fits(axis)) {
+            !force_filter(&filter, i, &axis->force_filter) || !lead_map_fits(axis) || !turn_error_fits(&axis->screw)) {
             return false;
         }
     }

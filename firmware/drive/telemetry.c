@@ -7,7 +7,7 @@ __attribute__((noinline)) void telemetry_collect(struct telemetry_record *r, con
                                                  const struct encoder encoder[2], const struct hal_drive_in *in)
 {
     telemetry_copy_slow(&r->copies, servo, in);
-    r->correction = servo->geometry.position;
+    r->correction = servo->correction;
     r->placed = servo->placed;
     for (int i = 0; i < 2; i++) {
         r->measured[i] = encoder[i].pos;

@@ -235,27 +235,27 @@ def _harmonic(n: int, amplitude: float, first_phase: float, wave: Callable[[floa
 
 
 def _lead_map_nm(axis: Axis) -> tuple[int, int, list[int]]:
-    """Start, step and errors of the map from the encoder's position to the table's; no errors where there is none.
-
-    An error once a turn, of screw or encoder, is in it where the map has at least four points a turn. Else it has only
-    the error in proportion to the travel.
-    """
-    slope, once_m = (0.0, 0.0) if _sensed(axis) else (axis.lead_error, axis.lead_once_m)
-    if axis.scale_m == 0.0:
-        once_m -= axis.encoder_once_m  # what the encoder shows too much
-    low_m, high_m = axis.soft_limit_m
-    if (high_m - low_m) / (LEAD_POINTS - 1) > 0.25 * axis.screw_m:
-        once_m = 0.0
-    if slope == 0.0 and once_m == 0.0:
+    """Start, step and errors of the map from the encoder's position to the table's; no errors where there is none."""
+    if _sensed(axis) or axis.lead_error == 0.0:
         return 0, 0, []
-    points = LEAD_POINTS if once_m != 0.0 else 1 + max(1, math.ceil(high_m - low_m))
+    low_m, high_m = axis.soft_limit_m
+    points = 1 + max(1, math.ceil(high_m - low_m))
     start_nm, step_nm = round(low_m * 1e9), math.ceil((high_m - low_m) * 1e9 / (points - 1))
+    return start_nm, step_nm, [round(axis.lead_error * (start_nm + i * step_nm)) for i in range(points)]
 
-    def error_m(at_m: float) -> float:
-        once = once_m * math.sin(2.0 * math.pi * at_m / axis.screw_m) if once_m != 0.0 else 0.0
-        return slope * at_m + once
 
-    return start_nm, step_nm, [round(error_m((start_nm + i * step_nm) * 1e-9) * 1e9) for i in range(points)]
+def _once_um(axis: Axis) -> float:
+    """What the table is ahead of the first encoder once a turn, a sine of the angle as in sim/plant.c.
+
+    A second encoder sees it below the crossover; above it the position is that of the first one.
+    """
+    ahead_m = axis.lead_once_m if axis.encoder_at == "motor" else 0.0
+    return (ahead_m - axis.encoder_once_m) * 1e6
+
+
+def _screw_um(axis: Axis) -> float | None:
+    """The lead, where something goes by it that the drive is told."""
+    return axis.screw_m * 1e6 if axis.cogging_N > 0.0 or axis.ripple > 0.0 or _once_um(axis) != 0.0 else None
 
 
 def _lead_map(i: int, axis: Axis) -> int | None:
@@ -283,7 +283,7 @@ _PARAMETERS: tuple[tuple[str, str, Callable[[Axis], float | None]], ...] = (
     ("friction_{}.presliding", FULL, lambda axis: axis.presliding_m * 1e6 or None),
     ("friction_{}.breakaway", FULL, lambda axis: axis.breakaway if axis.breakaway > 1.0 else None),
     ("friction_{}.stribeck", FULL, lambda axis: axis.stribeck_mps if axis.breakaway > 1.0 else None),
-    ("screw_{}.lead", FULL, lambda axis: axis.screw_m * 1e6 if axis.cogging_N > 0.0 or axis.ripple > 0.0 else None),
+    ("screw_{}.lead", FULL, _screw_um),
     *(
         (
             f"screw_{{}}.cogging_{name}_{n + 1}",
@@ -302,6 +302,7 @@ _PARAMETERS: tuple[tuple[str, str, Callable[[Axis], float | None]], ...] = (
         for n in range(len(_HARMONICS))
         for name, wave in (("cos", math.sin), ("sin", math.cos))
     ),
+    ("screw_{}.error_sin", FULL, lambda axis: _once_um(axis) or None),
     ("transmission_{}.stiffness", FULL, lambda axis: _of_spring(axis, _stiffness_Npum(axis))),
     ("transmission_{}.table_mass", FULL, lambda axis: _of_spring(axis, axis.mass_kg * (1.0 - axis.motor_share))),
     ("transmission_{}.table_friction", FULL, lambda axis: _of_spring(axis, axis.friction_share)),

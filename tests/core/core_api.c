@@ -343,6 +343,9 @@ void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const in
         cfg.axis[i] = (struct geometry_axis_cfg){.points = a->points,
                                                  .start_nm = a->start_nm,
                                                  .step_nm = a->step_nm,
+                                                 .turns = screw_turns((uint32_t)lround(a->screw * 1e9)),
+                                                 .error_cos = mk(a->error_cos / UM),
+                                                 .error_sin = mk(a->error_sin / UM),
                                                  .squareness = mk(a->squareness * 1e3),
                                                  .compliance = mk(a->compliance / UM),
                                                  .mass = mk(a->mass * MPS2),
@@ -353,8 +356,8 @@ void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const in
             cfg.axis[i].lead[k] = mk(a->lead[k] / UM);
         }
         state.axis[i] = (struct geometry_axis_state){.origin_nm = a->last_origin_nm,
-                                                     .placed = mk(a->placed / UM),
-                                                     .bridge = mk(a->bridge / UM),
+                                                     .position = {mk(a->placed / UM), mk(a->bridge / UM)},
+                                                     .turn = {mk(a->turn / UM), mk(a->turn_bridge / UM)},
                                                      .deflection = mk(a->deflection / UM),
                                                      .target = mk(a->target),
                                                      .side = mk(a->side),
@@ -366,13 +369,16 @@ void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const in
     for (int i = 0; i < 2; i++) {
         const struct geometry_axis_state *x = &state.axis[i];
         struct api_geometry_axis *a = &axis[i];
-        a->placed = result(x->placed) * UM;
-        a->bridge = result(x->bridge) * UM;
+        a->placed = result(x->position.placed) * UM;
+        a->bridge = result(x->position.bridge) * UM;
+        a->turn = result(x->turn.placed) * UM;
+        a->turn_bridge = result(x->turn.bridge) * UM;
         a->deflection = result(x->deflection) * UM;
         a->target = result(x->target);
         a->side = result(x->side);
         a->side_rate = result(x->side_rate) / T0;
         a->by_position = result(i == 0 ? state.position.x : state.position.y) * UM;
+        a->by_angle = result(i == 0 ? state.turn.x : state.turn.y) * UM;
         a->by_force = result(i == 0 ? state.force.x : state.force.y) * UM;
     }
 }

@@ -533,7 +533,7 @@ def a_map(rng: np.random.Generator, points: int) -> dict[str, Any]:
     }
 
 
-GEOMETRY_STATE = ("placed", "bridge", "deflection", "target", "side", "side_rate")
+GEOMETRY_STATE = ("placed", "bridge", "turn", "turn_bridge", "deflection", "target", "side", "side_rate")
 
 
 @pytest.mark.parametrize("points", [0, 2, 64])
@@ -545,6 +545,9 @@ def test_geometry_is_the_oracles_but_for_rounding(core: Core, points: int) -> No
             a_map(rng, points)
             | {
                 "origin_nm": int(rng.integers(-(10**8), 10**8)),
+                "screw": rng.choice([5e-3, 20e-3]),
+                "error_cos": rng.uniform(-2e-5, 2e-5),
+                "error_sin": rng.uniform(-2e-5, 2e-5),
                 "squareness": rng.uniform(-1e-3, 1e-3),
                 "compliance": rng.uniform(0.0, 1e-6),
                 "mass": rng.uniform(0.0, 200.0),
@@ -556,6 +559,8 @@ def test_geometry_is_the_oracles_but_for_rounding(core: Core, points: int) -> No
                 "direction": rng.uniform(-1.0, 1.0) * (trial % 3 > 0),
                 "placed": rng.uniform(-1e-4, 1e-4),
                 "bridge": rng.choice([0.0, 1e-9, -5e-5, 5e-5]),
+                "turn": rng.uniform(-2e-5, 2e-5),
+                "turn_bridge": rng.choice([0.0, 1e-9, -2e-5, 2e-5]),
                 "deflection": rng.uniform(-2e-5, 2e-5),
                 "target": rng.choice([-1.0, 0.0, 1.0]),
                 "side": rng.uniform(-1.0, 1.0),
@@ -573,18 +578,22 @@ def test_geometry_is_the_oracles_but_for_rounding(core: Core, points: int) -> No
         lead = [((a["start_nm"] + a["step_nm"] * np.arange(points)) * 1e-9, np.array(a["lead"])) for a in given]
         with np.errstate(divide="ignore"):
             machine = oracle.Machine(
-                (lead[0], lead[1]), both("squareness"), 1.0 / both("compliance"), both("mass"), both("coulomb"),
-                both("viscous"), both("backlash"),
+                (lead[0], lead[1]), both("screw"), both("error_cos") - 1j * both("error_sin"), both("squareness"),
+                1.0 / both("compliance"), both("mass"), both("coulomb"), both("viscous"), both("backlash"),
             )  # fmt: skip
         before = oracle.Transmission(*(both(name) for name in GEOMETRY_STATE))
         user = np.rint(encoder / 65536.0) * 1e-9 + both("origin_nm") * 1e-9
         reference = both("r_dot"), both("r_ddot"), both("direction")
-        by_position, by_force, after = oracle.geometry(machine, before, user, *reference, trial % 2 > 0, dt)
+        by_position, by_angle, by_force, after = oracle.geometry(machine, before, user, *reference, trial % 2 > 0, dt)
         found, allowed = drive.geometry(given, encoder), limit.geometry(given, encoder)
         state = dict(zip(GEOMETRY_STATE, vars(after).values(), strict=True))
-        expected = state | {"by_position": by_position, "by_force": by_force}
+        expected = state | {"by_position": by_position, "by_angle": by_angle, "by_force": by_force}
+        # screw_turns() is rounded to half a step of 2^-48 / lead, and a sine to 5e-7, or 1e-5 (core/trig.h)
+        angle = 2.0 * np.pi * np.abs(user) * 1e9 / 2.0**49 + {"f32": 5e-7, "fix": 1e-5}[core.num]
+        turn = angle * (np.abs(both("error_cos")) + np.abs(both("error_sin")))
         for name, x in expected.items():
-            check(name, both(name, found), x, both(name, allowed) + of_oracle(user, 0))
+            unseen = turn if name in ("turn", "turn_bridge", "by_angle") else 0.0
+            check(name, both(name, found), x, both(name, allowed) + of_oracle(user, 0) + unseen)
 
 
 def test_dual_feedback_is_the_oracles_but_for_rounding(core: Core) -> None:

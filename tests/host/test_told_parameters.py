@@ -105,33 +105,44 @@ def test_cogging_and_ripple_are_those_of_the_machine_at_every_angle(plants: Any)
     [
         (dict(lead_error=-200e-6), 1e-9),
         (dict(lead_error=300e-6, travel_m=(-1.9, 1.9), soft_limit_m=(-1.8, 1.8)), 1e-9),
-        (dict(lead_once_m=5e-6, screw_m=0.04), 0.34e-6),  # 8.7 points a turn: 1 - cos(pi / 8.7) at a chord
-        (dict(lead_once_m=5e-6, lead_error=100e-6, screw_m=0.04), 0.34e-6),
-        (dict(lead_once_m=5e-6, encoder_once_m=2e-6, screw_m=0.04), 0.21e-6),
-        (dict(encoder_once_m=5e-6, screw_m=0.04, encoder_at="table"), 0.34e-6),
-        (dict(lead_once_m=5e-6, lead_error=100e-6, screw_m=0.01), 5.1e-6),  # too few points a turn: the slope alone
+        (dict(lead_once_m=5e-6, screw_m=0.01), 2e-9),
+        (dict(lead_once_m=5e-6, lead_error=100e-6, screw_m=0.01), 2e-9),
+        (dict(lead_once_m=5e-6, encoder_once_m=2e-6, screw_m=0.01), 6e-9),  # angle of the encoder with its error
+        (dict(encoder_once_m=5e-6, lead_once_m=3e-6, screw_m=0.01, encoder_at="table"), 20e-9),
     ],
 )
-def test_the_map_of_the_screw_leads_from_the_encoder_to_the_tool(plants: Any, keys: Any, within_m: float) -> None:  # noqa: F811
+def test_map_and_error_once_a_turn_lead_from_the_encoder_to_the_tool(plants: Any, keys: Any, within_m: float) -> None:  # noqa: F811
     values = told(**keys)
-    points, start, step = (int(values[f"lead_map_x.{name}"]) for name in ("points", "start", "step"))
+    points, start, step = (int(values.get(f"lead_map_x.{name}", 0)) for name in ("points", "start", "step"))
+    assert (points > 0) == ("lead_error" in keys)
     errors_m = [values[f"lead_error_x.entry_{i + 1}"] * 1e-9 for i in range(points)]
     assert f"lead_error_x.entry_{points + 1}" not in values
     map_m = (start + step * np.arange(points)) * 1e-9
     low, high = keys.get("soft_limit_m", TABLE1.x.soft_limit_m)
-    assert map_m[0] == pytest.approx(low)
-    assert high <= map_m[-1] <= high + 1e-7
+    if points > 0:
+        assert map_m[0] == pytest.approx(low)
+        assert high <= map_m[-1] <= high + 1e-7
+    per_m = 2e6 * np.pi / values.get("screw_x.lead", np.inf)
+    once_m = values.get("screw_x.error_sin", 0.0) * 1e-6
     worst_m = 0.0
     for at_m in np.linspace(low, high, 997):
         plant = Plant(plants, start_m=float(at_m), encoder_m=1e-9, **keys)
         encoder_m = plant.two("plant_encoders")[0] * 1e-9
-        tool_m = encoder_m + np.interp(encoder_m, map_m, errors_m)
+        lead_m = np.interp(encoder_m, map_m, errors_m) if points > 0 else 0.0
+        tool_m = encoder_m + lead_m + once_m * np.sin(per_m * encoder_m)
         worst_m = max(worst_m, abs(tool_m - plant.two("plant_tool")[0]))
     assert worst_m <= within_m
 
 
-def test_a_turn_without_points_enough_and_nothing_else_has_no_map() -> None:
-    assert not [name for name in told(lead_once_m=5e-6, screw_m=0.005) if name.startswith("lead")]
+def test_second_encoder_leaves_the_error_once_a_turn_of_the_first_one(plants: Any) -> None:  # noqa: F811
+    """Between both encoders it is taken off, so that nothing of it passes above the crossover."""
+    keys = dict(lead_once_m=5e-6, encoder_once_m=2e-6, screw_m=0.01, scale_m=1e-9)
+    values = told(**keys)
+    for at_m in np.linspace(-0.012, 0.012, 49):
+        plant = Plant(plants, start_m=float(at_m), encoder_m=1e-9, **keys)
+        first_m, second_m = plant.two("plant_encoders")[0] * 1e-9, plant.two("plant_scales")[0] * 1e-9
+        once_m = values["screw_x.error_sin"] * 1e-6 * np.sin(2e6 * np.pi * first_m / values["screw_x.lead"])
+        assert first_m + once_m == pytest.approx(second_m, abs=6e-9)
 
 
 def test_squareness_is_the_share_of_the_travel_that_the_other_axis_sees(plants: Any) -> None:  # noqa: F811

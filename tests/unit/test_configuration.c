@@ -180,6 +180,9 @@ static void test_geometry_of_each_axis(void)
         a->transmission =
             (struct od_transmission){.stiffness = 7654, .table_mass = 43210, .table_friction = 345, .backlash = 23456};
         a->lead_map = (struct od_lead_map){.points = 3, .start = -1234567, .step = 7654321};
+        a->screw.lead = 5000000;
+        a->screw.error_cos = -12345;
+        a->screw.error_sin = 678;
         a->lead_error[0] = -1234567;
         a->lead_error[1] = 234;
         a->lead_error[2] = 345678;
@@ -197,6 +200,9 @@ static void test_geometry_of_each_axis(void)
         near(0.345 * 12.345, g.axis[i].coulomb);
         near(0.345 * 456.789 * UM / T0, g.axis[i].viscous);
         near(23.456 / 2, g.axis[i].half_gap);
+        TEST_ASSERT_TRUE(g.axis[i].turns == screw_turns(5000000));
+        near(-12.345, g.axis[i].error_cos);
+        near(0.678, g.axis[i].error_sin);
         TEST_ASSERT_EQUAL_UINT32(3, g.axis[i].points);
         TEST_ASSERT_EQUAL_INT32(-1234567, g.axis[i].start_nm);
         TEST_ASSERT_EQUAL_UINT32(7654321, g.axis[i].step_nm);
@@ -209,9 +215,12 @@ static void test_geometry_of_each_axis(void)
 
 static void test_geometry_is_on_where_there_is_any(void)
 {
-    for (int i = 0; i < 8; i++) {
+    for (int i = 0; i < 12; i++) {
         od_init(&od, 1);
         struct od_axis *a = &od.axis[i % 2];
+        a->screw.lead = i >= 8 ? 5000000 : 0;
+        a->screw.error_cos = i / 2 == 4 ? 1 : 0;
+        a->screw.error_sin = i / 2 == 5 ? -1 : 0;
         a->transmission.stiffness = i / 2 == 0 ? 1 : 0;
         a->transmission.backlash = i / 2 == 1 ? 1 : 0;
         a->lead_map.points = i / 2 == 2 ? 2 : 0;
@@ -220,6 +229,12 @@ static void test_geometry_is_on_where_there_is_any(void)
         TEST_ASSERT_TRUE(configuration_servo(&od).geometry.on);
     }
     TEST_ASSERT_EQUAL_DOUBLE(0, val(configuration_servo(&od).geometry.axis[0].compliance)); /* rigid */
+    TEST_ASSERT_TRUE(configuration_servo(&od).geometry.axis[0].turns == 0);
+    od.axis[1].screw.error_sin = 0; /* only a lead */
+    TEST_ASSERT_FALSE(configuration_servo(&od).geometry.on);
+    od.axis[1].screw.lead = 0; /* no lead */
+    od.axis[1].screw.error_cos = 1;
+    TEST_ASSERT_FALSE(configuration_servo(&od).geometry.on);
 }
 
 static void test_second_encoder_of_each_axis(void)
@@ -456,6 +471,22 @@ static void test_map_of_a_screw_has_two_points_or_more(void)
     }
 }
 
+/* 2 pi 500 um / lead is half a um per um at a lead of 6.2832 mm. */
+static void test_error_once_a_turn_is_flatter_than_half_the_travel(void)
+{
+    for (int i = 0; i < 2; i++) {
+        od_init(&od, 1);
+        struct od_screw *s = &od.axis[i].screw;
+        s->error_cos = 300000;
+        s->error_sin = -400000;
+        TEST_ASSERT_TRUE(configuration_fits(&od)); /* no lead, no error */
+        s->lead = 6290000;
+        TEST_ASSERT_TRUE(configuration_fits(&od));
+        s->lead = 6280000;
+        TEST_ASSERT_FALSE(configuration_fits(&od));
+    }
+}
+
 static void test_map_of_a_screw_is_monotonic(void)
 {
     for (int i = 0; i < 2; i++) {
@@ -644,6 +675,7 @@ int main(void)
     RUN_TEST(test_defaults_fit);
     RUN_TEST(test_soft_limits_are_no_empty_range);
     RUN_TEST(test_map_of_a_screw_has_two_points_or_more);
+    RUN_TEST(test_error_once_a_turn_is_flatter_than_half_the_travel);
     RUN_TEST(test_map_of_a_screw_is_monotonic);
     RUN_TEST(test_k_bar_times_e_max_is_at_most_4);
     RUN_TEST(test_k_0_is_at_most_k_max);

@@ -4,6 +4,7 @@
 
 #include <math.h>
 
+#include "core/screw.h"
 #include "nominal.h"
 #include "unity.h"
 
@@ -36,7 +37,7 @@ static void step(unsigned periods)
         const bool first = !state.started;
         const pos_t encoder[2] = {pos_from_nm(llround(at_mm[0] * 1e6)), pos_from_nm(llround(at_mm[1] * 1e6))};
         geometry_step(&cfg, &state, encoder, origin_nm, mk2(direction[0], direction[1]));
-        const vec2 tool = v2_add(state.position, state.force);
+        const vec2 tool = v2_add(v2_add(state.position, state.turn), state.force);
         for (int i = 0; i < 2; i++) {
             const double before = tool_um[i];
             tool_um[i] = val(i == 0 ? tool.x : tool.y);
@@ -157,6 +158,57 @@ static void test_new_origin_takes_effect_without_a_step(void)
     at_mm[0] = 3; /* the map itself is followed at once */
     step(1);
     expect(6, 3);
+}
+
+/* ---- by angle ---- */
+
+/* A screw of 5 mm a turn. */
+static void once_a_turn(int axis, double cos_um, double sin_um)
+{
+    cfg.axis[axis].turns = screw_turns(5000000);
+    cfg.axis[axis].error_cos = mk(cos_um);
+    cfg.axis[axis].error_sin = mk(sin_um);
+}
+
+static void test_error_once_a_turn_goes_by_the_angle_of_the_screw(void)
+{
+    once_a_turn(0, 4, -3);
+    once_a_turn(1, 0, 2);
+    for (int k = -12; k <= 12; k++) {
+        const double angle = 2 * 3.14159265358979 * k / 8;
+        at_mm[0] = 1000 + 5.0 * k / 8;
+        at_mm[1] = -5.0 * k / 8;
+        step(1);
+        expect(4 * cos(angle) - 3 * sin(angle), -2 * sin(angle));
+        TEST_ASSERT_EQUAL_DOUBLE(0, val(state.position.x));
+    }
+}
+
+static void test_error_once_a_turn_is_by_the_users_position(void)
+{
+    once_a_turn(0, 4, 0);
+    at_mm[0] = 1;
+    origin_nm[0] = 1500000;
+    step(1);
+    expect(-4, 0); /* half a turn */
+}
+
+static void test_new_origin_turns_the_screw_without_a_step(void)
+{
+    once_a_turn(0, 4, 0);
+    step(1);
+    expect(4, 0);
+    origin_nm[0] = 2500000;
+    step(1);
+    expect(4 - DT, 0); /* 1 um/T0 */
+    step(99);
+    expect(4 - 100 * DT, 0);
+    step(1000);
+    expect(-4, 0);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-4, DT, largest_um[0]);
+    at_mm[0] = 2.5; /* the error itself is followed at once */
+    step(1);
+    expect(4, 0);
 }
 
 /* ---- by force ---- */
@@ -288,6 +340,9 @@ int main(void)
     RUN_TEST(test_squareness_is_a_share_of_the_other_axis);
     RUN_TEST(test_first_period_has_the_whole_correction);
     RUN_TEST(test_new_origin_takes_effect_without_a_step);
+    RUN_TEST(test_error_once_a_turn_goes_by_the_angle_of_the_screw);
+    RUN_TEST(test_error_once_a_turn_is_by_the_users_position);
+    RUN_TEST(test_new_origin_turns_the_screw_without_a_step);
     RUN_TEST(test_table_hangs_back_by_the_force_on_it);
     RUN_TEST(test_deflection_of_each_axis_is_its_own);
     RUN_TEST(test_deflection_changes_by_2_mm_per_s_at_most);

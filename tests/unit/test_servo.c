@@ -999,6 +999,44 @@ static void test_known_deflection_passes_no_crossover(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 0, val(state.dual_feedback[1].offset));
 }
 
+static void turning_in(int32_t lead_nm, double error_um)
+{
+    cfg.geometry = (struct geometry_cfg){.on = true, .dt = cfg.dt};
+    for (int i = 0; i < 2; i++) {
+        cfg.geometry.axis[i].turns = screw_turns((uint32_t)lead_nm);
+        cfg.geometry.axis[i].error_cos = mk(error_um);
+    }
+    in.enabled[0] = in.enabled[1] = false;
+    at_um(0, 0, in.measured);
+}
+
+/* So the home point is by the encoder, and the angle at it always the same. */
+static void test_error_once_a_turn_belongs_to_what_goes_by_the_users_position(void)
+{
+    turning_in(5000000, 4);
+    servo_reset(&cfg, &state, in.measured);
+    servo_step(&cfg, &state, &in, &out);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 4, val(state.correction.x));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 4, val(state.correction.y));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.placed.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.placed.y));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 4, val(pos_sub(state.observer[0].pos, in.measured[0])));
+}
+
+static void test_error_once_a_turn_passes_no_crossover(void)
+{
+    turning_in(5000000, 4);
+    cfg.dual_feedback[1] = (struct dual_feedback_cfg){.on = true, .gain = NUM(0.01), .tolerance = NUM(50)};
+    at_um(0, 4, in.second);
+    servo_reset(&cfg, &state, in.measured);
+    for (int k = 0; k < 100; k++) {
+        servo_step(&cfg, &state, &in, &out);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, 4, val(state.placed.y));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0, val(state.dual_feedback[1].offset));
+        TEST_ASSERT_EQUAL_DOUBLE(0, val(state.correction.y));
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -1058,5 +1096,7 @@ int main(void)
     RUN_TEST(test_slow_position_is_that_of_the_second_encoder_and_fast_that_of_the_first);
     RUN_TEST(test_encoders_further_apart_than_their_tolerance_disagree);
     RUN_TEST(test_known_deflection_passes_no_crossover);
+    RUN_TEST(test_error_once_a_turn_belongs_to_what_goes_by_the_users_position);
+    RUN_TEST(test_error_once_a_turn_passes_no_crossover);
     return UNITY_END();
 }
