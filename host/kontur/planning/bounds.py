@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kontur.errors import PathError, shown
-from kontur.machine import Machine
+from kontur.machine import Axis, Machine
 from kontur.path.geometry import KNOT_S, Arc, Curve, Dwell, FloatArray, Line, Move, Program, Segment
 
 CORNER_RAD = 2e-3  # a change of direction beyond this is a corner, where the motion stops
@@ -69,13 +69,19 @@ class Limits:
                     raise PathError(f"limit {name} is {value:g}; it must be {LIMIT_RANGE[0]:g}..{LIMIT_RANGE[1]:g}")
 
 
+def _swing_Hz(axis: Axis) -> float:
+    """The frequency at which an axis with a mode goes on to swing while its encoder is held."""
+    return axis.resonance_Hz * (math.sqrt(axis.motor_share) if axis.encoder_at == "motor" else 1.0)
+
+
 def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: float | None = None) -> Limits:
     """The planner's limits for `machine`, with another acceleration or jerk for both axes where given.
 
-    Distance is averaged over a period of the slower first mode of the axes.
+    Distance is averaged over a period in which the table swings behind a motor that its encoder holds, or, where the
+    encoder is at the table, over one of the first mode; of two axes the longer one.
     """
     x, y = machine.axes
-    modes_Hz = [axis.resonance_Hz for axis in machine.axes if axis.resonance_Hz > 0.0]
+    modes_Hz = [_swing_Hz(axis) for axis in machine.axes if axis.resonance_Hz > 0.0]
     return Limits(
         velocity_mps=(x.velocity_mps, y.velocity_mps),
         acceleration_mps2=(x.acceleration_mps2, y.acceleration_mps2)
