@@ -120,8 +120,8 @@ static struct force_limit_cfg force_limit(const struct od_axis *x, const struct 
         .on = c[0]->force != 0 || c[1]->force != 0,
         .continuous = v2(force[0], force[1]),
         .inverse = v2(inverse[0], inverse[1]),
-        .rate = {n_ratio(ACC_GAIN * 1000, (int64_t)c[0]->time * CONTROL_HZ),
-                 n_ratio(ACC_GAIN * 1000, (int64_t)c[1]->time * CONTROL_HZ)},
+        .rate = {n_ratio((int64_t)ACC_GAIN * 1000, (int64_t)c[0]->time * CONTROL_HZ),
+                 n_ratio((int64_t)ACC_GAIN * 1000, (int64_t)c[1]->time * CONTROL_HZ)},
     };
 }
 
