@@ -8,7 +8,7 @@ struct friction_axis_cfg friction_design(num presliding, num breakaway, num stri
 {
     struct friction_axis_cfg cfg = {.presliding = presliding, .excess = n_sub(breakaway, NUM(1)), .stribeck = stribeck};
     for (int k = 0; k < FRICTION_ELEMENTS && n_lt(NUM(0), presliding); k++) {
-        cfg.element[k].width = n_mul(presliding, n_ratio(k + 1, 2 * FRICTION_ELEMENTS));
+        cfg.element[k].width = n_mul(presliding, n_ratio(k + 1, 2 * (int64_t)FRICTION_ELEMENTS));
         cfg.element[k].share = n_div(n_ratio(2, k + 1), presliding);
     }
     return cfg;

@@ -18,7 +18,7 @@ static void begin(struct oscillation_state *s, num largest)
 static void count(const struct oscillation_cfg *cfg, struct oscillation_state *s)
 {
     const int64_t waves = ((int64_t)s->half_waves - 1) * (int64_t)cfg->control_hz;
-    const int64_t most = 2 * FREQUENCY_MAX * (int64_t)s->ticks;
+    const int64_t most = 2 * (int64_t)FREQUENCY_MAX * s->ticks;
     s->frequency = n_ratio(waves < most ? waves : most, 2 * (int64_t)s->ticks);
     s->force = n_mul(NUM(4), n_min(s->largest, NUM(FORCE_MAX)));
     s->count++;
