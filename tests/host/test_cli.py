@@ -131,9 +131,10 @@ def test_parameters_go_to_a_file_and_back(tmp_path: Path) -> None:
     succeeds("param", "dump", str(file))
     succeeds("param", "load", str(file))
     file.write_text(file.read_text().replace("[smc]\n", "[smc]\nlambdo = 3.0\n"))
-    result = kontur("param", "load", str(file))
-    assert result.exit_code == 1
-    assert "smc.lambdo: no such parameter; did you mean smc.lambda" in result.stderr
+    for words in (("param", "load"), ("run", "circle", "--params")):
+        result = kontur(*words, str(file))
+        assert result.exit_code == 1
+        assert f"{file}: smc.lambdo: no such parameter; did you mean smc.lambda" in result.stderr
 
 
 def test_parameter_is_reported_with_its_unit() -> None:

@@ -63,6 +63,17 @@ def parameter_names() -> list[str]:
     return names
 
 
+def parameters_of(file: Path) -> dict[str, float]:
+    """The values of a parameter file by name. Raises FileError, also where a name is none of a parameter."""
+    from kontur.drive import objects, parameter_file
+
+    values, names = parameter_file.read(file), parameter_names()
+    for name in values:
+        if name not in names:
+            raise FileError(file, objects.unknown(name, names), word=name)
+    return values
+
+
 def offered(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
     """What Tab offers: the words that begin with what stands there."""
     return [CompletionItem(word) for word in words if word.startswith(incomplete)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from kontur.cli.options import PARAMETER, PARAMETER_VALUE, drive_of, parameter_values, target_options
+from kontur.cli.options import PARAMETER, PARAMETER_VALUE, drive_of, parameter_values, parameters_of, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.files import write_atomically
 
@@ -92,9 +92,7 @@ def dump_command(*, target: Target, file: Path | None) -> None:
 @target_options
 def load_command(*, target: Target, file: Path) -> None:
     """Set all parameters of FILE, as `dump` writes it; none is set when one of them cannot be."""
-    from kontur.drive import parameter_file
-
-    values = parameter_file.read(file)
+    values = parameters_of(file)
     with drive_of(target) as device, device.master.held():
         device.parameters.set(values)
 

@@ -31,6 +31,7 @@ from kontur.cli.options import (
     offered,
     parameter_option,
     parameter_values,
+    parameters_of,
     progress_bar,
     target_options,
 )
@@ -375,12 +376,11 @@ def _report(
 
 def _plan(program: Program, motion: Motion, recording: Recording, target: Target) -> tuple[Trajectory, RunOptions]:
     """The trajectory, and the options that all runs of it have in common."""
-    from kontur.drive import parameter_file
     from kontur.planning.bounds import limits
     from kontur.planning.planner import plan
     from kontur.runs.runner import RunOptions
 
-    values = parameter_file.read(motion.params) if motion.params is not None else {}
+    values = parameters_of(motion.params) if motion.params is not None else {}
     values |= parameter_values(motion.parameters)
     bounds = limits(target.machine, motion.accel, motion.jerk)
     with progress_bar("planning") as progress:

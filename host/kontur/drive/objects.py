@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
@@ -48,6 +48,13 @@ class Parameter:
     greatest: float
     default: float
     description: str
+
+
+def unknown(name: str, names: Iterable[str]) -> str:
+    """What is wrong with `name`, which is none of `names`."""
+    close = difflib.get_close_matches(name, names, n=3)
+    hint = f"did you mean {', '.join(close)}?" if close else "see `kontur param list`"
+    return f"no such parameter; {hint}"
 
 
 class Objects:
@@ -139,7 +146,7 @@ class Objects:
     def check_value(self, name: str, value: float) -> None:
         """Raise ParameterError when `name` is no parameter, or `value` is out of its range."""
         if name not in self.declared:
-            raise ParameterError(self._unknown(name))
+            raise ParameterError(f"{name}: {unknown(name, self._variables)}")
         _counts(name, self._variables[name], value)
 
     def restore_written(self) -> None:
@@ -150,13 +157,8 @@ class Objects:
 
     def _variable(self, name: str) -> ODVariable:
         if name not in self._variables:
-            raise ParameterError(self._unknown(name))
+            raise ParameterError(f"{name}: {unknown(name, self._variables)}")
         return self._variables[name]
-
-    def _unknown(self, name: str) -> str:
-        close = difflib.get_close_matches(name, self._variables, n=3)
-        hint = f"did you mean {', '.join(close)}?" if close else "see `kontur param list`"
-        return f"{name}: no such parameter; {hint}"
 
     def _download(self, name: str, variable: ODVariable, raw: int, read_back: bool) -> None:
         """Write, and read back; again where a corrupted frame wrote something else."""
