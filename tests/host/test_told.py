@@ -115,7 +115,7 @@ def test_over_a_bus_the_error_is_called_the_drives_own_estimate_and_the_drive_is
         assert any("is told all of its machine" in line for line in lines)
         bus = ("-i", "slcan", "-c", lines[1].split()[-1])
         assert value("plant_x.mass", *bus) == machines.load(LEAD_SCREW).x.mass_kg
-        run = ("run", "circle", "--radius", "1", "--approach", *bus)
+        run = ("run", "circle", "--radius", "1", "--approach", "--controller", "cascade", *bus)
         text = " ".join(invoke(*run).split("┏")[0].split())
         assert "contour error by the drive's own estimate" in text
         assert "true" not in text
