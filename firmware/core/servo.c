@@ -173,7 +173,7 @@ static inline vec2 filter(const struct servo_cfg *cfg, struct servo_state *state
     return filtered;
 }
 
-static vec2 limit(vec2 max, vec2 force)
+static vec2 limit(vec2 force, vec2 max)
 {
     return v2(n_within(force.x, max.x), n_within(force.y, max.y));
 }
@@ -305,7 +305,7 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
         }
         if (!within_limits(force_max, in, out->force)) {
             const vec2 unlimited = out->force;
-            const vec2 limited = limit(force_max, unlimited);
+            const vec2 limited = limit(unlimited, force_max);
             const vec2 excess = v2_sub(unlimited, limited);
             out->force = where_enabled(in->enabled, limited);
             out->saturated =
