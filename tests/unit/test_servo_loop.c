@@ -695,6 +695,7 @@ static void start_with_second(int32_t second_count)
         (struct dual_feedback_cfg){.on = true, .gain = NUM(0.5), .tolerance = NUM(500)};
     loop.cfg[0].encoder_10fm[0] = loop.cfg[0].encoder_10fm[1] = 10000000;
     loop.cfg[0].second_10fm[0] = 1000000; /* 10 nm */
+    loop.cfg[0].stop_time = NUM(100);
     loop.cfg[0].jump_counts[0] = loop.cfg[0].jump_counts[1] = 1000000;
     loop.cfg[0].speed_max = NUM(500);
     tick(500);
