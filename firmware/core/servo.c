@@ -173,9 +173,9 @@ static inline vec2 filter(const struct servo_cfg *cfg, struct servo_state *state
     return filtered;
 }
 
-static vec2 limit(vec2 force, vec2 max)
+static vec2 limit(vec2 force, vec2 force_max)
 {
-    return v2(n_within(force.x, max.x), n_within(force.y, max.y));
+    return v2(n_within(force.x, force_max.x), n_within(force.y, force_max.y));
 }
 
 /* Mostly true: both axes are enabled, and the force is within
@@ -272,6 +272,7 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     const bool enabling_changed = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
     if (!in->enabled[0] && !in->enabled[1]) { /* there is no reference */
         *out = (struct servo_out){.velocity = out->velocity};
+        state->oscillation[0].half_waves = state->oscillation[1].half_waves = 0; /* an oscillation ends */
     } else {
         contour_step(&cfg->contour, &state->spline_cache, in->ring, &in->path, q, out->velocity, &out->contour);
         const bool switched = in->controller != state->controller || state->gains_changed;

@@ -600,6 +600,16 @@ static void test_axes_that_follow_their_path_do_not_oscillate(void)
     TEST_ASSERT_EQUAL_INT32(0, oscillations());
 }
 
+static void test_oscillation_ends_where_both_axes_lose_their_power(void)
+{
+    watch_for_oscillation(false);
+    state.oscillation[0].half_waves = state.oscillation[1].half_waves = 20;
+    in.enabled[0] = in.enabled[1] = false;
+    step(0, 0);
+    TEST_ASSERT_EQUAL_UINT16(0, state.oscillation[0].half_waves);
+    TEST_ASSERT_EQUAL_UINT16(0, state.oscillation[1].half_waves);
+}
+
 static void test_oscillation_lowers_the_gains_of_every_law_without_a_step_of_the_force(void)
 {
     for (int law = 0; law < CONTROLLERS; law++) {
@@ -1069,6 +1079,7 @@ int main(void)
     RUN_TEST(test_cascade_is_coupled_in_ccc_alone);
     RUN_TEST(test_oscillation_leaves_the_gains_alone_where_it_is_not_to_lower_them);
     RUN_TEST(test_axes_that_follow_their_path_do_not_oscillate);
+    RUN_TEST(test_oscillation_ends_where_both_axes_lose_their_power);
     RUN_TEST(test_oscillation_lowers_the_gains_of_every_law_without_a_step_of_the_force);
     RUN_TEST(test_lowered_gains_are_those_of_the_configuration_times_the_factor);
     RUN_TEST(test_gains_are_lowered_again_down_to_a_least_factor_and_come_back_without_a_step_of_the_force);
