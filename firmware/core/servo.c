@@ -259,7 +259,7 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     struct servo_demand *applied = &state->demand[state->slot % 2u]; /* replaced at the end by this period's */
     vec2 force_max = cfg->plant.force_max;
     if (cfg->force_limit.on) {
-        force_max = force_limit_step(&cfg->force_limit, &state->force_limit, state->force, force_max);
+        force_max = force_limit_step(&cfg->force_limit, &state->force_limit, state->force, cfg->plant.force_max);
     }
     const pos_t *measured = in->measured;
     pos_t tool[2];
