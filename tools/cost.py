@@ -41,7 +41,7 @@ STAGES = {
     "path, spline": ("step_path", "change_path", "wanted_rate", "spline_prefetch", "path_clock.c", "spline.c"),
     "contour": ("contour.c",),
     "law": ("smc.c", "cascade.c"),
-    "geometry, force filters": ("geometry.c", "force_filter.c", "force_limit.c"),
+    "geometry, force filters": ("geometry.c", "force_filter.c", "force_limit.c", "dual_feedback.c"),
     "compensator, feedforward": ("compensator.c", "feedforward.c", "friction.c", "screw.c"),
     "watch for oscillation": ("oscillation.c",),
     "supervision": ("supervise", "supervise_in_detail", "supervise_axis", "supervise_inputs"),
@@ -51,6 +51,7 @@ STAGES = {
         *("rig.c", "bench_step.c", "semihost.c"),
     ),
 }
+TICKS = (*CONTROLLERS, "compensated")  # ccu with every compensation on
 WORSE = 1.03
 _RUN_S = 300.0
 _FLASH, _RAM = (".boot", ".text", ".data"), (".stack", ".noinit", ".data", ".bss")
@@ -153,8 +154,8 @@ def _instructions(target: str) -> tuple[dict[str, dict[str, int]], dict[str, dic
         ran = _run(elf, target, "-plugin", f"{PLUGIN},table={table}")
         ticks: dict[str, dict[str, int]] = _printed(ran, elf)
         series = [[int(word) for word in line.split()] for line in ran.stdout.splitlines()]
-    if tuple(ticks) != CONTROLLERS or len(series) != len(CONTROLLERS):
-        raise SimulatorError(f"{elf}: not the controllers that were expected: {', '.join(ticks)}")
+    if tuple(ticks) != TICKS or len(series) != len(TICKS):
+        raise SimulatorError(f"{elf}: not the rows that were expected: {', '.join(ticks)}")
     stages = {}
     for controller, (count, *numbers) in zip(ticks, series, strict=True):
         if sum(numbers[::2]) // count != ticks[controller]["mean"]:
@@ -251,13 +252,13 @@ def tables(result: dict[str, Any]) -> dict[str, Rows]:
     """The page's tables: `cost`, `stages`, `stack`, `sections`; the first row is the heading."""
     cost: Cost = result["cost"]
     ticks: Rows = [["controller", *(f"{n} {kind}" for n in MACHINES for kind in ("mean", "worst"))]]
-    for c in CONTROLLERS:
+    for c in TICKS:
         ticks.append([c, *(str(cost[n][c][kind]) for n in MACHINES for kind in ("mean", "worst"))])
     drivers = cost["image"]["drivers"]
     ticks.append(["+ the board's drivers", str(drivers["mean"]), str(drivers["worst"]), *[""] * (len(ticks[0]) - 3)])
     stages: Rows = [["target", "controller", *STAGES, "sum of means", "whole tick"]]
     for target in MACHINES:
-        for c in CONTROLLERS:
+        for c in TICKS:
             by_stage = result["stages"][target][c]
             stages.append(
                 [

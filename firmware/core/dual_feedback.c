@@ -7,10 +7,8 @@ void dual_feedback_reset(struct dual_feedback_state *state)
     state->offset = NUM(0);
 }
 
-bool dual_feedback_step(const struct dual_feedback_cfg *cfg, struct dual_feedback_state *state, pos_t first,
-                        pos_t second)
+bool dual_feedback_step(const struct dual_feedback_cfg *cfg, struct dual_feedback_state *state, num difference)
 {
-    const num difference = pos_sub(second, first);
     state->offset = n_state(n_mad(state->offset, cfg->gain, n_sub(difference, state->offset)));
     return !n_lt(cfg->tolerance, n_abs(difference));
 }

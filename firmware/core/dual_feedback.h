@@ -30,7 +30,7 @@ struct dual_feedback_state {
 
 /* Start with o = 0. */
 void dual_feedback_reset(struct dual_feedback_state *state);
-/* One control period: the position is first + state->offset. Returns whether the encoders agree. */
-bool dual_feedback_step(const struct dual_feedback_cfg *cfg, struct dual_feedback_state *state, pos_t first,
-                        pos_t second);
+/* One control period with the difference d, um: the position is first + state->offset. Returns whether the encoders
+ * agree. */
+bool dual_feedback_step(const struct dual_feedback_cfg *cfg, struct dual_feedback_state *state, num difference);
 #endif

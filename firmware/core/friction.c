@@ -48,14 +48,14 @@ static num axis_step(const struct friction_axis_cfg *cfg, struct friction_axis_s
     return n_mul(along, stribeck(cfg, v));
 }
 
-void friction_step(const struct friction_cfg *cfg, struct friction_state *state, const bool enabled[2], vec2 r_dot,
-                   vec2 direction, num dt)
+void friction_step(const struct friction_cfg *cfg, struct friction_state *state, int axis, bool enabled, num r_dot,
+                   num direction, num dt)
 {
-    for (int i = 0; i < 2; i++) {
-        if (!enabled[i]) {
-            state->axis[i] = (struct friction_axis_state){.stretch = {NUM(0)}};
-        }
+    num *const shape = axis == 0 ? &state->shape.x : &state->shape.y;
+    if (enabled) {
+        *shape = axis_step(&cfg->axis[axis], &state->axis[axis], r_dot, direction, dt);
+    } else {
+        *shape = NUM(0);
+        state->axis[axis] = (struct friction_axis_state){.stretch = {NUM(0)}};
     }
-    state->shape = v2(enabled[0] ? axis_step(&cfg->axis[0], &state->axis[0], r_dot.x, direction.x, dt) : NUM(0),
-                      enabled[1] ? axis_step(&cfg->axis[1], &state->axis[1], r_dot.y, direction.y, dt) : NUM(0));
 }

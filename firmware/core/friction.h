@@ -8,7 +8,7 @@
  *   parallel carry 1/N of it each, and element k slips after k D / N (Maxwell slip: D. D. Rizos, S. D. Fassois,
  *   "Presliding friction identification based upon the Maxwell Slip model structure", Chaos 14, 2004):
  *     s_k += dx, within +-w_k,   w_k = k D / (2 N),   slip = sum of s_k / (N w_k)
- *   dx is the distance of the reference in the control period. So the elements remember each reversal within D, and
+ *   dx is the distance of the reference in a step. So the elements remember each reversal within D, and
  *   keep their friction while the reference rests, as the real ones do. With D = 0, slip is smc_direction().
  * - The second factor is the Stribeck curve, from breakaway at rest to Coulomb friction.
  *
@@ -41,14 +41,14 @@ struct friction_axis_state {
 };
 
 struct friction_state {
-    vec2 shape; /* with on: of the next period; else smc_direction() of the last one */
+    vec2 shape; /* with on: of the next two periods; else smc_direction() of the last one */
     struct friction_axis_state axis[2];
 };
 
 /* The configuration of an axis: presliding um >= 0, breakaway >= 1, stribeck um/T0 > 0. */
 struct friction_axis_cfg friction_design(num presliding, num breakaway, num stribeck);
-/* One control period dt (T0) with cfg->on: the new shape. `direction` is smc_direction() of r_dot. The shape of an axis
- * that is not enabled is 0: without power it has relaxed. */
-void friction_step(const struct friction_cfg *cfg, struct friction_state *state, const bool enabled[2], vec2 r_dot,
-                   vec2 direction, num dt);
+/* A time dt (T0) of axis 0 or 1 with cfg->on: the new shape. `direction` is smc_direction() of r_dot. The shape of an
+ * axis that is not enabled is 0: without power it has relaxed. */
+void friction_step(const struct friction_cfg *cfg, struct friction_state *state, int axis, bool enabled, num r_dot,
+                   num direction, num dt);
 #endif

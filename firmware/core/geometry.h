@@ -31,7 +31,8 @@
  * correction before decays with GEOMETRY_ORIGIN_RATE. The first period after geometry_reset() starts with the whole
  * correction: the caller resets its observers there.
  *
- * Context: servo_step() (servo.c) calls geometry_step() in the servo tick, before the observer.
+ * Context: servo_step() (servo.c) calls geometry_step() in the servo tick, before the observer, where the
+ * axes take turns.
  *
  * Source: position-dependent compensation as in ISO 230-1:2012, 3.4 (positioning and squareness errors); deflection
  * and lost motion from the reference as in Gross, Hamann, Wiegaertner, Electrical Feed Drives in Automation, 2001.
@@ -64,7 +65,7 @@ struct geometry_axis_cfg {
 
 struct geometry_cfg {
     bool on; /* false: geometry_step() need not be called, since the tool is where the encoders are */
-    num dt;  /* control period, T0 */
+    num dt;  /* time between two turns of an axis, T0 */
     struct geometry_axis_cfg axis[2];
 };
 
@@ -95,9 +96,10 @@ struct geometry_state {
 
 /* Start with side 0 and without a reference. */
 void geometry_reset(struct geometry_state *state);
-/* One control period: the tool is at the encoder, moved by state->position, state->turn and
- * state->force. encoder is a position of the
- * servo, and origin_nm is what makes the user's of it; direction is that of the reference's friction (smc_direction()). */
+/* One control period: the tool is at the encoder, moved by state->position, state->turn and state->force. encoder is a
+ * position of the servo, and origin_nm is what makes the user's of it; direction is that of the reference's friction
+ * (smc_direction()). It is the turn of axis 0 or 1, or of both: -1. Where it starts, or an origin has changed, it is that
+ * of both. */
 void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
-                   const int32_t origin_nm[2], vec2 direction);
+                   const int32_t origin_nm[2], vec2 direction, int turn);
 #endif

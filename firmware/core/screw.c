@@ -9,7 +9,7 @@ uint64_t screw_turns(uint32_t lead_nm)
     return (((uint64_t)1 << 48) + lead_nm / 2u) / lead_nm; /* 2^64 / POS_PER_NM / lead_nm */
 }
 
-static num cancel(const struct screw_axis_cfg *cfg, pos_t at, num demand)
+num screw_cancel(const struct screw_axis_cfg *cfg, pos_t at, num demand)
 {
     if (cfg->turns == 0) {
         return demand;
@@ -24,9 +24,4 @@ static num cancel(const struct screw_axis_cfg *cfg, pos_t at, num demand)
         gain = n_mad(n_mad(gain, h->ripple_cos, c.cos), h->ripple_sin, c.sin);
     }
     return n_div(n_sub(demand, cogging), gain);
-}
-
-vec2 screw_cancel(const struct screw_cfg *cfg, const pos_t at[2], vec2 demand)
-{
-    return v2(cancel(&cfg->axis[0], at[0], demand.x), cancel(&cfg->axis[1], at[1], demand.y));
 }

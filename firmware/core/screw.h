@@ -35,6 +35,6 @@ struct screw_cfg {
 
 /* The factor of pos_phase() for a lead of lead_nm > 0. */
 uint64_t screw_turns(uint32_t lead_nm);
-/* The demand u of both axes that gives `demand` (N) at encoder positions `at`. */
-vec2 screw_cancel(const struct screw_cfg *cfg, const pos_t at[2], vec2 demand);
+/* The demand u of an axis that gives `demand` (N) at encoder position `at`. */
+num screw_cancel(const struct screw_axis_cfg *cfg, pos_t at, num demand);
 #endif

@@ -4,12 +4,13 @@
 
 static const vec2 ZERO;
 
-/* Where the tool is. Not inline, so that it costs nothing where the encoders are at the tool. */
-static __attribute__((noinline)) void locate(const struct servo_cfg *cfg, struct servo_state *state,
-                                             const struct servo_in *in, pos_t tool[2])
+/* Where the tool is. */
+static void locate(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_table_in *in,
+                   const pos_t measured[2])
 {
     const bool first = !state->geometry.started;
-    geometry_step(&cfg->geometry, &state->geometry, in->measured, in->origin_nm, state->friction.shape);
+    geometry_step(&cfg->geometry, &state->geometry, measured, in->origin_nm, state->friction.shape,
+                  (int)(state->slot % 2u));
     state->placed = state->geometry.force;
     state->correction = state->geometry.position;
     state->disagree = false;
@@ -20,16 +21,32 @@ static __attribute__((noinline)) void locate(const struct servo_cfg *cfg, struct
         struct dual_feedback_state *dual = &state->dual_feedback[i];
         if (cfg->dual_feedback[i].on) {
             *placed = n_add(*placed, turn);
-            const pos_t table = pos_add(in->measured[i], *placed);
-            state->disagree |= !dual_feedback_step(&cfg->dual_feedback[i], dual, table, in->second[i]);
+            const num difference = n_sub(pos_sub(in->second[i], measured[i]), *placed);
+            state->disagree |= !dual_feedback_step(&cfg->dual_feedback[i], dual, difference);
             *placed = n_add(*placed, dual->offset);
         } else {
             *correction = n_add(*correction, turn);
         }
-        tool[i] = pos_add(in->measured[i], n_add(*placed, *correction));
+        state->tool[i] = pos_add(measured[i], n_add(*placed, *correction));
         if (first) {
-            observer_reset(&state->observer[i], tool[i]);
+            observer_reset(&state->observer[i], state->tool[i]);
         }
+    }
+}
+
+/* What comes before the observer with state->extras. It is not inline, and gets no inputs of the tick by their address, so
+ * that the tick is as short as it was where all of it is off. The same holds for the other two. */
+static __attribute__((noinline)) void prepare(const struct servo_cfg *cfg, struct servo_state *state,
+                                              const struct servo_table_in *in, pos_t x, pos_t y)
+{
+    state->tool[0] = x;
+    state->tool[1] = y;
+    if (cfg->force_limit.on) {
+        (void)force_limit_step(&cfg->force_limit, &state->force_limit, state->force, cfg->plant.force_max);
+    }
+    if (cfg->geometry.on) {
+        const pos_t measured[2] = {x, y};
+        locate(cfg, state, in, measured);
     }
 }
 
@@ -52,24 +69,10 @@ static inline void observe(const struct servo_cfg *cfg, struct servo_state *stat
     }
 }
 
-/* The configurations of the laws that are in effect. */
-struct laws {
-    const struct smc_cfg *smc;
-    const struct compensator_cfg *compensator;
-    const struct cascade_cfg *cascade;
-};
-
-static inline struct laws laws_in_effect(const struct servo_cfg *cfg, const struct servo_state *state)
+static void reset_laws(struct servo_state *state, const pos_t q[2], vec2 q_dot)
 {
-    const struct servo_gains *g = &state->lowered;
-    return state->gains_lowered ? (struct laws){&g->smc, &g->compensator, &g->cascade}
-                                : (struct laws){&cfg->smc, &cfg->compensator, &cfg->cascade};
-}
-
-static void reset_laws(const struct laws *laws, struct servo_state *state, const pos_t q[2], vec2 q_dot)
-{
-    smc_reset(laws->smc, &state->smc);
-    compensator_reset(laws->compensator, &state->compensator, q, q_dot);
+    smc_reset(&state->gains.smc, &state->smc);
+    compensator_reset(&state->gains.compensator, &state->compensator, q, q_dot);
     cascade_reset(&state->cascade);
     state->offset = ZERO;
     state->blending = false;
@@ -83,20 +86,21 @@ static vec2 while_moving(const struct servo_cfg *cfg, vec2 r_dot, vec2 shape)
 }
 
 /* The force demand of the law. *balance is the part that cancels friction and mass beyond the nominal. */
-static inline struct servo_demand law(const struct servo_cfg *cfg, const struct laws *laws, struct servo_state *state,
+static inline struct servo_demand law(const struct servo_cfg *cfg, struct servo_state *state,
                                       enum controller controller, const pos_t q[2], struct servo_out *out,
                                       vec2 *balance)
 {
+    const struct servo_gains *laws = &state->gains;
     const struct contour_out *c = &out->contour;
     if (!cfg->friction.on) {
-        state->friction.shape = smc_direction(laws->smc->friction_speed, c->r_dot);
+        state->friction.shape = smc_direction(laws->smc.friction_speed, c->r_dot);
     }
     const vec2 direction = state->friction.shape;
     struct servo_demand demand;
     if (controller == CONTROLLER_CASCADE || controller == CONTROLLER_CCC) {
         *balance = v2_mul(cfg->plant.coulomb, direction);
         demand.net =
-            cascade_step(laws->cascade, &cfg->plant, &state->cascade, c, controller == CONTROLLER_CCC, cfg->dt);
+            cascade_step(&laws->cascade, &cfg->plant, &state->cascade, c, controller == CONTROLLER_CCC, cfg->dt);
         demand.model = demand.net;
         out->smc = (struct smc_out){.k_hat = ZERO};
         out->compensator = (struct compensator_out){.mu = ZERO};
@@ -111,24 +115,23 @@ static inline struct servo_demand law(const struct servo_cfg *cfg, const struct 
         in.e_dot = c->e_w_dot;
         in.a_n = c->r_ddot;
     }
-    smc_step(laws->smc, &cfg->plant, &state->smc, &in, &out->smc);
+    smc_step(&laws->smc, &cfg->plant, &state->smc, &in, &out->smc);
     const int axis = (int)(state->slot % 2u);
     const num slot_dt = n_mul(NUM(SERVO_SLOTS), cfg->dt);
     const bool adapts = state->slot < 2u;
     if (adapts) {
-        smc_adapt(laws->smc, &state->smc, axis, out->smc.s_bar, slot_dt);
+        smc_adapt(&laws->smc, &state->smc, axis, out->smc.s_bar, slot_dt);
     }
     *balance = out->smc.u_friction;
     demand.net = out->smc.u_linear;
-    demand.model =
-        laws->compensator->input_printed ? v2_add(out->smc.u_linear, out->smc.u_friction) : out->smc.u_linear;
+    demand.model = laws->compensator.input_printed ? v2_add(out->smc.u_linear, out->smc.u_friction) : out->smc.u_linear;
     if (controller == CONTROLLER_CCU) {
-        compensator_step(laws->compensator, &cfg->plant, &state->compensator, q, out->velocity, c->t, c->theta_dot,
+        compensator_step(&laws->compensator, &cfg->plant, &state->compensator, q, out->velocity, c->t, c->theta_dot,
                          &out->compensator);
         demand.net = v2_add(demand.net, out->compensator.u);
         *balance = v2_add(*balance, feedforward_force(&state->feedforward, direction, c->r_ddot));
         if (adapts) {
-            compensator_adapt(laws->compensator, &state->compensator, axis, out->compensator.s, slot_dt);
+            compensator_adapt(&laws->compensator, &state->compensator, axis, out->compensator.s, slot_dt);
         } else if (!state->saturated) { /* a limited force says nothing about friction and mass */
             const vec2 along = cfg->friction.on ? while_moving(cfg, c->r_dot, direction) : direction;
             feedforward_step(&cfg->feedforward, &cfg->plant, &state->feedforward, axis, along, c->r_ddot,
@@ -162,9 +165,15 @@ static vec2 where_enabled(const bool enabled[2], vec2 v)
     return v2(enabled[0] ? v.x : NUM(0), enabled[1] ? v.y : NUM(0));
 }
 
-/* Each axis starts with the force of now, so that its filters change nothing where the force stays. */
-static inline vec2 filter(const struct servo_cfg *cfg, struct servo_state *state, bool start, vec2 force)
+/* What goes beyond the law: cancel cogging and ripple, then filter. Each axis starts with the force of now, so that its
+ * filters change nothing where the force stays. */
+static __attribute__((noinline)) vec2 refine(const struct servo_cfg *cfg, struct servo_state *state, bool start,
+                                             vec2 net, vec2 balance)
 {
+    const vec2 force = v2_add(net, v2_add(balance, state->screw));
+    if (!cfg->force_filter.on) {
+        return force;
+    }
     if (start) {
         force_filter_reset(&state->force_filter, force);
     }
@@ -185,28 +194,42 @@ static inline bool within_limits(vec2 max, const struct servo_in *in, vec2 force
     return in->enabled[0] && in->enabled[1] && n_lt(n_abs(force.x), max.x) && n_lt(n_abs(force.y), max.y);
 }
 
-/* What the next period needs of friction and screw is computed at the end of this one, where nothing else has to be
- * kept. The force of the next period acts in the middle of the one after it, this long after the reading of now. */
-static num until_next_force(const struct servo_cfg *cfg)
+/* What the next periods need of friction and screw is computed at the end of this one, where nothing else has to be
+ * kept, of one axis a period. The forces of the next two periods act, in the mean, this many periods after the reading
+ * of now. */
+#define AHEAD 3
+
+static void predict_friction(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_out *out,
+                             int axis)
 {
-    return n_mul(NUM(2.5), cfg->dt);
+    const vec2 r_dot = v2_mad(out->contour.r_dot, n_mul(NUM(AHEAD), cfg->dt), out->contour.r_ddot);
+    const num v = axis == 0 ? r_dot.x : r_dot.y;
+    friction_step(&cfg->friction, &state->friction, axis, state->enabled[axis], v, n_sat(v, cfg->smc.friction_speed),
+                  n_mul(NUM(2), cfg->dt));
 }
 
-__attribute__((noinline)) static void predict_friction(const struct servo_cfg *cfg, struct servo_state *state,
-                                                       const struct servo_in *in, const struct servo_out *out)
+static num predict_screw(const struct servo_cfg *cfg, const struct servo_state *state, int axis, num force, num screw,
+                         pos_t at, num velocity)
 {
-    const vec2 r_dot = v2_mad(out->contour.r_dot, until_next_force(cfg), out->contour.r_ddot);
-    friction_step(&cfg->friction, &state->friction, in->enabled, r_dot, smc_direction(cfg->smc.friction_speed, r_dot),
-                  cfg->dt);
+    const num demand = state->enabled[axis] ? n_sub(force, screw) : NUM(0);
+    const pos_t then = pos_add(at, n_mul(n_mul(NUM(AHEAD), cfg->dt), velocity));
+    return n_sub(screw_cancel(&cfg->screw.axis[axis], then, demand), demand);
 }
 
-__attribute__((noinline)) static void predict_screw(const struct servo_cfg *cfg, struct servo_state *state,
-                                                    const struct servo_in *in, const struct servo_out *out)
+static __attribute__((noinline)) void predict(const struct servo_cfg *cfg, struct servo_state *state,
+                                              const struct servo_out *out, pos_t x, pos_t y)
 {
-    const vec2 demand = where_enabled(in->enabled, v2_sub(out->force, state->screw));
-    const vec2 ahead = v2_scale(until_next_force(cfg), out->velocity);
-    const pos_t at[2] = {pos_add(in->measured[0], ahead.x), pos_add(in->measured[1], ahead.y)};
-    state->screw = v2_sub(screw_cancel(&cfg->screw, at, demand), demand);
+    const int axis = (int)(state->slot % 2u);
+    state->geometry.r_dot = where_enabled(state->enabled, out->contour.r_dot);
+    state->geometry.r_ddot = where_enabled(state->enabled, out->contour.r_ddot);
+    if (cfg->friction.on) {
+        predict_friction(cfg, state, out, axis);
+    }
+    if (cfg->screw.on && axis == 0) {
+        state->screw.x = predict_screw(cfg, state, axis, out->force.x, state->screw.x, x, out->velocity.x);
+    } else if (cfg->screw.on) {
+        state->screw.y = predict_screw(cfg, state, axis, out->force.y, state->screw.y, y, out->velocity.y);
+    }
 }
 
 /* The gains of the configuration times `gain`. Products of two gains, as those that act on a position, go with its square. */
@@ -220,22 +243,30 @@ __attribute__((noinline, cold)) static void lower_gains(const struct servo_cfg *
     for (unsigned i = 0; i < sizeof gains / sizeof gains[0]; i++) {
         *gains[i] = n_mul(*gains[i], gain);
     }
-    state->lowered = g;
+    state->gains = g;
     state->gain = gain;
     state->gains_lowered = state->gains_changed = true;
 }
 
-void servo_reset_oscillation(struct servo_state *state)
+static void take_gains(const struct servo_cfg *cfg, struct servo_state *state)
 {
-    state->gains_changed = state->gains_lowered;
+    state->gains = (struct servo_gains){cfg->smc, cfg->compensator, cfg->cascade};
     state->gains_lowered = false;
     state->gain = NUM(1);
+}
+
+void servo_reset_oscillation(const struct servo_cfg *cfg, struct servo_state *state)
+{
+    state->gains_changed = state->gains_lowered;
+    take_gains(cfg, state);
     state->oscillation[0] = state->oscillation[1] = (struct oscillation_state){.count = 0};
 }
 
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2])
 {
-    *state = (struct servo_state){.controller = CONTROLLERS, .gain = NUM(1)};
+    *state = (struct servo_state){.controller = CONTROLLERS};
+    state->extras =
+        cfg->force_limit.on || cfg->geometry.on || cfg->screw.on || cfg->force_filter.on || cfg->friction.on;
     geometry_reset(&state->geometry);
     for (int i = 0; i < 2; i++) {
         observer_reset(&state->observer[i], measured[i]);
@@ -245,9 +276,8 @@ void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const p
     feedforward_reset(&state->feedforward);
     force_filter_reset(&state->force_filter, ZERO);
     force_limit_reset(&state->force_limit, cfg->plant.force_max);
-    state->lowered = (struct servo_gains){cfg->smc, cfg->compensator, cfg->cascade};
-    const struct laws laws = laws_in_effect(cfg, state);
-    reset_laws(&laws, state, measured, ZERO);
+    take_gains(cfg, state);
+    reset_laws(state, measured, ZERO);
 }
 
 /* Flattened, so that values pass from stage to stage in registers: this saves 5 % of the tick. */
@@ -257,15 +287,11 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     pos_t q[2];
     state->slot = (state->slot + 1u) % SERVO_SLOTS;
     struct servo_demand *applied = &state->demand[state->slot % 2u]; /* replaced at the end by this period's */
-    vec2 force_max = cfg->plant.force_max;
-    if (cfg->force_limit.on) {
-        force_max = force_limit_step(&cfg->force_limit, &state->force_limit, state->force, cfg->plant.force_max);
-    }
-    const pos_t *measured = in->measured;
-    pos_t tool[2];
-    if (cfg->geometry.on) {
-        locate(cfg, state, in, tool);
-        measured = tool;
+    pos_t measured[2] = {in->measured[0], in->measured[1]};
+    if (state->extras) {
+        prepare(cfg, state, in->table, in->measured[0], in->measured[1]);
+        measured[0] = state->tool[0];
+        measured[1] = state->tool[1];
     }
     observe(cfg, state, measured, applied->net, q, &out->velocity);
     struct servo_demand demand = {ZERO, ZERO};
@@ -276,19 +302,16 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     } else {
         contour_step(&cfg->contour, &state->spline_cache, in->ring, &in->path, q, out->velocity, &out->contour);
         const bool switched = in->controller != state->controller || state->gains_changed;
-        const struct laws laws = laws_in_effect(cfg, state);
         state->gains_changed = false;
         compensator_model(&cfg->plant, &state->compensator, applied->model, cfg->dt);
         if (enabling_changed || switched) {
-            reset_laws(&laws, state, q, out->velocity);
+            reset_laws(state, q, out->velocity);
         }
         vec2 balance;
-        demand = law(cfg, &laws, state, in->controller, q, out, &balance);
-        if (cfg->screw.on) {
-            balance = v2_add(balance, state->screw);
-        }
+        demand = law(cfg, state, in->controller, q, out, &balance);
         if (switched && !enabling_changed) {
-            state->offset = v2_sub(v2_sub(state->force, state->filtering), v2_add(demand.net, balance));
+            state->offset =
+                v2_sub(v2_sub(state->force, state->filtering), v2_add(demand.net, v2_add(balance, state->screw)));
             state->blending = true;
         }
         if (state->blending) {
@@ -299,14 +322,14 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
 
         out->force = v2_add(demand.net, balance);
         out->saturated = false;
-        if (cfg->force_filter.on) {
-            out->force = filter(cfg, state, enabling_changed, out->force);
+        if (state->extras) {
+            out->force = refine(cfg, state, enabling_changed, demand.net, balance);
             demand.net = v2_add(demand.net, state->filtering);
             demand.model = v2_add(demand.model, state->filtering);
         }
-        if (!within_limits(force_max, in, out->force)) {
+        if (!within_limits(state->force_limit.limit, in, out->force)) {
             const vec2 unlimited = out->force;
-            const vec2 limited = limit(unlimited, force_max);
+            const vec2 limited = limit(unlimited, state->force_limit.limit);
             const vec2 excess = v2_sub(unlimited, limited);
             out->force = where_enabled(in->enabled, limited);
             out->saturated =
@@ -321,20 +344,13 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
             lower_gains(cfg, state);
         }
     }
-    if (cfg->geometry.on) {
-        state->geometry.r_dot = where_enabled(in->enabled, out->contour.r_dot);
-        state->geometry.r_ddot = where_enabled(in->enabled, out->contour.r_ddot);
-    }
     state->enabled[0] = in->enabled[0];
     state->enabled[1] = in->enabled[1];
     state->controller = in->controller;
     state->saturated = out->saturated;
     state->force = out->force;
     *applied = demand;
-    if (cfg->friction.on) {
-        predict_friction(cfg, state, in, out);
-    }
-    if (cfg->screw.on) {
-        predict_screw(cfg, state, in, out);
+    if (state->extras) {
+        predict(cfg, state, out, in->measured[0], in->measured[1]);
     }
 }

@@ -68,15 +68,19 @@ struct servo_gains {
     struct cascade_cfg cascade;
 };
 
+/* Only with geometry.on. In memory of its own, so that the tick keeps the rest of its inputs in registers. */
+struct servo_table_in {
+    int32_t origin_nm[2]; /* user's positions less the servo's */
+    pos_t second[2];      /* positions of second encoders, where dual_feedback is on */
+};
+
 struct servo_in {
     pos_t measured[2]; /* encoder positions */
     bool enabled[2];   /* of each axis; false: the axis is observed only, and its force is 0 */
     enum controller controller;
     struct path_state path;
     const struct spline_ring *ring;
-    /* only with geometry.on */
-    int32_t origin_nm[2]; /* user's positions less the servo's */
-    pos_t second[2];      /* positions of second encoders, where dual_feedback is on */
+    const struct servo_table_in *table;
 };
 
 /* Force demand of a control period, N, as the models see it. */
@@ -92,28 +96,30 @@ struct servo_state {
     struct feedforward_state feedforward; /* persists when the controller changes or an axis is disabled */
     struct cascade_state cascade;
     struct energy_state energy[2];
-    struct force_filter_state force_filter;
-    struct force_limit_state force_limit;
-    vec2 filtering; /* what the force filters have added to the force of the last period, N */
     bool enabled[2];
+    bool extras; /* one at least of force_limit, geometry, screw, force_filter and friction is on */
     enum controller controller;
     bool saturated;     /* in the last period */
     bool disagree;      /* two encoders of an axis are further apart than their tolerance */
     bool blending;      /* the offset is not 0 */
-    bool gains_lowered; /* by the watch for oscillation: `lowered` is in effect */
+    bool gains_lowered; /* by the watch for oscillation */
     bool gains_changed; /* in the last period */
     num gain;           /* factor on the gains that is in effect; 1: those of the configuration */
-    struct oscillation_state oscillation[2];
-    struct servo_gains lowered;
     vec2 offset;
-    uint32_t slot;                    /* of this period, 0..SERVO_SLOTS - 1 */
-    vec2 force;                       /* of the last period, N */
-    struct servo_demand demand[2];    /* of even and odd periods: the one before the last has just been applied */
-    struct friction_state friction;   /* of an axis: persists while it is enabled */
-    vec2 screw;                       /* what cancels cogging and ripple in the next period, N */
+    uint32_t slot;                 /* of this period, 0..SERVO_SLOTS - 1 */
+    vec2 force;                    /* of the last period, N */
+    struct servo_demand demand[2]; /* of even and odd periods: the one before the last has just been applied */
+    struct servo_gains gains;      /* in effect: those of the configuration, or lowered */
+    struct oscillation_state oscillation[2];
     struct spline_cache spline_cache; /* the caller empties it when in.ring gets another sequence of knots */
-    struct geometry_state geometry;
+    struct friction_state friction;   /* of an axis: persists while it is enabled */
+    vec2 filtering;                   /* what the force filters have added to the force of the last period, N */
+    vec2 screw;                       /* what cancels cogging and ripple in the next period, N */
+    pos_t tool[2];                    /* with geometry.on, its position in this period */
+    struct force_limit_state force_limit;
     struct dual_feedback_state dual_feedback[2];
+    struct geometry_state geometry;
+    struct force_filter_state force_filter;
     /* The tool less the encoders, um: what goes by the user's position and no second encoder sees, and all else */
     vec2 correction, placed;
 };
@@ -130,7 +136,7 @@ struct servo_out {
 /* Start at rest at the measured positions: of the encoders, to which the first step adds the geometry. */
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2]);
 /* Forget what the watch for oscillation has seen. The gains are those of the configuration again. */
-void servo_reset_oscillation(struct servo_state *state);
+void servo_reset_oscillation(const struct servo_cfg *cfg, struct servo_state *state);
 /* One control period. */
 void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_in *in,
                 struct servo_out *out);

@@ -182,7 +182,7 @@ static struct geometry_cfg geometry(const struct od_data *od, num dt)
     const struct od_geometry *g = &od->geometry;
     return (struct geometry_cfg){
         .on = has_geometry(od, 0) || has_geometry(od, 1) || g->squareness_x != 0 || g->squareness_y != 0,
-        .dt = dt,
+        .dt = n_mul(NUM(2), dt), /* the axes take turns */
         .axis = {geometry_axis(&od->axis[0], g->squareness_x), geometry_axis(&od->axis[1], g->squareness_y)},
     };
 }

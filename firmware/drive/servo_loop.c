@@ -181,13 +181,13 @@ SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_i
 
 /* What the geometry needs. Not inline, so that it costs nothing where the encoders are at the tool. */
 __attribute__((noinline)) static void read_for_geometry(struct servo_loop *loop, const struct hal_drive_in *in,
-                                                        struct servo_in *servo)
+                                                        struct servo_table_in *table)
 {
     for (int i = 0; i < 2; i++) {
         if (loop->cfg_in_use->servo.dual_feedback[i].on) { /* the first step makes up for those left out */
-            servo->second[i] = loop->first_pos[i] + encoder_step(&loop->second[i], in->second[i]);
+            table->second[i] = loop->first_pos[i] + encoder_step(&loop->second[i], in->second[i]);
         }
-        servo->origin_nm[i] = LOAD(loop->command.origin_nm[i]);
+        table->origin_nm[i] = LOAD(loop->command.origin_nm[i]);
     }
 }
 
@@ -264,7 +264,7 @@ SELDOM static void reset_energy(struct servo_loop *loop)
 SELDOM static void reset_oscillation(struct servo_loop *loop)
 {
     STORE(loop->command.oscillation_reset, false);
-    servo_reset_oscillation(&loop->servo);
+    servo_reset_oscillation(&loop->cfg_in_use->servo, &loop->servo);
 }
 
 /* Publish the record, and switch to the next one. */
@@ -284,6 +284,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     const uint32_t configured = LOAD(loop->command.configured);
     const bool anew = configured != loop->configured && may_configure(loop);
     struct hal_drive_in in;
+    struct servo_table_in table;
     struct servo_in servo;
     struct telemetry_record *record = loop->record;
     struct servo_out *out = &record->out;
@@ -304,7 +305,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
         configure(loop, configured, servo.measured);
     }
     if (cfg->servo.geometry.on) {
-        read_for_geometry(loop, &in, &servo);
+        read_for_geometry(loop, &in, &table);
     }
     if (LOAD(loop->command.energy_reset)) {
         reset_energy(loop);
@@ -322,6 +323,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     servo.controller = (enum controller)LOAD(loop->command.controller);
     servo.path = loop->path.at;
     servo.ring = loop->ring;
+    servo.table = &table;
     servo_step(&cfg->servo, &loop->servo, &servo, out);
 
     /* limits */

@@ -27,7 +27,6 @@
 #include "supervision/servo_snapshot.h"
 
 struct servo_loop_cfg {
-    struct servo_cfg servo;
     uint32_t encoder_10fm[2];     /* length of one encoder count, 10 fm */
     uint32_t second_10fm[2];      /* of a second encoder; 0: none */
     num following_max[2];         /* largest following error, um */
@@ -38,6 +37,7 @@ struct servo_loop_cfg {
     uint32_t jump_counts[2];      /* encoder counts in one period that are no movement if exceeded */
     uint32_t cut, stop;           /* FAULT_BIT()s that cut the power at once, or that stop path time */
     struct onchip_plant_cfg onchip_plant;
+    struct servo_cfg servo; /* last, since it is the largest */
 };
 
 /* Each is the other's complement, so that no single bit that flips makes one of the other. */

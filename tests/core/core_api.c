@@ -365,7 +365,7 @@ void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const in
     }
     const int32_t origin_nm[2] = {axis[0].origin_nm, axis[1].origin_nm};
     const pos_t from[2] = {pos_of(encoder[0]), pos_of(encoder[1])};
-    geometry_step(&cfg, &state, from, origin_nm, v2(mk(axis[0].direction), mk(axis[1].direction)));
+    geometry_step(&cfg, &state, from, origin_nm, v2(mk(axis[0].direction), mk(axis[1].direction)), -1);
     for (int i = 0; i < 2; i++) {
         const struct geometry_axis_state *x = &state.axis[i];
         struct api_geometry_axis *a = &axis[i];
@@ -389,7 +389,7 @@ double api_dual_feedback(const api_drive *d, double crossover, double tolerance,
     const struct dual_feedback_cfg cfg = {
         .on = true, .gain = n_mul(mk(crossover * T0), d->cfg.dt), .tolerance = mk(tolerance / UM)};
     struct dual_feedback_state state = {.offset = mk(offset / UM)};
-    *agree = dual_feedback_step(&cfg, &state, pos_of(encoder[0]), pos_of(encoder[1]));
+    *agree = dual_feedback_step(&cfg, &state, pos_sub(pos_of(encoder[1]), pos_of(encoder[0])));
     return result(state.offset) * UM;
 }
 
@@ -462,16 +462,18 @@ void api_force_limit(const api_drive *d, double *heat, const double *force, doub
 void api_friction(api_drive *d, const double *r_dot, double *shape)
 {
     const vec2 v = in2(r_dot, MPS);
-    static const bool enabled[2] = {true, true};
-    friction_step(&d->cfg.friction, &d->state.friction, enabled, v, smc_direction(d->cfg.smc.friction_speed, v),
-                  d->cfg.dt);
+    const vec2 direction = smc_direction(d->cfg.smc.friction_speed, v);
+    friction_step(&d->cfg.friction, &d->state.friction, 0, true, v.x, direction.x, d->cfg.dt);
+    friction_step(&d->cfg.friction, &d->state.friction, 1, true, v.y, direction.y, d->cfg.dt);
     out2(d->state.friction.shape, 1, shape);
 }
 
 void api_screw(const api_drive *d, const int64_t *at, const double *demand, double *u)
 {
-    const pos_t where[2] = {pos_of(at[0]), pos_of(at[1])};
-    out2(screw_cancel(&d->cfg.screw, where, in2(demand, 1)), 1, u);
+    const vec2 wanted = in2(demand, 1);
+    out2(v2(screw_cancel(&d->cfg.screw.axis[0], pos_of(at[0]), wanted.x),
+            screw_cancel(&d->cfg.screw.axis[1], pos_of(at[1]), wanted.y)),
+         1, u);
 }
 
 double api_power(const api_drive *d, int i, double velocity, double acceleration)

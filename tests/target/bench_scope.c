@@ -15,7 +15,7 @@ static void tick(const char *name, uint8_t channels, uint32_t interval_us, enum 
     static struct od_data od;
     uint32_t worst = 0;
     uint64_t sum = 0;
-    rig_init(&r, CONTROLLER_CCU);
+    rig_init(&r, CONTROLLER_CCU, false);
     od = od_defaults;
     if (channels > 0) {
         for (uint8_t i = 0; i < SCOPE_CHANNELS; i++) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* bench_step.c: a program for QEMU that prints, as JSON, the instructions of a complete servo tick under each
- * controller, from encoder counts to force words. */
+ * controller, and under ccu with every compensation on, from encoder counts to force words. */
 #include <stdio.h>
 
 #include "rig.h"
@@ -8,12 +8,12 @@
 
 enum { STEPS = 20000 };
 
-static bool step(enum controller controller, const char *name, const char *separator)
+static bool step(enum controller controller, bool compensated, const char *name, const char *separator)
 {
     static struct rig r;
     uint32_t worst = 0;
     uint64_t sum = 0;
-    rig_init(&r, controller);
+    rig_init(&r, controller, compensated);
     const uint32_t start = count_now();
     const uint32_t overhead = count_now() - start; /* of reading the counter */
     rig_feed(&r); /* the first tick takes over the configuration, which it does only without power */
@@ -40,8 +40,9 @@ int main(void)
     bool good = true;
     count_start();
     for (unsigned c = 0; c < CONTROLLERS; c++) {
-        good = step((enum controller)c, name[c], c == 0 ? "{" : ", ") && good;
+        good = step((enum controller)c, false, name[c], c == 0 ? "{" : ", ") && good;
     }
+    good = step(CONTROLLER_CCU, true, "compensated", ", ") && good;
     printf("}\n");
     return good ? 0 : 1;
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* hash.c: a program that prints a hash over the state and the outputs of the servo in 100,000 control periods of a
- * part in closed loop under ccu. It must print the same on the host and on every target.
+ * part in closed loop under ccu, with every compensation on. It must print the same on the host and on every target.
  */
 #include <stdio.h>
 
@@ -31,6 +31,11 @@ static void mix_servo(uint32_t *hash, const struct servo_state *s)
     mix(hash, &s->compensator.mu, sizeof s->compensator.mu);
     mix(hash, &s->feedforward, sizeof s->feedforward);
     mix(hash, &s->friction, sizeof s->friction);
+    mix(hash, &s->force_filter, sizeof s->force_filter);
+    mix(hash, &s->force_limit, sizeof s->force_limit);
+    mix(hash, &s->screw, sizeof s->screw);
+    mix(hash, s->tool, sizeof s->tool);
+    mix(hash, s->dual_feedback, sizeof s->dual_feedback);
     mix(hash, &s->offset, sizeof s->offset);
     mix(hash, &s->force, sizeof s->force);
     mix(hash, s->demand, sizeof s->demand);
@@ -40,7 +45,7 @@ int main(void)
 {
     static struct rig r;
     uint32_t hash = 2166136261u;
-    rig_init(&r, CONTROLLER_CCU);
+    rig_init(&r, CONTROLLER_CCU, true);
     for (uint32_t i = 0; i < STEPS; i++) {
         rig_feed(&r);
         servo_loop_tick(&r.loop);

@@ -12,6 +12,8 @@ static void drive_read(void *ctx, struct hal_drive_in *in)
 {
     const struct rig *r = ctx;
     onchip_plant_read(&r->onchip_plant, in);
+    in->second[0] = in->count[0];
+    in->second[1] = in->count[1];
 }
 
 static void drive_write(void *ctx, const struct hal_drive_out *out)
@@ -35,10 +37,58 @@ void rig_move(struct rig *r)
     onchip_plant_step(&r->onchip_plant_cfg, &r->onchip_plant, &r->out);
 }
 
-void rig_init(struct rig *r, enum controller controller)
+/* A machine with a little of everything: the simulated one has nothing of it, and works with it all the same. */
+static void compensate(struct od_axis *a)
+{
+    a->friction = (struct od_friction){.presliding = 20000, .breakaway = 1200, .stribeck = 1000000};
+    a->screw = (struct od_screw){
+        .lead = 5000000,
+        .order_1 = 1,
+        .cogging_cos_1 = 20,
+        .cogging_sin_1 = 10,
+        .ripple_cos_1 = 2000,
+        .ripple_sin_1 = 1000,
+        .order_2 = 4,
+        .cogging_cos_2 = 20,
+        .cogging_sin_2 = 10,
+        .ripple_cos_2 = 2000,
+        .ripple_sin_2 = 1000,
+        .order_3 = 12,
+        .cogging_cos_3 = 20,
+        .cogging_sin_3 = 10,
+        .ripple_cos_3 = 2000,
+        .ripple_sin_3 = 1000,
+    };
+    a->force_filter = (struct od_force_filter){
+        .zero_1 = 500000,
+        .zero_damping_1 = 100,
+        .pole_1 = 500000,
+        .pole_damping_1 = 700,
+        .zero_2 = 800000,
+        .zero_damping_2 = 100,
+        .pole_2 = 800000,
+        .pole_damping_2 = 700,
+    };
+    a->force_continuous = (struct od_force_continuous){.force = a->plant.force_limit / 2u, .time = 10000};
+    a->transmission =
+        (struct od_transmission){.stiffness = 20000, .table_mass = 2000, .table_friction = 500, .backlash = 2000};
+    a->lead_map = (struct od_lead_map){.points = GEOMETRY_POINTS, .start = -50000000, .step = 2000000};
+    for (int32_t k = 0; k < (int32_t)GEOMETRY_POINTS; k++) {
+        a->lead_error[k] = 100 * (k % 8);
+    }
+    a->second_encoder =
+        (struct od_second_encoder){.length = a->plant.encoder, .crossover = 25000, .tolerance = 1000000};
+}
+
+void rig_init(struct rig *r, enum controller controller, bool compensated)
 {
     static struct od_data od;
     od_init(&od, 1);
+    if (compensated) {
+        compensate(&od.axis[0]);
+        compensate(&od.axis[1]);
+        od.geometry.squareness_x = od.geometry.squareness_y = 10000;
+    }
     od.onchip_plant.start_x = part_knots[0][0];
     od.onchip_plant.start_y = part_knots[0][1];
     *r = (struct rig){.hal = {.ctx = r, .drive_read = drive_read, .drive_write = drive_write},

@@ -15,8 +15,9 @@ struct rig {
     struct hal_drive_out out;
 };
 
-/* Start with default parameters and both axes enabled at the first knot. Path time runs from the first tick on. */
-void rig_init(struct rig *r, enum controller controller);
+/* Start with default parameters and both axes enabled at the first knot. Path time runs from the first tick on.
+ * `compensated`: with every compensation on, and as much of each as a machine may have. */
+void rig_init(struct rig *r, enum controller controller, bool compensated);
 /* Before a tick: append knots to the ring, as the background loop does. */
 void rig_feed(struct rig *r);
 /* After a tick: let the machine move. */

@@ -31,8 +31,8 @@ void tearDown(void)
 static void move(double distance, int steps, double y_dot, double y_sign)
 {
     for (int i = 0; i < steps; i++) {
-        friction_step(&cfg, &state, enabled, mk2(distance / DT / steps, y_dot), mk2(distance < 0 ? -1 : 1, y_sign),
-                      mk(DT));
+        friction_step(&cfg, &state, 0, enabled[0], mk(distance / DT / steps), mk(distance < 0 ? -1 : 1), mk(DT));
+        friction_step(&cfg, &state, 1, enabled[1], mk(y_dot), mk(y_sign), mk(DT));
     }
 }
 

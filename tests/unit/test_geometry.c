@@ -36,7 +36,7 @@ static void step(unsigned periods)
     for (unsigned k = 0; k < periods; k++) {
         const bool first = !state.started;
         const pos_t encoder[2] = {pos_from_nm(llround(at_mm[0] * 1e6)), pos_from_nm(llround(at_mm[1] * 1e6))};
-        geometry_step(&cfg, &state, encoder, origin_nm, mk2(direction[0], direction[1]));
+        geometry_step(&cfg, &state, encoder, origin_nm, mk2(direction[0], direction[1]), -1);
         const vec2 tool = v2_add(v2_add(state.position, state.turn), state.force);
         for (int i = 0; i < 2; i++) {
             const double before = tool_um[i];

@@ -31,10 +31,9 @@ void tearDown(void)
 
 static double at_nm(double nm, double demand)
 {
-    const pos_t at[2] = {(pos_t)llround(nm * POS_PER_NM), 0};
-    const vec2 u = screw_cancel(&cfg, at, mk2(demand, 7));
-    TEST_ASSERT_EQUAL_DOUBLE(7, val(u.y));
-    return val(u.x);
+    const pos_t at = (pos_t)llround(nm * POS_PER_NM);
+    TEST_ASSERT_EQUAL_DOUBLE(7, val(screw_cancel(&cfg.axis[1], at, mk(7))));
+    return val(screw_cancel(&cfg.axis[0], at, mk(demand)));
 }
 
 static void test_cogging_of_each_harmonic_is_subtracted(void)

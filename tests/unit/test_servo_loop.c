@@ -547,6 +547,7 @@ static void test_force_stays_within_its_limit(void)
     loop.cfg[0].following_max[0] = loop.cfg[0].following_max[1] = NUM(4000);
     loop.cfg[0].servo.plant.force_max.y = NUM(500);
     power();
+    loop.servo.force_limit.limit.y = NUM(500);
     ring.start.nm[0] = 3000000;
     ring.start.nm[1] = -3000000;
     loop.cfg[0].max_nm[0] = 4000000;
