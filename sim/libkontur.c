@@ -463,7 +463,7 @@ static void respond(struct bench *b, uint32_t controller, bool second, int32_t c
 {
     b->hal = (struct hal){.ctx = b, .drive_read = bench_read, .drive_write = bench_write};
     servo_loop_init(&b->loop, &b->hal, &b->ring);
-    b->loop.cfg[0] = configuration_servo_loop(&b->od);
+    configuration_servo_loop(&b->od, &b->loop.cfg[0]);
     b->loop.command.controller = (uint8_t)controller;
     servo_loop_tick(&b->loop);
     b->loop.command.powered[0] = b->loop.command.powered[1] = SERVO_LOOP_ON;

@@ -131,29 +131,27 @@ static bool has_turn_error(const struct od_screw *s)
     return s->lead != 0 && (s->error_cos != 0 || s->error_sin != 0);
 }
 
-/* The table behind a spring, a gap and a screw; squareness is that of the axis, seen on the other one. */
-static struct geometry_axis_cfg geometry_axis(const struct od_axis *a, int32_t squareness)
+/* The table behind a spring, a gap and a screw; squareness is that of the axis, seen on the other one. It fills *g, whose
+ * points beyond the map are 0: by value its maps would lie on the stack several times. */
+static void geometry_axis(struct geometry_axis_cfg *g, const struct od_axis *a, int32_t squareness)
 {
     const struct od_transmission *t = &a->transmission;
     const struct od_screw *s = &a->screw;
-    struct geometry_axis_cfg g = {
-        .points = a->lead_map.points,
-        .start_nm = a->lead_map.start,
-        .step_nm = a->lead_map.step,
-        .turns = has_turn_error(s) ? screw_turns(s->lead) : 0,
-        .error_cos = n_ratio(s->error_cos, 1000),
-        .error_sin = n_ratio(s->error_sin, 1000),
-        .squareness = n_ratio(squareness, 1000000),
-        .compliance = t->stiffness == 0 ? NUM(0) : n_ratio(1000, t->stiffness),
-        .mass = n_ratio(t->table_mass, 25000),
-        .coulomb = n_ratio((int64_t)a->plant.coulomb * t->table_friction, 1000000),
-        .viscous = n_ratio((int64_t)a->plant.viscous * t->table_friction, 5000000000),
-        .half_gap = n_ratio(t->backlash, 2000),
-    };
-    for (uint32_t k = 0; k < g.points; k++) {
-        g.lead[k] = n_ratio(a->lead_error[k], 1000);
+    g->points = a->lead_map.points;
+    g->start_nm = a->lead_map.start;
+    g->step_nm = a->lead_map.step;
+    g->turns = has_turn_error(s) ? screw_turns(s->lead) : 0;
+    g->error_cos = n_ratio(s->error_cos, 1000);
+    g->error_sin = n_ratio(s->error_sin, 1000);
+    g->squareness = n_ratio(squareness, 1000000);
+    g->compliance = t->stiffness == 0 ? NUM(0) : n_ratio(1000, t->stiffness);
+    g->mass = n_ratio(t->table_mass, 25000);
+    g->coulomb = n_ratio((int64_t)a->plant.coulomb * t->table_friction, 1000000);
+    g->viscous = n_ratio((int64_t)a->plant.viscous * t->table_friction, 5000000000);
+    g->half_gap = n_ratio(t->backlash, 2000);
+    for (uint32_t k = 0; k < g->points; k++) {
+        g->lead[k] = n_ratio(a->lead_error[k], 1000);
     }
-    return g;
 }
 
 static bool has_second(const struct od_data *od, int axis)
@@ -177,14 +175,13 @@ static bool has_geometry(const struct od_data *od, int axis)
            a->transmission.backlash != 0 || has_turn_error(&a->screw);
 }
 
-static struct geometry_cfg geometry(const struct od_data *od, num dt)
+static void geometry(struct geometry_cfg *c, const struct od_data *od, num dt)
 {
     const struct od_geometry *g = &od->geometry;
-    return (struct geometry_cfg){
-        .on = has_geometry(od, 0) || has_geometry(od, 1) || g->squareness_x != 0 || g->squareness_y != 0,
-        .dt = n_mul(NUM(2), dt), /* the axes take turns */
-        .axis = {geometry_axis(&od->axis[0], g->squareness_x), geometry_axis(&od->axis[1], g->squareness_y)},
-    };
+    c->on = has_geometry(od, 0) || has_geometry(od, 1) || g->squareness_x != 0 || g->squareness_y != 0;
+    c->dt = n_mul(NUM(2), dt); /* the axes take turns */
+    geometry_axis(&c->axis[0], &od->axis[0], g->squareness_x);
+    geometry_axis(&c->axis[1], &od->axis[1], g->squareness_y);
 }
 
 /* Whether a map is one: between two points the table moves in the encoder's direction, by 0.5 to 1.5 times as much. */
@@ -270,7 +267,6 @@ struct servo_cfg configuration_servo(const struct od_data *od)
         .blend = n_ratio(od->contour.blend_time, (int64_t)od->contour.blend_time + dt_us),
         .plant = plant(&od->axis[0].plant, &od->axis[1].plant),
         .observer = observer_design(observer_bandwidth(od), dt),
-        .geometry = geometry(od, dt),
         .dual_feedback = {dual_feedback(od, 0), dual_feedback(od, 1)},
         .contour = {.v_min = nano_mps(od->contour.v_min),
                     .lag_max = n_ratio(od->contour.lag_max, 5000),
@@ -311,6 +307,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
         .force_limit = force_limit(&od->axis[0], &od->axis[1]),
         .oscillation = oscillation(od),
     };
+    geometry(&cfg.geometry, od, dt);
     for (int i = 0; i < 2; i++) {
         (void)force_filter(&cfg.force_filter, i, &od->axis[i].force_filter);
     }
@@ -358,25 +355,24 @@ static uint32_t jump_counts(const struct od_data *od, const struct od_axis *a)
     return jump + 100u < INT32_MAX ? (uint32_t)jump + 100u : INT32_MAX;
 }
 
-struct servo_loop_cfg configuration_servo_loop(const struct od_data *od)
+void configuration_servo_loop(const struct od_data *od, struct servo_loop_cfg *c)
 {
-    struct servo_loop_cfg c = {.servo = configuration_servo(od),
-                               .onchip_plant = configuration_onchip_plant(od),
-                               .speed_max = n_ratio(od->limits.velocity, 200),
-                               .stop_time = n_ratio(od->limits.path_stop_time, 1),
-                               .cut = fault_mask(od, REACT_DISABLE),
-                               .stop = fault_mask(od, REACT_PATH_STOP)};
+    c->servo = configuration_servo(od);
+    c->onchip_plant = configuration_onchip_plant(od);
+    c->speed_max = n_ratio(od->limits.velocity, 200);
+    c->stop_time = n_ratio(od->limits.path_stop_time, 1);
+    c->cut = fault_mask(od, REACT_DISABLE);
+    c->stop = fault_mask(od, REACT_PATH_STOP);
     for (int i = 0; i < 2; i++) {
         const struct od_axis *a = &od->axis[i];
-        c.encoder_10fm[i] = a->plant.encoder;
-        c.second_10fm[i] = a->second_encoder.length;
-        c.following_max[i] = n_ratio(a->following_window, 1000);
-        c.following_ticks[i] = a->following_timeout * (CONTROL_HZ / 1000u);
-        c.min_nm[i] = a->position_limit.min;
-        c.max_nm[i] = a->position_limit.max;
-        c.jump_counts[i] = jump_counts(od, a);
+        c->encoder_10fm[i] = a->plant.encoder;
+        c->second_10fm[i] = a->second_encoder.length;
+        c->following_max[i] = n_ratio(a->following_window, 1000);
+        c->following_ticks[i] = a->following_timeout * (CONTROL_HZ / 1000u);
+        c->min_nm[i] = a->position_limit.min;
+        c->max_nm[i] = a->position_limit.max;
+        c->jump_counts[i] = jump_counts(od, a);
     }
-    return c;
 }
 
 void configuration_hal(const struct od_data *od, struct hal_axis_cfg cfg[AXES])

@@ -144,7 +144,7 @@ static void configure(struct drive *d)
     const uint32_t next = atomic_load(&d->loop.command.configured) + 1u;
     const struct hal *hal = d->loop.hal;
     d->configured_ms = atomic_load(&d->loop.published);
-    d->loop.cfg[next % 2u] = configuration_servo_loop(d->od);
+    configuration_servo_loop(d->od, &d->loop.cfg[next % 2u]);
     d->configured = next;
     atomic_store(&d->loop.command.configured, next);
     if (hal->drive_configure != NULL) {

@@ -96,7 +96,7 @@ void rig_init(struct rig *r, enum controller controller, bool compensated)
                       .ring = {.start = {{part_knots[0][0], part_knots[0][1]}}}};
     onchip_plant_reset(&r->onchip_plant_cfg, &r->onchip_plant);
     servo_loop_init(&r->loop, &r->hal, &r->ring);
-    r->loop.cfg[0] = configuration_servo_loop(&od);
+    configuration_servo_loop(&od, &r->loop.cfg[0]);
     for (int i = 0; i < 2; i++) {
         atomic_store(&r->loop.command.powered[i], SERVO_LOOP_ON);
     }

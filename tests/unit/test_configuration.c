@@ -250,7 +250,8 @@ static void test_second_encoder_of_each_axis(void)
         TEST_ASSERT_FALSE(c.dual_feedback[1 - i].on);
         near(2 * 3.14159265358979 * 34.567 * 1e-4, c.dual_feedback[i].gain);
         near(456.789, c.dual_feedback[i].tolerance);
-        const struct servo_loop_cfg loop = configuration_servo_loop(&od);
+        struct servo_loop_cfg loop;
+        configuration_servo_loop(&od, &loop);
         TEST_ASSERT_EQUAL_UINT32(1234567, loop.second_10fm[i]);
         TEST_ASSERT_EQUAL_UINT32(0, loop.second_10fm[1 - i]);
         struct hal_axis_cfg hal[AXES];
