@@ -248,11 +248,24 @@ __attribute__((noinline, cold)) static void lower_gains(const struct servo_cfg *
     state->gains_lowered = state->gains_changed = true;
 }
 
+/* Copies of the configuration, which is sealed and these are not: made anew in one of the slots, since a bit may flip. */
+static __attribute__((noinline)) void copy_configuration(const struct servo_cfg *cfg, struct servo_state *state)
+{
+    state->extras =
+        cfg->force_limit.on || cfg->geometry.on || cfg->screw.on || cfg->force_filter.on || cfg->friction.on;
+    if (!cfg->force_limit.on) {
+        state->force_limit.limit = cfg->plant.force_max;
+    }
+    if (!state->gains_lowered) {
+        state->gains = (struct servo_gains){cfg->smc, cfg->compensator, cfg->cascade};
+    }
+}
+
 static void take_gains(const struct servo_cfg *cfg, struct servo_state *state)
 {
-    state->gains = (struct servo_gains){cfg->smc, cfg->compensator, cfg->cascade};
     state->gains_lowered = false;
     state->gain = NUM(1);
+    copy_configuration(cfg, state);
 }
 
 void servo_reset_oscillation(const struct servo_cfg *cfg, struct servo_state *state)
@@ -265,8 +278,6 @@ void servo_reset_oscillation(const struct servo_cfg *cfg, struct servo_state *st
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2])
 {
     *state = (struct servo_state){.controller = CONTROLLERS};
-    state->extras =
-        cfg->force_limit.on || cfg->geometry.on || cfg->screw.on || cfg->force_filter.on || cfg->friction.on;
     geometry_reset(&state->geometry);
     for (int i = 0; i < 2; i++) {
         observer_reset(&state->observer[i], measured[i]);
@@ -288,6 +299,9 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     state->slot = (state->slot + 1u) % SERVO_SLOTS;
     struct servo_demand *applied = &state->demand[state->slot % 2u]; /* replaced at the end by this period's */
     pos_t measured[2] = {in->measured[0], in->measured[1]};
+    if (state->slot == SERVO_SLOTS - 1u) {
+        copy_configuration(cfg, state);
+    }
     if (state->extras) {
         prepare(cfg, state, in->table, in->measured[0], in->measured[1]);
         measured[0] = state->tool[0];

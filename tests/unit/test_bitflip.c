@@ -339,6 +339,9 @@ static bool of_no_meaning(const struct variable *v, size_t bit)
         IN_BOTH(servo.oscillation.on),
         IN_BOTH(servo.oscillation.lower),
         IN_BOTH(onchip_plant.simulated),
+        offsetof(struct rig, device.drive.loop.servo.gains.smc.psi_printed),
+        offsetof(struct rig, device.drive.loop.servo.gains.compensator.law_printed),
+        offsetof(struct rig, device.drive.loop.servo.gains.compensator.input_printed),
         offsetof(struct rig, device.drive.fault_monitor.hot[0]),
         offsetof(struct rig, device.drive.fault_monitor.hot[1]),
     };

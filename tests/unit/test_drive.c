@@ -236,11 +236,13 @@ static void test_jump_of_an_encoder_with_the_shortest_counts_is_within_the_range
     od.limits.velocity = 10000000;
     od.axis[0].plant.encoder = 100; /* 10 m/s of 1 pm */
     od.axis[1].plant.encoder = 1000000;
-    const struct servo_loop_cfg cfg = configuration_servo_loop(&od);
+    struct servo_loop_cfg cfg;
+    configuration_servo_loop(&od, &cfg);
     TEST_ASSERT_EQUAL_UINT32(INT32_MAX, cfg.jump_counts[0]);
     TEST_ASSERT_EQUAL_UINT32(400100, cfg.jump_counts[1]); /* 4 mm in 0.1 ms, and 100 */
     od.limits.velocity = 1000;
-    TEST_ASSERT_EQUAL_UINT32(140, configuration_servo_loop(&od).jump_counts[1]);
+    configuration_servo_loop(&od, &cfg);
+    TEST_ASSERT_EQUAL_UINT32(140, cfg.jump_counts[1]);
 }
 
 static void test_stream_may_begin_in_the_millisecond_in_which_the_axes_were_enabled(void)

@@ -1067,6 +1067,23 @@ static void test_error_once_a_turn_passes_no_crossover(void)
     }
 }
 
+static void test_copies_of_the_configuration_are_made_anew(void)
+{
+    const struct servo_state before = state;
+    state.extras = true;
+    state.force_limit.limit = v2(mk(3000), mk(0));
+    state.gains.smc.k_max = mk(0);
+    state.gains.cascade.k_v = mk(0);
+    state.gains.compensator.mu_max = mk(0);
+    for (unsigned k = 0; k < SERVO_SLOTS; k++) {
+        servo_step(&cfg, &state, &in, &out);
+    }
+    TEST_ASSERT_FALSE(state.extras);
+    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.plant.force_max.x), val(state.force_limit.limit.x));
+    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.plant.force_max.y), val(state.force_limit.limit.y));
+    TEST_ASSERT_EQUAL_MEMORY(&before.gains, &state.gains, sizeof before.gains);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -1129,5 +1146,6 @@ int main(void)
     RUN_TEST(test_known_deflection_passes_no_crossover);
     RUN_TEST(test_error_once_a_turn_belongs_to_what_goes_by_the_users_position);
     RUN_TEST(test_error_once_a_turn_passes_no_crossover);
+    RUN_TEST(test_copies_of_the_configuration_are_made_anew);
     return UNITY_END();
 }

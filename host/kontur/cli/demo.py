@@ -21,7 +21,8 @@ if TYPE_CHECKING:
               help="Folder of report, figures and logs.")  # fmt: skip
 @simulated_target_options
 def command(*, file: Path | None, out: Path, target: Target) -> None:
-    """Cut FILE on the simulated drive under every controller, with report and logs.
+    """Cut FILE on the simulated drive under every controller, with report and logs: on the paper's machine, and on a
+    real one with a spring between motor and table, for which `kontur design` found the gains.
 
     Without FILE it is the demo part, which comes with this program.
     """
@@ -30,9 +31,12 @@ def command(*, file: Path | None, out: Path, target: Target) -> None:
 
     file = part() if file is None else file
     with progress_bars() as progress:
-        runs = demo(file, out, target, progress)
-    rows = [{"controller": run.meta["controller"], **summary(run)} for run in runs]
-    print_table(rows, f"{file}, {runs[0].columns['time_s'][-1]:.1f} s: {heading(runs[0].meta, truth=True)}")
+        shown = demo(file, out, target, progress)
+    for runs in (shown.paper, shown.real):
+        rows = [{"controller": run.meta["controller"], **summary(run)} for run in runs]
+        what = f"{runs[0].meta['machine']['name']}: {heading(runs[0].meta, truth=True)}"
+        print_table(rows, f"{file}, {runs[0].columns['time_s'][-1]:.1f} s, {what}")
     click.echo(
-        f"{out / 'report.html'} shows the runs; {out / 'summary.json'} has the figures, and the logs are beside it."
+        f"{out / 'report.html'} and {out / 'real' / 'report.html'} show the runs; {out / 'summary.json'} has the "
+        "figures, and the logs are beside them."
     )
