@@ -34,7 +34,7 @@ def command(*, file: Path | None, out: Path, target: Target) -> None:
         shown = demo(file, out, target, progress)
     for runs in (shown.paper, shown.real):
         rows = [{"controller": run.meta["controller"], **summary(run)} for run in runs]
-        what = f"{runs[0].meta['machine']['name']}: {heading(runs[0].meta, truth=True)}"
+        what = f"{runs[0].meta['machine']}: {heading(runs[0].meta, truth=True)}"
         print_table(rows, f"{file}, {runs[0].columns['time_s'][-1]:.1f} s, {what}")
     click.echo(
         f"{out / 'report.html'} and {out / 'real' / 'report.html'} show the runs; {out / 'summary.json'} has the "
