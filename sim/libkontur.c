@@ -465,7 +465,9 @@ static void respond(struct bench *b, uint32_t controller, bool second, int32_t c
     servo_loop_init(&b->loop, &b->hal, &b->ring);
     configuration_servo_loop(&b->od, &b->loop.cfg[0]);
     b->loop.command.controller = (uint8_t)controller;
-    servo_loop_tick(&b->loop);
+    for (unsigned k = 0; k < SERVO_SLOTS; k++) { /* the axes take turns to find what cancels their cogging */
+        servo_loop_tick(&b->loop);
+    }
     b->loop.command.powered[0] = b->loop.command.powered[1] = SERVO_LOOP_ON;
     for (int k = 0; k < 16; k++) { /* until all parts have begun */
         servo_loop_tick(&b->loop);

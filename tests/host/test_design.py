@@ -15,8 +15,10 @@ from kontur.cli import main
 from kontur.design import loop, search
 from kontur.design.search import Problem, predicted
 from kontur.drive import parameter_file
+from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.target import Target
-from kontur.machine import MACHINES, Axis, Machine, load
+from kontur.experiments import demo
+from kontur.machine import FULL, MACHINES, Axis, Machine, load
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
@@ -223,3 +225,15 @@ def test_the_second_encoder_corrects_the_screw_up_to_the_crossover() -> None:
         left.append(loop.screw_error(grid, machine.x, law, plant, s) / machine.x.lead_once_m)
     assert left[1] < 0.6 * left[0] < 0.6
     assert loop.screw_error(grid, dataclasses.replace(machine.x, lead_once_m=0.0), law, plant, s) == 0.0
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_the_designs_of_the_demo_keep_their_margins(controller: str) -> None:
+    """They are committed, and firmware and machine go on: small changes of these move the margins a little."""
+    machine = load(demo.REAL)
+    values = parameter_file.read(demo.designed(controller))
+    told = machine.parameters()
+    assert {name: values[name] for name in told} == pytest.approx(told, rel=1e-3, abs=1e-3), "design it anew"
+    axes = predicted(Problem(machine, controller, FULL, 2.0, 2.0), values)
+    assert max(axis.margins.ms for axis in axes) < 2.05, "design it anew"  # made for 2.0
+    assert max(axis.force_change_N for axis in axes) < 2.05, "design it anew"

@@ -42,7 +42,7 @@ def part() -> Path:
 
 def designed(controller: str) -> Path:
     """The parameters that `kontur design` gives `controller` for the machine REAL."""
-    return REAL.parent / "designs" / f"{REAL.stem}.{controller}.toml"
+    return REAL.parent / "designs" / f"{REAL.stem}-{controller}.toml"
 
 
 @dataclass(frozen=True)
