@@ -76,14 +76,15 @@ void force_filter_reset(struct force_filter_state *state, vec2 force)
 
 static inline num filter(const struct force_section_cfg *c, struct force_section_state *s, unsigned count, num u)
 {
-    for (unsigned n = 0; n < count; n++, c++, s++) {
-        const num v1 = n_mad(n_mul(c->a1, s->s1), c->a2, n_sub(u, s->s2));
-        const num v2 = n_mad(s->s2, c->g, v1);
-        s->s1 = n_state(n_sub(n_add(v1, v1), s->s1));
-        s->s2 = n_state(n_sub(n_add(v2, v2), s->s2));
-        u = n_mad(n_mad(v2, c->c, v1), c->r2, n_sub(u, v2));
+    num out = u;
+    for (unsigned n = 0; n < count; n++) {
+        const num band = n_mad(n_mul(c[n].a1, s[n].s1), c[n].a2, n_sub(out, s[n].s2));
+        const num low = n_mad(s[n].s2, c[n].g, band);
+        s[n].s1 = n_state(n_sub(n_add(band, band), s[n].s1));
+        s[n].s2 = n_state(n_sub(n_add(low, low), s[n].s2));
+        out = n_mad(n_mad(low, c[n].c, band), c[n].r2, n_sub(out, low));
     }
-    return u;
+    return out;
 }
 
 /* The number of sections, also where a bit of it has flipped */

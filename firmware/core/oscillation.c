@@ -61,8 +61,11 @@ static inline bool step(const struct oscillation_cfg *cfg, struct oscillation_st
 {
     const num h = n_sub(x, s->slow);
     s->slow = n_state(n_mad(s->slow, cfg->slow, h));
-    if (s->half_waves != 0 && ++s->age > cfg->half_wave) {
-        s->half_waves = 0;
+    if (s->half_waves != 0) {
+        s->age++;
+        if (s->age > cfg->half_wave) {
+            s->half_waves = 0;
+        }
     }
     return n_lt(limit, n_abs(h)) && beyond(cfg, s, h);
 }

@@ -6,7 +6,8 @@
 
 uint64_t screw_turns(uint32_t lead_nm)
 {
-    return (((uint64_t)1 << 48) + lead_nm / 2u) / lead_nm; /* 2^64 / POS_PER_NM / lead_nm */
+    const uint32_t half = lead_nm / 2u;
+    return (((uint64_t)1 << 48) + half) / lead_nm; /* 2^64 / POS_PER_NM / lead_nm */
 }
 
 num screw_cancel(const struct screw_axis_cfg *cfg, pos_t at, num demand)

@@ -236,7 +236,10 @@ static __attribute__((noinline)) void predict(const struct servo_cfg *cfg, struc
 __attribute__((noinline, cold)) static void lower_gains(const struct servo_cfg *cfg, struct servo_state *state)
 {
     const num gain = n_max(NUM(OSCILLATION_GAIN_MIN), n_mul(state->gain, cfg->oscillation.gain_step));
-    struct servo_gains g = {cfg->smc, cfg->compensator, cfg->cascade};
+    struct servo_gains g;
+    g.smc = cfg->smc;
+    g.compensator = cfg->compensator;
+    g.cascade = cfg->cascade;
     num *const gains[] = {&g.smc.lambda,  &g.smc.gamma,         &g.smc.k_0,          &g.smc.k_max,
                           &g.smc.zeta,    &g.compensator.alpha, &g.compensator.mu_0, &g.compensator.mu_max,
                           &g.cascade.k_p, &g.cascade.k_v,       &g.cascade.k_i};

@@ -51,7 +51,7 @@ num trig_decay(num x)
 struct trig_circle trig_circle(uint32_t phase)
 {
     const uint32_t quarter = (phase + 0x20000000u) >> 30;
-    const num x = n_ratio((int32_t)(phase - (quarter << 30)), 1 << 30);
+    const num x = n_ratio((int32_t)(phase - (quarter << 30)), 0x40000000);
     const num x2 = n_mul(x, x);
     num s = n_mad(NUM(0.07969262624616703), x2, NUM(-0.004681754135318687)); /* (pi/2)^5 / 5!, -(pi/2)^7 / 7! */
     s = n_mad(NUM(-0.6459640975062462), x2, s);
