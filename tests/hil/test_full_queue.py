@@ -39,7 +39,7 @@ def run_circle(rig: Rig) -> None:
 
 def test_circle_through_a_queue_of_ten_frames_is_complete(target: Target) -> None:
     if isinstance(target, Process) and target.is_vcan:
-        pytest.skip("has a queue of the kernel, which fills however slow this machine is: the next test")
+        pytest.skip("--target inproc or slcan has the model of a queue; on vcan the next test fills the kernel's own")
     with target.power_on() as drive, Rig(drive) as rig:
         bus = BadBus(inner=rig.bus, faults=SHORT)
         rig.connect(bus)
@@ -51,8 +51,10 @@ def test_circle_through_a_queue_of_ten_frames_is_complete(target: Target) -> Non
 def short_queue(channel: str) -> Iterator[Callable[[str], None]]:
     """An interface with a queue, of which vcan has none by itself; gives what sets the rate at which frames leave."""
     tc = shutil.which("tc", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin")
-    if tc is None or os.geteuid() != 0:
-        pytest.skip("giving vcan a queue needs root, and `tc` of iproute2")
+    if tc is None:
+        pytest.skip("giving vcan a queue needs tc: sudo apt-get install iproute2")
+    if os.geteuid() != 0:
+        pytest.skip("giving vcan a queue needs root: run the tests with sudo, or where this kernel has no vcan")
 
     def qdisc(verb: str, *words: str) -> None:
         subprocess.run([tc, "qdisc", verb, "dev", channel, "root", *words], check=True)

@@ -446,17 +446,23 @@ static void test_capture_of_a_warning_stays_when_the_second_axis_gets_power(void
     }
 }
 
+/* A master claims the drive, arms it, and enables one axis. */
+static void claim_and_enable(int axis)
+{
+    ms(3);
+    TEST_ASSERT_TRUE(command_guard_claim(&drive.command_guard, 1, 7, false));
+    command(0x06, 0x06);
+    const uint32_t ticket = command_guard_draw(&drive.command_guard, drive_now(&drive));
+    TEST_ASSERT_TRUE(command_guard_arm(&drive.command_guard, ticket, drive_now(&drive)));
+    command(axis == 0 ? 0x0F : 0x06, axis == 1 ? 0x0F : 0x06);
+    ms(5);
+}
+
 static void test_permission_to_enable_outlives_the_enabling_of_one_axis_and_ends_with_that_of_both(void)
 {
     for (int first = 0; first < 2; first++) {
         setUp();
-        ms(3);
-        TEST_ASSERT_TRUE(command_guard_claim(&drive.command_guard, 1, 7, false));
-        command(0x06, 0x06);
-        const uint32_t ticket = command_guard_draw(&drive.command_guard, drive_now(&drive));
-        TEST_ASSERT_TRUE(command_guard_arm(&drive.command_guard, ticket, drive_now(&drive)));
-        command(first == 0 ? 0x0F : 0x06, first == 1 ? 0x0F : 0x06);
-        ms(5);
+        claim_and_enable(first);
         TEST_ASSERT_TRUE(cia402_enabled(&drive.axis[first]) && !cia402_powered(&drive.axis[1 - first]));
         command(0x0F, 0x0F);
         TEST_ASSERT_TRUE(cia402_enabled(&drive.axis[1 - first]));
@@ -471,13 +477,7 @@ static void test_permission_to_enable_ends_when_an_axis_loses_its_power(void)
 {
     for (int first = 0; first < 2; first++) {
         setUp();
-        ms(3);
-        TEST_ASSERT_TRUE(command_guard_claim(&drive.command_guard, 1, 7, false));
-        command(0x06, 0x06);
-        const uint32_t ticket = command_guard_draw(&drive.command_guard, drive_now(&drive));
-        TEST_ASSERT_TRUE(command_guard_arm(&drive.command_guard, ticket, drive_now(&drive)));
-        command(first == 0 ? 0x0F : 0x06, first == 1 ? 0x0F : 0x06);
-        ms(5);
+        claim_and_enable(first);
         command(first == 0 ? 0x06 : 0x0F, first == 1 ? 0x06 : 0x0F); /* one goes off as the other one goes on */
         ms(5);
         TEST_ASSERT_TRUE(cia402_enabled(&drive.axis[1 - first]) && !cia402_powered(&drive.axis[first]));
