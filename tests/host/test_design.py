@@ -79,6 +79,13 @@ def test_the_response_of_the_law_is_linear_and_ends_as_extrapolated(monkeypatch:
     assert np.max(np.abs(short.force[0] / long.force[0] - 1.0)[grid.hz > 5.0]) < 0.005
 
 
+def test_the_transform_of_a_response_is_the_sum_over_its_periods() -> None:
+    grid = loop.Grid.around([], CONTROL_HZ, points=300)
+    response = np.random.default_rng(1).normal(size=1024)
+    expected = np.exp(-2j * np.pi * np.outer(grid.hz, np.arange(1024)) / CONTROL_HZ) @ response
+    assert np.max(np.abs(loop._sum(grid, response) - expected)) < 1e-9 * np.max(np.abs(expected))
+
+
 def test_an_object_that_the_firmware_does_not_have_or_accept_is_refused() -> None:
     for objects in (
         [(0x2110, 99, 1)],
@@ -98,8 +105,8 @@ def test_the_plant_is_the_closed_form_of_two_masses_with_hold_lag_and_delay(at: 
     axis = dataclasses.replace(
         load(MACHINES / "ball_screw.toml").x, viscous_Nspm=0.0, encoder_at=at, current_lag_s=lag_s, friction_share=1.0
     )
-    z_inverse = np.exp([-2j * np.pi * hz / CONTROL_HZ])
-    plant = loop.plant(loop.Grid(np.array([hz]), CONTROL_HZ, z_inverse, np.ones((1, 1))), axis, 2, [(1.0, 1.0)])
+    grid = loop.Grid.at(np.array([hz]), CONTROL_HZ)
+    plant = loop.plant(grid, axis, 2, [(1.0, 1.0)])
     s, motor_kg, table_kg = 2j * np.pi * hz, 50.0, 50.0
     omega = 2.0 * np.pi * axis.resonance_Hz
     spring = 25.0 * (omega**2 + 2.0 * axis.resonance_damping * omega * s)
@@ -107,7 +114,7 @@ def test_the_plant_is_the_closed_form_of_two_masses_with_hold_lag_and_delay(at: 
     of_motor = (table_kg * s**2 + spring if at == "motor" else spring) / both
     of_table = (spring if at == "motor" else motor_kg * s**2 + spring) / both
     hold = np.exp(-1j * np.pi * hz / CONTROL_HZ) * np.sinc(hz / CONTROL_HZ)
-    assert plant.force[0, 0, 0] == pytest.approx(of_motor * hold * z_inverse[0] ** 2 / (1.0 + lag_s * s), rel=2e-3)
+    assert plant.force[0, 0, 0] == pytest.approx(of_motor * hold * grid.z_inverse[0] ** 2 / (1.0 + lag_s * s), rel=2e-3)
     assert plant.friction[0, 0, 0] == pytest.approx(of_table * hold, rel=2e-3)
 
 
