@@ -93,8 +93,7 @@ def _sum(grid: Grid, h: Floats) -> Complex:
     """Sum of h_k z^-k at the frequencies of the grid."""
     from_middle = np.arange(len(h)) / len(h) - 0.5
     root = np.sqrt(_SHAPE**2 - (0.5 * np.pi * _WIDTH * from_middle) ** 2)
-    transform: Complex = grid.interpolation @ np.fft.fft(h * root / (_WIDTH * np.sinh(root)), 2 * len(h))
-    return transform
+    return np.asarray(grid.interpolation @ np.fft.fft(h * root / (_WIDTH * np.sinh(root)), 2 * len(h)))
 
 
 def impulse_counts(encoder_m: float) -> int:
