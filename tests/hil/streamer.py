@@ -2,7 +2,7 @@
 """A host in a process of its own, to be killed: streams knots and says "running" when half of them are accepted and the
 drive's queue is full but for ROOM.
 
-python streamer.py BUS_OPTIONS_AS_JSON NODE KNOTS.npy ROOM
+python streamer.py BUS_OPTIONS_AS_JSON NODE KNOTS.npy ROOM FEED_OVERRIDE
 """
 
 import json
@@ -15,7 +15,7 @@ from kontur.can.link import Link
 from kontur.drive.device import Device
 from kontur.drive.stream import Operator, stream
 
-options, node_id, knots, room = sys.argv[1:]
+options, node_id, knots, room, override = sys.argv[1:]
 with open_bus(json.loads(options)) as bus:
     device = Device(Link(bus, int(node_id)))
     told = False
@@ -28,4 +28,4 @@ with open_bus(json.loads(options)) as bus:
             print("running", flush=True)
 
     with device.axes.enabled():
-        stream(device, np.load(knots), Operator(progress=tell))
+        stream(device, np.load(knots), Operator(progress=tell, feed_override=lambda: float(override)))
