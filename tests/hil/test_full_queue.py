@@ -54,7 +54,7 @@ def short_queue(channel: str) -> Iterator[Callable[[str], None]]:
     if tc is None:
         pytest.skip("giving vcan a queue needs tc: sudo apt-get install iproute2")
     if os.geteuid() != 0:
-        pytest.skip("giving vcan a queue needs root: run the tests with sudo, or where this kernel has no vcan")
+        pytest.skip("giving vcan a queue needs root: sudo make test-hil TARGET=vcan")
 
     def qdisc(verb: str, *words: str) -> None:
         subprocess.run([tc, "qdisc", verb, "dev", channel, "root", *words], check=True)

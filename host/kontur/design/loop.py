@@ -72,7 +72,8 @@ class Grid:
 # --- the law ----------------------------------------------------------------------------------------------------------
 # A sum over the periods at each frequency would take nine tenths of a search. So the transform is computed at twice as
 # many even frequencies as there are periods, and interpolated with a Kaiser-Bessel kernel of this width, to 1e-9 of the
-# largest value: J. A. Fessler and B. P. Sutton, IEEE Trans. Signal Process. 51 (2003) 560.
+# largest value: J. A. Fessler and B. P. Sutton, IEEE Trans. Signal Process. 51 (2003) 560. The package finufft does it
+# for millions of points; these few are not worth a package.
 _WIDTH = 12
 _SHAPE = 0.75 * np.pi * _WIDTH
 
