@@ -10,8 +10,8 @@ import dataclasses
 import math
 import reprlib
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -115,6 +115,8 @@ class Machine:
     friction_repeat_s: float = 0.0
     model: str = "full"
     """"full": the simulator's, in double precision; "on_chip": the one that the drive itself has (object 2103h)."""
+    gains: Mapping[str, float] = field(default_factory=dict, hash=False)
+    """Parameters of the drive, of the objects GAINS, that fit this machine; the others stay as they are."""
 
     @property
     def axes(self) -> tuple[Axis, Axis]:
@@ -185,6 +187,8 @@ class Machine:
             for parameter, of, value_of in _PARAMETERS
             if of in level and (value := value_of(axis)) is not None
         }
+        if told == ALL:
+            values |= self.gains
         if self.model == ON_CHIP:
             for name, axis in (("x", self.x), ("y", self.y)):
                 values |= {
@@ -355,6 +359,15 @@ _RANGE = {
     "cutting_force_N": (0.0, 3000.0, True),
     "cutting_Hz": (0.0, 5000.0, True),
 }
+GAINS = (
+    "smc",
+    "compensator",
+    "observer",
+    "cascade",
+    "feedforward",
+    *(f"{name}_{axis}" for name in ("force_filter", "second_encoder") for axis in "xy"),
+)
+"""Objects of the drive whose parameters a machine file may have in `[gains.OBJECT]`."""
 _OF_PARAMETERS = {"plant_x", "plant_y", "limits", "smc", "controller"}  # objects that `kontur param dump` writes
 _FLAGS = ("encoder_inverted", "force_inverted")
 # What a key needs to be there, too: (key, other, what it is).
@@ -378,7 +391,8 @@ def load(file: str | Path = DEFAULT) -> Machine:
     if _OF_PARAMETERS & table.keys() and "name" not in table:
         raise MachineError(
             f"{file}: is a file of parameters, not of a machine. `kontur param load {file}` gives them to a drive on a "
-            f"bus, and --set NAME=VALUE to a simulated one. A machine file is a copy of {DEFAULT}"
+            f"bus, and --set NAME=VALUE to a simulated one. A machine file is a copy of {DEFAULT}, without its "
+            "[gains]"
         )
     return _Reader(str(file)).machine(table)
 
@@ -397,7 +411,7 @@ class _Reader:
             "",
             table,
             {"name", "x", "y", "delay_periods", "substeps", "centripetal_step_mps2"},
-            {"friction_schedule", "model"},
+            {"friction_schedule", "model", "gains"},
         )
         if not isinstance(table["name"], str):
             raise self.problem("name", "must be text")
@@ -412,6 +426,7 @@ class _Reader:
             friction_schedule=rows,
             friction_repeat_s=repeat_s,
             model=self.choice("model", table.get("model", "full"), MODELS),
+            gains=self.gains(table.get("gains", {})),
         )
         if machine.model == ON_CHIP:
             self.check_on_chip(machine)
@@ -518,6 +533,18 @@ class _Reader:
         if result and repeat_s and repeat_s <= result[-1][0]:
             raise self.problem(f"{name}.repeat_s", "must be 0 or later than the last row")
         return tuple(result), repeat_s
+
+    def gains(self, table: Any) -> dict[str, float]:
+        """Parameters by name. Whether the drive has them, and takes the values, it says itself when it is told."""
+        self.keys("gains", table, set(), set(GAINS))
+        values: dict[str, float] = {}
+        for name, entries in table.items():
+            if not isinstance(entries, dict):
+                raise self.problem(f"gains.{name}", f"must be a table [gains.{name}]")
+            for key, value in entries.items():
+                self.number(f"gains.{name}.{key}", value, -sys.float_info.max, sys.float_info.max, True)
+                values[f"{name}.{key}"] = value
+        return values
 
     def keys(self, name: str, table: Any, required: set[str], optional: set[str]) -> None:
         if not isinstance(table, dict):

@@ -54,7 +54,7 @@ def test_a_plain_machine_is_told_as_a_rigid_axis() -> None:
         f"{name}_{axis}.{sub}" for axis in "xy"
         for name, sub in (("plant", "mass"), ("plant", "viscous"), ("plant", "coulomb"), ("plant", "force_limit"),
                           ("plant", "encoder"), ("position_limit", "min"), ("position_limit", "max"))
-    ]  # fmt: skip
+    ] + list(TABLE1.gains)  # fmt: skip
 
 
 def test_rigid_leaves_out_what_a_rigid_axis_does_not_have() -> None:
