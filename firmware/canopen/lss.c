@@ -25,7 +25,8 @@ enum {
     INQUIRE_SERIAL = 0x5D,
     INQUIRE_NODE_ID = 0x5E,
 };
-enum { ERROR_NONE = 0, ERROR_RANGE = 1, ERROR_STORE_ACCESS = 2 };
+/* Error code, and the specific error in the byte behind it */
+enum { ERROR_NONE = 0, ERROR_RANGE = 1, ERROR_STORE_ACCESS = 2, ERROR_REFUSED = 0x01FF };
 enum { FASTSCAN_ALL = 128, PARTS = 4 };
 
 /* Part 0..3 of the address: vendor, product code, revision, serial number. */
@@ -66,13 +67,23 @@ static void set_silence(struct co_lss *lss, uint32_t ms)
 
 /* ---- in the configuration state ---- */
 
+/* Write 2001h as an SDO does: what the application does at a write is done, and what it refuses is refused. */
+static unsigned write(struct co_lss *lss, unsigned sub, uint16_t value)
+{
+    uint32_t abort = 0;
+    const struct od_entry *entry = od_find(OBJ_NODE, (uint8_t)sub, &abort);
+    if (lss->hooks.before_write(lss->hooks.ctx, entry, value) != SDO_OK) {
+        return ERROR_REFUSED;
+    }
+    od_write(lss->od, entry, value);
+    lss->hooks.on_write(lss->hooks.ctx, entry);
+    return ERROR_NONE;
+}
+
 static void configure_node_id(struct co_lss *lss, uint8_t id)
 {
     const bool ok = (id >= 1 && id <= OD_NODE_MAX) || id == OD_UNCONFIGURED;
-    if (ok) {
-        lss->od->node.id = id;
-    }
-    respond(lss, CONFIGURE_NODE_ID, ok ? ERROR_NONE : ERROR_RANGE, 1);
+    respond(lss, CONFIGURE_NODE_ID, ok ? write(lss, SUB_NODE_ID, id) : ERROR_RANGE, 2);
 }
 
 static void configure_bit_timing(struct co_lss *lss, uint8_t table, uint8_t entry)
@@ -80,14 +91,15 @@ static void configure_bit_timing(struct co_lss *lss, uint8_t table, uint8_t entr
     static const uint16_t kbitps[] = {1000, 800, 500, 250, 125, 0, 50, 20, 10}; /* table 0 of CiA 305 */
     const uint16_t rate = table == 0 && entry < sizeof kbitps / sizeof kbitps[0] ? kbitps[entry] : 0;
     const bool ok = rate != 0 && lss->hal->can_bitrate(lss->hal->ctx, rate, false);
-    if (ok) {
-        lss->od->node.bitrate = rate;
-    }
-    respond(lss, CONFIGURE_BIT_TIMING, ok ? ERROR_NONE : ERROR_RANGE, 1);
+    respond(lss, CONFIGURE_BIT_TIMING, ok ? write(lss, SUB_NODE_BITRATE, rate) : ERROR_RANGE, 2);
 }
 
+/* The service has no answer. It is ignored while 2001h cannot be written. */
 static void activate_bit_timing(struct co_lss *lss, uint16_t delay_ms)
 {
+    if (write(lss, SUB_NODE_BITRATE, lss->od->node.bitrate) != ERROR_NONE) {
+        return;
+    }
     lss->delay_ms = delay_ms;
     set_silence(lss, 2u * delay_ms);
     if (delay_ms == 0) {

@@ -3,8 +3,9 @@
  *
  * The master addresses the node by its identity, object 1018h. What it configures is written to 2001h and takes effect
  * at the next reset of communication. A new bit rate also takes effect by "activate bit timing"; for the two delays of
- * that service the node sends nothing. A node without id (OD_UNCONFIGURED) answers LSS only, until it has been given
- * one and is sent back to the waiting state, or reset.
+ * that service the node sends nothing. What the application refuses to take by SDO now, it refuses here, too. A node
+ * without id (OD_UNCONFIGURED) answers LSS only, until it has been given one and is sent back to the waiting state, or
+ * reset.
  *
  * Background only; called by node.c.
  */
@@ -19,9 +20,11 @@
 
 enum { CO_LSS_REQUEST = 0x7E5, CO_LSS_RESPONSE = 0x7E4 }; /* frame identifiers */
 
-/* How the node stores its id and bit rate. */
+/* How the node takes over its id and bit rate, as by SDO (co_hooks in node.h), and stores them. */
 struct co_lss_hooks {
     void *ctx;
+    uint32_t (*before_write)(void *ctx, const struct od_entry *entry, int64_t value);
+    void (*on_write)(void *ctx, const struct od_entry *entry);
     bool (*store_node)(void *ctx); /* store 2001h; false: that failed */
 };
 

@@ -170,7 +170,8 @@ void co_init(struct co_node *node, const struct co_config *config)
 {
     const struct co_sdo_hooks sdo_hooks = {node, before_write, on_write, before_read, domain_size, domain_read};
     const struct co_pdo_hooks pdo_hooks = {node, on_rpdo, on_tpdo};
-    const struct co_lss_hooks lss_hooks = {node, store_node};
+    const struct co_lss_hooks lss_hooks = {
+        .ctx = node, .before_write = before_write, .on_write = on_write, .store_node = store_node};
     struct od_data *od = config->od;
     node->config = *config;
     co_tx_init(&node->tx, config->hal);

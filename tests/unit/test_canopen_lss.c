@@ -445,6 +445,27 @@ static void test_port_that_cannot_the_stored_rate_keeps_its_own_at_reset(void)
     TEST_ASSERT_EQUAL_UINT(125, rate);
 }
 
+static void test_what_the_application_refuses_by_sdo_it_refuses_by_lss_and_bit_timing_is_not_activated(void)
+{
+    configure();
+    lss("13 00 03 00 00 00 00 00", "13 00 00 00 00 00 00 00");
+    TEST_ASSERT_EQUAL_HEX16(0x2001, bus.written.index);
+    TEST_ASSERT_EQUAL_UINT(2, bus.written.sub);
+    bus.refuse = 0x08000022;
+    lss("11 09 00 00 00 00 00 00", "11 FF 01 00 00 00 00 00");
+    lss("11 20 00 00 00 00 00 00", "11 01 00 00 00 00 00 00"); /* out of range */
+    lss("13 00 02 00 00 00 00 00", "13 FF 01 00 00 00 00 00");
+    lss("15 00 00 00 00 00 00 00", "");
+    lss("15 0A 00 00 00 00 00 00", "");
+    lss("5E 00 00 00 00 00 00 00", "5E 05 00 00 00 00 00 00"); /* not silent */
+    TEST_ASSERT_EQUAL_UINT(0, changes);
+    TEST_ASSERT_EQUAL_UINT(NODE, bus.od.node.id);
+    TEST_ASSERT_EQUAL_UINT(250, bus.od.node.bitrate);
+    bus.refuse = 0;
+    lss("15 00 00 00 00 00 00 00", "");
+    TEST_ASSERT_EQUAL_UINT(250, rate);
+}
+
 static bool stores;
 static unsigned stored;
 
@@ -499,6 +520,7 @@ int main(void)
     RUN_TEST(test_frames_that_waited_for_the_old_bit_rate_are_dropped_with_it);
     RUN_TEST(test_bit_rate_that_is_in_use_or_refused_by_the_port_changes_nothing);
     RUN_TEST(test_port_that_cannot_the_stored_rate_keeps_its_own_at_reset);
+    RUN_TEST(test_what_the_application_refuses_by_sdo_it_refuses_by_lss_and_bit_timing_is_not_activated);
     RUN_TEST(test_store_says_whether_it_could);
     return UNITY_END();
 }

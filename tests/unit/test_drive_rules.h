@@ -46,6 +46,18 @@ static void expect_legal(void)
     TEST_ASSERT_TRUE(rig.device.od.stream.state <= STREAM_STOPPED);
     TEST_ASSERT_TRUE(configuration_fits(&rig.device.od));
     TEST_ASSERT_TRUE(rig.device.node.tx.count <= CO_TX_FRAMES);
+    TEST_ASSERT_EQUAL_UINT32_MESSAGE(0, rig.device.drive.faults & FAULT_BIT(FAULT_MEMORY), "no bit has flipped");
+}
+
+/* Whoever wrote a parameter has renewed the checksum over all of them. */
+static void expect_sealed(void)
+{
+    struct integrity m = rig.device.drive.integrity;
+    m.cfg = m.sum = 0;
+    m.at = 0;
+    for (unsigned i = 0; i <= od_table_len / INTEGRITY_ENTRIES_MS; i++) {
+        TEST_ASSERT_TRUE_MESSAGE(integrity_intact(&m, NULL, 0, &rig.device.od), "a parameter was written unsealed");
+    }
 }
 
 /* One control period: force needs an enabled power stage, and that an axis that is on. */
@@ -68,7 +80,7 @@ static void command(uint16_t id, uint8_t len, uint8_t first, uint8_t second)
     give(&f);
 }
 
-/* Every value that SDOs can write is in its range; RPDOs write the others as they come. */
+/* Every value that SDOs can write is in its range, and parameters are sealed; RPDOs write the others as they come. */
 static void expect_ranges(void)
 {
     for (uint16_t i = 0; i < od_table_len; i++) {
@@ -80,6 +92,7 @@ static void expect_ranges(void)
             TEST_ASSERT_TRUE_MESSAGE(counted || od_check(e, value) == SDO_OK, "an object is out of its range");
         }
     }
+    expect_sealed();
 }
 
 /* Whatever came before: a master gets the node to answer an SDO. */

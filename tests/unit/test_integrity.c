@@ -104,6 +104,20 @@ static void test_value_that_is_no_parameter_may_change(void)
     TEST_ASSERT_TRUE(stays_intact());
 }
 
+/* drive_configure() follows a write by SDO or LSS, and a reset of all. Nothing else may write a parameter: no RPDO, no
+ * reset of communication, no command of the scope, which sets its objects to their defaults. */
+static void test_no_parameter_can_be_written_without_a_new_checksum(void)
+{
+    for (uint16_t i = 0; i < od_table_len; i++) {
+        const struct od_entry *e = &od_table[i];
+        if ((e->flags & OD_CONFIG) != 0) {
+            TEST_ASSERT_EQUAL_UINT(0, e->flags & OD_PDO);
+            TEST_ASSERT_TRUE(e->index >= OD_APPLICATION_FIRST);
+            TEST_ASSERT_TRUE(e->index < OBJ_SCOPE || e->index > OBJ_SCOPE_CHANNELS);
+        }
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -113,5 +127,6 @@ int main(void)
     RUN_TEST(test_so_many_entries_are_read_in_a_millisecond_and_no_more);
     RUN_TEST(test_parameter_that_is_written_by_a_master_is_no_corruption);
     RUN_TEST(test_value_that_is_no_parameter_may_change);
+    RUN_TEST(test_no_parameter_can_be_written_without_a_new_checksum);
     return UNITY_END();
 }

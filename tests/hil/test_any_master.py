@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Masters that know nothing of this drive, such as a PLC: raw frames and python-canopen's SDO client. Nobody claims."""
+
+from __future__ import annotations
+
+import pytest
+from canopen.sdo import SdoAbortedError
+from rig import RESET_NODE, START, Rig
+
+LSS_REQUEST, LSS_ANSWER = 0x7E5, 0x7E4
+SHUTDOWN, SWITCH_ON, ENABLE = 0x06, 0x07, 0x0F
+STATE, ENABLED, SWITCH_ON_DISABLED = 0x6F, 0x27, 0x40
+Y = 0x800  # from an object of axis x to that of axis y
+EMCY_OF_MEMORY, EMCY_OF_PARAMETER = 0x5510, 0xFF18
+
+
+class Master:
+    """A master that has not claimed the drive and sends no heartbeat."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig, self.link = rig, rig.link
+        self.node_id = rig.drive.node_id
+        assert rig.device.read("master.holder") == 0
+        rig.nmt(START)
+
+    def write(self, index: int, sub: int, size: int, value: int) -> int:
+        """Returns the abort code, 0 for success."""
+        try:
+            self.link.node.sdo.download(index, sub, value.to_bytes(size, "little", signed=value < 0))
+        except SdoAbortedError as refused:
+            return int(refused.code)
+        return 0
+
+    def read(self, index: int, sub: int = 0) -> int:
+        return int.from_bytes(self.link.node.sdo.upload(index, sub), "little")
+
+    def lss(self, *request: int) -> bytes:
+        """The answer to a request of LSS, empty if there is none within 20 ms."""
+        answers: list[bytes] = []
+        self.link._network.subscribe(LSS_ANSWER, lambda _id, data, _t: answers.append(bytes(data)))
+        self.link.send(LSS_REQUEST, bytes(request).ljust(8, b"\0"))
+        self.link.wait(lambda: bool(answers), 0.02)
+        self.link._network.unsubscribe(LSS_ANSWER)
+        return answers[0] if answers else b""
+
+    def states(self) -> tuple[int, int]:
+        return self.read(0x6041) & STATE, self.read(0x6041 + Y) & STATE
+
+    def enable(self, mode: int = 7) -> None:
+        """Both axes, by RPDO1 as it is at power-on."""
+        for axis in (0, Y):
+            assert self.write(0x6060 + axis, 0, 1, mode) == 0
+        for controlword, state in ((SHUTDOWN, 0x21), (SWITCH_ON, 0x23), (ENABLE, ENABLED)):
+            self.link.wait(lambda: False, 0.002)
+            self.link.send(0x200 + self.node_id, controlword.to_bytes(2, "little") * 2)
+            assert self.link.wait(lambda state=state: self.states() == (state, state), 2.0)  # type: ignore[misc]
+
+    def codes(self) -> list[int]:
+        """EMCY codes so far"""
+        return [code for code, _, _ in self.link.emergencies]
+
+
+def test_lss_configuration_without_power_is_no_memory_fault(rig: Rig) -> None:
+    master = Master(rig)
+    other_id = master.node_id % 31 + 1
+    assert master.lss(0x04, 1) == b""
+    assert master.lss(0x11, other_id)[:2] == b"\x11\x00"
+    rig.link.wait(lambda: False, 0.1)
+    assert master.lss(0x13, 0, 2)[:2] == b"\x13\x00"
+    rig.link.wait(lambda: False, 0.1)
+    assert EMCY_OF_MEMORY not in master.codes()
+    assert (master.read(0x2001, 1), master.read(0x2001, 2)) == (other_id, 500)
+    rig.reset(RESET_NODE)
+    assert (master.read(0x2001, 1), master.read(0x2001, 2)) == (master.node_id, 1000)
+
+
+@pytest.mark.motion
+def test_lss_configuration_is_refused_while_an_axis_has_power(rig: Rig) -> None:
+    master = Master(rig)
+    master.enable()
+    assert master.lss(0x04, 1) == b""
+    assert master.lss(0x11, master.node_id % 31 + 1)[:3] == b"\x11\xff\x01"
+    assert master.lss(0x13, 0, 2)[:3] == b"\x13\xff\x01"
+    assert master.lss(0x15, 200) == b""
+    told = rig.link.status_count
+    rig.link.wait(lambda: False, 0.1)
+    assert rig.link.status_count > told
+    assert (master.read(0x2001, 1), master.read(0x2001, 2)) == (master.node_id, 1000)
+    assert EMCY_OF_PARAMETER in master.codes()
+    assert EMCY_OF_MEMORY not in master.codes()
+    assert master.states() == (ENABLED, ENABLED)
