@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import secrets
 import select
 import shutil
@@ -172,6 +173,12 @@ def read_text(path: Path) -> str:
         return read_bytes(path).decode()
     except UnicodeDecodeError as error:
         raise FileError(path, "is not a text file (UTF-8)") from error
+
+
+def text_lines(text: str) -> list[str]:
+    """The lines of a text, without a byte order mark. Only CR, LF and CRLF end one, as for other programs; what str
+    takes for an end besides, such as VT or U+2028, may stand in a comment."""
+    return re.split(r"\r\n|\r|\n", text.removeprefix("\ufeff"))
 
 
 def read_toml(path: Path) -> dict[str, Any]:

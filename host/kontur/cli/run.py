@@ -306,7 +306,7 @@ def command(
         recording = dataclasses.replace(recording, out=_of_this_part(recording.out))
     if output.report is not None:  # now, since modules in C that a second Ctrl-C breaks off while loading may crash
         importlib.import_module("kontur.report.page")
-    notes = clipped(limits(target.machine, motion.accel, motion.jerk))
+    notes = [*program.notes, *clipped(limits(target.machine, motion.accel, motion.jerk))]
     if ctx.params["feed"] is None and ctx.params["source"] in SHAPES:
         notes.insert(0, f"No --feed was given, so it is {DEFAULT_FEED_MPS * 1e3:g} mm/s.")
     results: list[RunResult] = []

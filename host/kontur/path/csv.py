@@ -16,6 +16,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from kontur.errors import FileError, shown
+from kontur.files import text_lines
 from kontur.path.geometry import DURATION_MAX_S, KNOT_S, Curve, FloatArray, Move, Program, Schedule
 
 _LARGEST = 1e9
@@ -47,7 +48,7 @@ def _table(text: str, name: str) -> tuple[tuple[str, ...], FloatArray, list[int]
     columns: tuple[str, ...] = ()
     rows: list[list[float]] = []
     lines: list[int] = []
-    for number, line in enumerate(text.removeprefix("\ufeff").splitlines(), start=1):
+    for number, line in enumerate(text_lines(text), start=1):
         words = [word.strip() for word in line.partition("#")[0].split(",")]
         if words == [""]:
             continue

@@ -6,9 +6,7 @@ Words: G0 G1 G2 G3 (X Y, I J or R, F), G4 P (seconds), G17, G20 G21, G61, G90 G9
 Every other word is refused, since a program with a word skipped would cut another part.
 
 At the start: G17 G21 G61 G90 G91.1, no motion mode, no feed. F is in units (mm or inch) per minute. G0 goes on a
-straight line as fast as the machine may. An arc's start and end radii may differ by 0.005 mm or 0.1 % of the radius,
-never by more than 0.5 mm (LinuxCNC's rule); the centre is then moved along the chord until both ends lie on the circle,
-or, for more than half a turn, the radius changes evenly with the angle.
+straight line as fast as the machine may. kontur.path.arcs has the arcs.
 """
 
 from __future__ import annotations
@@ -17,18 +15,18 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
-
-import numpy as np
 
 from kontur.errors import FileError
-from kontur.path.geometry import Arc, Curve, Dwell, Line, Move, Point, Program, Segment
-from kontur.path.shapes import spiral_formula
+from kontur.files import text_lines
+from kontur.path import arcs
+from kontur.path.geometry import Dwell, Line, Move, Point, Program, Segment
 
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
+_EXPONENT = re.compile(r"[eE][+-]?[0-9]+")
+_INCH_M = 25.4e-3
 _SAME_M = 1e-9  # points nearer than this are one point
-_SHIFT_MAX_M = 1e-6  # of the centre of an arc of more than half a turn, to make its radii agree
+_LONG_DWELL_S = 10.0
 
 # Modal groups of the G codes that are known, by ten times their number.
 _GROUP = {
@@ -81,13 +79,27 @@ def parse(text: str, name: str, start_m: Point = (0.0, 0.0)) -> Program:
             break
     if not any(isinstance(item, Move) for item in reader.items):
         raise FileError(name, "there is no motion in this file; it needs a line like G1 X10 Y5 F1000")
-    return Program(name, tuple(reader.items), start_m)
+    return Program(name, tuple(reader.items), start_m, _notes(reader.items))
+
+
+def _notes(items: list[Move | Dwell]) -> tuple[str, ...]:
+    """What a user should know of a program that can be run."""
+    long = [item for item in items if isinstance(item, Dwell) and item.duration_s > _LONG_DWELL_S]
+    if not long:
+        return ()
+    how_many = "1 dwell waits" if len(long) == 1 else f"{len(long)} dwells wait"
+    where = f"in line {long[0].line}" if len(long) == 1 else f"the first in line {long[0].line} and the longest"
+    longest = max(item.duration_s for item in long)
+    return (
+        f"{how_many} for more than {_LONG_DWELL_S:g} s, {where} for {longest:g} s: P is in seconds. "
+        "Some programs mean milliseconds.",
+    )
 
 
 def _blocks(text: str, name: str) -> Iterator[_Block]:
     percents = 0
-    for line, raw in enumerate(text.removeprefix("\ufeff").splitlines(), start=1):
-        code = "".join(_COMMENT.sub("", raw).split())
+    for line, raw in enumerate(text_lines(text), start=1):
+        code = _COMMENT.sub("", raw).replace(" ", "").replace("\t", "")
         if "(" in code or ")" in code:
             raise FileError(name, "a comment in parentheses must end on its line and hold no other", line, raw.strip())
         if code == "%":
@@ -105,6 +117,10 @@ def _block(code: str, line: int, name: str) -> _Block:
         match = _WORD.match(code, at)
         if match is None:
             raise FileError(name, _unreadable(code[at : at + 2]), line, code[at : at + 12])
+        exponent = _EXPONENT.match(code, match.end())
+        if exponent is not None:
+            what = "a number with an exponent; write it out, like X0.0015 in place of X1.5e-3"
+            raise FileError(name, what, line, match[0] + exponent[0])
         _take(block, match[1].upper(), float(match[2]), match[0], name)
         at = match.end()
     return block
@@ -167,7 +183,13 @@ class _Reader:
         def problem(letter: str, what: str) -> FileError:
             return FileError(self.name, what, block.line, block.texts.get(letter))
 
-        self.unit_m = {200: 25.4e-3, 210: 1e-3}.get(codes.get("units", 0), self.unit_m)
+        unit_m = {200: _INCH_M, 210: 1e-3}.get(codes.get("units", 0), self.unit_m)
+        if unit_m != self.unit_m and "F" in values:
+            raise problem(
+                "F",
+                "a feed on the line that changes the unit; controls differ about its unit, so put it on the next line",
+            )
+        self.unit_m = unit_m
         self.motion = codes.get("motion", self.motion)
         if "distance" in codes:
             self.relative = codes["distance"] == 910
@@ -231,7 +253,7 @@ class _Reader:
                 raise problem("an arc has R or I and J, not both")
             if to == here:
                 raise problem("an arc with R must end elsewhere than it starts; for a full circle use I and J")
-            center = _center_from_radius(here, to, values["R"] * self.unit_m, left)
+            center = arcs.center_from_radius(here, to, values["R"] * self.unit_m, left)
             if center is None:
                 raise problem(
                     f"the radius is less than half the distance to the end, {abs(to - here) / 2.0 / self.unit_m:.4f}"
@@ -245,44 +267,9 @@ class _Reader:
         start_r, end_r = abs(here - center), abs(to - center)
         if start_r < _SAME_M:
             raise problem("the centre of the arc is its start; correct I and J")
-        differ = abs(start_r - end_r)
-        if differ > 0.5e-3 or (differ > 5e-6 and differ > 1e-3 * start_r):
+        if not arcs.on_arc(start_r, end_r, self.unit_m == _INCH_M):
             raise problem(
                 f"the end is not on the arc: the radius is {start_r / self.unit_m:.4f} at its start and "
                 f"{end_r / self.unit_m:.4f} at its end; correct X, Y, I or J, or give more digits"
             )
-        return _arc_segment(here, to, center, left)
-
-
-def _center_from_radius(here: complex, to: complex, radius: float, left: bool) -> complex | None:
-    """Centre of the arc with `radius` (negative: the longer way around); None if the radius cannot span the chord."""
-    half = (to - here) / 2.0
-    height_squared = radius**2 - abs(half) ** 2
-    if abs(half) - abs(radius) > max(5e-6, 1e-3 * abs(radius)) or radius == 0.0:
-        return None
-    side = 1.0 if left == (radius > 0.0) else -1.0
-    return here + half + side * 1j * half / abs(half) * math.sqrt(max(height_squared, 0.0))
-
-
-def _arc_segment(here: complex, to: complex, center: complex, left: bool) -> Segment:
-    """An arc that starts and ends exactly where it is said to; a full turn if that is one point."""
-    sense = 1.0 if left else -1.0
-    if to == here:
-        offset = here - center
-        return Arc((center.real, center.imag), abs(offset), math.atan2(offset.imag, offset.real), sense * 2.0 * math.pi)
-    chord = (to - here) / abs(to - here)
-    shift = ((center - (here + to) / 2.0) * chord.conjugate()).real
-    sweep = _angle(here - center, to - center, sense)
-    if sweep > math.pi and abs(shift) > _SHIFT_MAX_M:
-        start, rise = abs(here - center), (abs(to - center) - abs(here - center)) / sweep
-        return Curve(partial(spiral_formula, center, start, rise, here - center, sense), np.linspace(0.0, sweep, 65))
-    center -= shift * chord
-    offset = here - center
-    sweep = _angle(offset, to - center, sense)
-    return Arc((center.real, center.imag), abs(offset), math.atan2(offset.imag, offset.real), sense * sweep)
-
-
-def _angle(start: complex, end: complex, sense: float) -> float:
-    """Angle in 0 .. 2 pi from one direction to the other, turning by `sense`."""
-    turn = end * start.conjugate()
-    return sense * math.atan2(turn.imag, turn.real) % (2.0 * math.pi)
+        return arcs.segment(here, to, center, left)

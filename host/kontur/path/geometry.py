@@ -227,11 +227,15 @@ class Dwell:
 
 @dataclass(frozen=True)
 class Program:
-    """A connected path: each move starts where the one before it ends, the first one at `start_m`."""
+    """A connected path: each move starts where the one before it ends, the first one at `start_m`.
+
+    `notes`: sentences on what a user may not expect of the file.
+    """
 
     name: str
     items: tuple[Move | Dwell, ...]
     start_m: Point
+    notes: tuple[str, ...] = ()
 
     @property
     def moves(self) -> tuple[Move, ...]:

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The arcs of G-code, which ends and centres that were rounded do not quite fit.
+
+An arc starts and ends exactly where it is programmed. The radii at its ends may differ as much as for LinuxCNC 2.9
+(interp_arc.cc, arc_data_ijk). The radius then goes from one to the other, nearly evenly with the angle.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+
+from kontur.path.geometry import Arc, Curve, Segment
+from kontur.path.shapes import spiral_formula
+
+FULL_RAD = 1e-6
+"""An arc about a given centre that turns by less than this, either way, is a full circle."""
+_TURN = 2.0 * math.pi
+_UNEVEN_MAX_M = 0.2e-6  # how far a circular arc may be from the even change of the radius
+_SHIFT_SHARE_MAX = 0.1  # of the radius: a centre may be shifted by as much
+
+
+def on_arc(start_r: float, end_r: float, inch: bool) -> bool:
+    """Whether the end of an arc counts as on it, by the radii in m about its centre: 0.028 mm or, in a program in
+    inches, 0.0028 inch, or 0.1 % of the radius, but never more than 100 times those lengths."""
+    tolerance = 2.0 * math.sqrt(2.0) * (25.4e-6 if inch else 10e-6)
+    differ = abs(start_r - end_r)
+    return differ <= tolerance or differ <= min(1e-3 * max(start_r, end_r), 100.0 * tolerance)
+
+
+def center_from_radius(here: complex, to: complex, radius: float, left: bool) -> complex | None:
+    """Centre of the arc with `radius` (negative: the longer way around); None if the radius cannot span the chord."""
+    half = (to - here) / 2.0
+    height_squared = radius**2 - abs(half) ** 2
+    if abs(half) - abs(radius) > max(5e-6, 1e-3 * abs(radius)) or radius == 0.0:
+        return None
+    side = 1.0 if left == (radius > 0.0) else -1.0
+    return here + half + side * 1j * half / abs(half) * math.sqrt(max(height_squared, 0.0))
+
+
+def segment(here: complex, to: complex, center: complex, left: bool) -> Segment:
+    """The arc from `here` about `center` to `to`, to the left or right; a full turn where it would turn by nothing."""
+    sense = 1.0 if left else -1.0
+    if to == here:
+        return _arc(here, center, sense * _TURN)
+    sweep = _sweep(here - center, to - center, sense)
+    chord = (to - here) / abs(to - here)
+    shift = ((center - (here + to) / 2.0) * chord.conjugate()).real
+    # A circle about a centre shifted along the chord, so that both ends lie on it, leaves the even change by this:
+    uneven = 0.21 * abs(shift) * (sweep / math.pi) ** 3
+    if uneven > _UNEVEN_MAX_M or abs(shift) > _SHIFT_SHARE_MAX * abs(here - center):
+        start, rise = abs(here - center), (abs(to - center) - abs(here - center)) / sweep
+        return Curve(partial(spiral_formula, center, start, rise, here - center, sense), np.linspace(0.0, sweep, 65))
+    center -= shift * chord
+    return _arc(here, center, sense * _sweep(here - center, to - center, sense))
+
+
+def _arc(here: complex, center: complex, sweep: float) -> Arc:
+    offset = here - center
+    return Arc((center.real, center.imag), abs(offset), math.atan2(offset.imag, offset.real), sweep)
+
+
+def _sweep(start: complex, end: complex, sense: float) -> float:
+    """Angle from one direction to the other, turning by `sense`: above FULL_RAD, and a full turn more where less."""
+    turn = end * start.conjugate()
+    angle = sense * math.atan2(turn.imag, turn.real)
+    return angle if angle > FULL_RAD else angle + _TURN
