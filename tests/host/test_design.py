@@ -24,6 +24,7 @@ from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
 from kontur.runs.log import read
 from kontur.runs.runner import RunOptions, run
+from kontur.runs.summary import summarise
 from kontur.sim import library
 
 CONTROL_HZ = 10_000
@@ -244,3 +245,17 @@ def test_the_designs_of_the_demo_keep_their_margins(controller: str) -> None:
     axes = predicted(Problem(machine, controller, FULL, 2.0, 2.0), values)
     assert max(axis.margins.ms for axis in axes) < 2.05, "design it anew"  # made for 2.0
     assert max(axis.force_change_N for axis in axes) < 2.05, "design it anew"
+
+
+def test_a_design_learns_more_slowly_than_its_loop() -> None:
+    """At the factory's rates the feedforward of ccu follows what a slow machine's compensator does at a reversal."""
+    machine = load(demo.REAL)
+    slow = plan(shapes.circle(0.004, 0.0045, duration_s=1.6), limits(machine))
+    designed = parameter_file.read(demo.designed("ccu"))
+    error_um = []
+    for values in (designed, {**designed, "feedforward.friction_rate": 40.0, "feedforward.mass_rate": 20.0}):
+        log = run(slow, "ccu", Target(machine=machine), RunOptions(parameters=values, score_from_s=0.3)).log
+        mean_um = summarise(log).mean_um
+        assert mean_um is not None
+        error_um.append(mean_um)
+    assert error_um[0] < 0.93 * error_um[1]

@@ -37,6 +37,7 @@ _UNSTABLE = 1e4  # above every logarithm of an error with
 _EXCESS = 10.0  # times the logarithm of what exceeds a limit, which keeps the search within it
 _TOLERANCE = 0.01  # of the limits
 _MU_MPS2 = 6.0
+_LEARNING_PER_S = 2.0  # rate of the adaptive feedforward, slow beside the loop of every machine
 _DIGITS = 5
 
 
@@ -62,6 +63,8 @@ def _ccu(law: Sequence[float]) -> Gains:
         "compensator.mu_max": _MU_MPS2,
         "compensator.phi": _MU_MPS2 / ratio,
         "compensator.dead_zone": _MU_MPS2 / ratio,
+        "feedforward.friction_rate": _LEARNING_PER_S,
+        "feedforward.mass_rate": _LEARNING_PER_S,
     }
 
 
