@@ -97,6 +97,12 @@ static void step(struct device *device, unsigned received)
 
 /* ---- PDOs ---- */
 
+static uint32_t check_rpdo(void *ctx, const struct od_entry *entry, int64_t value)
+{
+    const struct device *device = ctx;
+    return device_objects_check(&device->objects, entry, value);
+}
+
 static void on_rpdo(void *ctx, unsigned number)
 {
     struct device *device = ctx;
@@ -244,6 +250,7 @@ void device_init(struct device *device, const struct hal *hal, uint8_t node_id)
                   .before_read = before_read,
                   .domain_size = domain_size,
                   .domain_read = domain_read,
+                  .check_rpdo = check_rpdo,
                   .on_rpdo = on_rpdo,
                   .on_tpdo = on_tpdo,
                   .on_nmt = on_nmt,

@@ -163,12 +163,12 @@ static uint32_t check_quick_stop(const struct device_objects *d, const struct od
     return value == 3 || value == 4 ? SDO_ABORT_VALUE : SDO_OK;
 }
 
-/* 6060h */
+/* 6060h: 0 is no change of the mode (CiA 402-2). */
 static uint32_t check_mode(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
     (void)d;
     (void)entry;
-    return axis_modes_known(value) ? SDO_OK : SDO_ABORT_VALUE;
+    return value == 0 || axis_modes_known(value) ? SDO_OK : SDO_ABORT_VALUE;
 }
 
 /* 6098h */
@@ -268,6 +268,12 @@ static uint32_t refuse_with_power(const struct device_objects *d)
     return SDO_ABORT_STATE;
 }
 
+uint32_t device_objects_check(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    const struct object *o = object_of(entry);
+    return o->check != NULL ? o->check(d, entry, value) : SDO_OK;
+}
+
 uint32_t device_objects_before_write(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
     const struct object *o = object_of(entry);
@@ -275,7 +281,7 @@ uint32_t device_objects_before_write(const struct device_objects *d, const struc
     if (o->without_power && powered) {
         return refuse_with_power(d);
     }
-    uint32_t code = o->check != NULL ? o->check(d, entry, value) : SDO_OK;
+    uint32_t code = device_objects_check(d, entry, value);
     if (code == SDO_OK && (entry->flags & OD_CONFIG) != 0) {
         code = powered ? refuse_with_power(d) : check_parameter(d->od, entry, value);
     }

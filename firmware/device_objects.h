@@ -23,6 +23,8 @@ struct device_objects {
 /* Before a write: check `value`, which is in the object's range, and carry out the command that the write is. Returns SDO_OK,
  * or the abort code with which the write is refused. */
 uint32_t device_objects_before_write(const struct device_objects *d, const struct od_entry *entry, int64_t value);
+/* Whether the object takes `value`, which is in its range: SDO_OK, or the abort code. */
+uint32_t device_objects_check(const struct device_objects *d, const struct od_entry *entry, int64_t value);
 /* After a write. Returns true if a drive step is to follow. *received says whose controlword was written, as in drive_in. */
 bool device_objects_written(const struct device_objects *d, const struct od_entry *entry, unsigned *received);
 /* Before a read: bring the value of the object up to date. */

@@ -20,17 +20,18 @@
 #include "canopen/tx.h"
 #include "od/od.h"
 
-/* Codes that the node raises itself (CiA 301, table 26). Those of PDOs and SYNC end with the next frame of the right
- * length; bus_state.h says when the others end. */
+/* Codes that the node raises itself (CiA 301, table 26). Those of the length of PDOs and SYNC end with the next frame
+ * of the right length, that of values when the latest frame of each RPDO has none to refuse; bus_state.h says when the others end. */
 enum {
     CO_EMCY_OVERRUN = 0x8110,
     CO_EMCY_PASSIVE = 0x8120,
     CO_EMCY_WAS_OFF = 0x8140,
+    CO_EMCY_PDO_VALUE = 0x8200,
     CO_EMCY_PDO_SHORT = 0x8210,
     CO_EMCY_PDO_LONG = 0x8220,
     CO_EMCY_SYNC_LENGTH = 0x8240,
 };
-#define CO_ERRORS_OF_NODE 6
+#define CO_ERRORS_OF_NODE 7
 
 #define CO_ERRORS 40       /* most codes that can be in effect; the application's and the node's must fit */
 #define CO_EMCY_WAITING 44 /* more than CO_ERRORS, so that there is always one to leave out */

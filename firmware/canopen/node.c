@@ -55,6 +55,13 @@ static bool domain_read(void *ctx, const struct od_entry *entry, uint32_t at, ui
     return hooks->domain_read(hooks->ctx, entry, at, to, count);
 }
 
+static uint32_t check_rpdo(void *ctx, const struct od_entry *entry, int64_t value)
+{
+    const struct co_node *node = ctx;
+    const struct co_hooks *hooks = &node->config.hooks;
+    return hooks->check_rpdo != NULL ? hooks->check_rpdo(hooks->ctx, entry, value) : SDO_OK;
+}
+
 static void on_rpdo(void *ctx, unsigned number)
 {
     const struct co_node *node = ctx;
@@ -169,7 +176,8 @@ static void heartbeat_lost(struct co_node *node)
 void co_init(struct co_node *node, const struct co_config *config)
 {
     const struct co_sdo_hooks sdo_hooks = {node, before_write, on_write, before_read, domain_size, domain_read};
-    const struct co_pdo_hooks pdo_hooks = {node, on_rpdo, on_tpdo};
+    const struct co_pdo_hooks pdo_hooks = {
+        .ctx = node, .check_rpdo = check_rpdo, .on_rpdo = on_rpdo, .on_tpdo = on_tpdo};
     const struct co_lss_hooks lss_hooks = {
         .ctx = node, .before_write = before_write, .on_write = on_write, .store_node = store_node};
     struct od_data *od = config->od;
@@ -268,8 +276,9 @@ uint16_t co_emcy_code(const struct co_node *node, unsigned i)
 
 bool co_emcy_of_node(const struct co_node *node)
 {
-    static const uint16_t codes[CO_ERRORS_OF_NODE] = {CO_EMCY_OVERRUN,   CO_EMCY_PASSIVE,  CO_EMCY_WAS_OFF,
-                                                      CO_EMCY_PDO_SHORT, CO_EMCY_PDO_LONG, CO_EMCY_SYNC_LENGTH};
+    static const uint16_t codes[CO_ERRORS_OF_NODE] = {CO_EMCY_OVERRUN,    CO_EMCY_PASSIVE,   CO_EMCY_WAS_OFF,
+                                                      CO_EMCY_PDO_VALUE,  CO_EMCY_PDO_SHORT, CO_EMCY_PDO_LONG,
+                                                      CO_EMCY_SYNC_LENGTH};
     for (unsigned i = 0; i < CO_ERRORS_OF_NODE; i++) {
         if (co_emcy_in_effect(&node->emcy, codes[i])) {
             return true;

@@ -42,7 +42,9 @@ struct co_hooks {
     uint32_t (*domain_size)(void *ctx, const struct od_entry *entry);
     /* Put `count` bytes of a domain from `at` on into `to`; they may be read again. false: it has changed. */
     bool (*domain_read)(void *ctx, const struct od_entry *entry, uint32_t at, uint8_t *to, uint32_t count);
-    /* The values of RPDO `number` (1...) are stored. Called for every RPDO before the next one is handled;
+    /* An RPDO carries `value`, which is in range. Returns SDO_OK, or the reason why it is left out. */
+    uint32_t (*check_rpdo)(void *ctx, const struct od_entry *entry, int64_t value);
+    /* The values of RPDO `number` (1...) are stored, but for those refused. Called for every RPDO before the next one is handled;
      * co_rpdo_carries() says what is mapped into it. */
     void (*on_rpdo)(void *ctx, unsigned number);
     /* TPDO `number` (1...) has been handed to the bus; co_tpdo_carries() says what is mapped into it. */

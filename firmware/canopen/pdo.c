@@ -130,33 +130,49 @@ void co_pdo_start(struct co_pdo *pdo)
 
 /* ---- received ---- */
 
-/* All values are within the ranges of their objects. */
-static bool in_range(const struct co_pdo_mapping *mapping, const uint8_t *data)
+static bool any_refused(const struct co_pdo *pdo)
 {
-    for (unsigned k = 0; k < mapping->count; k++) {
-        const struct od_entry *e = mapping->entry[k];
-        if (e->index > DUMMY_LAST && od_check(e, od_decode(e, data)) != SDO_OK) {
-            return false;
-        }
-        data += od_size(e);
+    bool any = false;
+    for (unsigned i = 0; i < OD_RPDOS; i++) {
+        any = any || pdo->rpdo[i].refused;
     }
-    return true;
+    return any;
 }
 
-/* Store all values of RPDO `i`, or none when one is out of its range. */
+/* A value of RPDO `i` that its object does not take */
+static void refuse(struct co_pdo *pdo, unsigned i, const struct od_entry *e)
+{
+    pdo->rpdo[i].refused = true;
+    co_emcy_raise(pdo->emcy, CO_EMCY_PDO_VALUE, CO_REG_COMMUNICATION,
+                  (uint32_t)e->index << 16 | (uint32_t)e->sub << 8 | (i + 1u));
+}
+
+static void store_value(struct co_pdo *pdo, unsigned i, const struct od_entry *e, const uint8_t *data)
+{
+    const int64_t value = od_decode(e, data);
+    if (od_check(e, value) == SDO_OK && pdo->hooks.check_rpdo(pdo->hooks.ctx, e, value) == SDO_OK) {
+        od_write(pdo->od, e, value);
+    } else {
+        refuse(pdo, i, e);
+    }
+}
+
+/* Store the values of RPDO `i`, but for those that are refused. */
 static void store(struct co_pdo *pdo, unsigned i, const uint8_t *data)
 {
-    const struct co_pdo_mapping *mapping = &pdo->rpdo[i].mapping;
-    if (!in_range(mapping, data)) {
-        pdo->od->stream.rejected_range++;
-        return;
-    }
-    for (unsigned k = 0; k < mapping->count; k++) {
-        const struct od_entry *e = mapping->entry[k];
+    struct co_rpdo *rpdo = &pdo->rpdo[i];
+    rpdo->refused = false;
+    for (unsigned k = 0; k < rpdo->mapping.count; k++) {
+        const struct od_entry *e = rpdo->mapping.entry[k];
         if (e->index > DUMMY_LAST) {
-            od_write(pdo->od, e, od_decode(e, data));
+            store_value(pdo, i, e, data);
         }
         data += od_size(e);
+    }
+    if (rpdo->refused) {
+        pdo->od->stream.rejected_range++;
+    } else if (!any_refused(pdo)) {
+        co_emcy_clear(pdo->emcy, CO_EMCY_PDO_VALUE);
     }
     pdo->hooks.on_rpdo(pdo->hooks.ctx, i + 1);
 }
@@ -185,7 +201,6 @@ void co_pdo_receive(struct co_pdo *pdo, const struct can_frame *frame)
     for (unsigned i = 0; i < OD_RPDOS; i++) {
         if (pdo->rpdo[i].id == frame->id) { /* no frame has 0, which stands for not in use: that is an NMT command */
             receive(pdo, i, frame);
-            return;
         }
     }
 }

@@ -12,7 +12,8 @@
  * An RPDO, which the node receives, takes effect at once (254, 255) or at the next SYNC (0..240). At a SYNC the TPDOs
  * go first, so they hold what was before it. An RPDO must be exactly as long as its mapping. CiA 301 lets a device take
  * a longer one, too; here that may be another frame with a corrupted identifier: a knot of the path is one bit away
- * from the controlwords.
+ * from the controlwords. A value that its object does not take is left out (EMCY 8200h), and all others of the frame have
+ * their effect: a stop must not wait for a value beside it to be right. All RPDOs with the same identifier get the frame.
  *
  * Times are counted in calls of co_pdo_tick_ms(), one each millisecond; an inhibit time is rounded up. Background only; called by node.c,
  * and by the application through node.h.
@@ -32,6 +33,7 @@ enum { PDO_SYNC_MAX = 240, PDO_EVENT = 254 }; /* transmission types */
 /* Functions of the node that are called for PDOs. */
 struct co_pdo_hooks {
     void *ctx;
+    uint32_t (*check_rpdo)(void *ctx, const struct od_entry *entry, int64_t value); /* SDO_OK, or why it is refused */
     void (*on_rpdo)(void *ctx, unsigned number); /* the values of RPDO `number` (1...) are stored */
     void (*on_tpdo)(void *ctx, unsigned number); /* TPDO `number` (1...) has been handed to the bus */
 };
@@ -47,6 +49,7 @@ struct co_rpdo {
     uint16_t id; /* 0: not in use */
     uint8_t type;
     bool pending; /* `data` takes effect at the next SYNC */
+    bool refused; /* a value of the latest frame */
     uint8_t data[8];
 };
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import pytest
 from canopen.sdo import SdoAbortedError
-from rig import RESET_NODE, START, Rig
+from rig import PRE_OPERATIONAL, RESET_NODE, START, Rig
 
 LSS_REQUEST, LSS_ANSWER = 0x7E5, 0x7E4
 SHUTDOWN, SWITCH_ON, ENABLE = 0x06, 0x07, 0x0F
 STATE, ENABLED, SWITCH_ON_DISABLED = 0x6F, 0x27, 0x40
 Y = 0x800  # from an object of axis x to that of axis y
-EMCY_OF_MEMORY, EMCY_OF_PARAMETER = 0x5510, 0xFF18
+EMCY_OF_MEMORY, EMCY_OF_PARAMETER, EMCY_OF_VALUE = 0x5510, 0xFF18, 0x8200
+PROFILE_VELOCITY, SPEED_UMPS = 3, 20_000
 
 
 class Master:
@@ -42,6 +43,31 @@ class Master:
         self.link.wait(lambda: bool(answers), 0.02)
         self.link._network.unsubscribe(LSS_ANSWER)
         return answers[0] if answers else b""
+
+    def map_rpdo(self, number: int, *entries: int) -> None:
+        """Map entries (index << 16 | sub-index << 8 | bits) into an RPDO, in pre-operational; then operational."""
+        communication, mapping = 0x1400 + number - 1, 0x1600 + number - 1
+        cob_id = (number + 1) * 0x100 + self.node_id
+        self.rig.nmt(PRE_OPERATIONAL)
+        assert self.write(communication, 1, 4, 1 << 31 | cob_id) == 0
+        assert self.write(mapping, 0, 1, 0) == 0
+        for sub, entry in enumerate(entries, 1):
+            assert self.write(mapping, sub, 4, entry) == 0
+        assert self.write(mapping, 0, 1, len(entries)) == 0
+        assert self.write(communication, 1, 4, cob_id) == 0
+        self.rig.nmt(START)
+
+    def jog(self) -> None:
+        """Both axes at 20 mm/s"""
+        self.enable(PROFILE_VELOCITY)
+        for axis in (0, Y):
+            assert self.write(0x60FF + axis, 0, 4, SPEED_UMPS) == 0
+        assert self.link.wait(lambda: min(self.speeds()) > SPEED_UMPS // 2, 2.0)
+
+    def speeds(self) -> tuple[int, int]:
+        """In um/s"""
+        x, y = (self.link.node.sdo.upload(0x606C + axis, 0) for axis in (0, Y))
+        return int.from_bytes(x, "little", signed=True), int.from_bytes(y, "little", signed=True)
 
     def states(self) -> tuple[int, int]:
         return self.read(0x6041) & STATE, self.read(0x6041 + Y) & STATE
@@ -89,3 +115,43 @@ def test_lss_configuration_is_refused_while_an_axis_has_power(rig: Rig) -> None:
     assert EMCY_OF_PARAMETER in master.codes()
     assert EMCY_OF_MEMORY not in master.codes()
     assert master.states() == (ENABLED, ENABLED)
+
+
+_PLC = (0x60400010, 0x60600008, 0x68400010, 0x68600008)
+"""Of each axis controlword and mode, in the third RPDO"""
+
+
+def _needs_room(rig: Rig) -> None:
+    if not rig.drive.simulated:
+        pytest.skip("a jog needs more room than the 2 mm of this suite: use a simulated target")
+
+
+@pytest.mark.motion
+def test_zeroed_outputs_of_a_plc_stop_a_jog(rig: Rig) -> None:
+    _needs_room(rig)
+    master = Master(rig)
+    master.map_rpdo(3, *_PLC)
+    master.jog()
+    rig.link.send(0x400 + master.node_id, bytes(6))
+    assert master.states() == (SWITCH_ON_DISABLED, SWITCH_ON_DISABLED)
+    assert rig.link.wait(lambda: max(map(abs, master.speeds())) < SPEED_UMPS // 20, 2.0)
+    assert master.codes() == []
+    assert (master.read(0x6061), master.read(0x6061 + Y)) == (PROFILE_VELOCITY, PROFILE_VELOCITY)
+
+
+@pytest.mark.motion
+def test_value_that_is_refused_is_refused_alone_and_told_once(rig: Rig) -> None:
+    _needs_room(rig)
+    master = Master(rig)
+    master.map_rpdo(3, *_PLC)
+    master.jog()
+    rejected = master.read(0x2200, 20)
+    for _ in range(5):  # x goes on and asks for a mode that there is not, y stops
+        rig.link.send(0x400 + master.node_id, bytes([0x0F, 0, 9, 0, 0, 0]))
+        rig.link.wait(lambda: False, 0.01)
+    assert master.codes() == [EMCY_OF_VALUE]
+    assert master.read(0x2200, 20) == rejected + 5
+    assert master.states() == (ENABLED, SWITCH_ON_DISABLED)
+    rig.link.send(0x400 + master.node_id, bytes(6))
+    assert master.states() == (SWITCH_ON_DISABLED, SWITCH_ON_DISABLED)
+    assert rig.link.wait(lambda: master.codes() == [EMCY_OF_VALUE, 0], 1.0)

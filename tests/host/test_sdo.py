@@ -99,6 +99,8 @@ def expected(name: str, entry: objects.Entry, value: int) -> int:
         return STATE  # begin, resume: no axis is enabled
     if (name, entry.name, value) == ("master", "claim", entry.high):
         return VALUE  # no node id
+    if name in ("mode_x", "mode_y"):
+        return VALUE  # no mode
     if (name, entry.name) == ("master", "arm"):
         return STATE  # no ticket has been drawn
     return OK

@@ -100,7 +100,7 @@ static void test_mode_that_there_is_not_is_not_taken_from_a_pdo_either(void)
     rig_enable(&rig);
     rig_send(&rig, 0x401, 1, &four);
     rig_ms(&rig, 2);
-    TEST_ASSERT_EQUAL(4, rig_read(&rig, 0x6060, 0));
+    TEST_ASSERT_EQUAL(PATH, rig_read(&rig, 0x6060, 0));
     TEST_ASSERT_EQUAL(PATH, rig_read(&rig, 0x6061, 0));
     rig_send(&rig, 0x401, 1, &three);
     rig_ms(&rig, 2);

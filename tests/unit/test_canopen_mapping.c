@@ -140,20 +140,42 @@ static void test_first_and_last_pdo_of_each_kind_map_what_fits_their_direction(v
     }
 }
 
-static void test_rpdo_with_a_value_out_of_its_range_is_not_stored(void)
+static uint32_t check_rpdo(void *ctx, const struct od_entry *entry, int64_t value)
 {
+    (void)ctx;
+    return entry->index == 0x6060 && value == 4 ? 0x06090030 : 0;
+}
+
+static void test_values_of_an_rpdo_that_are_refused_are_left_out_and_told_until_all_rpdos_are_right(void)
+{
+    struct co_config config = bus.node.config;
+    config.hooks.check_rpdo = check_rpdo;
+    co_init(&bus.node, &config);
     open_mapping(RPDO1);
-    TEST_ASSERT_EQUAL_HEX32(0, map(RPDO1, 1, 0x60400010)); /* controlword x */
-    TEST_ASSERT_EQUAL_HEX32(0, map(RPDO1, 2, 0x60600008)); /* mode x: 3..7 */
+    TEST_ASSERT_EQUAL_HEX32(0, map(RPDO1, 1, 0x21310010)); /* feed override: up to 1200 */
+    TEST_ASSERT_EQUAL_HEX32(0, map(RPDO1, 2, 0x60400010)); /* controlword x */
     close_mapping(RPDO1, 2);
-    bus_give(&bus, 0x205, "0F 00 08");
-    TEST_ASSERT_EQUAL_UINT(0, bus.rpdos[1]);
-    TEST_ASSERT_EQUAL_HEX16(0, bus.od.axis[AXIS_X].controlword);
-    TEST_ASSERT_EQUAL_INT8(7, bus.od.axis[AXIS_X].mode);
-    TEST_ASSERT_EQUAL_UINT32(1, bus.od.stream.rejected_range);
-    bus_give(&bus, 0x205, "0F 00 03");
+    bus_give(&bus, 0, "80 05");
+    open_mapping(RPDO1 + 1);
+    TEST_ASSERT_EQUAL_HEX32(0, map(RPDO1 + 1, 1, 0x60600008)); /* mode x */
+    close_mapping(RPDO1 + 1, 1);
+    bus_clear(&bus);
+    bus_give(&bus, 0x205, "B1 04 0F 00");
     TEST_ASSERT_EQUAL_UINT(1, bus.rpdos[1]);
+    TEST_ASSERT_EQUAL_HEX16(0x0F, bus.od.axis[AXIS_X].controlword);
+    TEST_ASSERT_EQUAL_UINT16(1000, bus.od.feed_override);
+    TEST_ASSERT_EQUAL_UINT32(1, bus.od.stream.rejected_range);
+    bus_give(&bus, 0x305, "04");
+    TEST_ASSERT_EQUAL_INT8(7, bus.od.axis[AXIS_X].mode);
+    TEST_ASSERT_EQUAL_UINT32(2, bus.od.stream.rejected_range);
+    bus_give(&bus, 0x205, "B0 04 06 00");
+    TEST_ASSERT_EQUAL_UINT16(1200, bus.od.feed_override);
+    TEST_ASSERT_EQUAL_UINT(1, bus.count);                  /* the other RPDO is still wrong */
+    bus_expect(&bus, 0, 0x085, "00 82 11 01 00 31 21 00"); /* RPDO 1, sub-index, index */
+    bus_give(&bus, 0x305, "03");
     TEST_ASSERT_EQUAL_INT8(3, bus.od.axis[AXIS_X].mode);
+    TEST_ASSERT_EQUAL_UINT(2, bus.count);
+    bus_expect(&bus, 1, 0x085, "00 00 00 00 00 00 00 00");
 }
 
 static void test_mapping_is_changed_only_out_of_use_and_when_it_is_empty(void)
@@ -283,7 +305,7 @@ int main(void)
     RUN_TEST(test_rpdo_with_gaps_stores_what_is_around_them);
     RUN_TEST(test_dummy_of_each_type_takes_its_place_and_stores_nothing);
     RUN_TEST(test_first_and_last_pdo_of_each_kind_map_what_fits_their_direction);
-    RUN_TEST(test_rpdo_with_a_value_out_of_its_range_is_not_stored);
+    RUN_TEST(test_values_of_an_rpdo_that_are_refused_are_left_out_and_told_until_all_rpdos_are_right);
     RUN_TEST(test_mapping_is_changed_only_out_of_use_and_when_it_is_empty);
     RUN_TEST(test_operational_changes_no_pdo);
     RUN_TEST(test_object_that_does_not_exist_cannot_be_mapped);

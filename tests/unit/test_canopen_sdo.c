@@ -244,8 +244,8 @@ static void test_value_outside_the_range_is_refused_and_changes_nothing(void)
 {
     bus_sdo(&bus, "2F 00 20 01 05 00 00 00", "80 00 20 01 31 00 09 06");
     TEST_ASSERT_EQUAL_UINT8(2, bus.od.controller.select);
-    bus_sdo(&bus, "2F 60 60 00 02 00 00 00", "80 60 60 00 32 00 09 06");
-    bus_sdo(&bus, "2F 60 60 00 FF 00 00 00", "80 60 60 00 32 00 09 06"); /* -1 */
+    bus_sdo(&bus, "2F 98 60 00 00 00 00 00", "80 98 60 00 32 00 09 06");
+    bus_sdo(&bus, "2F 98 60 00 FF 00 00 00", "80 98 60 00 32 00 09 06"); /* -1 */
     bus_sdo(&bus, "23 7D 60 01 FF 6B CA 88", "80 7D 60 01 32 00 09 06"); /* -2000000001 */
     TEST_ASSERT_EQUAL_INT32(-150000000, bus.od.axis[AXIS_X].position_limit.min);
     TEST_ASSERT_EQUAL_UINT(0, bus.writes);

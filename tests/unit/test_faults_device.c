@@ -349,6 +349,25 @@ static void test_pdo_long_is_refused_until_a_right_one_comes(void)
     expect_clearing(ROW_PDO_LONG, 2);
 }
 
+static void test_pdo_value_is_refused_until_right_ones_come(void)
+{
+    rig_nmt(&rig, 1);
+    const uint8_t pre_operational[] = {128, 1}, operational[] = {1, 1};
+    rig_send(&rig, 0, 2, pre_operational);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1402, 1, 4, 0x80000401));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1602, 0, 1, 0));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1602, 1, 4, 0x60600008));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1602, 0, 1, 1));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1402, 1, 4, 0x401));
+    rig_send(&rig, 0, 2, operational);
+    be_on_the_way();
+    const uint8_t no_mode[] = {4}, mode[] = {7};
+    rig_send(&rig, 0x401, 1, no_mode);
+    expect_reaction(ROW_PDO_VALUE);
+    rig_send(&rig, 0x401, 1, mode);
+    expect_clearing(ROW_PDO_VALUE, 2);
+}
+
 static void test_sync_length_is_refused_until_a_right_one_comes(void)
 {
     be_on_the_way();
@@ -441,6 +460,7 @@ int main(void)
     RUN_TEST(test_can_overrun_is_warned_of);
     RUN_TEST(test_pdo_short_is_refused_until_a_right_one_comes);
     RUN_TEST(test_pdo_long_is_refused_until_a_right_one_comes);
+    RUN_TEST(test_pdo_value_is_refused_until_right_ones_come);
     RUN_TEST(test_sync_length_is_refused_until_a_right_one_comes);
     RUN_TEST(test_of_two_faults_within_a_millisecond_603Fh_and_the_first_emcy_tell_the_first);
     RUN_TEST(test_later_fault_cuts_a_stop_on_the_path_short_and_603Fh_keeps_the_first);
