@@ -153,7 +153,7 @@ static struct axis_mode_in axis_mode_in(const struct path *p, const struct path_
         .inputs = s->inputs[i],
         .index_pulses = s->index_pulses[i],
         .reference_nm = reference(p).nm[i],
-        .position_nm = s->position_nm[i] - s->correction_nm[i],
+        .position_nm = (int64_t)s->position_nm[i] - s->correction_nm[i],
         .index_nm = s->index_nm[i],
         .edge_nm = s->edge_nm[i],
     };

@@ -72,9 +72,9 @@ struct axis_modes_in {
         uint8_t inputs;       /* enum hal_input */
         uint8_t index_pulses; /* their number, modulo 256 */
         int32_t reference_nm; /* user's position */
-        int32_t
-            position_nm;  /* this and the next two: the servo's positions, which homing does not shift, without what the
-                               * geometry adds by position: that depends on the origin which homing sets */
+        /* This and the next two: the servo's positions, which homing does not shift, without what the geometry adds by
+         * position: that depends on the origin which homing sets. */
+        int64_t position_nm;
         int32_t index_nm; /* at the latest index pulse */
         int32_t edge_nm;  /* at the latest edge of a limit switch */
     } axis[2];

@@ -191,6 +191,19 @@ static void test_axis_further_from_power_on_than_positions_count_is_told_so(void
     }
 }
 
+static void test_position_at_its_end_stays_there_with_what_the_geometry_adds(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2100, 5, 4, 4000000000)); /* 40 um a count */
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2900, 5, 4, 4000000000));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2116, 1, 4, -100000000)); /* y gets -0.1 of x */
+    rig_ms(&rig, 5);
+    rig.lost[0] = -60000; /* counts: 2.4 m */
+    rig.lost[1] = -70000;
+    rig_ms(&rig, 5);
+    TEST_ASSERT_EQUAL_INT32(INT32_MAX, (int32_t)rig_read(&rig, 0x6064, 0));
+    TEST_ASSERT_EQUAL_INT32(INT32_MAX, (int32_t)rig_read(&rig, 0x6864, 0));
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -205,5 +218,6 @@ int main(void)
     RUN_TEST(test_stream_has_at_most_as_many_knots_as_path_time_can_count);
     RUN_TEST(test_stream_that_goes_on_for_ever_stops_on_its_path_at_its_last_knot);
     RUN_TEST(test_axis_further_from_power_on_than_positions_count_is_told_so);
+    RUN_TEST(test_position_at_its_end_stays_there_with_what_the_geometry_adds);
     return UNITY_END();
 }
