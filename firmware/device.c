@@ -85,10 +85,19 @@ static void check_health(struct device *device)
     device->od.crash.count = h.crash.count;
 }
 
+/* Whether a heartbeat is missing without which no axis may have power. The claim of a holder that falls silent without
+ * power ends, and is no fault. */
+static bool heartbeat_lost(const struct device *device)
+{
+    return co_heartbeat_lost(&device->node) &&
+           (device->drive.command_guard.holder == 0 || drive_powered(&device->drive));
+}
+
 /* One step of the drive, and what it changes for the master. Bit 0, 1 of `received`: a controlword of axis 0, 1 has come. */
 static void step(struct device *device, unsigned received)
 {
     const struct drive_in in = {.received = received,
+                                .heartbeat_lost = heartbeat_lost(device),
                                 .parameters_invalid = settings_invalid(&device->settings),
                                 .node_warns = co_emcy_of_node(&device->node)};
     drive_step(&device->drive, &in);
@@ -205,10 +214,7 @@ static void on_heartbeat_lost(void *ctx)
 {
     struct device *device = ctx;
     command_guard_holder_silent(&device->drive.command_guard);
-    if (drive_powered(&device->drive)) {
-        drive_fault(&device->drive, FAULT_HEARTBEAT);
-        step(device, 0);
-    }
+    step(device, 0);
 }
 
 static void set_build(struct od_data *od)

@@ -66,6 +66,13 @@ static uint32_t node_of(uint32_t consumer)
 static void restart(struct co_nmt *nmt, uint32_t time_ms)
 {
     nmt->consumer_left_ms = time_ms + 1u;
+    nmt->lost = false;
+}
+
+static void end_watch(struct co_nmt *nmt)
+{
+    nmt->consumer_left_ms = 0;
+    nmt->lost = false;
 }
 
 void co_nmt_watch(struct co_nmt *nmt, uint8_t id)
@@ -78,7 +85,7 @@ void co_nmt_watch(struct co_nmt *nmt, uint8_t id)
         restart(nmt, time_ms);
     } else {
         nmt->watched = 0;
-        nmt->consumer_left_ms = 0;
+        end_watch(nmt);
     }
 }
 
@@ -98,7 +105,7 @@ void co_nmt_heartbeat(struct co_nmt *nmt, const struct can_frame *frame)
 void co_nmt_written(struct co_nmt *nmt, uint16_t index)
 {
     if (index == OBJ_HEARTBEAT_CONSUMER && nmt->watched == 0) {
-        nmt->consumer_left_ms = 0;
+        end_watch(nmt);
     }
     if (index == OBJ_HEARTBEAT_PRODUCER) {
         nmt->producer_ms = 0;
@@ -111,5 +118,7 @@ bool co_nmt_tick_ms(struct co_nmt *nmt)
     if (nmt->state != CO_INITIALISING && period_ms != 0 && ++nmt->producer_ms >= period_ms) {
         send_heartbeat(nmt, (uint8_t)nmt->state);
     }
-    return nmt->consumer_left_ms != 0 && --nmt->consumer_left_ms == 0;
+    const bool now_lost = nmt->consumer_left_ms != 0 && --nmt->consumer_left_ms == 0;
+    nmt->lost = nmt->lost || now_lost;
+    return now_lost;
 }

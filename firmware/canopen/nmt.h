@@ -39,6 +39,7 @@ struct co_nmt {
     uint16_t producer_ms;      /* since the node's last heartbeat */
     uint32_t watched;          /* node id << 16 | ms, in place of 1016h, by co_nmt_watch(); 0: 1016h holds */
     uint32_t consumer_left_ms; /* time until the watched heartbeat counts as lost; 0: none is awaited */
+    bool lost;                 /* the watched heartbeat, until it comes again or another one is to be watched */
 };
 
 /* Power-on. co_nmt_reset() is to follow. */
@@ -60,7 +61,6 @@ void co_nmt_heartbeat(struct co_nmt *nmt, const struct can_frame *frame);
 void co_nmt_watch(struct co_nmt *nmt, uint8_t id);
 /* An SDO has written the object `index`. */
 void co_nmt_written(struct co_nmt *nmt, uint16_t index);
-/* Send the node's heartbeat when it is due. true: the watched heartbeat has just been lost. It is reported once; the
- * next one that comes is watched again. */
+/* Send the node's heartbeat when it is due. true: the watched heartbeat has just been lost, which is reported once. */
 bool co_nmt_tick_ms(struct co_nmt *nmt);
 #endif

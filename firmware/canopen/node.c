@@ -259,6 +259,11 @@ void co_watch_heartbeat(struct co_node *node, uint8_t id)
     co_nmt_watch(&node->nmt, id);
 }
 
+bool co_heartbeat_lost(const struct co_node *node)
+{
+    return node->nmt.lost;
+}
+
 void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t details)
 {
     co_emcy_raise(&node->emcy, code, reg, details);

@@ -51,8 +51,8 @@ struct co_hooks {
     void (*on_tpdo)(void *ctx, unsigned number);
     /* The NMT state has changed. */
     void (*on_nmt)(void *ctx, enum co_state state);
-    /* The heartbeat of 1016h, or of co_watch_heartbeat(), has not come for its time. Called once; the next heartbeat is
-     * watched again. The NMT state that 1029h asks for follows. */
+    /* The heartbeat of 1016h, or of co_watch_heartbeat(), has not come for its time. Called once, until it has come
+     * again. The NMT state that 1029h asks for follows. */
     void (*on_heartbeat_lost)(void *ctx);
     /* A reset: set the objects 1000h to 1FFFh, or all, to their values at power-on. Returns the node id from now on.
      * NULL: the objects are set to their defaults, and the node id stays. */
@@ -92,6 +92,8 @@ void co_tick_ms(struct co_node *node);
 enum co_state co_nmt_state(const struct co_node *node);
 /* Watch the heartbeat of node `id` in place of that of 1016h (co_nmt_watch). 0, or a reset: 1016h holds again. */
 void co_watch_heartbeat(struct co_node *node, uint8_t id);
+/* Whether the heartbeat that is watched has been lost, and has not come again since. */
+bool co_heartbeat_lost(const struct co_node *node);
 
 /* An error is in effect from now on (co_emcy_raise), or ends (co_emcy_clear). */
 void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t details);

@@ -197,6 +197,7 @@ static uint32_t find_faults(struct drive *d, const struct drive_in *in)
                                              .enable_refused = d->enable_refused,
                                              .parameters_invalid = in->parameters_invalid};
     return fault_monitor_step(&d->fault_monitor, &monitor) | atomic_load(&d->loop.faults) |
+           (in->heartbeat_lost ? FAULT_BIT(FAULT_HEARTBEAT) : 0u) |
            (queue->open && queue->outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u) |
            (queue->open && queue->over_acceleration ? FAULT_BIT(FAULT_KNOT_ACCELERATION) : 0u) |
            (stream_on_switch(d) ? FAULT_BIT(FAULT_LIMIT_SWITCH) : 0u);

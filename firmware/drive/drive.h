@@ -49,6 +49,7 @@ struct drive {
 
 struct drive_in {
     unsigned received;       /* bit 0, 1: a controlword of axis 0, 1 has just come, and is in od */
+    bool heartbeat_lost;     /* that of the master is missing */
     bool parameters_invalid; /* stored parameters could not be used */
     bool node_warns;         /* errors of the CANopen node are in effect */
 };

@@ -12,6 +12,8 @@ SHUTDOWN, SWITCH_ON, ENABLE = 0x06, 0x07, 0x0F
 STATE, ENABLED, SWITCH_ON_DISABLED = 0x6F, 0x27, 0x40
 Y = 0x800  # from an object of axis x to that of axis y
 EMCY_OF_MEMORY, EMCY_OF_PARAMETER, EMCY_OF_VALUE = 0x5510, 0xFF18, 0x8200
+HEARTBEAT_LOST, PLC_ID = 0x8130, 20
+FAULT_RESET, FAULT = 0x80, 0x08
 PROFILE_VELOCITY, SPEED_UMPS = 3, 20_000
 
 
@@ -155,3 +157,22 @@ def test_value_that_is_refused_is_refused_alone_and_told_once(rig: Rig) -> None:
     rig.link.send(0x400 + master.node_id, bytes(6))
     assert master.states() == (SWITCH_ON_DISABLED, SWITCH_ON_DISABLED)
     assert rig.link.wait(lambda: master.codes() == [EMCY_OF_VALUE, 0], 1.0)
+
+
+@pytest.mark.motion
+def test_heartbeat_lost_without_power_is_latched_and_nothing_is_enabled_until_it_is_back(rig: Rig) -> None:
+    master = Master(rig)
+    assert master.write(0x1016, 1, 4, PLC_ID << 16 | 50) == 0
+    rig.link.send(0x700 + PLC_ID, b"\x05")
+    assert rig.link.wait(lambda: master.states() == (FAULT, FAULT), 1.0)
+    assert master.codes() == [HEARTBEAT_LOST]
+    for controlword in (FAULT_RESET, SHUTDOWN, SWITCH_ON, ENABLE):
+        rig.link.send(0x200 + master.node_id, controlword.to_bytes(2, "little") * 2)
+        rig.link.wait(lambda: False, 0.005)
+        assert master.states() == (FAULT, FAULT)
+    assert master.write(0x1016, 1, 4, PLC_ID << 16 | 10_000) == 0
+    rig.link.send(0x700 + PLC_ID, b"\x05")
+    rig.link.send(0x200 + master.node_id, bytes(4))
+    rig.link.send(0x200 + master.node_id, FAULT_RESET.to_bytes(2, "little") * 2)
+    assert rig.link.wait(lambda: master.codes() == [HEARTBEAT_LOST, 0], 1.0)
+    master.enable()

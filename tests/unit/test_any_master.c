@@ -66,6 +66,23 @@ static void test_lss_configuration_is_refused_while_an_axis_has_power(void)
     TEST_ASSERT_EQUAL_UINT32(RUNNING, stream_state());
 }
 
+/* ---- heartbeats ---- */
+
+static void test_claim_of_a_holder_that_falls_silent_without_power_ends_and_is_no_fault(void)
+{
+    rig.heartbeat_every_ms = 50;
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 4, 127));
+    rig_nmt(&rig, 1);
+    rig_ms(&rig, 200);
+    TEST_ASSERT_EQUAL_UINT32(127, rig_read(&rig, 0x2140, 1));
+    rig.heartbeat_every_ms = 0;
+    rig_ms(&rig, 600);
+    TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2140, 1));
+    rig_expect_states(&rig, RIG_DISABLED, RIG_DISABLED);
+    TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
+    rig_enable(&rig);
+}
+
 /* ---- RPDOs as a PLC maps them ---- */
 
 /* Map entries (index << 16 | sub << 8 | bits, up to the first 0) into RPDO `number`, as in pre-operational. */
@@ -301,6 +318,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(test_lss_configuration_without_power_is_no_memory_fault);
     RUN_TEST(test_lss_configuration_is_refused_while_an_axis_has_power);
+    RUN_TEST(test_claim_of_a_holder_that_falls_silent_without_power_ends_and_is_no_fault);
     RUN_TEST(test_zeroed_outputs_of_a_plc_stop_a_jog);
     RUN_TEST(test_value_that_is_refused_is_refused_alone_and_told_once);
     RUN_TEST(test_after_any_rpdo_its_controlwords_have_had_their_effect);

@@ -21,19 +21,53 @@ static void test_lost_heartbeat_stops_on_the_path_then_faults(void)
     TEST_ASSERT_EQUAL_UINT(1, rig.emcy_count);
     rig_ms(&rig, 1000);
     TEST_ASSERT_EQUAL_UINT(1, rig.emcy_count);
+    rig.heartbeat_every_ms = 50;
+    rig_ms(&rig, 60);
     reset_faults_and_enable_again();
 }
 
-static void test_lost_heartbeat_without_power_does_nothing(void)
+static void test_lost_heartbeat_without_power_is_latched_until_it_is_back(void)
 {
     rig_enable(&rig);
     rig_ms(&rig, 100);
     rig_controlwords(&rig, 0, 0);
     rig.heartbeat_every_ms = 0;
-    rig_ms(&rig, 1000);
-    rig_expect_states(&rig, RIG_DISABLED, RIG_DISABLED);
-    TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
+    rig_ms(&rig, 300);
+    expect_fault(0x8130);
+    for (int i = 0; i < 5; i++) {
+        rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
+        rig_ms(&rig, 5);
+        rig_controlwords(&rig, ENABLE, ENABLE);
+        rig_ms(&rig, 5);
+        expect_fault(0x8130);
+    }
+    TEST_ASSERT_EQUAL_UINT(1, rig.emcy_count);
+    rig.heartbeat_every_ms = 50;
+    rig_ms(&rig, 60);
+    expect_fault(0x8130);
+    rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
+    rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
+    rig_controlwords(&rig, SWITCH_ON, SWITCH_ON);
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    rig_ms(&rig, 2);
+    expect_power(true, true);
+    rig.heartbeat_every_ms = 0; /* it is watched again */
+    rig_ms(&rig, 400);
+    expect_fault(0x8130);
+}
+
+static void test_watch_that_is_written_anew_waits_for_no_lost_heartbeat(void)
+{
     rig_enable(&rig);
+    rig_ms(&rig, 100);
+    rig_controlwords(&rig, 0, 0);
+    rig.heartbeat_every_ms = 0;
+    rig_ms(&rig, 300);
+    expect_fault(0x8130);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1016, 1, 4, 0));
+    rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
+    rig_ms(&rig, 5);
+    rig_expect_states(&rig, RIG_DISABLED, RIG_DISABLED);
 }
 
 static void test_underrun_stops_on_the_path_then_faults(void)
@@ -175,7 +209,8 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_lost_heartbeat_stops_on_the_path_then_faults);
-    RUN_TEST(test_lost_heartbeat_without_power_does_nothing);
+    RUN_TEST(test_lost_heartbeat_without_power_is_latched_until_it_is_back);
+    RUN_TEST(test_watch_that_is_written_anew_waits_for_no_lost_heartbeat);
     RUN_TEST(test_underrun_stops_on_the_path_then_faults);
     RUN_TEST(test_hiccup_of_the_stream_slows_the_path_without_a_fault);
     RUN_TEST(test_knot_outside_the_limits_stops_on_the_path_then_faults);

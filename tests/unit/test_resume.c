@@ -59,6 +59,8 @@ static void stop_by_silence(void)
     rig_ms(&rig, 350);
     rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
     TEST_ASSERT_EQUAL_UINT32(STOPPED, stream(5));
+    rig.heartbeat_every_ms = 50; /* it is back */
+    rig_ms(&rig, 50);
 }
 
 static uint32_t crc32_of_line(void)
