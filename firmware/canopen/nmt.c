@@ -118,7 +118,10 @@ bool co_nmt_tick_ms(struct co_nmt *nmt)
     if (nmt->state != CO_INITIALISING && period_ms != 0 && ++nmt->producer_ms >= period_ms) {
         send_heartbeat(nmt, (uint8_t)nmt->state);
     }
-    const bool now_lost = nmt->consumer_left_ms != 0 && --nmt->consumer_left_ms == 0;
-    nmt->lost = nmt->lost || now_lost;
-    return now_lost;
+    if (nmt->consumer_left_ms == 0) {
+        return false;
+    }
+    nmt->consumer_left_ms--;
+    nmt->lost = nmt->consumer_left_ms == 0;
+    return nmt->lost;
 }

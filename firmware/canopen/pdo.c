@@ -169,9 +169,8 @@ static void store(struct co_pdo *pdo, unsigned i, const uint8_t *data)
         }
         data += od_size(e);
     }
-    if (rpdo->refused) {
-        pdo->od->stream.rejected_range++;
-    } else if (!any_refused(pdo)) {
+    pdo->od->stream.rejected_range += rpdo->refused ? 1u : 0u;
+    if (!any_refused(pdo)) {
         co_emcy_clear(pdo->emcy, CO_EMCY_PDO_VALUE);
     }
     pdo->hooks.on_rpdo(pdo->hooks.ctx, i + 1);
