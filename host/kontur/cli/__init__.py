@@ -18,6 +18,7 @@ from kontur.errors import KonturError
 # The list in `kontur --help`, which imports none of them.
 _VERBS = {
     "run": "Run a path, and report the contour error.",
+    "check": "Check a file without moving: refusals, extent, time, slowest places.",
     "jog": "Move the axes with constant speed for a time.",
     "home": "Home an axis, so that positions count from its home point.",
     "sim": "Simulate a drive on a bus, until Ctrl-C.",

@@ -36,6 +36,7 @@ from kontur.cli.options import (
     target_options,
 )
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
+from kontur.cli.path_options import accel_option, jerk_option, z_option
 from kontur.drive.controllers import CONTROLLERS, described
 from kontur.errors import FileError, KonturError
 from kontur.runs import RETURN_MAX_M
@@ -108,7 +109,7 @@ def _shape_option(name: str, text: str) -> Callable[[F], F]:
     )
 
 
-def _program(source: str, feed: float | None, **sizes: float | None) -> Program:
+def _program(source: str, feed: float | None, z: str, **sizes: float | None) -> Program:
     """The program of FILE, or of a shape with its `sizes` in mm at `feed` mm/s."""
     from kontur.path import programs, shapes
 
@@ -121,7 +122,7 @@ def _program(source: str, feed: float | None, **sizes: float | None) -> Program:
     if source not in SHAPES:
         if not os.path.exists(source):  # Path.exists() raises OSError for a name that is too long
             raise FileError(source, f"no such file, and no shape either; shapes are {', '.join(SHAPES)}")
-        return programs.load(source, None if feed is None else feed_mps)
+        return programs.load(source, None if feed is None else feed_mps, z)
     values = {
         (name if name == "laps" else f"{name}_m"): value * (1.0 if name == "laps" else 1e-3)
         for name, value in (fitting | given).items()
@@ -164,6 +165,7 @@ _program_options = grouped(
         metavar="MM_PER_S",
         help=f"Speed along a shape (default: {DEFAULT_FEED_MPS * 1e3:g}) or a CSV path of x,y.",
     ),
+    z_option,
     _shape_option("radius", "Radius"),
     _shape_option("half_width", "Half axis along x"),
     _shape_option("half_height", "Half axis along y"),
@@ -178,10 +180,8 @@ _program_options = grouped(
 _motion_options = grouped(
     "motion",
     Motion,
-    click.option(
-        "--accel", type=POSITIVE, metavar="M_PER_S2", help="Acceleration limit of both axes instead of the machine's."
-    ),
-    click.option("--jerk", type=POSITIVE, metavar="M_PER_S3", help="Jerk limit of both axes instead of the machine's."),
+    accel_option,
+    jerk_option,
     parameter_option,
     click.option(
         "--params",

@@ -1,275 +1,388 @@
 # SPDX-License-Identifier: Apache-2.0
-"""G-code to a program: the two-axis subset of RS-274 (LinuxCNC's reading of it), one block a line.
+"""G-code to a program: RS-274 as LinuxCNC reads it, for a machine of two axes. docs/paths.md has the words.
 
-Words: G0 G1 G2 G3 (X Y, I J or R, F), G4 P (seconds), G17, G20 G21, G61, G90 G91, G90.1 G91.1, M2 M30, N; comments in
-( ) and after `;`; `%` around the program. Letters may be upper or lower case, and spaces may stand anywhere.
-Every other word is refused, since a program with a word skipped would cut another part.
+kontur.path.gcode_words has the lines and their words, kontur.path.arcs the arcs; here are the modes, the offsets and
+what each block does. Every other word is refused, since a program with a word skipped would cut another part. Words
+that switch something beside the axes become events of the program.
 
-At the start: G17 G21 G61 G90 G91.1, no motion mode, no feed. F is in units (mm or inch) per minute. G0 goes on a
-straight line as fast as the machine may. kontur.path.arcs has the arcs.
+At the start: G17 G21 G54 G61 G90 G91.1 G94, no motion mode, no feed, no offsets. F is in units (mm or inch) per minute;
+with G93 a move takes 1/F minutes. G0 goes on a straight line as fast as the machine may.
 """
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from kontur.errors import FileError
-from kontur.files import text_lines
-from kontur.path import arcs
-from kontur.path.geometry import Dwell, Line, Move, Point, Program, Segment
+from kontur.path import arcs, gcode_words
+from kontur.path.gcode_words import Block, Refusals
+from kontur.path.geometry import Dwell, Event, Line, Move, Point, Program, Segment
 
-_COMMENT = re.compile(r"\([^()]*\)|;.*")
-_WORD = re.compile(r"([A-Za-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
-_EXPONENT = re.compile(r"[eE][+-]?[0-9]+")
+Z_MODES = ("pen", "ignore", "refuse")
+"""What becomes of axes beside x and y. pen: z goes up and down where x and y stand or go rapidly, at rest, as an event;
+ignore: whatever they do, x and y go as programmed; refuse: no word of them is taken."""
+
+Source = Callable[[str, Refusals], Iterator[Block]]
+
 _INCH_M = 25.4e-3
-_SAME_M = 1e-9  # points nearer than this are one point
+_SAME = 1e-9  # m or degrees: positions nearer than this are one
 _LONG_DWELL_S = 10.0
-
-# Modal groups of the G codes that are known, by ten times their number.
-_GROUP = {
-    **dict.fromkeys((0, 10, 20, 30), "motion"),
-    40: "dwell",
-    170: "plane",
-    **dict.fromkeys((200, 210), "units"),
-    610: "path control",
-    **dict.fromkeys((900, 910), "distance"),
-    **dict.fromkeys((901, 911), "arc centre"),
-}
-_KNOWN_G = "G0 G1 G2 G3 G4 G17 G20 G21 G61 G90 G91 G90.1 G91.1"
-_REFUSED_G = {
-    180: "the machine has two axes, x and y; arcs lie in the plane G17",
-    190: "the machine has two axes, x and y; arcs lie in the plane G17",
-    640: "corners cannot be blended yet; use G61 (exact path)",
-    611: "there is no exact stop mode; G61 stops at every corner that is not tangent",
-    410: "there is no cutter compensation; let the CAM program offset the path",
-    420: "there is no cutter compensation; let the CAM program offset the path",
-    930: "the feed is always in units per minute; convert F and remove the word",
-    950: "the feed is always in units per minute; convert F and remove the word",
-}
-_REFUSED_LETTER = {
-    **dict.fromkeys("ZABCUVW", "the machine has two axes, x and y; remove the word"),
-    **dict.fromkeys("ST", "there is no spindle and no tool changer; remove the word"),
-    "K": "arcs lie in the plane of x and y: their centre is given by I and J",
+_AXES = "XYZABC"
+_SYSTEMS = (540, 550, 560, 570, 580, 590, 591, 592, 593)
+_HOLDS = (0, 1, 6, 60)
+_END = (2, 30)
+_BELONGS = {  # words that have a meaning beside certain G codes only
+    "P": ((40, 100, 640), "P belongs to G4, G10 or G64"),
+    "Q": ((640,), "Q belongs to G64"),
+    "L": ((100,), "L belongs to G10"),
+    "H": ((430, 490), "H belongs to G43"),
+    "D": ((), "D belongs to G41 and G42, and there is no cutter compensation"),
 }
 
 
-@dataclass
-class _Block:
-    """One line: its G codes (ten times the number) by group, and the number and text of each other word by letter."""
-
-    line: int
-    codes: dict[str, int] = field(default_factory=dict)
-    values: dict[str, float] = field(default_factory=dict)
-    texts: dict[str, str] = field(default_factory=dict)
-    end: bool = False
-
-
-def parse(text: str, name: str, start_m: Point = (0.0, 0.0)) -> Program:
-    """The program of the G-code `text`, for a machine that stands at `start_m`. `name` is the file's, for messages.
+def parse(
+    text: str, name: str, start_m: Point = (0.0, 0.0), z: str = "pen", source: Source = gcode_words.blocks
+) -> Program:
+    """The program of the G-code `text`, for a machine that stands at `start_m`. `name` is the file's, for messages; `z`
+    is one of Z_MODES. `source` reads the blocks: Kontur's own reader, or kontur.path.interpreter.
 
     Raises FileError: anything that is not understood, with line and word; a file without motion.
     """
-    reader = _Reader(name, start_m)
-    for block in _blocks(text, name):
+    program, refusals = read(text, name, start_m, z, source)
+    if refusals:
+        raise refusals.error()
+    return program
+
+
+def read(
+    text: str, name: str, start_m: Point = (0.0, 0.0), z: str = "pen", source: Source = gcode_words.blocks
+) -> tuple[Program, Refusals]:
+    """The same, and all that the file is refused for; the program lacks what is refused."""
+    refusals = Refusals(name)
+    reader = _Reader(refusals, start_m, z)
+    for block in source(text, refusals):
         reader.run(block)
-        if block.end:
+        if any(m in _END for m in block.m):
             break
-    if not any(isinstance(item, Move) for item in reader.items):
-        raise FileError(name, "there is no motion in this file; it needs a line like G1 X10 Y5 F1000")
-    return Program(name, tuple(reader.items), start_m, _notes(reader.items))
+    if not refusals and not any(isinstance(item, Move) for item in reader.items):
+        refusals.add("there is no motion in this file; it needs a line like G1 X10 Y5 F1000")
+    items, events = tuple(reader.items), tuple(reader.events)
+    return Program(name, items, start_m, _notes(items, events), events), refusals
 
 
-def _notes(items: list[Move | Dwell]) -> tuple[str, ...]:
+def _notes(items: tuple[Move | Dwell, ...], events: tuple[Event, ...]) -> tuple[str, ...]:
     """What a user should know of a program that can be run."""
+    notes = []
+    if events:
+        counts = Counter(event.kind for event in events)
+        words = ", ".join(word if count == 1 else f"{word} ×{count}" for word, count in counts.items())
+        notes.append(f"Not executed, since the drive switches nothing: {words}; first in line {events[0].line}.")
     long = [item for item in items if isinstance(item, Dwell) and item.duration_s > _LONG_DWELL_S]
-    if not long:
-        return ()
-    how_many = "1 dwell waits" if len(long) == 1 else f"{len(long)} dwells wait"
-    where = f"in line {long[0].line}" if len(long) == 1 else f"the first in line {long[0].line} and the longest"
-    longest = max(item.duration_s for item in long)
-    return (
-        f"{how_many} for more than {_LONG_DWELL_S:g} s, {where} for {longest:g} s: P is in seconds. "
-        "Some programs mean milliseconds.",
-    )
+    if long:
+        how_many = "1 dwell waits" if len(long) == 1 else f"{len(long)} dwells wait"
+        where = f"in line {long[0].line}" if len(long) == 1 else f"the first in line {long[0].line} and the longest"
+        longest = max(item.duration_s for item in long)
+        notes.append(
+            f"{how_many} for more than {_LONG_DWELL_S:g} s, {where} for {longest:g} s: P is in seconds. "
+            "Some programs mean milliseconds."
+        )
+    return tuple(notes)
 
 
-def _blocks(text: str, name: str) -> Iterator[_Block]:
-    percents = 0
-    for line, raw in enumerate(text_lines(text), start=1):
-        code = _COMMENT.sub("", raw).replace(" ", "").replace("\t", "")
-        if "(" in code or ")" in code:
-            raise FileError(name, "a comment in parentheses must end on its line and hold no other", line, raw.strip())
-        if code == "%":
-            percents += 1
-            if percents == 2:
-                return
-        elif code:
-            yield _block(code, line, name)
+def _zeros() -> dict[str, float]:
+    return dict.fromkeys(_AXES, 0.0)
 
 
-def _block(code: str, line: int, name: str) -> _Block:
-    block = _Block(line)
-    at = 0
-    while at < len(code):
-        match = _WORD.match(code, at)
-        if match is None:
-            raise FileError(name, _unreadable(code[at : at + 2]), line, code[at : at + 12])
-        exponent = _EXPONENT.match(code, match.end())
-        if exponent is not None:
-            what = "a number with an exponent; write it out, like X0.0015 in place of X1.5e-3"
-            raise FileError(name, what, line, match[0] + exponent[0])
-        _take(block, match[1].upper(), float(match[2]), match[0], name)
-        at = match.end()
-    return block
+@dataclass
+class _Offsets:
+    """Where the origin of the program is: of the chosen coordinate system (G54 to G59.3), and G92's besides."""
 
+    systems: list[dict[str, float]] = field(default_factory=lambda: [_zeros() for _ in _SYSTEMS])
+    chosen: int = 0
+    g92: dict[str, float] = field(default_factory=_zeros)
+    g92_holds: bool = False
 
-def _unreadable(start: str) -> str:
-    if start[0] == "/":
-        return "lines cannot be skipped by a switch; remove the line or the slash"
-    if "#" in start or "[" in start:
-        return "variables and expressions are not understood; write numbers"
-    return "not a word; words are a letter and a decimal number, like X12.5"
+    def of(self, axis: str) -> float:
+        return self.systems[self.chosen][axis] + self.shift(axis)
 
-
-def _take(block: _Block, letter: str, value: float, text: str, name: str) -> None:
-    """Put one word into its block."""
-
-    def problem(what: str) -> FileError:
-        return FileError(name, what, block.line, text)
-
-    if letter == "G":
-        code = round(10.0 * value) if value < 1000.0 and abs(10.0 * value - round(10.0 * value)) < 1e-6 else -1
-        group = _GROUP.get(code)
-        if group is None:
-            raise problem(_REFUSED_G.get(code, f"this G code is not understood ({_KNOWN_G} are); remove or replace it"))
-        if group in block.codes:
-            raise problem(f"a second {group} word on the line; put it on a line of its own")
-        block.codes[group] = code
-    elif letter == "M":
-        if value not in (2.0, 30.0):
-            raise problem("this M code is not understood (M2 and M30 are); remove it")
-        block.end = True
-    elif letter not in "NXYIJRFP":
-        raise problem(_REFUSED_LETTER.get(letter, "this word is not understood; remove it"))
-    elif letter in block.values:
-        raise problem(f"a second {letter} word on the line; put it on a line of its own")
-    elif not abs(value) < 1e9:
-        raise problem("the number is too large")
-    else:
-        block.values[letter] = value
-        block.texts[letter] = text
+    def shift(self, axis: str) -> float:
+        """G92's part."""
+        return self.g92[axis] if self.g92_holds else 0.0
 
 
 class _Reader:
-    """The modal state, and the program so far."""
+    """The modal state, and the program so far. Positions are the machine's, in m (A, B, C in degrees)."""
 
-    def __init__(self, name: str, start_m: Point) -> None:
-        self.name = name
-        self.here = start_m
+    def __init__(self, refusals: Refusals, start_m: Point, z: str) -> None:
+        self.refusals = refusals
+        self.z = z
+        self.at = _zeros() | {"X": start_m[0], "Y": start_m[1]}
         self.items: list[Move | Dwell] = []
+        self.events: list[Event] = []
+        self.offsets = _Offsets()
+        self.homes = {280: _zeros(), 300: _zeros()}
         self.unit_m = 1e-3
         self.motion: int | None = None
-        self.feed_mps: float | None = None
+        self.plane = 170
+        self.feed: float | None = None  # m/s, or with G93 moves per s
+        self.inverse_time = False
         self.relative = False
         self.center_absolute = False
 
-    def run(self, block: _Block) -> None:
-        """Carry out one block: units, feed and modes first, then the dwell or the move."""
+    def run(self, block: Block) -> None:
+        """Carry out one block, in the order of RS274NGC: feed, events, dwell, modes, offsets, the move, a hold."""
         codes, values = block.codes, block.values
+        for letter, (owners, what) in _BELONGS.items():
+            if letter in values and not any(code in owners for code in codes.values()):
+                self._refuse(block, letter, f"{what}; remove it")
+        if values.pop("K", 0.0) != 0.0:
+            self._refuse(block, "K", "arcs lie in the plane of x and y: their centre is given by I and J")
+        if self.z == "refuse":
+            for letter in "ZABC":
+                if values.pop(letter, None) is not None:
+                    self._refuse(block, letter, "the machine has two axes, x and y; remove the word, or see --z")
+        self._set_feed(block)
+        self._switch(block)
+        non_modal = codes.get("non-modal")
+        if non_modal == 40:
+            self._dwell(block)
+        self._set_modes(block)
+        if non_modal in (100, 920):
+            self._set_offset(block, non_modal)
+        elif non_modal in (280, 300):
+            self._go_home(block, self.homes[non_modal])
+        elif non_modal in (281, 301):
+            self.homes[non_modal - 1] = dict(self.at)
+        elif non_modal in (921, 922, 923):
+            self.offsets.g92_holds = non_modal == 923
+            if non_modal == 921:
+                self.offsets.g92 = _zeros()
+        elif non_modal != 40:
+            self._go(block)
+        for m in block.m:
+            if m in (0, 1, 60):
+                self._hold(block, m)
 
-        def problem(letter: str, what: str) -> FileError:
-            return FileError(self.name, what, block.line, block.texts.get(letter))
+    def _refuse(self, block: Block, letter: str, what: str) -> None:
+        self.refusals.add(what, block.line, block.texts.get(letter))
 
+    def _set_feed(self, block: Block) -> None:
+        codes, values = block.codes, block.values
+        if "feed mode" in codes and (codes["feed mode"] == 930) != self.inverse_time:
+            self.inverse_time, self.feed = not self.inverse_time, None
         unit_m = {200: _INCH_M, 210: 1e-3}.get(codes.get("units", 0), self.unit_m)
-        if unit_m != self.unit_m and "F" in values:
-            raise problem(
-                "F",
-                "a feed on the line that changes the unit; controls differ about its unit, so put it on the next line",
-            )
-        self.unit_m = unit_m
-        self.motion = codes.get("motion", self.motion)
+        changed, self.unit_m = unit_m != self.unit_m, unit_m
+        if "F" in values:
+            if not values["F"] > 0.0:
+                self._refuse(block, "F", "the feed must be above zero")
+            elif changed and not self.inverse_time:
+                what = "a feed on the line that changes the unit; controls differ about its unit"
+                self._refuse(block, "F", f"{what}, so put it on the next line")
+            self.feed = abs(values["F"]) / 60.0 * (1.0 if self.inverse_time else unit_m) or None
+
+    def _switch(self, block: Block) -> None:
+        """The events that come before the motion of the block."""
+        for letter in "ST":
+            if letter in block.values:
+                self._event(block, f"{letter}{block.values[letter]:g}")
+        for m in block.m:
+            if m == 6:
+                self._hold(block, m)
+            elif m in (3, 4, 5, 7, 8, 9):
+                self._event(block, f"M{m}")
+
+    def _event(self, block: Block, word: str) -> None:
+        self.events.append(Event(word, len(self.items), block.line))
+
+    def _hold(self, block: Block, m: int) -> None:
+        if any(isinstance(item, Move) for item in self.items):
+            what = "the path cannot wait here for someone; split the file, or remove the word"
+            self.refusals.add(what, block.line, f"M{m}")
+        self._event(block, f"M{m}")
+
+    def _dwell(self, block: Block) -> None:
+        values = block.values
+        if not values.get("P", -1.0) >= 0.0:
+            self._refuse(block, "P", "G4 needs the time to wait in seconds, not negative, like G4 P0.5")
+        elif "motion" in block.codes or any(letter in values for letter in "XYZABCIJR"):
+            letter = next((letter for letter in "XYZABCIJR" if letter in values), "")
+            self._refuse(block, letter, "a dwell and a move on one line; put them on two lines")
+        elif values["P"] > 0.0:
+            self.items.append(Dwell(values["P"], block.line))
+
+    def _set_modes(self, block: Block) -> None:
+        codes = block.codes
+        self.plane = codes.get("plane", self.plane)
+        if "motion" in codes or "cycle" in codes:
+            self.motion = codes.get("motion")
+        if "coordinate system" in codes:
+            self.offsets.chosen = _SYSTEMS.index(codes["coordinate system"])
         if "distance" in codes:
             self.relative = codes["distance"] == 910
         if "arc centre" in codes:
             self.center_absolute = codes["arc centre"] == 901
-        if "F" in values:
-            if not values["F"] > 0.0:
-                raise problem("F", "the feed must be above zero")
-            self.feed_mps = values["F"] * self.unit_m / 60.0
 
-        arc_word = next((letter for letter in "IJR" if letter in values), None)
-        move_word = next((letter for letter in "XY" if letter in values), arc_word)
-        if "P" in values and "dwell" not in codes:
-            raise problem("P", "P belongs to G4 (dwell), in seconds; remove it")
-        if "dwell" in codes:
-            if "P" not in values or values["P"] < 0.0:
-                raise problem("P", "G4 needs the time to wait in seconds, not negative, like G4 P0.5")
-            if move_word is not None or "motion" in codes:
-                raise problem(move_word or "", "a dwell and a move on one line; put them on two lines")
-            if values["P"] > 0.0:
-                self.items.append(Dwell(values["P"], block.line))
-        elif move_word is not None:
-            if self.motion is None:
-                raise problem(move_word, "no motion mode yet; write G0, G1, G2 or G3 before it")
-            if arc_word is not None and self.motion < 20:
-                raise problem(arc_word, f"{arc_word} belongs to an arc, but the motion mode is G{self.motion // 10}")
-            if self.motion > 0 and self.feed_mps is None:
-                raise problem(move_word, "no feed yet; give one on this line or before it, like F1000")
-            self._move(block)
-
-    def _move(self, block: _Block) -> None:
-        base = self.here if self.relative else (0.0, 0.0)
-        x, y = (
-            base[axis] + block.values[letter] * self.unit_m if letter in block.values else self.here[axis]
-            for axis, letter in enumerate("XY")
-        )
-        same = math.dist((x, y), self.here) < _SAME_M
-        end = self.here if same else (x, y)
-        segment: Segment
-        if self.motion in (20, 30):
-            segment = self._arc(block, end)
-        elif same:
-            return
+    def _set_offset(self, block: Block, code: int) -> None:
+        """G92, and G10 with L2 or L20: where the origin of the program is."""
+        values, offsets = block.values, self.offsets
+        axes = [axis for axis in _AXES if axis in values]
+        if "motion" in block.codes and axes:
+            self._refuse(block, axes[0], "G10 or G92 and a motion on one line; put them on two lines")
+        elif code == 920:
+            if not axes:
+                self._refuse(block, "", "G92 needs the coordinates of where the machine is, like G92 X0 Y0")
+            if not offsets.g92_holds:
+                offsets.g92 = _zeros()
+            for axis in axes:
+                offsets.g92[axis] = self.at[axis] - offsets.systems[offsets.chosen][axis] - self._length(block, axis)
+            offsets.g92_holds = True
         else:
-            segment = Line(self.here, end)
-        rapid = self.motion == 0
-        feed_mps = math.inf if rapid or self.feed_mps is None else self.feed_mps
-        self.items.append(Move(segment, feed_mps, rapid, block.line))
-        self.here = end
+            kind, system = values.get("L"), values.get("P", -1.0)
+            if kind not in (2.0, 20.0) or system not in range(10):
+                self._refuse(
+                    block, "L", "of G10, L2 and L20 with P0 to P9 set an origin; the others are not understood"
+                )
+            elif values.get("R", 0.0) != 0.0:
+                self._refuse(block, "R", "coordinate systems cannot be turned; let the CAM program turn the part")
+            else:
+                origin = offsets.systems[int(system) - 1 if system else offsets.chosen]
+                for axis in axes:
+                    length = self._length(block, axis)
+                    origin[axis] = length if kind == 2.0 else self.at[axis] - offsets.shift(axis) - length
 
-    def _arc(self, block: _Block, end: Point) -> Segment:
-        values, here, left = block.values, complex(*self.here), self.motion == 30
-        to = complex(*end)
+    def _length(self, block: Block, axis: str) -> float:
+        """The value of a word in m, or degrees."""
+        return block.values[axis] * (1.0 if axis in "ABC" else self.unit_m)
 
-        def problem(what: str) -> FileError:
+    def _target(self, block: Block) -> dict[str, float]:
+        """Where the block goes, for each axis that it names."""
+        machine = block.codes.get("non-modal") == 530
+        target = {}
+        for axis in _AXES:
+            if axis in block.values:
+                base = 0.0 if machine else self.at[axis] if self.relative else self.offsets.of(axis)
+                to = base + self._length(block, axis)
+                target[axis] = self.at[axis] if abs(to - self.at[axis]) < _SAME else to
+        return target
+
+    def _go_home(self, block: Block, home: dict[str, float]) -> None:
+        """G28, G30: by way of the point that is named to the place kept for each axis that is named, or for all."""
+        if "motion" in block.codes:
+            self.refusals.add("G28 or G30 and a motion on one line; put them on two lines", block.line)
+            return
+        target = self._target(block)
+        self._move(block, 0, target)
+        self._move(block, 0, {axis: home[axis] for axis in target or _AXES})
+
+    def _go(self, block: Block) -> None:
+        """The move of a block, if it has one."""
+        codes, values = block.codes, block.values
+        arc_word = next((letter for letter in "IJR" if letter in values), None)
+        word = next((letter for letter in _AXES if letter in values), arc_word)
+        if word is None:
+            return
+        motion = self.motion
+        if codes.get("non-modal") == 530 and (self.relative or motion not in (0, 10)):
+            self._refuse(block, word, "G53 goes to a place of the machine: it needs G0 or G1, and G90")
+        if motion is None:
+            self._refuse(block, word, "no motion mode yet; write G0, G1, G2 or G3 before it")
+            motion = 0
+        elif arc_word is not None and motion < 20:
+            self._refuse(block, arc_word, f"{arc_word} belongs to an arc, but the motion mode is G{motion // 10}")
+        elif motion > 0 and (self.feed is None or (self.inverse_time and "F" not in values)):
+            what = (
+                "with G93 each move needs its F"
+                if self.inverse_time
+                else "no feed yet; give one on this line or before"
+            )
+            self._refuse(block, word, f"{what}, like F1000")
+        self._move(block, motion, self._target(block))
+
+    def _move(self, block: Block, motion: int, target: dict[str, float]) -> None:
+        """Go to `target`, with all axes at once."""
+        here = (self.at["X"], self.at["Y"])
+        end = (target.get("X", here[0]), target.get("Y", here[1]))
+        end = here if math.dist(here, end) < _SAME else end
+        moves = end != here or motion >= 20
+        rises = self._lift(block, motion > 0 and moves, target)
+        if rises is True:
+            self._put_pen(block, target["Z"])
+        if moves:
+            self._add(block, motion, here, end)
+        if rises is False:
+            self._put_pen(block, target["Z"])
+        self.at |= target | {"X": end[0], "Y": end[1]}
+
+    def _lift(self, block: Block, cuts: bool, target: dict[str, float]) -> bool | None:
+        """Whether z rises or falls on the way to `target`; None: neither. Other axes and z are refused where `z` says
+        so."""
+        changed = [axis for axis in "ZABC" if abs(target.get(axis, self.at[axis]) - self.at[axis]) >= _SAME]
+        if not changed:
+            return None
+        if self.z == "ignore":
+            for axis in changed:
+                self._event(block, block.texts.get(axis, axis))
+            return None
+        if changed != ["Z"]:
+            self._refuse(block, changed[-1], "a rotary axis moves, and the machine has none; see --z ignore")
+            return None
+        if cuts:
+            self._refuse(block, "Z", "z changes while x and y cut, and the machine has no z; see --z ignore")
+            return None
+        return target["Z"] > self.at["Z"]
+
+    def _put_pen(self, block: Block, to_m: float) -> None:
+        self._event(block, f"Z{(to_m - self.offsets.of('Z')) / self.unit_m:g}")
+        self.items.append(Dwell(0.0, block.line))
+
+    def _add(self, block: Block, motion: int, here: Point, end: Point) -> None:
+        segment: Segment | None = Line(here, end) if motion < 20 else self._arc(block, here, end)
+        if segment is None:
+            return
+        feed_mps = math.inf if motion == 0 or self.feed is None else self.feed
+        if self.inverse_time:
+            feed_mps *= segment.length_m
+        self.items.append(Move(segment, feed_mps, motion == 0, block.line))
+
+    def _arc(self, block: Block, start: Point, end: Point) -> Segment | None:
+        values, left = block.values, self.motion == 30
+        here, to = complex(*start), complex(*end)
+
+        def refuse(what: str) -> None:
             words = " ".join(text for letter, text in block.texts.items() if letter in "XYIJR")
-            return FileError(self.name, what, block.line, words)
+            self.refusals.add(what, block.line, words or None)
 
+        if self.plane != 170:
+            refuse("arcs lie in the plane of x and y, G17")
+            return None
         if "R" in values:
             if "I" in values or "J" in values:
-                raise problem("an arc has R or I and J, not both")
+                refuse("an arc has R or I and J, not both")
+                return None
             if to == here:
-                raise problem("an arc with R must end elsewhere than it starts; for a full circle use I and J")
+                refuse("an arc with R must end elsewhere than it starts; for a full circle use I and J")
+                return None
             center = arcs.center_from_radius(here, to, values["R"] * self.unit_m, left)
             if center is None:
-                raise problem(
-                    f"the radius is less than half the distance to the end, {abs(to - here) / 2.0 / self.unit_m:.4f}"
-                )
+                half = abs(to - here) / 2.0 / self.unit_m
+                refuse(f"the radius is less than half the distance to the end, {half:.4f}")
+                return None
         else:
             if not ("I" in values or "J" in values) or (self.center_absolute and not ("I" in values and "J" in values)):
-                raise problem("an arc needs R, or I and J (with G90.1 both of them)")
+                refuse("an arc needs R, or I and J (with G90.1 both of them)")
+                return None
             center = complex(values.get("I", 0.0), values.get("J", 0.0)) * self.unit_m
-            if not self.center_absolute:
-                center += here
+            center += complex(self.offsets.of("X"), self.offsets.of("Y")) if self.center_absolute else here
         start_r, end_r = abs(here - center), abs(to - center)
-        if start_r < _SAME_M:
-            raise problem("the centre of the arc is its start; correct I and J")
+        if start_r < _SAME or end_r < _SAME:
+            refuse("the centre of the arc is one of its ends; correct I and J")
+            return None
         if not arcs.on_arc(start_r, end_r, self.unit_m == _INCH_M):
-            raise problem(
+            refuse(
                 f"the end is not on the arc: the radius is {start_r / self.unit_m:.4f} at its start and "
                 f"{end_r / self.unit_m:.4f} at its end; correct X, Y, I or J, or give more digits"
             )
+            return None
         return arcs.segment(here, to, center, left)

@@ -226,16 +226,34 @@ class Dwell:
 
 
 @dataclass(frozen=True)
+class Event:
+    """A word of the program that switches something beside the path, such as "M3", "S1000" or "Z-1" (a pen).
+
+    It happens before item `before` of the program, or at its end. `line` is the line of the file.
+    """
+
+    word: str
+    before: int
+    line: int
+
+    @property
+    def kind(self) -> str:
+        """The word of an M code; of the others, which have values, the letter."""
+        return self.word if self.word[0] == "M" else self.word[0]
+
+
+@dataclass(frozen=True)
 class Program:
     """A connected path: each move starts where the one before it ends, the first one at `start_m`.
 
-    `notes`: sentences on what a user may not expect of the file.
+    `notes`: sentences on what a user may not expect of the file. `events`: in the order of the path.
     """
 
     name: str
     items: tuple[Move | Dwell, ...]
     start_m: Point
     notes: tuple[str, ...] = ()
+    events: tuple[Event, ...] = ()
 
     @property
     def moves(self) -> tuple[Move, ...]:

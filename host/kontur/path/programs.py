@@ -8,15 +8,28 @@ from pathlib import Path
 from kontur.errors import FileError
 from kontur.files import read_text
 from kontur.path import csv, gcode
+from kontur.path.gcode_words import Refusals
 from kontur.path.geometry import Program
 
-GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".tap")
+GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".gc", ".tap", ".cnc")
 
 
-def load(file: str | Path, feed_mps: float | None = None) -> Program:
-    """The program in `file`: G-code, or a table of points (.csv), which may need a feed.
+def load(file: str | Path, feed_mps: float | None = None, z: str = "pen") -> Program:
+    """The program in `file`: G-code, or a table of points (.csv), which may need a feed. `z` says what becomes of other
+    axes than x and y in G-code (kontur.path.gcode.Z_MODES).
 
     Raises FileError: cannot be read, another suffix, or a mistake in it.
+    """
+    program, refusals = check(file, feed_mps, z)
+    if refusals:
+        raise refusals.error()
+    return program
+
+
+def check(file: str | Path, feed_mps: float | None = None, z: str = "pen") -> tuple[Program, Refusals]:
+    """The same, and all that the file is refused for; the program lacks what is refused.
+
+    Raises FileError: cannot be read, another suffix, or a mistake in a table of points.
     """
     path = Path(file)
     suffix = path.suffix.lower()
@@ -24,7 +37,7 @@ def load(file: str | Path, feed_mps: float | None = None) -> Program:
         raise FileError(path, f"neither G-code ({', '.join(GCODE_SUFFIXES)}) nor a table of points (.csv)")
     text = read_text(path)
     if suffix == ".csv":
-        return csv.parse(text, str(path), feed_mps)
+        return csv.parse(text, str(path), feed_mps), Refusals(str(path))
     if feed_mps is not None:
         raise FileError(path, "the feed of G-code stands in the file (F); leave out --feed")
-    return gcode.parse(text, str(path))
+    return gcode.read(text, str(path), z=z)

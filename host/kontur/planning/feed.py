@@ -3,18 +3,32 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from kontur.path.geometry import KNOT_S, FloatArray, Program
+from kontur.path.geometry import KNOT_S, FloatArray, Move, Program
 from kontur.planning.bounds import Piece
 
 SHORT = "the acceleration and the jerk along the path, which is too short to gain more speed"
 STEP = "the step of acceleration where the curvature jumps (centripetal_step_mps2)"
 _REACHED = 0.99  # of a feed
+_SLOWEST = 5
 _AT_BOUND = 0.97  # of the bound of a piece
+
+
+@dataclass(frozen=True)
+class SlowMove:
+    """A move that does not reach its feed, at the `place` in the program, by the limit `by`; it takes `lost_s` longer
+    than at its feed."""
+
+    place: str
+    asked_mps: float
+    reached_mps: float
+    by: str
+    lost_s: float
 
 
 @dataclass(frozen=True)
@@ -31,6 +45,7 @@ class Feed:
     limited: int = 0
     place: str = ""
     by: str = ""
+    slowest: tuple[SlowMove, ...] = ()
 
     def __str__(self) -> str:
         asked, reached = (f"{v * 1e3:.4g}" for v in (self.asked_mps, self.reached_mps))
@@ -45,8 +60,9 @@ def reached(program: Program, pieces: list[Piece], path_s_m: FloatArray) -> Feed
     feeds. None: all its moves are rapid."""
     speed = np.diff(path_s_m) / KNOT_S
     start_m = 0.0
-    feed = worst = None
-    moves = limited = 0
+    greatest: float | None = None
+    moves = 0
+    limited: list[tuple[float, float, float, float, Move]] = []  # share reached, speed, where, time lost
     for move in program.moves:
         end_m = start_m + move.segment.length_m
         if not move.rapid and math.isfinite(move.feed_mps):
@@ -54,24 +70,29 @@ def reached(program: Program, pieces: list[Piece], path_s_m: FloatArray) -> Feed
             first = max(int(np.searchsorted(path_s_m, start_m, side="right")) - 1, 0)
             last = max(int(np.searchsorted(path_s_m, end_m, side="left")), first + 1)
             top = float(np.max(speed[first:last], initial=0.0))
-            feed = max(feed or 0.0, move.feed_mps)
+            greatest = max(greatest or 0.0, move.feed_mps)
             if top < _REACHED * move.feed_mps:
-                limited += 1
-                if worst is None or top / move.feed_mps < worst[0]:
-                    at_m = 0.5 * float(np.sum(path_s_m[[k := first + int(np.argmax(speed[first:last])), k + 1]]))
-                    worst = (top / move.feed_mps, move, top, at_m)
+                at_m = 0.5 * float(np.sum(path_s_m[[k := first + int(np.argmax(speed[first:last])), k + 1]]))
+                lost_s = (last - first) * KNOT_S - move.segment.length_m / move.feed_mps
+                limited.append((top / move.feed_mps, top, at_m, lost_s, move))
         start_m = end_m
-    if feed is None:
+    if greatest is None:
         return None
-    if worst is None:
-        return Feed(feed, feed, moves)
-    _, move, top, at_m = worst
-    return Feed(move.feed_mps, top, moves, limited, program.where(move.line), _limit(pieces, at_m, top))
-
-
-def _limit(pieces: list[Piece], at_m: float, speed: float) -> str:
-    """What keeps the speed at `at_m` along the path from being higher."""
+    if not limited:
+        return Feed(greatest, greatest, moves)
     ends_m = np.cumsum([piece.length for piece in pieces])
+
+    def slow(found: tuple[float, float, float, float, Move]) -> SlowMove:
+        _, top, at_m, lost_s, move = found
+        return SlowMove(program.where(move.line), move.feed_mps, top, _limit(pieces, ends_m, at_m, top), lost_s)
+
+    worst = slow(min(limited, key=lambda found: found[0]))
+    slowest = tuple(map(slow, heapq.nlargest(_SLOWEST, limited, key=lambda found: found[3])))
+    return Feed(worst.asked_mps, worst.reached_mps, moves, len(limited), worst.place, worst.by, slowest)
+
+
+def _limit(pieces: list[Piece], ends_m: FloatArray, at_m: float, speed: float) -> str:
+    """What keeps the speed at `at_m` along the path from being higher; `ends_m` (n,) of the pieces."""
     i = min(int(np.searchsorted(ends_m, at_m)), len(pieces) - 2)
     if pieces[i].limit and speed >= _AT_BOUND * pieces[i].v:
         return pieces[i].limit

@@ -290,6 +290,12 @@ def _extent(move: Move, where: str) -> FloatArray:
     return segment.point(s)
 
 
+def extent_m(program: Program) -> FloatArray:
+    """The least and the greatest (2, 2) x and y that the path reaches."""
+    points = np.concatenate([_extent(move, program.where(move.line)) for move in program.moves])
+    return np.stack([np.min(points, axis=0), np.max(points, axis=0)])
+
+
 def _check_travel(program: Program, travel_m: tuple[tuple[float, float], tuple[float, float]]) -> None:
     for move in program.moves:
         points = _extent(move, program.where(move.line))

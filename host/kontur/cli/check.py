@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur check`: what a file holds, and what it is refused for."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from kontur import machine as machines
+from kontur.cli.options import MACHINE, POSITIVE, progress_bar
+from kontur.cli.output import print_json, print_table
+from kontur.cli.path_options import accel_option, jerk_option, z_option
+from kontur.errors import FileError, KonturError, visible
+
+if TYPE_CHECKING:
+    from kontur.path.geometry import Program
+    from kontur.planning.bounds import Limits
+    from kontur.planning.planner import Trajectory
+
+EXIT_REFUSED = 1
+_SLOWEST = {"place": "slowest", "asked": "feed mm/s", "reached": "reached", "lost": "lost s", "by": "limited by"}
+_EVENTS = {"word": "event", "count": "times", "line": "first in line", "time_s": "at s"}
+
+
+@click.command(name="check")
+@click.argument("file", type=click.Path(), metavar="FILE")
+@click.option("--feed", type=POSITIVE, metavar="MM_PER_S", help="Speed along a CSV path of x,y.")
+@z_option
+@click.option(
+    "--machine",
+    type=MACHINE,
+    default=str(machines.DEFAULT),
+    show_default="Table 1 of the paper",
+    metavar="MACHINE.toml",
+    help="The machine whose limits and travel are meant.",
+)
+@accel_option
+@jerk_option
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def command(
+    *,
+    file: str,
+    feed: float | None,
+    z: str,
+    machine: str,
+    accel: float | None,
+    jerk: float | None,
+    as_json: bool,
+) -> None:
+    """Check FILE (G-code, or CSV) as `kontur run` would take it, without a drive: nothing moves.
+
+    All that the file is refused for is printed at once, each kind with its first line; the exit code is 1 then.
+    Otherwise extent, time, feeds that are not reached, the slowest places, and what the program switches.
+    """
+    from kontur.path import programs
+    from kontur.planning.bounds import clipped, limits
+
+    plan = machines.load(machine)
+    bounds = limits(plan, accel, jerk)
+    result: dict[str, Any] = {"file": file, "machine": plan.name, "refusals": []}
+    trajectory = None
+    try:
+        program, refusals = programs.check(file, None if feed is None else feed * 1e-3, z)
+        result["refusals"] = [_refusal(error, count) for error, count in refusals]
+        result["notes"] = [*program.notes, *clipped(bounds)]
+        if not refusals:
+            trajectory = _planned(program, bounds, plan.soft_limits_m, result)
+    except KonturError as error:  # of the whole file, or of its path
+        result["refusals"].append(_refusal(error, 1))
+    if as_json:
+        print_json(result)
+    else:
+        _print(result, trajectory)
+    if result["refusals"]:
+        sys.exit(EXIT_REFUSED)
+
+
+def _refusal(error: KonturError, count: int) -> dict[str, Any]:
+    """One kind of refusal, in the form of print_json()."""
+    if isinstance(error, FileError):
+        return {"line": error.line, "word": error.word, "problem": error.problem, "count": count}
+    return {"line": None, "word": None, "problem": str(error), "count": count}
+
+
+def _planned(
+    program: Program, bounds: Limits, travel_m: tuple[tuple[float, float], tuple[float, float]], result: dict[str, Any]
+) -> Trajectory:
+    """Plan the program; put what is known of it into `result` as soon as it is. Raises PathError."""
+    from kontur.planning.planner import extent_m, plan
+
+    least, greatest = extent_m(program) * 1e3
+    result |= {
+        "moves": len(program.moves),
+        "length_mm": program.length_m * 1e3,
+        "extent_mm": {axis: [float(least[i]), float(greatest[i])] for i, axis in enumerate("xy")},
+        "travel_mm": {axis: [1e3 * end for end in travel_m[i]] for i, axis in enumerate("xy")},
+    }
+    with progress_bar("planning") as progress:
+        trajectory = plan(program, bounds, progress, travel_m=travel_m)
+    feed = trajectory.feed
+    result |= {
+        "duration_s": trajectory.duration_s,
+        "feed": None if feed is None else dataclasses.asdict(feed),
+        "events": _events(trajectory),
+    }
+    return trajectory
+
+
+def _events(trajectory: Trajectory) -> list[dict[str, Any]]:
+    """Each kind of word that switches something, how often it stands there, and where first: line and time."""
+    import numpy as np
+
+    from kontur.path.geometry import KNOT_S, Move
+
+    program = trajectory.program
+    length_m = [item.segment.length_m if isinstance(item, Move) else 0.0 for item in program.items]
+    before_m = np.append(0.0, np.cumsum(length_m))
+    found: dict[str, dict[str, Any]] = {}
+    for event in program.events:
+        if event.kind in found:
+            found[event.kind]["count"] += 1
+        else:
+            reached = int(np.searchsorted(trajectory.path_s_m, before_m[event.before] - 1e-9))
+            found[event.kind] = {"word": event.kind, "count": 1, "line": event.line, "time_s": reached * KNOT_S}
+    return list(found.values())
+
+
+def _print(result: dict[str, Any], trajectory: Trajectory | None) -> None:
+    for refusal in result["refusals"]:
+        word = "" if refusal["word"] is None else refusal["word"]
+        times = f"{' ' if word else ''}×{refusal['count']}, " if refusal["count"] > 1 else " " if word else ""
+        first = "first in" if refusal["count"] > 1 else "in"
+        line = "" if refusal["line"] is None else f"{first} line {refusal['line']}: "
+        click.echo(visible(f"refused: {word}{times}{line}{refusal['problem']}"))
+    if "extent_mm" in result:
+        x, y = (result["extent_mm"][axis] for axis in "xy")
+        click.echo(
+            f"{result['moves']} moves of {result['length_mm']:.1f} mm together, "
+            f"in x from {x[0]:.3f} to {x[1]:.3f} mm, in y from {y[0]:.3f} to {y[1]:.3f} mm"
+        )
+    if trajectory is not None:
+        click.echo(f"takes {trajectory.duration_s:.2f} s on {result['machine']}")
+        if trajectory.feed is not None:
+            click.echo(str(trajectory.feed))
+            rows = [
+                {"place": slow.place, "asked": slow.asked_mps * 1e3, "reached": slow.reached_mps * 1e3,
+                 "lost": slow.lost_s, "by": slow.by}
+                for slow in trajectory.feed.slowest
+            ]  # fmt: skip
+            if rows:
+                print_table(rows, headings=_SLOWEST)
+        if result["events"]:
+            print_table(result["events"], headings=_EVENTS)
+    for note in result.get("notes", []):
+        click.echo(note)
+    if not result["refusals"]:
+        click.echo("`kontur run` takes it.")
