@@ -13,20 +13,20 @@ export CTEST_PARALLEL_LEVEL ?= $(shell nproc)
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-c test-target test-host test-hil test-install lint lib firmware flash flash-dfu fuzz mutants \
-  setup clean
+.PHONY: help demo test test-c test-target test-board test-host test-hil test-install lint lib firmware flash flash-dfu \
+  fuzz mutants setup clean
 
 # Configure, build and, where it has tests, run each of these presets.
 workflow = for preset in $(1); do cmake --workflow --preset $$preset || exit 1; done
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
-	@echo "Parts of the test: test-c, test-target, test-host, test-hil, lint. Everything else: docs/testing.md."
+	@echo "Parts of the test: test-c, test-target, test-board, test-host, test-hil, lint. Everything else: docs/testing.md."
 
 demo: lib  ## cut examples/part.ngc under five controllers: table, build/demo/report.html
 	.venv/bin/kontur demo --out build/demo
 
-test: test-c test-target test-host test-hil lint  ## test all: C, on a Cortex-M in QEMU, Python, over the bus; linters
+test: test-c test-target test-board test-host test-hil lint  ## test all: C, on a Cortex-M, Python, over the bus; linters
 
 # The C tests with sanitizers, and again to hold the branches that they take. Counts of an earlier run go first.
 test-c: setup
@@ -42,6 +42,10 @@ test-target: build/need/qemu-system-arm lib firmware
 	@cmake --build --preset host-fix --target hash && cmake --build --preset host-f32 --target hash stages
 	@$(call workflow,m4-f32 m4-fix m3-fix)
 	$(PY) tools/cost.py --check
+
+# The images on models of the chip's peripherals.
+test-board: firmware
+	$(PY) -m pytest tests/board -n $(CTEST_PARALLEL_LEVEL)
 
 test-host: lib firmware build/need/qemu-system-arm
 	$(PY) -m pytest -n $(CTEST_PARALLEL_LEVEL) --dist loadfile

@@ -65,7 +65,7 @@ static void test_a_frame_in_the_fifo_is_received(void)
     struct can_frame got;
     chip.can1.RX[0] = (struct can_mailbox){.IR = 0x201u << 21, .DTR = 4, .DLR = 0x44332211};
     chip.can1.RF0R = 1;
-    can_rx_irq(); /* three times the same frame, because the simulated register does not release it */
+    can_rx_irq();
     TEST_ASSERT_TRUE(can_receive(&got));
     TEST_ASSERT_EQUAL_HEX16(0x201, got.id);
     TEST_ASSERT_EQUAL_UINT8(4, got.len);
@@ -197,6 +197,30 @@ static void test_frames_that_the_controller_had_no_room_for_are_counted(void)
     TEST_ASSERT_EQUAL_HEX32(0, chip.can1.RF0R & CAN_RF0R_FOVR);
 }
 
+static bool released;
+static bool when_released(const reg *r, uint32_t mask, uint32_t value)
+{
+    (void)mask, (void)value;
+    return r != &chip.can1.RF0R || released;
+}
+
+/* Before the mailbox is released (RFOM), it still holds the frame that was read. */
+static void test_a_frame_is_not_received_again_while_its_mailbox_is_being_released(void)
+{
+    struct can_frame got;
+    while (can_receive(&got)) {
+    }
+    chip_waits = when_released;
+    released = false;
+    chip.can1.RF0R = 1u | CAN_RF0R_RFOM;
+    can_rx_irq();
+    TEST_ASSERT_FALSE(can_receive(&got));
+    released = true;
+    can_rx_irq();
+    TEST_ASSERT_TRUE(can_receive(&got));
+    TEST_ASSERT_FALSE(can_receive(&got));
+}
+
 static bool never(const reg *r, uint32_t mask, uint32_t value)
 {
     (void)r, (void)mask, (void)value;
@@ -271,6 +295,7 @@ int main(void)
     RUN_TEST(test_nobody_acknowledges_the_queue_fills_and_no_call_blocks);
     RUN_TEST(test_each_bus_off_is_counted_drops_pending_frames_and_ends);
     RUN_TEST(test_frames_to_send_while_the_bus_is_off_are_not_sent_later);
+    RUN_TEST(test_a_frame_is_not_received_again_while_its_mailbox_is_being_released);
     RUN_TEST(test_frames_without_room_are_counted);
     RUN_TEST(test_frames_that_the_controller_had_no_room_for_are_counted);
     RUN_TEST(test_a_controller_that_does_not_answer_is_off_and_drops_frames);

@@ -48,6 +48,16 @@ static void test_with_a_crystal_it_runs_at_168_mhz_and_watches_the_crystal(void)
     TEST_ASSERT_TRUE((chip.rcc.CR & RCC_CR_CSSON) != 0);
 }
 
+static void test_revision_a_of_the_chip_gets_no_prefetch(void)
+{
+    chip.dbgmcu.IDCODE = 0x10070413;
+    TEST_ASSERT_TRUE(clock_start());
+    TEST_ASSERT_EQUAL_HEX32(FLASH_ACR_PRFTEN, chip.flash.ACR & FLASH_ACR_PRFTEN);
+    chip.dbgmcu.IDCODE = 0x10000413;
+    TEST_ASSERT_TRUE(clock_start());
+    TEST_ASSERT_EQUAL_HEX32(0, chip.flash.ACR & FLASH_ACR_PRFTEN);
+}
+
 static void test_a_crystal_that_does_not_start_is_reported_and_replaced(void)
 {
     chip_waits = no_crystal;
@@ -158,6 +168,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_with_a_crystal_it_runs_at_168_mhz_and_watches_the_crystal);
+    RUN_TEST(test_revision_a_of_the_chip_gets_no_prefetch);
     RUN_TEST(test_a_crystal_that_does_not_start_is_reported_and_replaced);
     RUN_TEST(test_a_chip_without_168_mhz_is_reset);
     RUN_TEST(test_an_emulator_has_no_clock_to_wait_for);

@@ -5,6 +5,7 @@
 
 #include "chip.h"
 #include "port/stm32f405/output.h"
+#include "port/stm32f405/pins.h"
 #include "unity.h"
 
 enum { FULL_mN = 600000 };
@@ -47,6 +48,13 @@ static void test_power_on_is_zero_volts_and_not_enabled(void)
     TEST_ASSERT_FALSE(chip_pin('B', 12));
     TEST_ASSERT_FALSE(chip_pin('C', 8));
     TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.CCR[0] | chip.tim8.CCR[1]);
+}
+
+static void test_a_pin_that_a_board_does_not_have_is_not_set_up(void)
+{
+    const uint32_t clocks = chip.rcc.AHB1ENR;
+    pin_setup_low(PIN_NONE);
+    TEST_ASSERT_EQUAL_HEX32(clocks, chip.rcc.AHB1ENR);
 }
 
 static void test_force_is_a_share_of_full_scale_and_saturates(void)
@@ -162,6 +170,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_power_on_is_zero_volts_and_not_enabled);
+    RUN_TEST(test_a_pin_that_a_board_does_not_have_is_not_set_up);
     RUN_TEST(test_force_is_a_share_of_full_scale_and_saturates);
     RUN_TEST(test_an_axis_that_is_not_enabled_gets_no_force);
     RUN_TEST(test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step);

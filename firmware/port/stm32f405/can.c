@@ -8,7 +8,7 @@
 #include "port/stm32f405/clock.h"
 #include "port/stm32f405/cpu.h"
 
-enum { RX_ROOM = 64, TX_ROOM = 32, MAILBOXES = 3, POLLS = 100000 };
+enum { RX_ROOM = 64, TX_ROOM = 32, MAILBOXES = 3, POLLS = 100000, RELEASE_POLLS = 100 };
 
 /* A ring with one writer and one reader. Its positions count frames since power-on. */
 struct ring {
@@ -175,13 +175,19 @@ void can_tx_irq(void)
     }
 }
 
+/* RFOM stays set until the mailbox is released (RM0090 32.9.2). Before that, FMP still counts the frame just read. */
+static bool frame_waits(void)
+{
+    return wait_until(&CAN1->RF0R, CAN_RF0R_RFOM, 0, RELEASE_POLLS) && (CAN1->RF0R & CAN_RF0R_FMP) != 0;
+}
+
 void can_rx_irq(void)
 {
     if ((CAN1->RF0R & CAN_RF0R_FOVR) != 0) {
         clear_flags(&CAN1->RF0R, CAN_RF0R_FOVR);
         atomic_fetch_add(&rx_lost, 1u);
     }
-    for (int n = 0; n < 3 && (CAN1->RF0R & CAN_RF0R_FMP) != 0; n++) {
+    for (int n = 0; n < 3 && frame_waits(); n++) {
         const struct can_mailbox *mailbox = &CAN1->RX[0];
         const uint32_t id = mailbox->IR, low = mailbox->DLR, high = mailbox->DHR;
         const uint8_t len = (uint8_t)(mailbox->DTR & 15u);

@@ -26,6 +26,12 @@ static void use_hsi(void)
     (void)wait_until(&RCC->CR, RCC_CR_PLLRDY, 0, POLLS);
 }
 
+/* Revision A of the chip does not support prefetch (ES0182, 2.1.2). */
+static uint32_t prefetch(void)
+{
+    return (DBGMCU->IDCODE & DBGMCU_IDCODE_REV) == DBGMCU_IDCODE_REV_A ? 0u : FLASH_ACR_PRFTEN;
+}
+
 /* 168 MHz from a source of `mhz`. false: the PLL does not lock, and the chip stays on the HSI, at 16 MHz. */
 static bool use_pll(uint32_t mhz, uint32_t source)
 {
@@ -35,10 +41,13 @@ static bool use_pll(uint32_t mhz, uint32_t source)
         return false;
     }
     /* Five wait states at 2.7 to 3.6 V must be set before the clock becomes fast (RM0090 3.5.1). */
-    FLASH->ACR = 5u | FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN;
+    FLASH->ACR = 5u | prefetch() | FLASH_ACR_ICEN | FLASH_ACR_DCEN;
     if (!wait_until(&FLASH->ACR, FLASH_ACR_LATENCY, 5u, POLLS)) {
         return false;
     }
+    /* A prescaler acts up to 16 clocks after it is written (RM0090 7.3.3), so both are set while the clock is slow. */
+    RCC->CFGR = RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2;
+    cpu_barrier();
     RCC->CFGR = RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2 | RCC_CFGR_SW_PLL;
     return wait_until(&RCC->CFGR, RCC_CFGR_SWS, RCC_CFGR_SWS_PLL, POLLS);
 }

@@ -36,19 +36,17 @@ void output_init(void)
     const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = HAL_FULL_SCALE_MIN},
                                            {.full_scale_mN = HAL_FULL_SCALE_MIN}};
     for (int i = 0; i < AXES; i++) {
-        pin_write(axes[i].enable, false);
-        pin_setup(axes[i].enable, PIN_OUTPUT, PIN_PULL_DOWN, 0);
-        pin_write(axes[i].direction, false);
-        pin_setup(axes[i].direction, PIN_OUTPUT, PIN_PULL_DOWN, 0);
+        pin_setup_low(axes[i].enable);
+        pin_setup_low(axes[i].direction);
         pin_setup(axes[i].pwm, PIN_ALTERNATE, PIN_PULL_DOWN, BOARD_PWM_AF);
     }
     RCC->APB1ENR |= RCC_APB1ENR_DAC;
     RCC->APB2ENR |= RCC_APB2ENR_TIM8;
     (void)RCC->APB2ENR;
+    pin_setup(PIN('A', 4), PIN_ANALOG, PIN_FLOATING, 0); /* before the DAC is on (RM0090 14.2) */
+    pin_setup(PIN('A', 5), PIN_ANALOG, PIN_FLOATING, 0);
     DAC->DHR12RD = DAC_ZERO << 16 | DAC_ZERO;
     DAC->CR = DAC_CR_EN1 | DAC_CR_BOFF1 | DAC_CR_EN2 | DAC_CR_BOFF2; /* BOFF: its buffers end 0.2 V before the rails */
-    pin_setup(PIN('A', 4), PIN_ANALOG, PIN_FLOATING, 0);
-    pin_setup(PIN('A', 5), PIN_ANALOG, PIN_FLOATING, 0);
 
     TIM8->ARR = PWM_STEPS - 1;
     TIM8->CCMR1 = TIM_CCMR_PWM1 | TIM_CCMR_PWM1 << 8;

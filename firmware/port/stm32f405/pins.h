@@ -15,6 +15,8 @@ enum pin_pull { PIN_FLOATING, PIN_PULL_UP, PIN_PULL_DOWN };
 
 /* `alternate` is the AF number (DS8626) of a pin with PIN_ALTERNATE. PIN_NONE is ignored, here and below. */
 void pin_setup(uint8_t pin, enum pin_mode mode, enum pin_pull pull, unsigned alternate);
+/* An output that is low from its first moment. */
+void pin_setup_low(uint8_t pin);
 
 static inline void pin_write(uint8_t pin, bool high)
 {

@@ -204,7 +204,9 @@ enum { IWDG_KEY_FEED = 0xAAAA, IWDG_KEY_ACCESS = 0x5555, IWDG_KEY_START = 0xCCCC
 struct dbgmcu {
     reg IDCODE, CR, APB1_FZ, APB2_FZ;
 };
-enum { DBGMCU_APB1_FZ_IWDG = 1 << 12 };
+enum { DBGMCU_APB1_FZ_WWDG = 1 << 11, DBGMCU_APB1_FZ_IWDG = 1 << 12, DBGMCU_APB2_FZ_TIM8 = 1 << 1 };
+#define DBGMCU_IDCODE_REV 0xFFFF0000u
+#define DBGMCU_IDCODE_REV_A 0x10000000u
 
 /* DDI 0403E B3.3 (SysTick) */
 struct systick {
