@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The image starts on a chip: clock and bus."""
+"""The image starts on a chip: clock, bus, and ST's loader before it."""
 
 from board import Board
 from conftest import general
@@ -31,6 +31,12 @@ def test_each_request_is_answered_once(board: Board) -> None:
     board.run(5)
     answers = [f for f in board.can.sent[before:] if f[1] == 0x581]
     assert len(answers) == 5
+
+
+def test_it_starts_when_the_loader_of_the_chip_has_started_it(board: Board) -> None:
+    board.start(after_loader=True)
+    assert board.rcc.system_hz() == 168e6
+    assert board.read(0x1001) == 0
 
 
 @general

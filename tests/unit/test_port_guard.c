@@ -135,6 +135,15 @@ static void test_words_written_are_read_back_and_the_flash_is_locked_again(void)
     TEST_ASSERT_EQUAL_HEX32(FLASH_CR_LOCK, chip.flash.CR);
 }
 
+static void test_the_flash_is_unlocked_when_it_is_locked(void)
+{
+    const uint32_t word = 0x01234567;
+    TEST_ASSERT_TRUE(sectors_write(0, 0, &word, 4)); /* as a boot loader leaves it */
+    TEST_ASSERT_EQUAL_HEX32(0, chip.flash.KEYR);
+    TEST_ASSERT_TRUE(sectors_write(0, 4, &word, 4));
+    TEST_ASSERT_EQUAL_HEX32(FLASH_KEY2, chip.flash.KEYR);
+}
+
 static void test_memory_outside_the_store_is_not_touched(void)
 {
     const uint32_t words[2] = {0, 0};
@@ -200,6 +209,7 @@ int main(void)
     RUN_TEST(test_the_watchdog_starves_when_the_servo_tick_stands);
     RUN_TEST(test_the_watchdog_starves_when_the_background_does_not_keep_up);
     RUN_TEST(test_words_written_are_read_back_and_the_flash_is_locked_again);
+    RUN_TEST(test_the_flash_is_unlocked_when_it_is_locked);
     RUN_TEST(test_memory_outside_the_store_is_not_touched);
     RUN_TEST(test_in_an_emulator_the_store_is_in_ram_and_behaves_the_same);
     RUN_TEST(test_a_sector_that_does_not_erase_is_an_error);

@@ -70,8 +70,10 @@ static bool flash_command(uint32_t command, volatile uint32_t *to, uint32_t word
         return false;
     }
     const uint32_t lock = cpu_lock();
-    FLASH->KEYR = FLASH_KEY1; /* RM0090 3.6.1 */
-    FLASH->KEYR = FLASH_KEY2;
+    if ((FLASH->CR & FLASH_CR_LOCK) != 0) { /* keys that it does not wait for lock it until a reset (RM0090 3.6.1) */
+        FLASH->KEYR = FLASH_KEY1;
+        FLASH->KEYR = FLASH_KEY2;
+    }
     const bool good = flash_operation(command, to, word);
     FLASH->CR = FLASH_CR_LOCK;
     cpu_unlock(lock);

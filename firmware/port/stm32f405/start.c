@@ -14,7 +14,7 @@
 
 /* Symbols of kontur.ld. */
 extern uint32_t kontur_stack_top[], kontur_data[], kontur_data_end[], kontur_bss[], kontur_bss_end[];
-extern const uint32_t kontur_data_load[];
+extern const uint32_t kontur_vectors[], kontur_data_load[];
 
 _Noreturn void reset_irq(void);
 
@@ -22,6 +22,7 @@ _Noreturn void reset_irq(void);
  * may be called: the compiler must not make one of its loops. */
 __attribute__((optimize("no-tree-loop-distribute-patterns"))) _Noreturn void reset_irq(void)
 {
+    SCB->VTOR = (uint32_t)(uintptr_t)kontur_vectors; /* a loader that has started the image leaves its own */
     SCB->CPACR |= SCB_CPACR_FPU;
     SCB->CCR |= SCB_CCR_DIV_0_TRP;
     cpu_barrier();
