@@ -175,6 +175,17 @@ static void test_a_healthy_board_has_no_fault_and_can_be_enabled(void)
     TEST_ASSERT_EQUAL_HEX16(0x27, master.statusword & 0x6F);
 }
 
+static void test_while_an_axis_has_power_the_watchdog_runs_on_in_a_debugger(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB1_FZ_IWDG, chip.dbgmcu.APB1_FZ);
+    TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB2_FZ_TIM8, chip.dbgmcu.APB2_FZ);
+    enable();
+    TEST_ASSERT_EQUAL_HEX32(0, chip.dbgmcu.APB1_FZ);
+    master_sends(0x201, 4, 0x00060006, 0);
+    ticks(30);
+    TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB1_FZ_IWDG, chip.dbgmcu.APB1_FZ);
+}
+
 static void test_an_encoder_that_jumps_cuts_the_power_in_the_same_tick(void)
 {
     enable();
@@ -459,6 +470,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(test_a_healthy_board_has_no_fault_and_can_be_enabled);
+    RUN_TEST(test_while_an_axis_has_power_the_watchdog_runs_on_in_a_debugger);
     RUN_TEST(test_an_encoder_that_jumps_cuts_the_power_in_the_same_tick);
     RUN_TEST(test_a_stop_of_axes_that_stand_cuts_the_power_within_two_milliseconds);
     RUN_TEST(test_a_crystal_that_does_not_start_is_a_fault_until_it_is_acknowledged);

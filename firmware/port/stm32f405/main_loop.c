@@ -44,6 +44,7 @@ static void drive_read(void *ctx, struct hal_drive_in *in)
 static void drive_write(void *ctx, const struct hal_drive_out *out)
 {
     (void)ctx;
+    watchdog_in_halt(out->enable[AXIS_X] || out->enable[AXIS_Y]);
     output_write(out);
 }
 

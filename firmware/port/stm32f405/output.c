@@ -48,6 +48,7 @@ void output_init(void)
     DAC->DHR12RD = DAC_ZERO << 16 | DAC_ZERO;
     DAC->CR = DAC_CR_EN1 | DAC_CR_BOFF1 | DAC_CR_EN2 | DAC_CR_BOFF2; /* BOFF: its buffers end 0.2 V before the rails */
 
+    DBGMCU->APB2_FZ |= DBGMCU_APB2_FZ_TIM8; /* a debugger that halts the core stops PWM */
     TIM8->ARR = PWM_STEPS - 1;
     TIM8->CCMR1 = TIM_CCMR_PWM1 | TIM_CCMR_PWM1 << 8;
     TIM8->CCR[0] = TIM8->CCR[1] = 0;

@@ -7,11 +7,12 @@
 
 enum { DIVIDE_BY_16 = 2, PERIOD = 99 }; /* 32 kHz / 16 / 100 = 20 Hz */
 
+#define FREEZE ((uint32_t)DBGMCU_APB1_FZ_IWDG)
+
 static uint32_t fed_at;
 
 void watchdog_start(void)
 {
-    DBGMCU->APB1_FZ |= DBGMCU_APB1_FZ_IWDG;
     IWDG->KR = IWDG_KEY_START;
     IWDG->KR = IWDG_KEY_ACCESS;
     IWDG->PR = DIVIDE_BY_16;
@@ -23,6 +24,11 @@ void watchdog_start(void)
 RAM_FUNCTION void watchdog_feed(void)
 {
     IWDG->KR = IWDG_KEY_FEED;
+}
+
+void watchdog_in_halt(bool runs)
+{
+    DBGMCU->APB1_FZ = runs ? DBGMCU->APB1_FZ & ~FREEZE : DBGMCU->APB1_FZ | FREEZE;
 }
 
 void watchdog_pass(uint32_t ticks, bool healthy)

@@ -3,9 +3,9 @@
  * It resets the chip, which makes every output an input, so that the board's resistors disable the amplifiers.
  *
  * It is fed only when both halves of the firmware are alive: by the background loop, in a pass that has done its own
- * work and finds that the servo tick has advanced since the last feeding. It stops while a debugger halts the core.
+ * work and finds that the servo tick has advanced since the last feeding.
  *
- * Context: the background loop; sectors.c feeds it while the flash is busy.
+ * Context: the background loop; sectors.c feeds it while the flash is busy. The servo tick calls watchdog_in_halt().
  */
 #ifndef KONTUR_WATCHDOG_H
 #define KONTUR_WATCHDOG_H
@@ -14,6 +14,9 @@
 
 /* Start it. It cannot be stopped again. */
 void watchdog_start(void);
+/* Whether it runs on while a debugger halts the core. The servo tick calls this each time, because debuggers set the
+ * same bits when they connect (RM0090 38.16.4). */
+void watchdog_in_halt(bool runs);
 /* At the end of each pass of the background loop. `ticks` is the number of servo ticks so far; `healthy` says that the
  * background loop has kept up with its work. */
 void watchdog_pass(uint32_t ticks, bool healthy);
