@@ -344,7 +344,7 @@ static void test_a_supply_that_fails_cuts_the_power_and_is_a_fault_of_the_next_r
     expect_fault(0x5110);
 }
 
-static void test_a_supply_that_is_low_from_the_start_is_a_fault_and_nothing_is_stored(void)
+static void test_a_supply_that_is_low_is_a_fault_as_long_and_nothing_is_stored(void)
 {
     power_on();
     chip_waits = supply_stays_low;
@@ -357,6 +357,15 @@ static void test_a_supply_that_is_low_from_the_start_is_a_fault_and_nothing_is_s
     TEST_ASSERT_TRUE(master.sdo_answered);
     TEST_ASSERT_EQUAL_HEX8(0x80, master.sdo[0]);
     TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFF, chip_store[0]);
+    master_sends(0x201, 4, 0x00800080, 0); /* fault reset */
+    ticks(30);
+    expect_fault(0x5110);
+    chip.pwr.CSR = 0;
+    master_sends(0x201, 4, 0, 0);
+    ticks(30);
+    master_sends(0x201, 4, 0x00800080, 0);
+    ticks(30);
+    TEST_ASSERT_EQUAL_HEX8(0, read_object(0x1001, 0) & 0xFF);
 }
 
 static void test_a_brown_out_is_a_fault_of_the_next_run(void)
@@ -482,7 +491,7 @@ int main(void)
     RUN_TEST(test_a_watchdog_reset_is_a_fault_of_the_next_run);
     RUN_TEST(test_a_brown_out_is_a_fault_of_the_next_run);
     RUN_TEST(test_a_supply_that_fails_cuts_the_power_and_is_a_fault_of_the_next_run);
-    RUN_TEST(test_a_supply_that_is_low_from_the_start_is_a_fault_and_nothing_is_stored);
+    RUN_TEST(test_a_supply_that_is_low_is_a_fault_as_long_and_nothing_is_stored);
     RUN_TEST(test_a_crash_is_a_fault_of_the_next_run);
     RUN_TEST(test_saved_parameters_are_in_the_flash_and_loaded_in_the_next_run);
     RUN_TEST(test_a_table_that_moves_while_parameters_are_saved_is_followed);

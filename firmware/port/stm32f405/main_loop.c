@@ -169,6 +169,9 @@ static const struct hal hal = {
 void tick_irq(void)
 {
     static unsigned late;
+    if (supply_low()) { /* supply_irq() sees it fall, and this that it stays low, which no fault reset can change */
+        servo_loop_raise(&device.drive.loop, FAULT_BROWN_OUT);
+    }
     if (device.od.clock.pace == 0) {
         device_tick(&device);
     }

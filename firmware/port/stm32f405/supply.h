@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* supply.h: the chip's voltage detector (RM0090 5.2.3), at 2.8 V nominal (PLS = 110). It is
- * above the 2.7 V that 168 MHz with five wait states and writing words to the flash need. Below
- * it the outputs become safe and the chip is reset, which the next run reports as a brown-out.
+/* supply.h: the chip's voltage detector (RM0090 5.2.3) with PLS = 110: low below 2.85 to 2.99 V, and good again above
+ * 2.96 to 3.10 V (DS8626, embedded reset and power control block). 168 MHz with five wait states and writing words to
+ * the flash need 2.7 V. When the supply falls, the outputs become safe and the chip is reset, which the next run
+ * reports as a brown-out. While it stays low, the servo tick raises the same fault.
  * The chip's own brown-out reset (BOR) is an option byte, which is off on a new chip.
  *
- * Context: supply_start() at power-on, supply_low() in the background loop, supply_irq() in the vector table.
+ * Context: supply_start() at power-on, supply_low() in any context, supply_irq() in the vector table.
  */
 #ifndef KONTUR_SUPPLY_H
 #define KONTUR_SUPPLY_H
@@ -12,7 +13,7 @@
 
 /* At start-up, after clock_start(). false: the supply is low and stays low for 100 ms. */
 bool supply_start(void);
-/* Whether the supply is too low to write the flash. */
+/* Whether the supply is low: too low for power on an axis, and to write the flash. */
 bool supply_low(void);
 /* Interrupt: the supply has become low. */
 void supply_irq(void);
