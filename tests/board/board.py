@@ -24,18 +24,19 @@ class Wiring:
     contacts: tuple[Pin, ...]  # inputs, closed to ground while all is well
     usart: str
     light: Pin
+    alive: Pin
 
 
 _GENERAL = Wiring(
     "kontur", 10000, 8e6, (("B", 12), ("C", 8)), ("tim2", "tim5"),
-    (*(("C", n) for n in range(6)), ("B", 1)), "usart1", ("C", 13),
+    (*(("C", n) for n in range(6)), ("B", 1)), "usart1", ("C", 13), ("B", 0),
 )  # fmt: skip
 WIRINGS = {
     "kontur": _GENERAL,
     "kontur-20khz": Wiring("kontur-20khz", 20000, *list(vars(_GENERAL).values())[2:]),
     "kontur-feather": Wiring(
         "kontur-feather", 10000, 12e6, (("C", 3), ("C", 2)), ("tim3", "tim4"),
-        (("A", 6), ("C", 4), ("C", 5)), "usart3", ("C", 1),
+        (("A", 6), ("C", 4), ("C", 5)), "usart3", ("C", 1), ("A", 7),
     ),
 }  # fmt: skip
 

@@ -19,8 +19,8 @@ def test_a_halt_with_power_ends_by_the_watchdog(board: Board, debugger_sets: int
     board.enable()
     board.dbgmcu.words[8] |= debugger_sets
     board.run(1)
-    _halt(board, 94.1)  # LSI at its slowest: 17 kHz (DS8626)
-    assert [cause for _, cause in board.resets[1:]] == ["IWDG"]
+    _halt(board, 3.3)
+    assert [cause for _, cause in board.resets[1:]] == ["WWDG"]
     assert not board.powered()
     assert board.dac.codes() == (None, None)
 

@@ -94,11 +94,26 @@ static void test_the_watchdog_runs_at_50_ms(void)
     TEST_ASSERT_TRUE(was_fed());
 }
 
+static void test_the_window_watchdog_runs_at_3_ms_and_the_servo_tick_feeds_it(void)
+{
+    watchdog_start();
+    TEST_ASSERT_EQUAL_HEX32(RCC_APB1ENR_WWDG, chip.rcc.APB1ENR & RCC_APB1ENR_WWDG);
+    TEST_ASSERT_EQUAL_HEX32(0x7F, chip.wwdg.CFR);
+    TEST_ASSERT_EQUAL_UINT32(31207, 10ull * 4096 * ((chip.wwdg.CR & 0x3F) + 1) / 42); /* 0.1 us */
+    const uint32_t fed = chip.wwdg.CR;
+    TEST_ASSERT_EQUAL_HEX32(WWDG_CR_WDGA | WWDG_CR_T6, fed & (WWDG_CR_WDGA | WWDG_CR_T6));
+    chip.wwdg.CR = 0;
+    watchdog_pass(7, true);
+    TEST_ASSERT_EQUAL_HEX32(0, chip.wwdg.CR);
+    watchdog_tick();
+    TEST_ASSERT_EQUAL_HEX32(fed, chip.wwdg.CR);
+}
+
 static void test_the_watchdog_runs_on_in_a_debugger_when_it_must(void)
 {
     chip.dbgmcu.APB1_FZ = 1; /* a bit of the debugger's own */
     watchdog_in_halt(false);
-    TEST_ASSERT_EQUAL_HEX32(1u | DBGMCU_APB1_FZ_IWDG, chip.dbgmcu.APB1_FZ);
+    TEST_ASSERT_EQUAL_HEX32(1u | DBGMCU_APB1_FZ_IWDG | DBGMCU_APB1_FZ_WWDG, chip.dbgmcu.APB1_FZ);
     watchdog_in_halt(true);
     TEST_ASSERT_EQUAL_HEX32(1, chip.dbgmcu.APB1_FZ);
 }
@@ -202,7 +217,8 @@ static void test_a_flash_that_stays_busy_is_an_error_after_a_bounded_wait(void)
     const uint32_t word = 0x12345678;
     chip.flash.SR = FLASH_SR_BSY;
     TEST_ASSERT_FALSE(sectors_write(0, 0, &word, 4));
-    TEST_ASSERT_TRUE(was_fed()); /* an erasure takes longer than the period of the watchdog */
+    TEST_ASSERT_TRUE(was_fed()); /* an erasure takes longer than the periods of the watchdogs */
+    TEST_ASSERT_EQUAL_HEX32(WWDG_CR_WDGA, chip.wwdg.CR & WWDG_CR_WDGA);
     TEST_ASSERT_EQUAL_HEX32(FLASH_CR_LOCK, chip.flash.CR);
 }
 
@@ -213,6 +229,7 @@ int main(void)
     RUN_TEST(test_a_spike_on_a_wire_is_no_input);
     RUN_TEST(test_each_wire_is_the_input_of_the_pin_table);
     RUN_TEST(test_the_watchdog_runs_at_50_ms);
+    RUN_TEST(test_the_window_watchdog_runs_at_3_ms_and_the_servo_tick_feeds_it);
     RUN_TEST(test_the_watchdog_runs_on_in_a_debugger_when_it_must);
     RUN_TEST(test_the_watchdog_is_fed_when_tick_and_background_are_well);
     RUN_TEST(test_the_watchdog_starves_when_the_servo_tick_stands);

@@ -177,13 +177,13 @@ static void test_a_healthy_board_has_no_fault_and_can_be_enabled(void)
 
 static void test_while_an_axis_has_power_the_watchdog_runs_on_in_a_debugger(void)
 {
-    TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB1_FZ_IWDG, chip.dbgmcu.APB1_FZ);
+    TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB1_FZ_IWDG | DBGMCU_APB1_FZ_WWDG, chip.dbgmcu.APB1_FZ);
     TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB2_FZ_TIM8, chip.dbgmcu.APB2_FZ);
     enable();
     TEST_ASSERT_EQUAL_HEX32(0, chip.dbgmcu.APB1_FZ);
     master_sends(0x201, 4, 0x00060006, 0);
     ticks(30);
-    TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB1_FZ_IWDG, chip.dbgmcu.APB1_FZ);
+    TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB1_FZ_IWDG | DBGMCU_APB1_FZ_WWDG, chip.dbgmcu.APB1_FZ);
 }
 
 static void test_an_encoder_that_jumps_cuts_the_power_in_the_same_tick(void)
@@ -277,6 +277,18 @@ static void test_a_transceiver_that_dies_stops_the_axes_cuts_their_power_and_is_
     expect_fault(0x8130);
     TEST_ASSERT_EQUAL_HEX16(0x8130, read_object(0x1003, 1) & 0xFFFF);
     TEST_ASSERT_EQUAL_HEX16(0x8120, read_object(0x1003, 2) & 0xFFFF);
+}
+
+static void test_each_servo_tick_feeds_the_window_watchdog_and_turns_the_alive_pin_over(void)
+{
+    for (int i = 0; i < 10; i++) {
+        const bool before = chip_pin('B', 0);
+        chip.wwdg.CR = 0;
+        tick_irq();
+        TEST_ASSERT_EQUAL_HEX32(WWDG_CR_WDGA | WWDG_CR_T6, chip.wwdg.CR & (WWDG_CR_WDGA | WWDG_CR_T6));
+        TEST_ASSERT_TRUE(before != chip_pin('B', 0));
+        main_loop_pass();
+    }
 }
 
 /* The watchdog resets the chip, which makes all pins inputs and starts the firmware again. */
@@ -486,6 +498,7 @@ int main(void)
     RUN_TEST(test_a_crystal_that_stops_cuts_the_power_at_once);
     RUN_TEST(test_nobody_acknowledges_and_the_drive_goes_on_and_reports_it_later);
     RUN_TEST(test_a_transceiver_that_dies_stops_the_axes_cuts_their_power_and_is_reported_later);
+    RUN_TEST(test_each_servo_tick_feeds_the_window_watchdog_and_turns_the_alive_pin_over);
     RUN_TEST(test_a_servo_tick_that_stands_still_starves_the_watchdog);
     RUN_TEST(test_a_background_that_does_not_run_starves_the_watchdog);
     RUN_TEST(test_a_watchdog_reset_is_a_fault_of_the_next_run);

@@ -24,7 +24,8 @@
 #define BOARD_CAN_AF 9
 
 #define BOARD_PWM_AF 3
-#define BOARD_LED PIN('C', 1) /* D13 */
+#define BOARD_LED PIN('C', 1)   /* D13 */
+#define BOARD_ALIVE PIN('A', 7) /* A3 */
 
 #define BOARD_STOP {PIN('A', 6), true, PIN_PULL_UP} /* A2 */
 

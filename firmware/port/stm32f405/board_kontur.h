@@ -2,7 +2,7 @@
 /* board_kontur.h: a controller board with an STM32F405RG (LQFP64). docs/hardware.md has the pins as a table.
  *
  * Alternate functions are those of ST, DS8626 "STM32F405xx STM32F407xx datasheet". Each input is a contact to ground
- * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA3, PA8, PB0,
+ * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA3, PA8,
  * PB2, PB4, PB5, PB11, PB13, PC9 to PC12, PC14, PC15 and PD2. PA11 and PA12 are reserved for USB
  * (flashing), PA13 and PA14 for SWD.
  */
@@ -29,7 +29,9 @@
 
 /* The DAC channels are PA4 (x) and PA5 (y) on every STM32F405. The PWM outputs are channels 1 and 2 of TIM8. */
 #define BOARD_PWM_AF 3
-#define BOARD_LED PIN('C', 13)
+#define BOARD_LED PIN('C', 13) /* it sinks 3 mA at most (DS8626, output current of PC13) */
+/* A square wave of half the rate of the servo tick, while that runs. */
+#define BOARD_ALIVE PIN('B', 0)
 
 #define BOARD_STOP {PIN('C', 4), true, PIN_PULL_UP}
 

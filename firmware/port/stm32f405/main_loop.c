@@ -175,12 +175,13 @@ void tick_irq(void)
     if (device.od.clock.pace == 0) {
         device_tick(&device);
     }
-    atomic_fetch_add(&ticks, 1u);
+    pin_write(BOARD_ALIVE, (atomic_fetch_add(&ticks, 1u) & 1u) != 0);
     /* Is the next tick pending already? In an emulator time is the host's, so a late tick is no fault. */
     late = (SCB->ICSR & SCB_ICSR_PENDSTSET) != 0 && !cpu_emulated() ? late + 1u : 0u;
     if (late >= OVERRUNS_IN_A_ROW) {
         servo_loop_raise(&device.drive.loop, FAULT_OVERRUN); /* the next tick disables the axes, and is short */
     }
+    watchdog_tick();
 }
 
 static void tick_start(void)
@@ -208,11 +209,12 @@ void main_loop_start(void)
     inputs_init();
     encoder_init();
     pin_setup(BOARD_LED, PIN_OUTPUT, PIN_FLOATING, 0);
+    pin_setup_low(BOARD_ALIVE);
     bus_init();
     (void)can_init(KBITPS);
     device_init(&device, &hal, NODE_ID);
-    tick_start();
     watchdog_start();
+    tick_start(); /* it feeds one of them */
 }
 
 void main_loop_pass(void)

@@ -49,6 +49,7 @@ enum {
     RCC_APB1ENR_TIM3 = 1 << 1,
     RCC_APB1ENR_TIM4 = 1 << 2,
     RCC_APB1ENR_TIM5 = 1 << 3,
+    RCC_APB1ENR_WWDG = 1 << 11,
     RCC_APB1ENR_USART3 = 1 << 18,
     RCC_APB1ENR_CAN1 = 1 << 25,
     RCC_APB1ENR_PWR = 1 << 28,
@@ -200,6 +201,12 @@ struct iwdg {
 };
 enum { IWDG_KEY_FEED = 0xAAAA, IWDG_KEY_ACCESS = 0x5555, IWDG_KEY_START = 0xCCCC, IWDG_SR_PVU = 1, IWDG_SR_RVU = 2 };
 
+/* RM0090 22.6 (WWDG) */
+struct wwdg {
+    reg CR, CFR, SR;
+};
+enum { WWDG_CR_WDGA = 1 << 7, WWDG_CR_T6 = 1 << 6, WWDG_CFR_W = 0x7F };
+
 /* RM0090 38.16 (DBGMCU) */
 struct dbgmcu {
     reg IDCODE, CR, APB1_FZ, APB2_FZ;
@@ -268,6 +275,7 @@ struct chip {
     struct usart usart1, usart3;
     struct can can1;
     struct iwdg iwdg;
+    struct wwdg wwdg;
     struct dbgmcu dbgmcu;
     struct systick systick;
     struct scb scb;
@@ -282,6 +290,7 @@ extern struct chip chip;
 #define TIM3 KONTUR_REGS(tim, 0x40000400u, tim3)
 #define TIM4 KONTUR_REGS(tim, 0x40000800u, tim4)
 #define TIM5 KONTUR_REGS(tim, 0x40000C00u, tim5)
+#define WWDG KONTUR_REGS(wwdg, 0x40002C00u, wwdg)
 #define IWDG KONTUR_REGS(iwdg, 0x40003000u, iwdg)
 #define USART3 KONTUR_REGS(usart, 0x40004800u, usart3)
 #define CAN1 KONTUR_REGS(can, 0x40006400u, can1)
