@@ -4,15 +4,12 @@
 from __future__ import annotations
 
 import html
-import json
-import os
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browsers import problems_of
 from click.testing import CliRunner
 from made_runs import ROWS, made_run
 from PIL import Image
@@ -283,46 +280,6 @@ def test_file_that_cannot_be_put_in_its_place_leaves_nothing_behind(
     assert [file.name for file in tmp_path.iterdir()] == ["r.html"]
 
 
-def browser() -> str:
-    found = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if found is None:
-        reason = "no Chromium to open the report with; get it by: apt-get install chromium"
-        if os.environ.get("CI"):
-            pytest.fail(reason)
-        pytest.skip(reason)
-    return found
-
-
-PROBE = """<script>addEventListener("load", () => {
-  const images = [...document.images];
-  document.body.dataset.probe = JSON.stringify({
-    pictures: images.map(i => [i.complete, i.naturalWidth, i.clientWidth, i.alt.length]),
-    requests: performance.getEntriesByType("resource").filter(r => !r.name.startsWith("data:")).map(r => r.name),
-    overflow: document.documentElement.scrollWidth - innerWidth,
-  });
-});</script></body>"""
-
-
 @pytest.mark.parametrize("width", [1280, 500])
 def test_a_browser_shows_all_pictures_without_network_or_error(tmp_path: Path, page_of_five: str, width: int) -> None:
-    chromium = browser()
-    page = page_of_five
-    assert page.count("<img ") == 7
-    (tmp_path / "probed.html").write_text(page.replace("</body>", PROBE))
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
-    options += ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--hide-scrollbars"]
-    options += [f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},900", "--enable-logging=stderr"]
-    command = [chromium, *options, "--dump-dom", (tmp_path / "probed.html").as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert "CONSOLE" not in done.stderr
-    found = re.search(r'data-probe="([^"]*)"', done.stdout)
-    assert found is not None, done.stderr
-    probe = json.loads(html.unescape(found[1]))
-    assert len(probe["pictures"]) == 7
-    for complete, natural_width, shown_width, alt in probe["pictures"]:
-        assert complete
-        assert natural_width > 100
-        assert shown_width > 250
-        assert alt > 20
-    assert probe["requests"] == []
-    assert probe["overflow"] <= 0
+    assert problems_of(page_of_five, tmp_path, width, pictures=7) == []

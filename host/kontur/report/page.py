@@ -6,7 +6,6 @@ Everything in it comes from the logs, so a report made right after a run and one
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 from collections import Counter
@@ -16,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from kontur.errors import LogError, visible
 from kontur.files import write_atomically
 from kontur.report import figures
 from kontur.report.figures import Entry, number
+from kontur.report.sheet import document, pictured
 from kontur.runs.log import RunLog
 from kontur.runs.summary import ALIKE_PERCENT, Summary, summarise
 
@@ -127,29 +126,7 @@ def _labels(runs: Sequence[RunLog], controllers: Sequence[str]) -> list[str]:
 def _page(entries: Sequence[Entry], title: str, command: str | None) -> str:
     with figures.style():
         pictures = "\n".join(_pictures(entries))
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(title)}</title>
-<link rel="icon" href="data:,">
-<style>{_CSS}</style>
-</head>
-<body>
-<main>
-<header>
-<p class="kicker">Kontur</p>
-<h1>{escape(title)}</h1>
-<p class="answer">{_answer(entries)}</p>
-</header>
-{_table(entries)}
-{pictures}
-{_measured(entries, command)}
-</main>
-</body>
-</html>
-"""
+    return document(title, _answer(entries), f"{_table(entries)}\n{pictures}\n{_measured(entries, command)}")
 
 
 def _comparable(entries: Sequence[Entry]) -> list[Entry]:
@@ -307,7 +284,7 @@ def _pictures(entries: Sequence[Entry]) -> list[str]:
     ):
         drawn = draw(everyone)
         if drawn is not None:
-            out.append(_figure(drawn, heading, note, f"{heading} over time for {_names(everyone)}."))
+            out.append(pictured(drawn, heading, note, f"{heading} over time for {_names(everyone)}."))
     return out
 
 
@@ -328,7 +305,7 @@ def _error_pictures(entries: Sequence[Entry]) -> list[str]:
     has_path = _has_path(entries)
     out = [
         '<div class="pair">',
-        _figure(
+        pictured(
             figures.sizes(entries),
             "How good",
             "Marker: mean, bar: 95 % of the time below, tip: max.",
@@ -336,31 +313,22 @@ def _error_pictures(entries: Sequence[Entry]) -> list[str]:
         ),
     ]
     if has_path:
-        out.append(_figure(figures.where(entries), "Where it is worst", "The path, and on it the greatest error of "
+        out.append(pictured(figures.where(entries), "Where it is worst", "The path, and on it the greatest error of "
                            "each run." + rapid, f"Path with the worst point of each run: {worst}."))  # fmt: skip
     out.append("</div>")
     if has_path:
         note = (f"The error is drawn from the path (grey) along its normal, magnified; {scales}. The bar shows how "
                 f"long an error of that size is drawn.{rapid_error}")  # fmt: skip
-        out.append(_figure(figures.magnified(entries), "The path with its error magnified", note,
+        out.append(pictured(figures.magnified(entries), "The path with its error magnified", note,
                            f"Path with magnified {_ERRORS[_kind(entries)]} for {names}."))  # fmt: skip
     shaded = " What is shaded is not scored." if any(e.summary.from_s > 0.0 for e in entries) else ""
     sides = (
         "" if len(entries) == 1 else "Pictures on the left: one scale for all; on the right: each at its own scale. "
     )
-    out.append(_figure(figures.over_time(entries), "Error over time", sides + "Left of the path is positive. The line "
+    out.append(pictured(figures.over_time(entries), "Error over time", sides + "Left of the path is positive. The line "
                        "goes through the smallest and the greatest value of every stretch of time; the ring is the max."
                        + shaded, f"{_ERRORS[_kind(entries)].capitalize()} over time for {names}."))  # fmt: skip
     return out
-
-
-def _figure(figure: Figure, heading: str, note: str, alt: str) -> str:
-    out = io.BytesIO()
-    figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
-    data = base64.b64encode(out.getvalue()).decode()
-    caption = f"<h2>{escape(heading)}</h2>" + (f'<p class="note">{escape(note)}</p>' if note else "")
-    return (f'<figure><figcaption>{caption}</figcaption>'
-            f'<img alt="{escape(alt)}" src="data:image/svg+xml;base64,{data}"></figure>')  # fmt: skip
 
 
 def _measured(entries: Sequence[Entry], command: str | None) -> str:
@@ -440,55 +408,3 @@ def _text(value: Any) -> str:
 
 def _complete(entry: Entry) -> bool:
     return bool(entry.log.meta["status"] == "complete")
-
-
-_CSS = """
-:root { --ink: #1b1f24; --soft: #5b636d; --line: #dfe3e8; --tint: #eef5fa; --accent: #0072b2; color-scheme: light; }
-* { box-sizing: border-box; }
-body { margin: 0; background: #fff; color: var(--ink); font: 15px/1.5 "Helvetica Neue", Helvetica, Arial, sans-serif; }
-main { max-width: 1180px; margin: 0 auto; padding: 32px 24px 64px; }
-.kicker { margin: 0; color: var(--accent); font-weight: 700; letter-spacing: .08em; text-transform: uppercase;
-  font-size: 12px; }
-h1 { margin: 2px 0 12px; font-size: 26px; line-height: 1.2; }
-h2 { margin: 0; font-size: 17px; }
-.answer { margin: 0 0 24px; padding: 14px 18px; background: var(--tint); border-left: 4px solid var(--accent);
-  font-size: 18px; line-height: 1.45; }
-.note { margin: 4px 0 0; color: var(--soft); font-size: 13px; max-width: 125ch; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-.scores { width: 100%; }
-.scores th, .scores td { padding: 7px 10px; text-align: right; vertical-align: top;
-  border-bottom: 1px solid var(--line); white-space: nowrap; }
-.scores thead th { color: var(--soft); font-size: 12.5px; font-weight: 600; vertical-align: bottom;
-  white-space: normal; }
-.scores thead .group { text-align: left; border-bottom: 2px solid var(--ink); color: var(--ink); }
-.scores thead tr:last-child th { border-bottom: 1px solid var(--ink); }
-.scores tbody th, .scores thead th[rowspan] { text-align: left; }
-.scores small { display: block; color: var(--soft); font-weight: 400; font-size: 12px; }
-.scores .place { color: var(--soft); font-size: 12.5px; line-height: 1.35; }
-tr.best > * { background: var(--tint); }
-.key { width: 11px; height: 11px; margin-right: 7px; }
-.badge { display: inline-block; padding: 0 7px; margin-left: 3px; border-radius: 9px; background: var(--accent);
-  color: #fff; font-size: 11px; font-weight: 600; line-height: 17px; }
-.badge.warn { background: #fff; color: #8a3b00; border: 1px solid #d55e00; }
-figure { margin: 36px 0 0; break-inside: avoid; }
-figcaption { margin-bottom: 10px; }
-img { display: block; width: 100%; height: auto; }
-.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(440px, 100%), 1fr)); column-gap: 32px; }
-section { margin-top: 44px; padding-top: 20px; border-top: 1px solid var(--line); }
-.facts { display: grid; grid-template-columns: max-content 1fr; gap: 4px 20px; margin: 12px 0 16px; font-size: 14px; }
-.facts dt { color: var(--soft); }
-.facts dd { margin: 0; overflow-wrap: anywhere; min-width: 0; }
-pre { margin: 0; padding: 8px 12px; background: #f4f6f8; font-size: 13px; white-space: pre-wrap; }
-details { margin-top: 8px; font-size: 14px; }
-summary { cursor: pointer; font-weight: 600; }
-.values { margin: 8px 0 0; font-size: 13px; }
-.values th, .values td { padding: 2px 14px 2px 0; text-align: right; border-bottom: 1px solid var(--line); }
-.values th[scope=row] { text-align: left; font-weight: 400; }
-@media (max-width: 640px) { main { padding: 20px 14px 40px; } .answer { font-size: 16px; }
-  .facts { grid-template-columns: 1fr; } .facts dd { margin-bottom: 8px; } }
-@media print { main { max-width: none; padding: 0; } .pair { grid-template-columns: 1fr 1fr; }
-  .answer, tr.best > *, .badge { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
-  details::details-content { content-visibility: visible; }
-  body { font-size: 11px; } .scores th, .scores td { padding: 4px 5px; } }
-"""
