@@ -19,6 +19,7 @@ from kontur.errors import KonturError
 _VERBS = {
     "run": "Run a path, and report the contour error.",
     "check": "Check a file without moving: refusals, extent, time, slowest places.",
+    "circle-test": "Run circles in both senses, and show the figures of ISO 230-4.",
     "jog": "Move the axes with constant speed for a time.",
     "home": "Home an axis, so that positions count from its home point.",
     "sim": "Simulate a drive on a bus, until Ctrl-C.",
@@ -70,7 +71,7 @@ class _Verbs(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _VERBS:
             return None
-        command = importlib.import_module(f"kontur.cli.{cmd_name}").command
+        command = importlib.import_module(f"kontur.cli.{cmd_name.replace('-', '_')}").command
         assert isinstance(command, click.Command)
         return command
 

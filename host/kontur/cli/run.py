@@ -18,6 +18,7 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
+from kontur.cli.motion_options import accel_option, approach_option, jerk_option, params_option
 from kontur.cli.options import (
     CONTROLLER,
     POSITIVE,
@@ -183,13 +184,7 @@ _motion_options = grouped(
     accel_option,
     jerk_option,
     parameter_option,
-    click.option(
-        "--params",
-        type=click.Path(dir_okay=False, path_type=Path),
-        metavar="PARAMS.toml",
-        help="Set the parameters of this file before, as `kontur design` and `kontur param dump` write it; --set comes "
-        "after it.",
-    ),
+    params_option,
     click.option(
         "--override",
         type=NumberRange(0.1, 120.0),
@@ -198,11 +193,7 @@ _motion_options = grouped(
         metavar="PERCENT",
         help="Feed override, at most 120. Above 100 the accelerations grow with its square, beyond the planned ones.",
     ),
-    click.option(
-        "--approach",
-        is_flag=True,
-        help="Let a real drive go to the start of the path first, or back to it, in a straight line.",
-    ),
+    approach_option,
     click.option(
         "--resume",
         is_flag=True,

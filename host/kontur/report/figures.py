@@ -366,7 +366,7 @@ def _magnified_panel(axes: Any, entry: Entry, longest: RunLog, scale: int) -> No
     x, y = longest.columns["reference_x_mm"], longest.columns["reference_y_mm"]
     size = max(_extent(longest))
     left, low = float(np.min(x)), float(np.min(y))
-    bar_um = _nice(0.25 * size * 1e3 / scale)
+    bar_um = nice(0.25 * size * 1e3 / scale)
     bar_y = low - 0.27 * size
     axes.plot([left, left + bar_um * 1e-3 * scale], [bar_y, bar_y], color=INK, lw=1.6, solid_capstyle="butt")
     axes.annotate(f"{bar_um:g} µm", (left + bar_um * 1e-3 * scale, bar_y), (5, -3), textcoords="offset points")
@@ -433,10 +433,10 @@ def _extent(log: RunLog) -> tuple[float, float]:
 def _scale(entries: Sequence[Entry], size: tuple[float, float]) -> int:
     """How many times to draw the errors of `entries` so that their greatest covers an eighth of the path's size."""
     greatest_um = max(float(np.max(np.abs(_scored(entry, entry.error_um)))) for entry in entries)
-    return max(1, int(_nice(0.125 * max(size) * 1e3 / max(greatest_um, _LEAST_UM))))
+    return max(1, int(nice(0.125 * max(size) * 1e3 / max(greatest_um, _LEAST_UM))))
 
 
-def _nice(value: float) -> float:
+def nice(value: float) -> float:
     """The greatest of 1, 2, 5 times a power of ten that is not above `value`."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9)) * power)
