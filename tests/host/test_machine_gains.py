@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,14 @@ def test_the_machine_of_the_paper_has_gains_that_the_drive_takes(name: str) -> N
     with open_drive(Target(machine)) as device:
         for parameter, value in machine.gains.items():
             assert device.read(parameter) == pytest.approx(value), parameter
+
+
+def test_the_c_tests_have_the_gains_of_the_paper_too() -> None:
+    text = (Path(__file__).parents[1] / "unit/table1.h").read_text()
+    counts = {f"{record}.{name}": int(value) for record, name, value in re.findall(r"od->(\w+)\.(\w+) = (\d+);", text)}
+    table1 = machines.load()
+    with open_drive(Target(table1)) as device:
+        assert counts == {name: device.on_wire(name, value)[2] for name, value in table1.gains.items()}
 
 
 @pytest.mark.parametrize(

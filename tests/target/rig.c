@@ -5,6 +5,7 @@
 #include "drive/configuration.h"
 
 #include "part_knots.h"
+#include "table1.h"
 
 enum { AHEAD = 200 }; /* knots in the ring ahead of path time */
 
@@ -83,7 +84,7 @@ static void compensate(struct od_axis *a)
 void rig_init(struct rig *r, enum controller controller, bool compensated)
 {
     static struct od_data od;
-    od_init(&od, 1);
+    od = table1();
     if (compensated) {
         compensate(&od.axis[0]);
         compensate(&od.axis[1]);

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "table1.h"
+
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
     struct rig *r = ctx;
@@ -191,6 +193,8 @@ void rig_start(struct rig *r, const struct ks_machine *machine)
     TEST_ASSERT_NULL(plant_check(machine));
     plant_init(&r->plant, machine, 1, 1e-4);
     device_init(&r->device, &r->hal, 1);
+    table1_gains(&r->device.od);
+    drive_configure(&r->device.drive, false);
 }
 
 void rig_nmt(struct rig *r, uint8_t command)

@@ -50,7 +50,7 @@ bool rig_can_receive(void *ctx, struct can_frame *f);
 
 /* The machine of Table 1 without noise, at the origin */
 struct ks_machine rig_machine(void);
-/* Power on. */
+/* Power on, with the gains of Table 1. A reset brings back those that are stored, or the defaults. */
 void rig_start(struct rig *r, const struct ks_machine *machine);
 /* Time passes: control periods, or milliseconds. */
 void rig_run(struct rig *r, unsigned periods);

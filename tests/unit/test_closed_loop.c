@@ -5,6 +5,7 @@
 #include "drive/configuration.h"
 #include "nominal.h"
 #include "sim/plant.h"
+#include "table1.h"
 #include "unity.h"
 
 enum { KNOTS = 700 };
@@ -47,7 +48,8 @@ static void power_on(void)
                                        .substeps = 10};
     TEST_ASSERT_NULL(plant_check(&machine));
     plant_init(&plant, &machine, 1, 1e-4);
-    cfg = configuration_servo(&od_defaults);
+    const struct od_data od = table1();
+    cfg = configuration_servo(&od);
     worst_error_um = worst_force_N = 0;
 }
 

@@ -5,6 +5,7 @@
 #include "drive/configuration.h"
 #include "num_test.h"
 #include "od/od.h"
+#include "table1.h"
 #include "unity.h"
 
 /* The core's units in SI */
@@ -14,7 +15,7 @@ static struct od_data od;
 
 void setUp(void)
 {
-    od_init(&od, 1);
+    od = table1();
 }
 
 void tearDown(void)

@@ -100,7 +100,7 @@ static void test_reset_node_during_motion_cuts_the_power_at_once(void)
     rig_run(&rig, 1);
     expect_power(false, false);
     TEST_ASSERT_EQUAL_UINT(2, rig.boot_ups);
-    TEST_ASSERT_EQUAL_UINT32(200000, rig_read(&rig, 0x2110, 1)); /* default again */
+    TEST_ASSERT_EQUAL_UINT32(od_defaults.smc.lambda, rig_read(&rig, 0x2110, 1));
     TEST_ASSERT_EQUAL_UINT32(IDLE, stream_state());
     rig_ms(&rig, 2);
     TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2200, 13));

@@ -2,6 +2,7 @@
 /* What has to last before it matters: the conditions of supervision/fault_monitor.c, each on both sides of its limit. */
 #include "supervision/fault_monitor.h"
 
+#include "table1.h"
 #include "unity.h"
 
 static struct fault_monitor watch;
@@ -11,7 +12,7 @@ static bool powered[2];
 
 void setUp(void)
 {
-    od_init(&od, 1);
+    od = table1();
     watch = (struct fault_monitor){0};
     snapshot = (struct servo_snapshot){0};
     powered[0] = powered[1] = true;

@@ -6,6 +6,7 @@
 #include "drive/configuration.h"
 #include "drive/servo_loop.h"
 #include "num_test.h"
+#include "table1.h"
 #include "unity.h"
 
 static struct servo_loop loop;
@@ -50,9 +51,10 @@ static void tick(unsigned count)
 static void start(int32_t x_count, int32_t y_count)
 {
     wires = (struct hal_drive_in){.count = {x_count, y_count}};
+    const struct od_data od = table1();
     servo_loop_init(&loop, &hal, &ring);
     loop.cfg[0] = (struct servo_loop_cfg){
-        .servo = configuration_servo(&od_defaults),
+        .servo = configuration_servo(&od),
         .encoder_10fm = {10000000, 10000000}, /* 0.1 um */
         .following_max = {NUM(100), NUM(100)},
         .speed_max = NUM(500), /* um/T0: 0.1 m/s */
@@ -60,8 +62,8 @@ static void start(int32_t x_count, int32_t y_count)
         .max_nm = {1000000, 1000000},
         .stop_time = NUM(100),
         .jump_counts = {1000000, 1000000},
-        .cut = fault_mask(&od_defaults, REACT_DISABLE),
-        .stop = fault_mask(&od_defaults, REACT_PATH_STOP),
+        .cut = fault_mask(&od, REACT_DISABLE),
+        .stop = fault_mask(&od, REACT_PATH_STOP),
     };
     tick(20);
 }

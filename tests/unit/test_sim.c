@@ -235,6 +235,7 @@ static void test_truth_is_the_motion_of_the_machine_and_its_force_demand(void)
     machine.start_m[0] = 0.01;
     machine.start_m[1] = -0.02;
     ks *s = ks_new(&machine, 1, 1);
+    send(s, 0x601, 8, "\x23\x10\x21\x01\x80\x84\x1E\x00"); /* lambda 2000 1/s: less than a count makes a force */
     ks_record(s, 1);
     enable(s);
     ks_run(s, 2000);
