@@ -175,11 +175,11 @@ static bool has_geometry(const struct od_data *od, int axis)
            a->transmission.backlash != 0 || has_turn_error(&a->screw);
 }
 
-static void geometry(struct geometry_cfg *c, const struct od_data *od, num dt)
+static void geometry(struct geometry_cfg *c, const struct od_data *od)
 {
     const struct od_geometry *g = &od->geometry;
     c->on = has_geometry(od, 0) || has_geometry(od, 1) || g->squareness_x != 0 || g->squareness_y != 0;
-    c->dt = n_mul(NUM(SERVO_SLOTS), dt); /* the axes take turns */
+    c->dt = n_ratio(200 * (int64_t)SERVO_SLOTS, CONTROL_HZ); /* the axes take turns */
     geometry_axis(&c->axis[0], &od->axis[0], g->squareness_x);
     geometry_axis(&c->axis[1], &od->axis[1], g->squareness_y);
 }
@@ -307,7 +307,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
         .force_limit = force_limit(&od->axis[0], &od->axis[1]),
         .oscillation = oscillation(od),
     };
-    geometry(&cfg.geometry, od, dt);
+    geometry(&cfg.geometry, od);
     for (int i = 0; i < 2; i++) {
         (void)force_filter(&cfg.force_filter, i, &od->axis[i].force_filter);
     }
