@@ -5,7 +5,8 @@
 static const vec2 ZERO;
 
 /* How far the tool is from the encoder of axis i. */
-static void locate_axis(const struct servo_cfg *cfg, struct servo_state *state, int i, num difference)
+static void locate_axis(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_table_in *in,
+                        const pos_t measured[2], int i)
 {
     const struct geometry_state *g = &state->geometry;
     const num turn = i == 0 ? g->turn.x : g->turn.y;
@@ -14,7 +15,8 @@ static void locate_axis(const struct servo_cfg *cfg, struct servo_state *state, 
     if (cfg->dual_feedback[i].on) {
         struct dual_feedback_state *dual = &state->dual_feedback[i];
         placed = n_add(placed, turn);
-        state->disagree |= !dual_feedback_step(&cfg->dual_feedback[i], dual, n_sub(difference, placed));
+        const num difference = n_sub(pos_sub(in->second[i], measured[i]), placed);
+        state->disagree |= !dual_feedback_step(&cfg->dual_feedback[i], dual, difference);
         placed = n_add(placed, dual->offset);
     } else {
         correction = n_add(correction, turn);
@@ -34,9 +36,9 @@ static void locate(const struct servo_cfg *cfg, struct servo_state *state, const
     }
     state->disagree = false;
     if (first) {
-        locate_axis(cfg, state, 1 - axis, pos_sub(in->second[1 - axis], measured[1 - axis]));
+        locate_axis(cfg, state, in, measured, 1 - axis);
     }
-    locate_axis(cfg, state, axis, pos_sub(in->second[axis], measured[axis]));
+    locate_axis(cfg, state, in, measured, axis);
     state->tool[0] = pos_add(measured[0], n_add(state->placed.x, state->correction.x));
     state->tool[1] = pos_add(measured[1], n_add(state->placed.y, state->correction.y));
     if (first) {

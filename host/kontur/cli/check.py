@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from kontur import machine as machines
+from kontur.cli.motion_options import accel_option, jerk_option
 from kontur.cli.options import MACHINE, POSITIVE, progress_bar
 from kontur.cli.output import print_json, print_table
-from kontur.cli.path_options import accel_option, jerk_option, z_option
+from kontur.cli.path_options import z_option
 from kontur.errors import FileError, KonturError, visible
 
 if TYPE_CHECKING:

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import click
 
-from kontur.cli.options import POSITIVE
-
 z_option = click.option(
     "--z",
     type=click.Choice(("pen", "ignore", "refuse")),
@@ -15,10 +13,4 @@ z_option = click.option(
     help="G-code's other axes. pen: z is a pen, which goes up and down while x and y stand or go rapidly (G0); z that "
     "changes while they cut is refused. ignore: x and y go as programmed, whatever the others do. refuse: no word of "
     "theirs is taken.",
-)
-accel_option = click.option(
-    "--accel", type=POSITIVE, metavar="M_PER_S2", help="Acceleration limit of both axes instead of the machine's."
-)
-jerk_option = click.option(
-    "--jerk", type=POSITIVE, metavar="M_PER_S3", help="Jerk limit of both axes instead of the machine's."
 )

@@ -37,7 +37,7 @@ from kontur.cli.options import (
     target_options,
 )
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
-from kontur.cli.path_options import accel_option, jerk_option, z_option
+from kontur.cli.path_options import z_option
 from kontur.drive.controllers import CONTROLLERS, described
 from kontur.errors import FileError, KonturError
 from kontur.runs import RETURN_MAX_M
