@@ -163,6 +163,14 @@ static uint32_t check_quick_stop(const struct device_objects *d, const struct od
     return value == 3 || value == 4 ? SDO_ABORT_VALUE : SDO_OK;
 }
 
+/* 607Dh: while there is power, the axis is inside. */
+static uint32_t check_limit(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    const int32_t here = d->od->axis[axis_of(entry)].position_actual;
+    const bool inside = entry->sub == SUB_POSITION_LIMIT_MIN ? here >= value : here <= value;
+    return inside || !drive_powered(d->drive) ? SDO_OK : SDO_ABORT_STATE;
+}
+
 /* 6060h: 0 is no change of the mode (CiA 402-2). */
 static uint32_t check_mode(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
@@ -230,6 +238,7 @@ static const struct object {
     {OBJ_CONTROLWORD_X, ANY_SUB, .both_axes = true, .step = true},
     {OBJ_STATUSWORD_X, ANY_SUB, .both_axes = true, .refresh = statusword_read},
     {OBJ_QUICK_STOP_OPTION_X, ANY_SUB, .both_axes = true, .check = check_quick_stop},
+    {OBJ_POSITION_LIMIT_X, ANY_SUB, .both_axes = true, .check = check_limit},
     {OBJ_MODE_X, ANY_SUB, .both_axes = true, .step = true, .check = check_mode},
     {OBJ_HOMING_METHOD_X, ANY_SUB, .both_axes = true, .check = check_homing_method},
     {OBJ_TARGET_VELOCITY_X, ANY_SUB, .both_axes = true, .step = true},
@@ -268,6 +277,20 @@ static uint32_t refuse_with_power(const struct device_objects *d)
     return SDO_ABORT_STATE;
 }
 
+/* A parameter may be written with power if it is OD_LIVE. A flipped bit of another one must not be sealed with it. */
+static uint32_t check_config(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    if (drive_powered(d->drive)) {
+        if ((entry->flags & OD_LIVE) == 0) {
+            return refuse_with_power(d);
+        }
+        if (!integrity_parameters_intact(&d->drive->integrity, d->od)) {
+            return SDO_ABORT_HARDWARE;
+        }
+    }
+    return check_parameter(d->od, entry, value);
+}
+
 uint32_t device_objects_check(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
     const struct object *o = object_of(entry);
@@ -277,13 +300,12 @@ uint32_t device_objects_check(const struct device_objects *d, const struct od_en
 uint32_t device_objects_before_write(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
     const struct object *o = object_of(entry);
-    const bool powered = drive_powered(d->drive);
-    if (o->without_power && powered) {
+    if (o->without_power && drive_powered(d->drive)) {
         return refuse_with_power(d);
     }
     uint32_t code = device_objects_check(d, entry, value);
     if (code == SDO_OK && (entry->flags & OD_CONFIG) != 0) {
-        code = powered ? refuse_with_power(d) : check_parameter(d->od, entry, value);
+        code = check_config(d, entry, value);
     }
     return code == SDO_OK && o->command != NULL ? o->command(d, entry, value) : code;
 }
@@ -291,7 +313,9 @@ uint32_t device_objects_before_write(const struct device_objects *d, const struc
 bool device_objects_written(const struct device_objects *d, const struct od_entry *entry, unsigned *received)
 {
     const struct object *o = object_of(entry);
-    if ((entry->flags & OD_CONFIG) != 0) {
+    if ((entry->flags & OD_LIVE) != 0) {
+        drive_configure_live(d->drive);
+    } else if ((entry->flags & OD_CONFIG) != 0) {
         drive_configure(d->drive, false);
     }
     if (o->written != NULL) {

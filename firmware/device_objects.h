@@ -3,7 +3,7 @@
  *
  * One table says for each object what is checked before a write, which command the write is, what follows once the value
  * is stored, and what is brought up to date before a read. A check changes nothing; a command returns the SDO abort code.
- * Parameters (OD_CONFIG) have rules of their own: no axis has power, and they fit together.
+ * Parameters (OD_CONFIG) have rules of their own: no axis has power, unless they are OD_LIVE, and they fit together.
  *
  * Context: background. device.c calls it from the hooks of the CANopen node.
  */

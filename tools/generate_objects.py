@@ -112,7 +112,7 @@ def c_source(objects: list[Object]) -> str:
     lines += ["/* Sorted by index and sub. */", "const struct od_entry od_table[] = {"]
     for e in entries:
         access = {"ro": ["READ"], "rw": ["READ", "WRITE"], "wo": ["WRITE"], "const": ["READ", "CONST"]}[e.access]
-        flags = access + ["CONFIG"] * e.config + ["PDO"] * e.pdo + ["NODE_ID"] * e.node_id
+        flags = access + ["CONFIG"] * e.config + ["LIVE"] * e.live + ["PDO"] * e.pdo + ["NODE_ID"] * e.node_id
         low, high = (e.default, e.default) if e.access == "const" else (e.low, e.high)
         place = f"AT({e.field})" if e.field else "0"
         kind, bits = f"OD_{e.type.name.upper()}", " | ".join(f"OD_{flag}" for flag in flags)
@@ -238,7 +238,7 @@ def md_row(first: str, name: str, e: Entry, description: str) -> str:
         default = md_number(e, e.default)
     if e.limited and e.access != "const":
         span = f"{md_number(e, e.low)} … {md_number(e, e.high)}"
-    marks = " ".join(["P"] * e.config + ["M"] * e.pdo)
+    marks = " ".join(["P"] * e.config + ["L"] * e.live + ["M"] * e.pdo)
     cells = [first, name, e.type.name, e.access, marks, e.unit, default, span, unit_text(e), description]
     return "| " + " | ".join(cells) + " |"
 
@@ -250,7 +250,8 @@ def docs(objects: list[Object]) -> str:
         "Generated from `firmware/od/objects.toml` by `tools/generate_objects.py`: do not edit.",
         "",
         "P: a parameter (writable only while no axis is in operation enabled; kept by `kontur param dump` and `save`); "
-        "M: may be mapped into a PDO. Default and range are in the unit; *count* is what one count on the wire means. "
+        "L: the same, but writable at any time and in effect from the next movement on; M: may be mapped into a PDO. "
+        "Default and range are in the unit; *count* is what one count on the wire means. "
         "n is the node id. Sub-index 0 of a record holds its highest sub-index and is left out here.",
     ]
     head = ["", "| object | name | type | access | | unit | default | range | count | |", "|" + "---|" * 10]

@@ -82,6 +82,8 @@ class Entry:
     description: str
     pdo: bool
     config: bool
+    live: bool
+    """a parameter that is taken with power, too"""
     node_id: bool
     """the node id is added to the default"""
     limited: bool
@@ -116,8 +118,8 @@ class Device:
 
 CONTROLLERS_MAX = "controllers"  # as a `max`: the number of the last control law
 
-OBJECT_KEYS = {"index", "axes", "config", "sub", "used", "count", "counted", "description"}
-ENTRY_KEYS = {"type", "access", "factor", "unit", "default", "min", "max", "pdo", "description", "config"}
+OBJECT_KEYS = {"index", "axes", "config", "live", "sub", "used", "count", "counted", "description"}
+ENTRY_KEYS = {"type", "access", "factor", "unit", "default", "min", "max", "pdo", "description", "config", "live"}
 
 
 def load(path: Path = ROOT / SOURCE) -> tuple[Device, list[Object]]:
@@ -181,13 +183,13 @@ def _object(name: str, c_name: str, index: int, axis: int | None, source: dict[s
             raise ObjectsError(f"{name}: two subs have the same name")
         for sub_name in names:
             _check_name(sub_name, name)
-        config = source.get("config", False)
+        of_all = {key: source.get(key, False) for key in ("config", "live")}
         entries = [_number(index, 0, HIGHEST_SUB, "u8", len(subs))]
         if "used" in source:
             keys_0 = {"type": "u8", "access": "rw", "default": source["used"], "max": len(subs)}
             entries = [_entry(index, 0, HIGHEST_SUB, f"{place}.{HIGHEST_SUB}", axis, keys_0, name)]
         for i, sub in enumerate(subs, 1):
-            keys = {"config": config, **{k: v for k, v in sub.items() if k != "name"}}
+            keys = {**of_all, **{k: v for k, v in sub.items() if k != "name"}}
             entries.append(_entry(index, i, sub["name"], f"{place}.{sub['name']}", axis, keys, name))
         return Object(index, name, "record", description, tuple(entries), c_name, axis, False)
     keys = {k: v for k, v in source.items() if k in ENTRY_KEYS}
@@ -231,6 +233,9 @@ def _entry(index: int, sub: int, name: str, field: str, axis: int | None, source
         raise ObjectsError(f"{where}: access must be ro, rw, wo or const, not {access}")
     if config and (access != "rw" or "default" not in source):
         raise ObjectsError(f"{where}: a parameter is rw and has a default")
+    live = bool(source.get("live", False))
+    if live and not config:
+        raise ObjectsError(f"{where}: live is for parameters: config = true")
     default = source.get("default", 0 if kind.bits else "")
     if isinstance(default, list):
         if axis is None or len(default) != len(AXES):
@@ -272,6 +277,7 @@ def _entry(index: int, sub: int, name: str, field: str, axis: int | None, source
         description=source.get("description", ""),
         pdo=bool(source.get("pdo", False)),
         config=config,
+        live=live,
         node_id=node_id,
         limited=(low, high) != (kind.low, kind.high),
     )

@@ -355,22 +355,30 @@ static uint32_t jump_counts(const struct od_data *od, const struct od_axis *a)
     return jump + 100u < INT32_MAX ? (uint32_t)jump + 100u : INT32_MAX;
 }
 
-void configuration_servo_loop(const struct od_data *od, struct servo_loop_cfg *c)
+void configuration_live(const struct od_data *od, struct servo_loop_cfg *c)
 {
-    c->servo = configuration_servo(od);
-    c->onchip_plant = configuration_onchip_plant(od);
-    c->speed_max = n_ratio(od->limits.velocity, 200);
-    c->stop_time = n_ratio(od->limits.path_stop_time, 1);
     c->cut = fault_mask(od, REACT_DISABLE);
     c->stop = fault_mask(od, REACT_PATH_STOP);
     for (int i = 0; i < 2; i++) {
         const struct od_axis *a = &od->axis[i];
-        c->encoder_10fm[i] = a->plant.encoder;
-        c->second_10fm[i] = a->second_encoder.length;
         c->following_max[i] = n_ratio(a->following_window, 1000);
-        c->following_ticks[i] = a->following_timeout * (CONTROL_HZ / 1000u);
         c->min_nm[i] = a->position_limit.min;
         c->max_nm[i] = a->position_limit.max;
+    }
+}
+
+void configuration_servo_loop(const struct od_data *od, struct servo_loop_cfg *c)
+{
+    configuration_live(od, c);
+    c->servo = configuration_servo(od);
+    c->onchip_plant = configuration_onchip_plant(od);
+    c->speed_max = n_ratio(od->limits.velocity, 200);
+    c->stop_time = n_ratio(od->limits.path_stop_time, 1);
+    for (int i = 0; i < 2; i++) {
+        const struct od_axis *a = &od->axis[i];
+        c->encoder_10fm[i] = a->plant.encoder;
+        c->second_10fm[i] = a->second_encoder.length;
+        c->following_ticks[i] = a->following_timeout * (CONTROL_HZ / 1000u);
         c->jump_counts[i] = jump_counts(od, a);
     }
 }

@@ -21,5 +21,7 @@ bool configuration_fits(const struct od_data *od);
 struct servo_cfg configuration_servo(const struct od_data *od);
 struct onchip_plant_cfg configuration_onchip_plant(const struct od_data *od);
 void configuration_servo_loop(const struct od_data *od, struct servo_loop_cfg *c);
+/* Change what may change while the configuration is in use (servo_loop.h). */
+void configuration_live(const struct od_data *od, struct servo_loop_cfg *c);
 void configuration_hal(const struct od_data *od, struct hal_axis_cfg cfg[AXES]);
 #endif

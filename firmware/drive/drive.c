@@ -64,7 +64,9 @@ static void take_controlword(struct drive *d, int i, bool fresh, bool may_enable
     const bool was_fault = axis->state == CIA402_FAULT;
     const bool permitted =
         fresh && command_guard_permits(&d->command_guard, i, axis->changes, d->od->claim_required != 0, drive_now(d));
-    axis->quick_stop = d->od->axis[i].quick_stop_option;
+    if (axis->state != CIA402_QUICK_STOP_ACTIVE) { /* a stop goes on as it began */
+        axis->quick_stop = d->od->axis[i].quick_stop_option;
+    }
     cia402_command(axis, d->od->axis[i].controlword, may_enable && permitted);
     if (fresh && cia402_enable_pending(axis)) {
         command_guard_refused(&d->command_guard, i, drive_now(d));
@@ -152,16 +154,34 @@ static void configure(struct drive *d)
         configuration_hal(d->od, cfg);
         hal->drive_configure(hal->ctx, cfg);
     }
+}
+
+/* The soft limits of the next path */
+static void limit_path(struct drive *d)
+{
     for (int i = 0; i < 2; i++) {
         d->path.queue.min_nm[i] = d->od->axis[i].position_limit.min;
         d->path.queue.max_nm[i] = d->od->axis[i].position_limit.max;
     }
 }
 
+static void seal(struct drive *d, bool reset)
+{
+    integrity_seal(&d->integrity, cfg_in_use(d), sizeof *cfg_in_use(d), d->od, reset);
+}
+
 void drive_configure(struct drive *d, bool reset)
 {
     configure(d);
-    integrity_seal(&d->integrity, cfg_in_use(d), sizeof *cfg_in_use(d), d->od, reset);
+    limit_path(d);
+    seal(d, reset);
+}
+
+void drive_configure_live(struct drive *d)
+{
+    configuration_live(d->od, &d->loop.cfg[d->configured % 2u]);
+    limit_path(d);
+    seal(d, false);
 }
 
 /* A bit has flipped: switch the power off, and make a state in which FAULT_MEMORY can be reset. */

@@ -62,6 +62,9 @@ void drive_reset(struct drive *d);
 /* Parameters have changed (without power) and fit together: hand them over to the tick. reset: every one is new, by a
  * reset. */
 void drive_configure(struct drive *d, bool reset);
+/* Parameters marked OD_LIVE have changed, with power or without, and fit together: they are in effect from the next movement
+ * on. */
+void drive_configure_live(struct drive *d);
 /* One step: called once a millisecond, and once for each write of a command. */
 void drive_step(struct drive *d, const struct drive_in *in);
 /* The master can no longer stop the axes: stop them, then switch their power off. */

@@ -119,7 +119,8 @@ static void supervise_axis(struct servo_loop *loop, const struct servo_loop_cfg 
     const pos_t servo = loop->servo.observer[i].pos;
     const pos_t user = servo + pos_from_nm(LOAD(loop->command.origin_nm[i]));
     if (servo > pos_from_nm(INT32_MAX) || servo < pos_from_nm(INT32_MIN) ||
-        (n_lt(e_w, NUM(0)) ? user < loop->lowest[i] : user > loop->highest[i])) {
+        (n_lt(e_w, NUM(0)) ? user < pos_add(pos_from_nm(cfg->min_nm[i]), n_neg(cfg->following_max[i]))
+                           : user > pos_add(pos_from_nm(cfg->max_nm[i]), cfg->following_max[i]))) {
         servo_loop_raise(loop, FAULT_TRAVEL);
     }
     if (++loop->following_ticks[i] > cfg->following_ticks[i]) {
@@ -225,8 +226,6 @@ SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t
             encoder_position_before(&loop->encoder[i], measured[i],
                                     (int32_t)((uint32_t)loop->encoder[i].last - (uint32_t)loop->first_count[i]));
         encoder_scale(&loop->second[i], cfg->second_10fm[i]);
-        loop->lowest[i] = pos_add(pos_from_nm(cfg->min_nm[i]), n_neg(cfg->following_max[i]));
-        loop->highest[i] = pos_add(pos_from_nm(cfg->max_nm[i]), cfg->following_max[i]);
     }
     const struct force_limit_state warm = loop->servo.force_limit;
     servo_reset(&cfg->servo, &loop->servo, measured);

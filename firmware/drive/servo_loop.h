@@ -27,14 +27,15 @@
 #include "supervision/servo_snapshot.h"
 
 struct servo_loop_cfg {
-    uint32_t encoder_10fm[2];     /* length of one encoder count, 10 fm */
-    uint32_t second_10fm[2];      /* of a second encoder; 0: none */
+    uint32_t encoder_10fm[2];    /* length of one encoder count, 10 fm */
+    uint32_t second_10fm[2];     /* of a second encoder; 0: none */
+    uint32_t following_ticks[2]; /* periods for which following_max may be exceeded */
+    num speed_max;               /* um/T0 */
+    num stop_time;               /* knots (ms) */
+    uint32_t jump_counts[2];     /* encoder counts in one period that are no movement if exceeded */
+    /* These words the background may change in the configuration in use. Any mixture of old and new ones will do. */
     num following_max[2];         /* largest following error, um */
-    uint32_t following_ticks[2];  /* periods for which it may be exceeded */
-    num speed_max;                /* um/T0 */
     int32_t min_nm[2], max_nm[2]; /* software position limits, of the user's zero */
-    num stop_time;                /* knots (ms) */
-    uint32_t jump_counts[2];      /* encoder counts in one period that are no movement if exceeded */
     uint32_t cut, stop;           /* FAULT_BIT()s that cut the power at once, or that stop path time */
     struct onchip_plant_cfg onchip_plant;
     struct servo_cfg servo; /* last, since it is the largest */
@@ -87,7 +88,6 @@ struct servo_loop {
     num rate;               /* the same as a num */
     struct servo_state servo;
     uint32_t following_ticks[2];     /* periods since the following error is too large */
-    pos_t lowest[2], highest[2];     /* user's positions: the position limits, widened by the largest following error */
     struct telemetry_record *record; /* to be published next */
     struct contour_statistics contour_statistics;
     struct encoder second[2]; /* counts from 0 at power-on, */

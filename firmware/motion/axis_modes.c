@@ -61,21 +61,56 @@ static void take_over_mode(struct axis_modes *m, int i, const struct axis_modes_
     }
 }
 
+/* ---- settings ---- */
+
+/* Target velocity that the master asks for, in mode 3 */
+static int32_t requested_velocity(const struct axis_modes *m, int i, const struct axis_modes_in *in)
+{
+    const struct axis_mode_in *axis = &in->axis[i];
+    const bool moves = m->axis[i].mode == MODE_PROFILE_VELOCITY && axis->enabled && (axis->controlword & CW_HALT) == 0;
+    return moves ? in->od->axis[i].target_velocity : 0;
+}
+
+static void take_over_settings(struct axis_modes *m, int i, const struct axis_modes_in *in)
+{
+    struct axis_mode *a = &m->axis[i];
+    const struct od_axis *od = &in->od->axis[i];
+    const int32_t requested = requested_velocity(m, i, in);
+    const bool goes_on =
+        homing_busy(&a->homing) || (m->generating && !profile_stands(&a->profile) && requested == a->requested_umps);
+    a->requested_umps = requested;
+    if (!m->generating) {
+        a->settings.min_nm = od->position_limit.min;
+        a->settings.max_nm = od->position_limit.max;
+    }
+    if (!goes_on) {
+        a->settings.up_umps2 = od->profile_acceleration;
+        a->settings.down_umps2 = od->profile_deceleration;
+        a->settings.quick_umps2 = od->quick_stop_deceleration;
+        a->settings.homing_umps2 = od->homing_acceleration;
+        a->settings.search_umps = (int32_t)od->homing_speed.search;
+        a->settings.zero_umps = (int32_t)od->homing_speed.zero;
+        a->settings.home_offset_nm = od->home_offset;
+        a->settings.halt_option = od->halt_option;
+        a->settings.homing_method = od->homing_method;
+    }
+}
+
 /* ---- homing ---- */
 
 static struct homing_in homing_in(const struct axis_modes *m, int i, const struct axis_modes_in *in)
 {
     const struct axis_mode_in *axis = &in->axis[i];
-    const struct od_axis *od = &in->od->axis[i];
+    const struct axis_settings *settings = &m->axis[i].settings;
     return (struct homing_in){
         .inputs = axis->inputs,
         .index_pulses = axis->index_pulses,
         .index_nm = axis->index_nm,
         .edge_nm = axis->edge_nm,
         .position_nm = axis->position_nm,
-        .reach_nm = (int64_t)od->position_limit.max - od->position_limit.min,
-        .switch_umps = (int32_t)od->homing_speed.search,
-        .zero_umps = (int32_t)od->homing_speed.zero,
+        .reach_nm = (int64_t)settings->max_nm - settings->min_nm,
+        .switch_umps = settings->search_umps,
+        .zero_umps = settings->zero_umps,
         .standing = axis_modes_stands(m, i, in->path->standing),
     };
 }
@@ -94,7 +129,7 @@ static int32_t homing_velocity(struct axis_modes *m, int i, const struct axis_mo
         return 0;
     }
     if (edge) {
-        homing_start(&a->homing, in->od->axis[i].homing_method);
+        homing_start(&a->homing, a->settings.homing_method);
     }
     return homing_step(&a->homing, &homing);
 }
@@ -106,7 +141,7 @@ static void set_origin(struct axis_modes *m, int i, const struct axis_modes_in *
     if (h->state != HOMING_FOUND || !idle(m, in, out)) {
         return;
     }
-    const int64_t origin = in->od->axis[i].home_offset - h->found_nm;
+    const int64_t origin = m->axis[i].settings.home_offset_nm - h->found_nm;
     const bool fits = origin >= -INT32_MAX && origin <= INT32_MAX;
     h->state = fits ? HOMING_DONE : HOMING_FAILED;
     out->set_origin[i] = fits;
@@ -128,18 +163,16 @@ static int32_t velocity_max(const struct od_data *od)
 }
 
 /* Target velocity of an axis in mode 3 */
-static int32_t requested_velocity(struct axis_modes *m, int i, const struct axis_modes_in *in)
+static int32_t limited_velocity(struct axis_modes *m, int i, const struct axis_modes_in *in)
 {
     struct axis_mode *a = &m->axis[i];
     const struct axis_mode_in *axis = &in->axis[i];
-    const struct od_axis *od = &in->od->axis[i];
-    const bool halt = (axis->controlword & CW_HALT) != 0;
+    const struct axis_settings *settings = &a->settings;
     const int32_t max = velocity_max(in->od);
     const int64_t here_pm = m->generating ? a->profile.pos_pm : (int64_t)axis->reference_nm * 1000;
-    a->requested_umps = axis->enabled && !halt ? od->target_velocity : 0;
     int32_t velocity = a->requested_umps > max ? max : a->requested_umps < -max ? -max : a->requested_umps;
-    if (switch_ahead(axis->inputs, velocity) || (velocity > 0 && here_pm >= (int64_t)od->position_limit.max * 1000) ||
-        (velocity < 0 && here_pm <= (int64_t)od->position_limit.min * 1000)) {
+    if (switch_ahead(axis->inputs, velocity) || (velocity > 0 && here_pm >= (int64_t)settings->max_nm * 1000) ||
+        (velocity < 0 && here_pm <= (int64_t)settings->min_nm * 1000)) {
         velocity = 0;
     }
     a->limited = velocity != a->requested_umps;
@@ -156,27 +189,27 @@ static bool on_quick_stop_ramp(const struct axis_modes *m, int i, const struct a
     if (axis->quick_stop != NO_QUICK_STOP) {
         return axis->quick_stop == 2 || axis->quick_stop == 6;
     }
-    return ((axis->controlword & CW_HALT) != 0 && in->od->axis[i].halt_option == HALT_QUICK_STOP_RAMP) ||
+    return ((axis->controlword & CW_HALT) != 0 && m->axis[i].settings.halt_option == HALT_QUICK_STOP_RAMP) ||
            switch_ahead(axis->inputs, m->axis[i].profile.vel_pmpms);
 }
 
 static struct profile_in profile_in(struct axis_modes *m, int i, const struct axis_modes_in *in)
 {
-    const struct od_axis *od = &in->od->axis[i];
-    struct profile_in profile = {.up_umps2 = od->profile_acceleration,
-                                 .down_umps2 = od->profile_deceleration,
-                                 .min_nm = od->position_limit.min,
-                                 .max_nm = od->position_limit.max};
+    const struct axis_settings *settings = &m->axis[i].settings;
+    struct profile_in profile = {.up_umps2 = settings->up_umps2,
+                                 .down_umps2 = settings->down_umps2,
+                                 .min_nm = settings->min_nm,
+                                 .max_nm = settings->max_nm};
     if (m->axis[i].mode == MODE_PROFILE_VELOCITY) {
-        profile.target_umps = requested_velocity(m, i, in);
+        profile.target_umps = limited_velocity(m, i, in);
     } else if (m->axis[i].mode == MODE_HOMING) {
-        profile.up_umps2 = profile.down_umps2 = od->homing_acceleration;
+        profile.up_umps2 = profile.down_umps2 = settings->homing_umps2;
         profile.target_umps = homing_velocity(m, i, in);
         profile.min_nm = INT32_MIN;
         profile.max_nm = INT32_MAX;
     }
     if (on_quick_stop_ramp(m, i, in)) {
-        profile.down_umps2 = od->quick_stop_deceleration;
+        profile.down_umps2 = settings->quick_umps2;
     }
     return profile;
 }
@@ -187,6 +220,7 @@ void axis_modes_step(struct axis_modes *m, const struct axis_modes_in *in, struc
     bool wanted = false;
     for (int i = 0; i < 2; i++) {
         take_over_mode(m, i, in, out);
+        take_over_settings(m, i, in);
         m->axis[i].target = profile_in(m, i, in);
         m->axis[i].controlword = in->axis[i].controlword;
         wanted = wanted || m->axis[i].target.target_umps != 0;

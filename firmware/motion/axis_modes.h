@@ -39,8 +39,19 @@ enum {
     SW_HOMING_ERROR = 1u << 13
 };
 
+/* What a movement goes by. It is taken over from the dictionary when the movement begins: at standstill or, in profile
+ * velocity, with another target. The limits are those of the path, which begins when both axes stand. */
+struct axis_settings {
+    int32_t min_nm, max_nm; /* 607Dh */
+    uint32_t up_umps2, down_umps2, quick_umps2, homing_umps2;
+    int32_t search_umps, zero_umps, home_offset_nm;
+    int16_t halt_option;
+    int8_t homing_method;
+};
+
 struct axis_mode {
     int8_t mode; /* in use: 6061h */
+    struct axis_settings settings;
     struct profile profile;
     struct profile_in target; /* of the profile, from this step on */
     struct homing homing;

@@ -73,6 +73,7 @@ enum od_flag {
     OD_CONFIG = 8,   /* a parameter, which must not change while an axis is in operation enabled */
     OD_PDO = 16,     /* may be mapped into a PDO */
     OD_NODE_ID = 32, /* the default is `od_defaults` plus the node id */
+    OD_LIVE = 64,    /* a parameter that may change at any time, and is in effect from the next movement on */
 };
 
 struct od_entry {

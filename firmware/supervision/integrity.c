@@ -22,15 +22,26 @@ static uint32_t add_entry(uint32_t sum, const struct od_data *od, const struct o
     return (entry->flags & OD_CONFIG) != 0 ? add(sum, (uint32_t)od_read(od, entry)) : sum;
 }
 
+static uint32_t parameters(const struct od_data *od)
+{
+    uint32_t sum = 0;
+    for (uint16_t i = 0; i < od_table_len; i++) {
+        sum = add_entry(sum, od, &od_table[i]);
+    }
+    return sum;
+}
+
+bool integrity_parameters_intact(const struct integrity *m, const struct od_data *od)
+{
+    return !m->corrupt && parameters(od) == m->parameters;
+}
+
 void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od, bool reset)
 {
     m->cfg = sum_of(cfg, bytes);
-    m->parameters = 0;
+    m->parameters = parameters(od);
     m->sum = 0;
     m->at = 0;
-    for (uint16_t i = 0; i < od_table_len; i++) {
-        m->parameters = add_entry(m->parameters, od, &od_table[i]);
-    }
     m->corrupt = m->corrupt && !reset;
 }
 

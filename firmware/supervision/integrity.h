@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* supervision/integrity.h: checksums over the servo's configuration and over the parameters, which nobody changes while an
- * axis has power. They detect bits that flip in RAM (FAULT_MEMORY). docs/adr/0020-flipped-bits.md names what else is
+ * axis has power, but for a few parameters (OD_LIVE). They detect bits that flip in RAM (FAULT_MEMORY). docs/adr/0020-flipped-bits.md names what else is
  * checked. Background only; the caller is drive.c.
  */
 #ifndef KONTUR_INTEGRITY_H
@@ -20,6 +20,8 @@ struct integrity {
     bool corrupt; /* a bit of a parameter has flipped; true until all parameters are set anew */
 };
 
+/* Whether no bit of a parameter has flipped since they were sealed: all at once, before a new seal would hide it. */
+bool integrity_parameters_intact(const struct integrity *m, const struct od_data *od);
 /* Configuration (cfg, `bytes` of it, a multiple of 4) and parameters have just been set. reset: every parameter has, by a
  * reset. */
 void integrity_seal(struct integrity *m, const void *cfg, size_t bytes, const struct od_data *od, bool reset);

@@ -14,6 +14,7 @@ Y = 0x800  # from an object of axis x to that of axis y
 EMCY_OF_MEMORY, EMCY_OF_PARAMETER, EMCY_OF_VALUE = 0x5510, 0xFF18, 0x8200
 HEARTBEAT_LOST, PLC_ID = 0x8130, 20
 FAULT_RESET, FAULT = 0x80, 0x08
+NOT_IN_THIS_STATE = 0x0800_0022
 PROFILE_VELOCITY, SPEED_UMPS = 3, 20_000
 
 
@@ -176,3 +177,27 @@ def test_heartbeat_lost_without_power_is_latched_and_nothing_is_enabled_until_it
     rig.link.send(0x200 + master.node_id, FAULT_RESET.to_bytes(2, "little") * 2)
     assert rig.link.wait(lambda: master.codes() == [HEARTBEAT_LOST, 0], 1.0)
     master.enable()
+
+
+@pytest.mark.motion
+def test_ramps_limits_and_homing_are_written_to_an_enabled_axis_as_function_blocks_do(rig: Rig) -> None:
+    _needs_room(rig)
+    master = Master(rig)
+    master.enable(PROFILE_VELOCITY)
+    taken = ((0x6083, 0, 4), (0x6084, 0, 4), (0x6085, 0, 4), (0x605A, 0, 2), (0x605D, 0, 2), (0x607C, 0, 4))
+    taken += ((0x607D, 1, 4), (0x607D, 2, 4), (0x6065, 0, 4), (0x6098, 0, 1), (0x6099, 1, 4), (0x6099, 2, 4))
+    for index, sub, size in (*taken, (0x609A, 0, 4)):
+        for axis in (0, Y):
+            now = rig.link.node.sdo.upload(index + axis, sub)
+            rig.link.node.sdo.download(index + axis, sub, now[:size])  # raises where it is refused
+    assert master.write(0x2110, 1, 4, master.read(0x2110, 1)) == NOT_IN_THIS_STATE  # the loop's
+    here = int.from_bytes(rig.link.node.sdo.upload(0x6064, 0), "little", signed=True)
+    assert master.write(0x607D, 2, 4, here - 1_000_000) == NOT_IN_THIS_STATE
+    assert master.write(0x607D, 2, 4, here + 5_000_000) == 0
+    assert master.write(0x6083, 0, 4, 200_000) == 0
+    assert master.write(0x60FF, 0, 4, SPEED_UMPS) == 0
+    rig.link.wait(lambda: False, 1.0)
+    end = int.from_bytes(rig.link.node.sdo.upload(0x6064, 0), "little", signed=True)
+    assert abs(end - here - 5_000_000) < 10_000
+    assert master.states() == (ENABLED, ENABLED)
+    assert EMCY_OF_MEMORY not in master.codes()

@@ -108,8 +108,6 @@ static const struct variable variables[] = {
     /* limits and masks */
     LOOP(cfg[0]),
     LOOP(cfg[1]),
-    FAR(lowest),
-    FAR(highest),
     LOOP(following_ticks[0]),
     LOOP(following_ticks[1]),
     LOOP(configured),
@@ -175,6 +173,7 @@ static const struct variable variables[] = {
     FLAG(device.drive.path.modes.by_frame),
     DRIVE(path.modes.axis[0].homing.state),
     DRIVE(path.modes.axis[0].requested_umps),
+    DRIVE(path.modes.axis[0].settings),
     DRIVE(path.queue.total),
     DRIVE(path.queue.min_nm),
     DRIVE(path.queue.max_nm),
