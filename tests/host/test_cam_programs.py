@@ -188,7 +188,7 @@ def test_g28_goes_by_way_of_its_point() -> None:
         ("G81 X1 Z-1 R1", "G81: drilling cycles move in z"),
         ("G95", "G95: the feed is in units per minute"),
         ("G96 S100", "G96: the speed of a spindle cannot follow"),
-        ("M98 P100", "M98: this M code is not understood"),
+        ("M98 P100", "M98: subroutines are not understood; read the file by LinuxCNC's interpreter (--interpreter)"),
         ("o100 sub", "o100sub: subroutines and loops (O words)"),
         ("G1 U1", "U1: the machine has two axes"),
     ],

@@ -40,7 +40,7 @@ def test_refusals_come_at_once_with_count_and_first_line_and_an_exit_code(tmp_pa
     assert printed.stdout.splitlines()[0].startswith(
         "refused: G41 ×2, first in line 2: there is no cutter compensation"
     )
-    assert printed.stdout.splitlines()[1].startswith("refused: M98 in line 5: this M code is not understood")
+    assert printed.stdout.splitlines()[1].startswith("refused: M98 in line 5: subroutines are not understood")
     assert "kontur run` takes it" not in printed.stdout
 
 

@@ -13,7 +13,7 @@ from kontur import machine as machines
 from kontur.cli.motion_options import accel_option, jerk_option
 from kontur.cli.options import MACHINE, POSITIVE, progress_bar
 from kontur.cli.output import print_json, print_table
-from kontur.cli.path_options import z_option
+from kontur.cli.path_options import interpreter_option, z_option
 from kontur.errors import FileError, KonturError, visible
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ _EVENTS = {"word": "event", "count": "times", "line": "first in line", "time_s":
 @click.argument("file", type=click.Path(), metavar="FILE")
 @click.option("--feed", type=POSITIVE, metavar="MM_PER_S", help="Speed along a CSV path of x,y.")
 @z_option
+@interpreter_option
 @click.option(
     "--machine",
     type=MACHINE,
@@ -46,6 +47,7 @@ def command(
     file: str,
     feed: float | None,
     z: str,
+    interpreter: bool,
     machine: str,
     accel: float | None,
     jerk: float | None,
@@ -64,7 +66,7 @@ def command(
     result: dict[str, Any] = {"file": file, "machine": plan.name, "refusals": []}
     trajectory = None
     try:
-        program, refusals = programs.check(file, None if feed is None else feed * 1e-3, z)
+        program, refusals = programs.check(file, None if feed is None else feed * 1e-3, z, interpreter)
         result["refusals"] = [_refusal(error, count) for error, count in refusals]
         result["notes"] = [*program.notes, *clipped(bounds)]
         if not refusals:

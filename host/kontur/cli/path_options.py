@@ -14,3 +14,9 @@ z_option = click.option(
     "changes while they cut is refused. ignore: x and y go as programmed, whatever the others do. refuse: no word of "
     "theirs is taken.",
 )
+interpreter_option = click.option(
+    "--interpreter",
+    is_flag=True,
+    help="Read G-code by LinuxCNC's interpreter, the program rs274 of the Debian package linuxcnc-uspace: parameters, "
+    "expressions, O words, cycles, cutter compensation.",
+)

@@ -37,7 +37,7 @@ from kontur.cli.options import (
     target_options,
 )
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
-from kontur.cli.path_options import z_option
+from kontur.cli.path_options import interpreter_option, z_option
 from kontur.drive.controllers import CONTROLLERS, described
 from kontur.errors import FileError, KonturError
 from kontur.runs import RETURN_MAX_M
@@ -110,7 +110,7 @@ def _shape_option(name: str, text: str) -> Callable[[F], F]:
     )
 
 
-def _program(source: str, feed: float | None, z: str, **sizes: float | None) -> Program:
+def _program(source: str, feed: float | None, z: str, interpreter: bool, **sizes: float | None) -> Program:
     """The program of FILE, or of a shape with its `sizes` in mm at `feed` mm/s."""
     from kontur.path import programs, shapes
 
@@ -123,7 +123,7 @@ def _program(source: str, feed: float | None, z: str, **sizes: float | None) -> 
     if source not in SHAPES:
         if not os.path.exists(source):  # Path.exists() raises OSError for a name that is too long
             raise FileError(source, f"no such file, and no shape either; shapes are {', '.join(SHAPES)}")
-        return programs.load(source, None if feed is None else feed_mps, z)
+        return programs.load(source, None if feed is None else feed_mps, z, interpreter)
     values = {
         (name if name == "laps" else f"{name}_m"): value * (1.0 if name == "laps" else 1e-3)
         for name, value in (fitting | given).items()
@@ -167,6 +167,7 @@ _program_options = grouped(
         help=f"Speed along a shape (default: {DEFAULT_FEED_MPS * 1e3:g}) or a CSV path of x,y.",
     ),
     z_option,
+    interpreter_option,
     _shape_option("radius", "Radius"),
     _shape_option("half_width", "Half axis along x"),
     _shape_option("half_height", "Half axis along y"),

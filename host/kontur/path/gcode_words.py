@@ -38,8 +38,9 @@ _GROUP = {
     **dict.fromkeys((980, 990), "retract mode"),
 }
 KNOWN_M = frozenset((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 30, 48, 60))
-_COMPENSATION = "there is no cutter compensation; let the CAM program offset the path"
-_CYCLE = "drilling cycles move in z; let the CAM program write them out as single moves"
+_INTERPRETER = "read the file by LinuxCNC's interpreter (--interpreter)"
+_COMPENSATION = f"there is no cutter compensation; {_INTERPRETER}, or let the CAM program offset the path"
+_CYCLE = f"drilling cycles move in z; {_INTERPRETER}, or let the CAM program write single moves"
 _REFUSED_G = {
     611: "there is no exact stop mode; G61 stops at every corner that is not tangent",
     **dict.fromkeys((410, 411, 420, 421), _COMPENSATION),
@@ -47,6 +48,7 @@ _REFUSED_G = {
     960: "the speed of a spindle cannot follow the path; use G97",
     **dict.fromkeys((730, 740, 760, *range(810, 900, 10)), _CYCLE),
 }
+_REFUSED_M = dict.fromkeys((98.0, 99.0), f"subroutines are not understood; {_INTERPRETER}")
 _REFUSED_LETTER = {
     **dict.fromkeys("UVW", "the machine has two axes, x and y; remove the word"),
 }
@@ -132,9 +134,9 @@ def _block(code: str, line: int, refusals: Refusals) -> Block:
 
 def _unreadable(start: str) -> str:
     if start[0] in "Oo":
-        return "subroutines and loops (O words) are not understood; let the CAM program write single moves"
+        return f"subroutines and loops (O words) are not understood; {_INTERPRETER}"
     if "#" in start or "[" in start:
-        return "variables and expressions are not understood; write numbers"
+        return f"variables and expressions are not understood; {_INTERPRETER}, or write numbers"
     return "not a word; words are a letter and a decimal number, like X12.5"
 
 
@@ -152,7 +154,9 @@ def _taken(block: Block, letter: str, value: float, text: str) -> str | None:
         block.codes[group] = code
     elif letter == "M":
         if value not in KNOWN_M:
-            return "this M code is not understood (docs/paths.md lists those that are); remove it"
+            return _REFUSED_M.get(
+                value, "this M code is not understood (docs/paths.md lists those that are); remove it"
+            )
         block.m.append(int(value))
     elif letter not in _LETTERS:
         return _REFUSED_LETTER.get(letter, "this word is not understood; remove it")

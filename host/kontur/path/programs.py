@@ -7,29 +7,32 @@ from pathlib import Path
 
 from kontur.errors import FileError
 from kontur.files import read_text
-from kontur.path import csv, gcode
+from kontur.path import csv, gcode, gcode_words
+from kontur.path import interpreter as linuxcnc
 from kontur.path.gcode_words import Refusals
 from kontur.path.geometry import Program
 
 GCODE_SUFFIXES = (".ngc", ".nc", ".gcode", ".gc", ".tap", ".cnc")
 
 
-def load(file: str | Path, feed_mps: float | None = None, z: str = "pen") -> Program:
+def load(file: str | Path, feed_mps: float | None = None, z: str = "pen", interpreter: bool = False) -> Program:
     """The program in `file`: G-code, or a table of points (.csv), which may need a feed. `z` says what becomes of other
-    axes than x and y in G-code (kontur.path.gcode.Z_MODES).
+    axes than x and y in G-code (kontur.path.gcode.Z_MODES). `interpreter`: read G-code by LinuxCNC's rs274.
 
     Raises FileError: cannot be read, another suffix, or a mistake in it.
     """
-    program, refusals = check(file, feed_mps, z)
+    program, refusals = check(file, feed_mps, z, interpreter)
     if refusals:
         raise refusals.error()
     return program
 
 
-def check(file: str | Path, feed_mps: float | None = None, z: str = "pen") -> tuple[Program, Refusals]:
+def check(
+    file: str | Path, feed_mps: float | None = None, z: str = "pen", interpreter: bool = False
+) -> tuple[Program, Refusals]:
     """The same, and all that the file is refused for; the program lacks what is refused.
 
-    Raises FileError: cannot be read, another suffix, or a mistake in a table of points.
+    Raises FileError: cannot be read, another suffix, a mistake in a table of points, or no rs274 here.
     """
     path = Path(file)
     suffix = path.suffix.lower()
@@ -40,4 +43,5 @@ def check(file: str | Path, feed_mps: float | None = None, z: str = "pen") -> tu
         return csv.parse(text, str(path), feed_mps), Refusals(str(path))
     if feed_mps is not None:
         raise FileError(path, "the feed of G-code stands in the file (F); leave out --feed")
-    return gcode.read(text, str(path), z=z)
+    source = linuxcnc.blocks if interpreter else gcode_words.blocks
+    return gcode.read(text, str(path), z=z, source=source)
