@@ -48,8 +48,8 @@ ELEMENTS = 8
 """Maxwell slip elements of an axis (decision)."""
 ORDERS = np.array([1, 2, 6])
 """Periods a turn of the three harmonics of a screw (decision)."""
-AHEAD = 4.0
-"""Periods from an encoder reading to the middle of what the forces of the next four periods do (decision)."""
+AHEAD = 3.0
+"""Periods from an encoder reading to the middle of what the forces of the next two periods do (decision)."""
 CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 
 IDENTITY = np.eye(2)
@@ -952,21 +952,19 @@ class Servo:
         return np.array([y for y, _ in each]), [state for _, state in each]
 
     def _predict(self, c: Contour, measured_m: Array, q_dot: Array, force_N: Array, enabled: bool) -> None:
-        """Friction, or cogging and ripple, of one axis a period, where the forces of the next four act (decision)."""
+        """Friction, cogging and ripple of one axis a period, where the forces of the next two act (decision)."""
         p, s = self.p, self.state
+        i = s.turn % 2
         ahead_s = AHEAD * p.dt_s
-        turn = np.arange(2) == s.turn % 2
-        if s.turn >= 2:
-            s.screw_N = np.where(turn, screw_demand(force_N, measured_m + ahead_s * q_dot, p) - force_N, s.screw_N)
-            return
-        i = s.turn
         v = c.r_dot + ahead_s * c.r_ddot
         along = float(sat(v, p.friction_speed_mps)[i])
-        x = s.turns_m[i][-1] + float(v[i]) * TURNS * p.dt_s
+        x = s.turns_m[i][-1] + float(v[i]) * 2.0 * p.dt_s
         s.turns_m[i] = remembered(s.turns_m[i], x) if enabled else [0.0]
         if p.presliding_m[i] > 0.0:
             along = slip(s.turns_m[i], float(p.presliding_m[i]))
+        turn = np.arange(2) == i
         s.shape = np.where(turn, float(enabled) * along * stribeck(v, p), s.shape)
+        s.screw_N = np.where(turn, screw_demand(force_N, measured_m + ahead_s * q_dot, p) - force_N, s.screw_N)
 
     def _law(self, controller: str, c: Contour, q: Array, q_dot: Array) -> tuple[Array, Array, Array]:
         """Force of the law, its part that balances friction and the mass error, its part that drives (2), N."""

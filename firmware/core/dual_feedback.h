@@ -20,7 +20,7 @@
 
 struct dual_feedback_cfg {
     bool on;       /* false: there is no second encoder */
-    num gain;      /* w dt, 0..1, with dt from one step to the next */
+    num gain;      /* w dt, 0..1 */
     num tolerance; /* of d, um, > 0 */
 };
 
@@ -30,7 +30,7 @@ struct dual_feedback_state {
 
 /* Start with o = 0. */
 void dual_feedback_reset(struct dual_feedback_state *state);
-/* One step with the difference d, um: the position is first + state->offset. Returns whether the encoders
+/* One control period with the difference d, um: the position is first + state->offset. Returns whether the encoders
  * agree. */
 bool dual_feedback_step(const struct dual_feedback_cfg *cfg, struct dual_feedback_state *state, num difference);
 #endif

@@ -41,7 +41,7 @@ struct friction_axis_state {
 };
 
 struct friction_state {
-    vec2 shape; /* with on: of the next SERVO_SLOTS periods; else smc_direction() of the last one */
+    vec2 shape; /* with on: of the next two periods; else smc_direction() of the last one */
     struct friction_axis_state axis[2];
 };
 

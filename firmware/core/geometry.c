@@ -79,7 +79,7 @@ void geometry_reset(struct geometry_state *state)
 }
 
 void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
-                   const int32_t origin_nm[2], int turn)
+                   const int32_t origin_nm[2], vec2 direction, int turn)
 {
     int64_t p_nm[2];
     bool bridged = false;
@@ -92,17 +92,14 @@ void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state,
     if (both || turn == 0) {
         state->position.x = by_position(cfg, state, 0, p_nm, bridged);
         state->turn.x = by_angle(&cfg->axis[0], &state->axis[0], p_nm[0], bridged, cfg->dt);
+        state->force.x =
+            by_force(&cfg->axis[0], &state->axis[0], state->r_dot.x, state->r_ddot.x, direction.x, cfg->dt);
     }
     if (both || turn == 1) {
         state->position.y = by_position(cfg, state, 1, p_nm, bridged);
         state->turn.y = by_angle(&cfg->axis[1], &state->axis[1], p_nm[1], bridged, cfg->dt);
+        state->force.y =
+            by_force(&cfg->axis[1], &state->axis[1], state->r_dot.y, state->r_ddot.y, direction.y, cfg->dt);
     }
     state->started = true;
-}
-
-void geometry_force(const struct geometry_cfg *cfg, struct geometry_state *state, int axis, num r_dot, num r_ddot,
-                    num direction)
-{
-    num *const correction = axis == 0 ? &state->force.x : &state->force.y;
-    *correction = by_force(&cfg->axis[axis], &state->axis[axis], r_dot, r_ddot, direction, cfg->dt);
 }

@@ -23,7 +23,7 @@
  * The angle goes by p like the map, and not by the encoder, which is 0 wherever its drive was switched on: p belongs to
  * the same angle again as soon as the axis has been homed.
  *
- * The force is that of the reference, because a measured acceleration is noise. Where nothing
+ * The force is that of the reference of the last period, because a measured acceleration is noise. Where nothing
  * pushes, b stays. A table for which neither mass nor friction is given is pushed in the direction of motion.
  *
  * The result never steps, since the observer takes a step for a speed. F/k changes by at most GEOMETRY_DEFLECTION_RATE,
@@ -31,8 +31,8 @@
  * correction before decays with GEOMETRY_ORIGIN_RATE. The first period after geometry_reset() starts with the whole
  * correction: the caller resets its observers there.
  *
- * Context: servo_step() (servo.c) calls geometry_step() in the servo tick before the observer, and geometry_force() at its
- * end. The axes take turns.
+ * Context: servo_step() (servo.c) calls geometry_step() in the servo tick, before the observer, where the
+ * axes take turns.
  *
  * Source: position-dependent compensation as in ISO 230-1:2012, 3.4 (positioning and squareness errors); deflection
  * and lost motion from the reference as in Gross, Hamann, Wiegaertner, Electrical Feed Drives in Automation, 2001.
@@ -88,20 +88,18 @@ struct geometry_axis_state {
 struct geometry_state {
     bool started; /* false: geometry_reset() was the last call */
     struct geometry_axis_state axis[2];
-    vec2 position; /* the correction by position, um: lead, squareness and bridge */
-    vec2 turn;     /* the correction by angle, um, with its bridge */
-    vec2 force;    /* the correction by force, um: deflection and backlash */
+    vec2 r_dot, r_ddot; /* the reference of the last period; 0 where an axis has no power */
+    vec2 position;      /* the correction by position, um: lead, squareness and bridge */
+    vec2 turn;          /* the correction by angle, um, with its bridge */
+    vec2 force;         /* the correction by force, um: deflection and backlash */
 };
 
 /* Start with side 0 and without a reference. */
 void geometry_reset(struct geometry_state *state);
-/* What goes by position and angle, of axis 0 or 1, or of both: -1. The tool is at the encoder, moved by state->position,
- * state->turn and state->force. encoder is a position of the servo, and origin_nm is what makes the user's of it. Where it
- * starts, or an origin has changed, it is the turn of both axes. */
+/* One control period: the tool is at the encoder, moved by state->position, state->turn and state->force. encoder is a
+ * position of the servo, and origin_nm is what makes the user's of it; direction is that of the reference's friction
+ * (smc_direction()). It is the turn of axis 0 or 1, or of both: -1. Where it starts, or an origin has changed, it is that
+ * of both. */
 void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
-                   const int32_t origin_nm[2], int turn);
-/* What goes by the force, of an axis whose reference has r_dot and r_ddot, 0 without power. direction is that of its
- * friction. */
-void geometry_force(const struct geometry_cfg *cfg, struct geometry_state *state, int axis, num r_dot, num r_ddot,
-                    num direction);
+                   const int32_t origin_nm[2], vec2 direction, int turn);
 #endif

@@ -4,46 +4,33 @@
 
 static const vec2 ZERO;
 
-/* How far the tool is from the encoder of axis i. */
-static void locate_axis(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_table_in *in,
-                        const pos_t measured[2], int i)
-{
-    const struct geometry_state *g = &state->geometry;
-    const num turn = i == 0 ? g->turn.x : g->turn.y;
-    num placed = i == 0 ? g->force.x : g->force.y;
-    num correction = i == 0 ? g->position.x : g->position.y;
-    if (cfg->dual_feedback[i].on) {
-        struct dual_feedback_state *dual = &state->dual_feedback[i];
-        placed = n_add(placed, turn);
-        const num difference = n_sub(pos_sub(in->second[i], measured[i]), placed);
-        state->disagree |= !dual_feedback_step(&cfg->dual_feedback[i], dual, difference);
-        placed = n_add(placed, dual->offset);
-    } else {
-        correction = n_add(correction, turn);
-    }
-    *(i == 0 ? &state->placed.x : &state->placed.y) = placed;
-    *(i == 0 ? &state->correction.x : &state->correction.y) = correction;
-}
-
-/* Where the tool is. The axes take turns, and the first period is that of both. */
+/* Where the tool is. */
 static void locate(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_table_in *in,
                    const pos_t measured[2])
 {
     const bool first = !state->geometry.started;
-    const int axis = (int)(state->slot % 2u);
-    if (first || state->slot >= 2u) {
-        geometry_step(&cfg->geometry, &state->geometry, measured, in->origin_nm, axis);
-    }
+    geometry_step(&cfg->geometry, &state->geometry, measured, in->origin_nm, state->friction.shape,
+                  (int)(state->slot % 2u));
+    state->placed = state->geometry.force;
+    state->correction = state->geometry.position;
     state->disagree = false;
-    if (first) {
-        locate_axis(cfg, state, in, measured, 1 - axis);
-    }
-    locate_axis(cfg, state, in, measured, axis);
-    state->tool[0] = pos_add(measured[0], n_add(state->placed.x, state->correction.x));
-    state->tool[1] = pos_add(measured[1], n_add(state->placed.y, state->correction.y));
-    if (first) {
-        observer_reset(&state->observer[0], state->tool[0]);
-        observer_reset(&state->observer[1], state->tool[1]);
+    for (int i = 0; i < 2; i++) {
+        num *const placed = i == 0 ? &state->placed.x : &state->placed.y;
+        num *const correction = i == 0 ? &state->correction.x : &state->correction.y;
+        const num turn = i == 0 ? state->geometry.turn.x : state->geometry.turn.y;
+        struct dual_feedback_state *dual = &state->dual_feedback[i];
+        if (cfg->dual_feedback[i].on) {
+            *placed = n_add(*placed, turn);
+            const num difference = n_sub(pos_sub(in->second[i], measured[i]), *placed);
+            state->disagree |= !dual_feedback_step(&cfg->dual_feedback[i], dual, difference);
+            *placed = n_add(*placed, dual->offset);
+        } else {
+            *correction = n_add(*correction, turn);
+        }
+        state->tool[i] = pos_add(measured[i], n_add(*placed, *correction));
+        if (first) {
+            observer_reset(&state->observer[i], state->tool[i]);
+        }
     }
 }
 
@@ -207,15 +194,18 @@ static inline bool within_limits(vec2 max, const struct servo_in *in, vec2 force
     return in->enabled[0] && in->enabled[1] && n_lt(n_abs(force.x), max.x) && n_lt(n_abs(force.y), max.y);
 }
 
-/* What the next SERVO_SLOTS periods need of friction and screw is computed at the end of this one, where nothing else
- * has to be kept. Their forces act, in the mean, this many periods after the reading of now. */
-#define AHEAD 4
+/* What the next periods need of friction and screw is computed at the end of this one, where nothing else has to be
+ * kept, of one axis a period. The forces of the next two periods act, in the mean, this many periods after the reading
+ * of now. */
+#define AHEAD 3
 
-static void predict_friction(const struct servo_cfg *cfg, struct servo_state *state, num r_dot, num r_ddot, int axis)
+static void predict_friction(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_out *out,
+                             int axis)
 {
-    const num v = n_mad(r_dot, n_mul(NUM(AHEAD), cfg->dt), r_ddot);
+    const vec2 r_dot = v2_mad(out->contour.r_dot, n_mul(NUM(AHEAD), cfg->dt), out->contour.r_ddot);
+    const num v = axis == 0 ? r_dot.x : r_dot.y;
     friction_step(&cfg->friction, &state->friction, axis, state->enabled[axis], v, n_sat(v, cfg->smc.friction_speed),
-                  n_mul(NUM(SERVO_SLOTS), cfg->dt));
+                  n_mul(NUM(2), cfg->dt));
 }
 
 static num predict_screw(const struct servo_cfg *cfg, const struct servo_state *state, int axis, num force, num screw,
@@ -230,21 +220,12 @@ static __attribute__((noinline)) void predict(const struct servo_cfg *cfg, struc
                                               const struct servo_out *out, pos_t x, pos_t y)
 {
     const int axis = (int)(state->slot % 2u);
-    if (state->slot < 2u) {
-        const vec2 r_dot = out->contour.r_dot;
-        const vec2 r_ddot = out->contour.r_ddot;
-        const num v = axis == 0 ? r_dot.x : r_dot.y;
-        const num a = axis == 0 ? r_ddot.x : r_ddot.y;
-        if (cfg->friction.on) {
-            predict_friction(cfg, state, v, a, axis);
-        }
-        if (cfg->geometry.on) {
-            const vec2 shape = state->friction.shape;
-            const bool on = state->enabled[axis];
-            geometry_force(&cfg->geometry, &state->geometry, axis, on ? v : NUM(0), on ? a : NUM(0),
-                           axis == 0 ? shape.x : shape.y);
-        }
-    } else if (cfg->screw.on && axis == 0) {
+    state->geometry.r_dot = where_enabled(state->enabled, out->contour.r_dot);
+    state->geometry.r_ddot = where_enabled(state->enabled, out->contour.r_ddot);
+    if (cfg->friction.on) {
+        predict_friction(cfg, state, out, axis);
+    }
+    if (cfg->screw.on && axis == 0) {
         state->screw.x = predict_screw(cfg, state, axis, out->force.x, state->screw.x, x, out->velocity.x);
     } else if (cfg->screw.on) {
         state->screw.y = predict_screw(cfg, state, axis, out->force.y, state->screw.y, y, out->velocity.y);

@@ -35,9 +35,9 @@
 #include "core/oscillation.h"
 #include "core/screw.h"
 
-/* Slow computations take turns over this many control periods, and each uses the time of all slots as its step. Slots 0
- * and 1 compute energy, adaptation, friction and deflection of axis 0 and axis 1; slots 2 and 3 the adaptive feedforward,
- * cogging and ripple, and what goes by the position of the screw. */
+/* Slow computations take turns over this many control periods: slots 0 and 1
+ * compute energy and adaptation of axis 0 and axis 1, slots 2 and 3 the adaptive
+ * feedforward of axis 0 and axis 1. Each uses the time of all slots as its step. */
 #define SERVO_SLOTS 4u
 #define SERVO_OFFSET_MIN 2.5e-4 /* N: an offset below it is set to 0 */
 
@@ -71,7 +71,7 @@ struct servo_gains {
 /* Only with geometry.on. In memory of its own, so that the tick keeps the rest of its inputs in registers. */
 struct servo_table_in {
     int32_t origin_nm[2]; /* user's positions less the servo's */
-    pos_t second[2];      /* positions of second encoders, where dual_feedback is on and it is the axis's turn */
+    pos_t second[2];      /* positions of second encoders, where dual_feedback is on */
 };
 
 struct servo_in {
@@ -137,11 +137,6 @@ struct servo_out {
 void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const pos_t measured[2]);
 /* Forget what the watch for oscillation has seen. The gains are those of the configuration again. */
 void servo_reset_oscillation(const struct servo_cfg *cfg, struct servo_state *state);
-/* Whether the next step reads the second encoder of axis i: the axes take turns, and the first step reads both. */
-static inline bool servo_turn(const struct servo_state *state, unsigned i)
-{
-    return !state->geometry.started || (state->slot + 1u + i) % 2u == 0;
-}
 /* One control period. */
 void servo_step(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_in *in,
                 struct servo_out *out);

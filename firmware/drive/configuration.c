@@ -162,8 +162,8 @@ static bool has_second(const struct od_data *od, int axis)
 static struct dual_feedback_cfg dual_feedback(const struct od_data *od, int axis)
 {
     const struct od_second_encoder *e = &od->axis[axis].second_encoder;
-    /* w dt = 2 pi f 2 / CONTROL_HZ, of f in mHz: the axes take turns; 4 pi is 12566371 / 10^6 */
-    const num w_dt = n_ratio((int64_t)e->crossover * 12566371, (int64_t)CONTROL_HZ * 1000000000);
+    /* w dt = 2 pi f / CONTROL_HZ, of f in mHz; 2 pi is 6283185 / 10^6 */
+    const num w_dt = n_ratio((int64_t)e->crossover * 6283185, (int64_t)CONTROL_HZ * 1000000000);
     return (struct dual_feedback_cfg){
         .on = has_second(od, axis), .gain = n_min(w_dt, NUM(1)), .tolerance = milli(e->tolerance)};
 }
@@ -175,11 +175,11 @@ static bool has_geometry(const struct od_data *od, int axis)
            a->transmission.backlash != 0 || has_turn_error(&a->screw);
 }
 
-static void geometry(struct geometry_cfg *c, const struct od_data *od)
+static void geometry(struct geometry_cfg *c, const struct od_data *od, num dt)
 {
     const struct od_geometry *g = &od->geometry;
     c->on = has_geometry(od, 0) || has_geometry(od, 1) || g->squareness_x != 0 || g->squareness_y != 0;
-    c->dt = n_ratio(200 * (int64_t)SERVO_SLOTS, CONTROL_HZ); /* the axes take turns */
+    c->dt = n_mul(NUM(2), dt); /* the axes take turns */
     geometry_axis(&c->axis[0], &od->axis[0], g->squareness_x);
     geometry_axis(&c->axis[1], &od->axis[1], g->squareness_y);
 }
@@ -307,7 +307,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
         .force_limit = force_limit(&od->axis[0], &od->axis[1]),
         .oscillation = oscillation(od),
     };
-    geometry(&cfg.geometry, od);
+    geometry(&cfg.geometry, od, dt);
     for (int i = 0; i < 2; i++) {
         (void)force_filter(&cfg.force_filter, i, &od->axis[i].force_filter);
     }

@@ -180,14 +180,12 @@ SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_i
     }
 }
 
-/* What the geometry needs, of second encoders that of the axis whose turn it is. Not inline, so that it costs nothing where
- * the encoders are at the tool. */
+/* What the geometry needs. Not inline, so that it costs nothing where the encoders are at the tool. */
 __attribute__((noinline)) static void read_for_geometry(struct servo_loop *loop, const struct hal_drive_in *in,
                                                         struct servo_table_in *table)
 {
-    for (unsigned i = 0; i < 2u; i++) {
-        const bool turn = servo_turn(&loop->servo, i);
-        if (turn && loop->cfg_in_use->servo.dual_feedback[i].on) { /* a step makes up for those left out */
+    for (int i = 0; i < 2; i++) {
+        if (loop->cfg_in_use->servo.dual_feedback[i].on) { /* the first step makes up for those left out */
             table->second[i] = loop->first_pos[i] + encoder_step(&loop->second[i], in->second[i]);
         }
         table->origin_nm[i] = LOAD(loop->command.origin_nm[i]);

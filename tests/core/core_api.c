@@ -334,7 +334,9 @@ void api_observe(const api_drive *d, int i, int64_t measured, double force, int6
 void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const int64_t *encoder)
 {
     static struct geometry_cfg cfg;
-    struct geometry_state state = {.started = true};
+    struct geometry_state state = {.started = true,
+                                   .r_dot = v2(mk(axis[0].r_dot / MPS), mk(axis[1].r_dot / MPS)),
+                                   .r_ddot = v2(mk(axis[0].r_ddot / MPS2), mk(axis[1].r_ddot / MPS2))};
     cfg.dt = d->cfg.dt;
     for (int i = 0; i < 2; i++) {
         const struct api_geometry_axis *a = &axis[i];
@@ -363,9 +365,8 @@ void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const in
     }
     const int32_t origin_nm[2] = {axis[0].origin_nm, axis[1].origin_nm};
     const pos_t from[2] = {pos_of(encoder[0]), pos_of(encoder[1])};
-    geometry_step(&cfg, &state, from, origin_nm, -1);
+    geometry_step(&cfg, &state, from, origin_nm, v2(mk(axis[0].direction), mk(axis[1].direction)), -1);
     for (int i = 0; i < 2; i++) {
-        geometry_force(&cfg, &state, i, mk(axis[i].r_dot / MPS), mk(axis[i].r_ddot / MPS2), mk(axis[i].direction));
         const struct geometry_axis_state *x = &state.axis[i];
         struct api_geometry_axis *a = &axis[i];
         a->placed = result(x->position.placed) * UM;

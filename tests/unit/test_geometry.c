@@ -12,7 +12,6 @@ static struct geometry_cfg cfg;
 static struct geometry_state state;
 static double at_mm[2]; /* the encoders */
 static int32_t origin_nm[2];
-static vec2 r_dot, r_ddot;
 static double direction[2];
 static double tool_um[2];    /* the tool, less the encoder */
 static double largest_um[2]; /* largest change of it in a period */
@@ -21,7 +20,6 @@ void setUp(void)
 {
     cfg = (struct geometry_cfg){.on = true, .dt = mk(DT)};
     geometry_reset(&state);
-    r_dot = r_ddot = mk2(0, 0);
     for (int i = 0; i < 2; i++) {
         at_mm[i] = 0;
         origin_nm[i] = 0;
@@ -38,9 +36,7 @@ static void step(unsigned periods)
     for (unsigned k = 0; k < periods; k++) {
         const bool first = !state.started;
         const pos_t encoder[2] = {pos_from_nm(llround(at_mm[0] * 1e6)), pos_from_nm(llround(at_mm[1] * 1e6))};
-        geometry_step(&cfg, &state, encoder, origin_nm, -1);
-        geometry_force(&cfg, &state, 0, r_dot.x, r_ddot.x, mk(direction[0]));
-        geometry_force(&cfg, &state, 1, r_dot.y, r_ddot.y, mk(direction[1]));
+        geometry_step(&cfg, &state, encoder, origin_nm, mk2(direction[0], direction[1]), -1);
         const vec2 tool = v2_add(v2_add(state.position, state.turn), state.force);
         for (int i = 0; i < 2; i++) {
             const double before = tool_um[i];
@@ -73,8 +69,8 @@ static void test_nothing_told_leaves_the_tool_at_the_encoders(void)
 {
     at_mm[0] = 123.456789;
     at_mm[1] = -98.7654321;
-    r_dot = mk2(100, -100);
-    r_ddot = mk2(20, -20);
+    state.r_dot = mk2(100, -100);
+    state.r_ddot = mk2(20, -20);
     step(100);
     TEST_ASSERT_EQUAL_DOUBLE(0, tool_um[0]);
     TEST_ASSERT_EQUAL_DOUBLE(0, tool_um[1]);
@@ -228,14 +224,14 @@ static void spring(int axis)
 static void test_table_hangs_back_by_the_force_on_it(void)
 {
     spring(0);
-    r_ddot = mk2(10, 10);
+    state.r_ddot = mk2(10, 10);
     step(1000);
     expect(-0.25 * 20, 0);
-    r_ddot = mk2(0, 0);
-    r_dot = mk2(-40, -40);
+    state.r_ddot = mk2(0, 0);
+    state.r_dot = mk2(-40, -40);
     step(1000);
     expect(0.25 * 20, 0);
-    r_dot = mk2(0, 0);
+    state.r_dot = mk2(0, 0);
     direction[0] = 0.5;
     step(1000);
     expect(-0.25 * 4, 0);
@@ -244,8 +240,8 @@ static void test_table_hangs_back_by_the_force_on_it(void)
 static void test_deflection_of_each_axis_is_its_own(void)
 {
     spring(1);
-    r_dot = mk2(1, 4);
-    r_ddot = mk2(1, 5);
+    state.r_dot = mk2(1, 4);
+    state.r_ddot = mk2(1, 5);
     direction[1] = -1;
     step(1000);
     expect(0, -0.25 * (10 + 2 - 8));
@@ -255,7 +251,7 @@ static void test_deflection_changes_by_2_mm_per_s_at_most(void)
 {
     spring(0);
     step(1);
-    r_ddot = mk2(10, 0);
+    state.r_ddot = mk2(10, 0);
     step(10);
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, -10 * 10 * DT, tool_um[0]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, 10 * DT, largest_um[0]);
@@ -267,16 +263,16 @@ static void test_side_of_a_gap_follows_the_force_and_stays_where_nothing_pushes(
     cfg.axis[0].mass = cfg.axis[1].mass = mk(2);
     step(10);
     expect(0, 0); /* nothing has pushed yet */
-    r_ddot = mk2(1, -1);
+    state.r_ddot = mk2(1, -1);
     step(400);
     expect(-6, 6);
-    r_ddot = mk2(0.002, 0.002); /* 4 mN */
+    state.r_ddot = mk2(0.002, 0.002); /* 4 mN */
     step(400);
     expect(-6, 6);
-    r_ddot = mk2(0, 0);
+    state.r_ddot = mk2(0, 0);
     step(400);
     expect(-6, 6);
-    r_ddot = mk2(-0.003, 0.003);
+    state.r_ddot = mk2(-0.003, 0.003);
     step(400);
     expect(6, -6);
 }
@@ -287,7 +283,7 @@ static void test_force_and_not_the_motion_decides_the_side(void)
     cfg.axis[0].mass = mk(2);
     cfg.axis[0].coulomb = mk(1);
     direction[0] = 1;
-    r_ddot = mk2(-1, 0); /* the table is braked by 2 N, of which its friction takes 1 N */
+    state.r_ddot = mk2(-1, 0); /* the table is braked by 2 N, of which its friction takes 1 N */
     step(400);
     expect(6, 0);
 }
