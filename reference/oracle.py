@@ -674,10 +674,13 @@ def dual_feedback(
 class Watch:
     """What the watch for oscillation looks for: SI, and control periods.
 
-    `share` of the way to the force is what the slow part goes in a period: 1 - exp(-2 pi f_c dt).
+    `share` of the way to the force is what the slow part goes in a period: 1 - exp(-2 pi f_c dt). `count_N` moves the
+    mass by a count of the encoder where a half wave lasts `half_wave`; `force_max_N` counts at any frequency.
     """
 
     limit_N: float
+    count_N: float
+    force_max_N: float
     share: float
     half_wave: int
     lasts: int
@@ -687,9 +690,13 @@ def oscillations(w: Watch, beyond_path_N: Array, dt_s: float) -> list[tuple[int,
     """Period, frequency (Hz) and amplitude (N) of each oscillation in a force (n,) beyond what the path needs.
 
     The slow part is the sum of the forces before, weighted by share (1 - share)^age. A half wave is (beginning, sign,
-    peak) of the forces beyond the limit. Decision: the fifth one or a later one, `lasts` after the first, makes an
-    oscillation if each began within `half_wave` of the one before, and no swing, of two half waves, was below 70 % of
-    the largest one. What decays is looked at anew from there.
+    peak) of the forces beyond the limit; it goes on until one of half its peak or more to the other side. Decision: the
+    seventh one or a later one, `lasts` after the first, makes an oscillation if
+    - each began within `half_wave` of the one before,
+    - no swing, of two half waves, was below 70 % of the largest one (what decays is looked at anew from there),
+    - each of the last four that have ended was as large (90 %) and as long (a fifth of the period) as the one a period
+      before, and
+    - the last swing moves the mass by a count, or is beyond force_max_N.
     """
     weights = w.share * (1.0 - w.share) ** np.arange(len(beyond_path_N))
     slow = np.convolve(beyond_path_N, weights)[: len(beyond_path_N)]
@@ -701,12 +708,14 @@ def oscillations(w: Watch, beyond_path_N: Array, dt_s: float) -> list[tuple[int,
     for k in np.flatnonzero(np.abs(fast) > w.limit_N):
         sign, size = float(np.sign(fast[k])), float(abs(fast[k]))
         if waves and k - waves[-1][0] > w.half_wave:
-            waves = []
+            waves, first = [], 0
         if waves and waves[-1][1] == sign:
             waves[-1] = (waves[-1][0], sign, max(size, waves[-1][2]))
             continue
+        if len(waves) - first > 1 and size < 0.5 * waves[-1][2]:
+            continue
         if not waves:
-            first, swings = 0, []
+            swings = []
         elif len(waves) - first > 1:
             swing = waves[-2][2] + waves[-1][2]
             if swing < 0.7 * max(swings, default=0.0):
@@ -714,10 +723,27 @@ def oscillations(w: Watch, beyond_path_N: Array, dt_s: float) -> list[tuple[int,
             swings.append(swing)
         waves.append((int(k), sign, size))
         periods, count = int(k) - waves[first][0], len(waves) - first
-        if count >= 5 and periods >= w.lasts:
+        if count >= 7 and periods >= w.lasts and _repeats(waves[-7:]) and _moves(w, waves[-3:]):
             found.append((int(k), (count - 1) / (2.0 * periods * dt_s), max(swings) / 2.0))
-            waves = []
+            waves, first = [], 0
     return found
+
+
+def _repeats(waves: list[tuple[int, float, float]]) -> bool:
+    """Whether each of the four half waves before the last one of seven was like the one a period before."""
+    begins, peaks = [wave[0] for wave in waves], [wave[2] for wave in waves]
+    return all(
+        peaks[k] >= 0.9 * peaks[k - 2]
+        and abs((begins[k + 1] - begins[k]) - (begins[k - 1] - begins[k - 2])) <= (begins[k + 1] - begins[k - 1]) // 5
+        for k in range(2, 6)
+    )
+
+
+def _moves(w: Watch, waves: list[tuple[int, float, float]]) -> bool:
+    """Whether the period that the last one of three half waves ends moves the mass by a count."""
+    amplitude_N = (waves[0][2] + waves[1][2]) / 2.0
+    period = (waves[2][0] - waves[0][0]) / (2.0 * w.half_wave)
+    return amplitude_N * period**2 >= w.count_N or amplitude_N >= w.force_max_N
 
 
 # --- Cascade and cross-coupled control --------------------------------------------------------------------------------

@@ -204,11 +204,17 @@ static bool turn_error_fits(const struct od_screw *s)
     return s->lead == 0 || 158 * square <= (int64_t)s->lead * s->lead; /* (4 pi)^2 */
 }
 
-/* Amplitude of the watch for oscillation in N/4, of an axis: no more than half of the largest force counts. */
-static num oscillation_limit(const struct od_data *od, int i)
+/* The watch for oscillation of an axis with `mass` N T0^2/um / 4: no more than half of the largest force counts. */
+static struct oscillation_axis oscillation_axis(const struct od_data *od, int i, num mass)
 {
+    const struct od_oscillation *o = &od->oscillation;
     const uint32_t half = od->axis[i].plant.force_limit / 2u;
-    return n_ratio(od->oscillation.limit < half ? od->oscillation.limit : half, 4000);
+    const num rate = n_ratio((int64_t)355 * o->corner, (int64_t)113 * 200000); /* pi f_c T0 */
+    return (struct oscillation_axis){
+        .limit = n_ratio(o->limit < half ? o->limit : half, 4000),
+        .count = n_mul(n_mul(n_mul(mass, rate), rate), n_ratio(od->axis[i].plant.encoder, 100000000)),
+        .force_max = n_ratio(half, 4000),
+    };
 }
 
 static struct oscillation_cfg oscillation(const struct od_data *od)
@@ -216,14 +222,15 @@ static struct oscillation_cfg oscillation(const struct od_data *od)
     const struct od_oscillation *o = &od->oscillation;
     const struct od_plant *x = &od->axis[0].plant;
     const struct od_plant *y = &od->axis[1].plant;
+    const vec2 mass = v2(n_ratio(x->mass, 100000), n_ratio(y->mass, 100000));
     return (struct oscillation_cfg){
         .on = o->limit != 0,
         .lower = o->reaction == OSCILLATION_LOWER_GAINS,
         .gain_step = milli(o->gain_step),
         /* 1 - exp(-2 pi f_c dt) to second order: w / (1 + w / 2) with w = 2 pi f_c dt, pi as 355/113 */
         .slow = n_ratio((int64_t)710 * o->corner, (int64_t)113000 * CONTROL_HZ + (int64_t)355 * o->corner),
-        .limit = v2(oscillation_limit(od, 0), oscillation_limit(od, 1)),
-        .mass = v2(n_ratio(x->mass, 100000), n_ratio(y->mass, 100000)),
+        .axis = {oscillation_axis(od, 0, mass.x), oscillation_axis(od, 1, mass.y)},
+        .mass = mass,
         .viscous = v2(n_ratio(x->viscous, 20000000), n_ratio(y->viscous, 20000000)),
         .half_wave = (uint16_t)((uint64_t)CONTROL_HZ * 1000u / o->corner),
         .lasts = (uint16_t)(CONTROL_HZ * OSCILLATION_LASTS_MS / 1000u),

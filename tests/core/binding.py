@@ -204,9 +204,8 @@ class Drive:
         """oscillation_step() over all periods: period, frequency and amplitude of each oscillation, at most 100."""
         at, hz, size = self.ffi.new("int[100]"), self.ffi.new("double[100]"), self.ffi.new("double[100]")
         given = [self.ffi.new("double[]", list(x)) for x in (net_N, r_dot_mps, r_ddot_mps2)]
-        found = self.lib.api_oscillations(
-            self.handle, axis, w.limit_N, w.share, w.half_wave, w.lasts, len(net_N), *given, 100, at, hz, size
-        )
+        watch = (w.limit_N, w.count_N, w.force_max_N, w.share, w.half_wave, w.lasts)
+        found = self.lib.api_oscillations(self.handle, axis, *watch, len(net_N), *given, 100, at, hz, size)
         return [(at[k], hz[k], size[k]) for k in range(found)]
 
     def cascade(self, errors: dict[str, Any], coupled: bool, integral: Any) -> tuple[np.ndarray, np.ndarray]:

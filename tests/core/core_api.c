@@ -393,15 +393,16 @@ double api_dual_feedback(const api_drive *d, double crossover, double tolerance,
     return result(state.offset) * UM;
 }
 
-int api_oscillations(const api_drive *d, int i, double limit, double share, int half_wave, int lasts, int periods,
-                     const double *net, const double *r_dot, const double *r_ddot, int room, int *at, double *frequency,
-                     double *amplitude)
+int api_oscillations(const api_drive *d, int i, double limit, double count, double force_max, double share,
+                     int half_wave, int lasts, int periods, const double *net, const double *r_dot,
+                     const double *r_ddot, int room, int *at, double *frequency, double *amplitude)
 {
     const struct plant_cfg *p = &d->cfg.plant;
     const num quarter = mk(0.25);
+    const struct oscillation_axis axis = {mk(limit / 4.0), mk(count / 4.0), mk(force_max / 4.0)};
     const struct oscillation_cfg cfg = {.on = true,
                                         .slow = mk(share),
-                                        .limit = v2(mk(limit / 4.0), mk(limit / 4.0)),
+                                        .axis = {axis, axis},
                                         .mass = v2_scale(quarter, p->mass),
                                         .viscous = v2_scale(quarter, p->viscous),
                                         .half_wave = (uint16_t)half_wave,

@@ -86,9 +86,9 @@ void api_model(const api_drive *d, const double *u_bar, int64_t *q_bar, double *
 void api_observe(const api_drive *d, int i, int64_t measured, double force, int64_t *pos, double *state);
 /* `periods` of the watch for oscillation of axis i, with net force, velocity and acceleration of the reference (n,). Returns
  * how many were seen; at, frequency and amplitude of each, at most `room`. */
-int api_oscillations(const api_drive *d, int i, double limit, double share, int half_wave, int lasts, int periods,
-                     const double *net, const double *r_dot, const double *r_ddot, int room, int *at, double *frequency,
-                     double *amplitude);
+int api_oscillations(const api_drive *d, int i, double limit, double count, double force_max, double share,
+                     int half_wave, int lasts, int periods, const double *net, const double *r_dot,
+                     const double *r_ddot, int room, int *at, double *frequency, double *amplitude);
 /* Both axes, a period after the first one. */
 void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const int64_t *encoder);
 /* First and second encoder; returns the new offset. */

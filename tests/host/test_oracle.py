@@ -510,7 +510,8 @@ def test_watch_for_oscillation_sees_what_the_oracle_sees(core: Core) -> None:
     p, t = core.params(), np.arange(5000) * 1e-4
     for trial in range(40):
         axis = trial % 2
-        watch = oracle.Watch(30.0, float(rng.uniform(0.01, 0.06)), int(rng.integers(100, 400)), 600)
+        count_N = float(rng.choice([0.0, 0.5, 2.0]))
+        watch = oracle.Watch(30.0, count_N, 200.0, float(rng.uniform(0.01, 0.06)), int(rng.integers(100, 400)), 600)
         swing = rng.uniform(10.0, 90.0) * np.exp(rng.uniform(-8.0, 3.0) * t) * np.sin(rng.uniform(150.0, 2500.0) * t)
         steps = rng.choice([0.0, 60.0]) * np.sign(np.sin(rng.uniform(30.0, 200.0) * t))
         beyond = np.clip(swing + steps + rng.normal(0.0, 3.0, len(t)), -600.0, 600.0)

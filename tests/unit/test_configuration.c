@@ -98,8 +98,9 @@ static void test_contouring_law(void)
 
 static void test_watch_for_oscillation(void)
 {
-    od.axis[0].plant = (struct od_plant){.mass = 123456, .viscous = 456789, .force_limit = 100000};
-    od.axis[1].plant = (struct od_plant){.mass = 234567, .viscous = 567891, .force_limit = 80000};
+    od.axis[0].plant =
+        (struct od_plant){.mass = 123456, .viscous = 456789, .encoder = 123456789, .force_limit = 100000};
+    od.axis[1].plant = (struct od_plant){.mass = 234567, .viscous = 567891, .encoder = 1000000, .force_limit = 80000};
     od.oscillation = (struct od_oscillation){.limit = 45000, .corner = 43210, .reaction = 1, .gain_step = 567};
     const struct oscillation_cfg o = configuration_servo(&od).oscillation;
     TEST_ASSERT_TRUE(o.on);
@@ -107,8 +108,13 @@ static void test_watch_for_oscillation(void)
     near(0.567, o.gain_step);
     const double w = 2 * 3.14159265358979 * 43.210 / CONTROL_HZ;
     TEST_ASSERT_DOUBLE_WITHIN(w * w * w / 6 + 1e-6, 1 - exp(-w), val(o.slow)); /* it is a little off */
-    near(45.0 / 4, o.limit.x);
-    near(40.0 / 4, o.limit.y); /* half of the largest force */
+    near(45.0 / 4, o.axis[0].limit);
+    near(40.0 / 4, o.axis[1].limit); /* half of the largest force */
+    near(50.0 / 4, o.axis[0].force_max);
+    near(40.0 / 4, o.axis[1].force_max);
+    const double rate = 3.14159265358979 * 43.210; /* of a mass that swings by a count of 1.23 um and 10 nm */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 123.456 * rate * rate * 1.23456789e-6 / 4, val(o.axis[0].count));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 234.567 * rate * rate * 10e-9 / 4, val(o.axis[1].count));
     near(123.456 * UM / (T0 * T0) / 4, o.mass.x);
     near(234.567 * UM / (T0 * T0) / 4, o.mass.y);
     near(456.789 * UM / T0 / 4, o.viscous.x);

@@ -587,7 +587,7 @@ static void watch_for_oscillation(bool lower)
                                                .lower = lower,
                                                .gain_step = mk(0.5),
                                                .slow = mk(0.025),
-                                               .limit = mk2(0.5, 0.5),
+                                               .axis = {{.limit = mk(0.5)}, {.limit = mk(0.5)}},
                                                .mass = mk2(MASS_X / 4, MASS_Y / 4),
                                                .viscous = mk2(VISCOUS_X / 4, VISCOUS_Y / 4),
                                                .half_wave = 250,
@@ -605,7 +605,7 @@ static void test_oscillation_leaves_the_gains_alone_where_it_is_not_to_lower_the
     shake(800);
     TEST_ASSERT_EQUAL_INT32(0, oscillations()); /* it is not watched */
     watch_for_oscillation(false);
-    shake(800);
+    shake(1000); /* it begins with a step, which is larger */
     TEST_ASSERT_TRUE(oscillations() > 0);
     TEST_ASSERT_EQUAL_DOUBLE(1, val(state.gain));
     TEST_ASSERT_FALSE(state.gains_lowered || state.gains_changed);
@@ -675,7 +675,7 @@ static void test_lowered_gains_are_those_of_the_configuration_times_the_factor(v
 static void test_gains_are_lowered_again_down_to_a_least_factor_and_come_back_without_a_step_of_the_force(void)
 {
     watch_for_oscillation(true);
-    cfg.oscillation.limit = mk2(0.01, 0.01);
+    cfg.oscillation.axis[0].limit = cfg.oscillation.axis[1].limit = mk(0.01);
     cfg.oscillation.gain_step = mk(0.1);
     cfg.blend = mk(0.9);
     for (int i = 0; i < 3; i++) {
