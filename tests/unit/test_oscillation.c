@@ -192,15 +192,24 @@ static void test_small_swings_within_large_ones_do_not_delay_it(void)
     TEST_ASSERT_DOUBLE_WITHIN(4, 80, val(state[0].frequency));
 }
 
+static void test_a_step_at_its_beginning_does_not_delay_it(void)
+{
+    for (int i = 0; i < 1000; i++) {
+        step((i < 10 ? 500 : 0) + 60 * sin(2 * PI * 100 * i / HZ), 0);
+    }
+    TEST_ASSERT_TRUE(first_at >= 0);
+    TEST_ASSERT_TRUE(first_at <= 800);
+}
+
 static void test_what_lasts_without_being_regular_is_looked_at_anew(void)
 {
-    int ms[700];
-    double N[700];
-    for (int i = 0; i < 700; i++) { /* 7 s, more than is counted */
+    int ms[600];
+    double N[600];
+    for (int i = 0; i < 600; i++) { /* 6 s, longer than is counted */
         ms[i] = i / 2 % 2 == 0 ? 7 : 13;
         N[i] = 60;
     }
-    square(ms, N, 700);
+    square(ms, N, 600);
     TEST_ASSERT_EQUAL_INT32(0, state[0].count);
     TEST_ASSERT_TRUE(state[0].ticks < 32000);
     swing(100, 60, 130);
@@ -336,6 +345,7 @@ int main(void)
     RUN_TEST(test_what_has_no_period_is_not_seen);
     RUN_TEST(test_each_half_wave_is_compared_with_the_one_a_period_before);
     RUN_TEST(test_small_swings_within_large_ones_do_not_delay_it);
+    RUN_TEST(test_a_step_at_its_beginning_does_not_delay_it);
     RUN_TEST(test_what_lasts_without_being_regular_is_looked_at_anew);
     RUN_TEST(test_a_force_that_moves_a_mass_by_less_than_a_count_of_the_encoder_is_not_seen);
     RUN_TEST(test_steps_that_follow_each_other_slower_than_the_corner_are_not_seen);
