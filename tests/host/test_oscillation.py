@@ -16,6 +16,7 @@ from kontur import machine as machines
 from kontur.cli import main
 from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.target import Target
+from kontur.errors import EmcyError
 from kontur.experiments.robust import robust
 from kontur.machine import Machine
 from kontur.path import programs, shapes
@@ -28,7 +29,7 @@ TABLE1 = machines.load(machines.DEFAULT)
 _SCALED = machines.load(machines.MACHINES / "stiff_scale.toml")
 STIFF = replace(_SCALED, x=replace(_SCALED.x, scale_m=0.0), y=replace(_SCALED.y, scale_m=0.0))  # scales calm it
 BALL_SCREW = machines.load(machines.MACHINES / "ball_screw.toml")
-OSCILLATION = 0xFF1F
+OSCILLATION, FOLLOWING = 0xFF1F, 0x8611
 CIRCLE = shapes.circle(4e-3, 0.05)
 PART = Path(__file__).parents[2] / "examples/part.ngc"
 
@@ -40,6 +41,11 @@ def drive(controller: str, machine: Machine, parameters: dict[str, float], progr
 
 def with_lag(machine: Machine, lag_s: float) -> Machine:
     return replace(machine, x=replace(machine.x, current_lag_s=lag_s), y=replace(machine.y, current_lag_s=lag_s))
+
+
+def with_mode(machine: Machine, share: float) -> Machine:
+    x, y = (replace(axis, resonance_Hz=share * axis.resonance_Hz) for axis in machine.axes)
+    return replace(machine, x=x, y=y)
 
 
 def onset_s(result: RunResult, limit_N: float = 30.0) -> float:
@@ -71,8 +77,13 @@ OSCILLATING = {
     "too much gain of the cascade": ("cascade", with_lag(TABLE1, 1e-3), {"plant_x.mass": 880.0, "plant_y.mass": 980.0}),
     "mode of a stiff table": ("ccu", STIFF, {}),
     "mode of a stiff table under the cascade": ("cascade", STIFF, {}),
+    "mode of a stiff table, 30 % lower": ("ccu", with_mode(STIFF, 0.7), {}),
+    "mode of a stiff table, 30 % higher": ("ccu", with_mode(STIFF, 1.3), {}),
     "mode of a ball screw": ("ccu", BALL_SCREW, {}),
+    "mode of a ball screw, 30 % lower": ("ccu", with_mode(BALL_SCREW, 0.7), {}),
+    "mode of a ball screw, 30 % higher": ("ccu", with_mode(BALL_SCREW, 1.3), {}),
     "lag of the force": ("ccu", with_lag(TABLE1, 2e-3), {}),
+    "longer lag of the force": ("ccu", with_lag(TABLE1, 3e-3), {}),
 }
 
 
@@ -84,6 +95,31 @@ def test_oscillation_is_seen_within_100_ms_of_its_onset(kind: str) -> None:
     assert result.completed
     assert onset_s(result) <= 0.1
     assert "Hz" in result.log.meta["oscillation"]
+
+
+@pytest.mark.parametrize("reaction", [1, 2, 3])
+@pytest.mark.parametrize(
+    "kind", ["too much gain", "mode of a stiff table under the cascade", "longer lag of the force"]
+)
+def test_oscillation_ends_the_run_as_its_parameter_says(kind: str, reaction: int) -> None:
+    controller, machine, parameters = OSCILLATING[kind]
+    result = drive(controller, machine, parameters | {"oscillation.reaction": float(reaction)})
+    assert result.fault is not None
+    assert result.fault.code == OSCILLATION
+    assert not result.completed
+    assert onset_s(result) <= 0.1
+
+
+def test_second_encoder_that_counts_the_wrong_way_is_an_oscillation_before_the_path_begins() -> None:
+    with pytest.raises(EmcyError, match="FF1Fh"):
+        drive("ccu", _SCALED, {"second_encoder_x.invert": 1.0})
+
+
+def test_force_that_acts_the_wrong_way_runs_away_and_is_stopped_within_100_ms_of_its_onset() -> None:
+    result = drive("ccu", TABLE1, {"wiring_x.invert_force": 1.0})
+    assert result.fault is not None
+    assert result.fault.code == FOLLOWING
+    assert onset_s(result) <= 0.1
 
 
 def test_run_that_oscillates_stops_on_the_path_and_says_at_what_frequency() -> None:
@@ -127,3 +163,19 @@ def test_part_with_corners_gives_no_alarm() -> None:
 def test_draws_of_the_robustness_experiment_whose_force_swings_most_give_no_alarm() -> None:
     rows = robust(TABLE1, [4, 17, 31], controllers=["ccu"])
     assert [row["controllers"]["ccu"]["unstable"] for row in rows] == [None] * 3
+
+
+FALSE_ALARMS = {41: "cascade", 119: "ccu", 148: "ccu", 1010: "ccc", 1056: "ccu", 1070: "ccu", 1074: "ccu", 1195: "ccu"}
+"""Draws that were stopped: answers to a path (41, 148, 1010, 1070), and axes that hunt for a count."""
+
+
+@pytest.mark.parametrize("seed", FALSE_ALARMS)
+def test_draw_whose_force_only_answers_path_or_encoder_gives_no_alarm(seed: int) -> None:
+    controller = FALSE_ALARMS[seed]
+    assert robust(TABLE1, [seed], controllers=[controller])[0]["controllers"][controller]["unstable"] is None
+
+
+def test_draw_whose_axis_sticks_and_slips_is_stopped() -> None:
+    why = robust(TABLE1, [1006], controllers=["ccu"])[0]["controllers"]["ccu"]["unstable"]
+    assert why is not None
+    assert "FF1Fh" in why
