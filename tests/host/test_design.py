@@ -129,6 +129,7 @@ def test_the_resonance_of_the_plant_is_where_the_machine_says() -> None:
 
 def test_a_design_keeps_its_limits_and_runs_quietly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "_GENERATIONS", 12)
+    monkeypatch.setattr(search, "_DAMPED", ())
     file, machine = tmp_path / "params.toml", MACHINES / "ball_screw.toml"
     done = CliRunner().invoke(
         main, ["design", str(machine), "--controller", "cascade", "-o", str(file), "--json"], catch_exceptions=False
@@ -151,6 +152,7 @@ def test_a_design_keeps_its_limits_and_runs_quietly(tmp_path: Path, monkeypatch:
 
 def test_limits_that_no_gains_keep_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "_GENERATIONS", 2)
+    monkeypatch.setattr(search, "_DAMPED", ())
     file = tmp_path / "params.toml"
     done = CliRunner().invoke(
         main,

@@ -70,10 +70,11 @@ _HEADINGS = {
 def command(
     *, machine: str, controller: str, compensation: str, ms: float, force_step: float, out: Path, as_json: bool
 ) -> None:
-    """Find gains for the machine of a file: the least error of a friction reversal within margins.
+    """Find gains for the machine of a file: the least true error of a short move within margins.
 
     The margins hold for each resonance ±10 % and for masses ±20 %. The law is the firmware's own: its servo tick is
-    asked for its response. `kontur run --params PARAMS.toml` uses the result, `kontur param load` gives it to a drive.
+    asked for its response, and the best gains drive the simulated machine. `kontur run --params PARAMS.toml` uses the
+    result, `kontur param load` gives it to a drive.
     """
     from kontur.cli.run import log_path
     from kontur.design import figure

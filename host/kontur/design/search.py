@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Gains for a machine: the least error of a friction reversal within margins and a limit of the force step.
+"""Gains for a machine: the least error within margins and a limit of the force step.
 
-Every controller is searched for with the same effort, globally, since the contouring law has two basins at least: one
-with a fast observer, and one with a slow observer and high gains. A search of the same machine gives the same gains.
+The linear loop is searched for the least error of a friction reversal, globally, since the contouring law has two
+basins at least: one with a fast observer, and one with a slow observer and high gains. The best of each basin, without
+and with a filter, and with more damping, then drive the simulated machine, and the least true error decides. Every
+controller is searched for with the same effort. A search of the same machine gives the same gains.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +21,7 @@ from scipy.optimize import Bounds, differential_evolution, minimize
 from scipy.stats import qmc
 
 from kontur.design import loop
+from kontur.design.trial import Trial
 from kontur.drive import parameter_file
 from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.objects import Objects
@@ -30,7 +33,8 @@ Gains = dict[str, float]
 
 _POPULATION, _GENERATIONS = 40, 60
 _OBSERVERS = ((60.0, 600.0), (600.0, 5000.0))  # rad/s: the basins
-_STAGES = len(_OBSERVERS) + 1
+_DAMPED = (0.9, 0.8)  # shares of the limit of Ms for which there are candidates besides
+_STAGES = 2 * len(_OBSERVERS)
 _NEAR = 0.7  # logarithm of the factor on gains within which a filter is searched for
 _SEED = 1
 _UNSTABLE = 1e4  # above every logarithm of an error with
@@ -38,6 +42,7 @@ _EXCESS = 10.0  # times the logarithm of what exceeds a limit, which keeps the s
 _TOLERANCE = 0.01  # of the limits
 _MU_MPS2 = 6.0
 _LEARNING_PER_S = 2.0  # rate of the adaptive feedforward, slow beside the loop of every machine
+_LEARNING_PER_S = 2.0  # of the adaptive feedforward: slow beside every loop that a machine with a mode allows
 _DIGITS = 5
 
 
@@ -113,6 +118,9 @@ _LAWS: dict[str, tuple[tuple[Searched, ...], Callable[[Sequence[float]], Gains]]
 }
 _KNOWN = {  # where a search begins besides: the two basins of the contouring law with compensator
     "ccu": ((200.0, 100.0, 60.0, 1000.0, 1120.0), (390.0, 1045.0, 1140.0, 1500.0, 250.0)),
+}
+_LOCAL = {  # and where one more local search begins: with little of the second integrator, which the cascade never has
+    "ccu": ((1400.0, 1400.0, 60.0, 1000.0, 200.0),),
 }
 
 
@@ -266,20 +274,9 @@ def design(
     Raises MachineError where no gains keep the limits.
     """
     problem = Problem(machine, controller, compensation, ms, force_step_N)
-    limit = ms
-    for _ in range(3):  # a peak between the points of the coarse grid tightens the limit of the next search
-        gains = problem.gains(_searched(problem, limit, progress))
-        axes = predicted(problem, gains)
-        worst = max(axis.margins.ms for axis in axes)
-        if worst <= 1.002 * ms:
-            break
-        limit *= 0.995 * ms / worst
-    step_N = loop.force_step(axes[0].force_change_N, axes[1].force_change_N)
-    if worst > (1.0 + _TOLERANCE) * ms or step_N > (1.0 + _TOLERANCE) * force_step_N:
-        raise MachineError(
-            f"machine {machine.name!r}: no gains of {controller} keep Ms <= {ms:g} and a force step of "
-            f"{force_step_N:g} N; the nearest have {worst:.2f} and {step_N:.3g} N. Allow more: --ms, --force-step"
-        )
+    gains = problem.gains(_searched(problem, progress))
+    axes = predicted(problem, gains)
+    step_N = _force_step_N(axes)
     parameters = {**problem.told, **gains}
     return Design(
         machine=machine.name,
@@ -294,35 +291,85 @@ def design(
     )
 
 
-def _searched(problem: Problem, ms: float, progress: Callable[[float], None]) -> loop.Floats:
-    """The logarithms of the best gains, of a search with a slow observer and of one with a fast observer."""
-    cost = _Search(problem, ms)
-    found = [
-        _in_basin(problem, cost, observer, lambda share, i=i: progress((i + share) / _STAGES))  # type: ignore[misc]
-        for i, observer in enumerate(_OBSERVERS)
-    ]
-    _, law = min(found, key=lambda result: result[0])
-    _, rough = _with_filter(problem, cost, law, lambda share: progress((len(_OBSERVERS) + share) / _STAGES))
-    return _polished(_Search(problem, ms, 400, 51), rough, 0.01)[1]
+def _searched(problem: Problem, progress: Callable[[float], None]) -> loop.Floats:
+    """The logarithms of the gains that have the least error on the machine, of all candidates within the limits."""
+    trial = Trial(problem.machine, problem.controller)
+    found: list[tuple[float, loop.Floats]] = []
+    excess = [(math.inf, math.inf, math.inf)]
+    for candidate in _candidates(problem, progress):
+        worst, step_N = _used(problem, candidate)
+        excess.append((max(worst / problem.ms, step_N / problem.force_step_N), worst, step_N))
+        if excess[-1][0] <= 1.0 + _TOLERANCE:
+            found.append((trial({**problem.told, **problem.gains(candidate)}), candidate))
+    if not found:
+        _, worst, step_N = min(excess)
+        raise MachineError(
+            f"machine {problem.machine.name!r}: no gains of {problem.controller} keep Ms <= {problem.ms:g} and a force "
+            f"step of {problem.force_step_N:g} N; the nearest have {worst:.2f} and {step_N:.3g} N. Allow more: --ms, "
+            "--force-step"
+        )
+    return min(found, key=lambda result: result[0])[1]
+
+
+def _candidates(problem: Problem, progress: Callable[[float], None]) -> Iterator[loop.Floats]:
+    """For each observer the best gains without and with a filter, each with less and more damping."""
+    cost = _Search(problem, problem.ms)
+
+    def stage(done: int) -> Callable[[float], None]:
+        return lambda share: progress((done + share) / _STAGES)
+
+    for i, observer in enumerate(_OBSERVERS):
+        law = _in_basin(problem, cost, observer, stage(2 * i))
+        yield from _with_damping(problem, cost, law)
+        yield from _with_damping(problem, cost, _with_filter(problem, cost, law, stage(2 * i + 1)))
+    for known in _LOCAL.get(problem.controller, ()):
+        yield from _with_damping(problem, cost, _polished(cost, _start(problem, known), 0.3))
+
+
+def _with_damping(problem: Problem, cost: _Search, best: loop.Floats) -> Iterator[loop.Floats]:
+    """`best`, and the best near it with less of the limit of Ms, without those that are not stable."""
+    damped = (_polished(_Search(problem, share * problem.ms), best, 0.05) for share in _DAMPED)
+    yield from (_within(problem, vector) for vector in (best, *damped) if cost(vector) < _UNSTABLE)
+
+
+def _start(problem: Problem, known: Sequence[float]) -> loop.Floats:
+    """Logarithms of known gains without a filter; a crossover of encoders is put in where there is one."""
+    return np.asarray(np.log([*known[:-1], *(25.0 for _ in problem.second), known[-1]]))
+
+
+def _used(problem: Problem, vector: loop.Floats) -> tuple[float, float]:
+    """Ms and the force step in N, on the fine grid."""
+    axes = predicted(problem, problem.gains(vector))
+    return max(axis.margins.ms for axis in axes), _force_step_N(axes)
+
+
+def _within(problem: Problem, vector: loop.Floats) -> loop.Floats:
+    """Near `vector`, within the limits: a peak between the points of a coarse grid tightens the limit."""
+    limit = problem.ms
+    for _ in range(3):
+        worst = _used(problem, vector)[0]
+        if worst <= 1.002 * problem.ms:
+            break
+        limit *= 0.995 * problem.ms / worst
+        vector = _polished(_Search(problem, limit, 400, 51), vector, 0.01, 20)
+    return vector
 
 
 def _in_basin(
     problem: Problem, cost: _Search, observer: tuple[float, float], progress: Callable[[float], None]
-) -> tuple[float, loop.Floats]:
-    """The least cost without a filter and with an observer within this range, and the logarithms that have it."""
+) -> loop.Floats:
+    """The logarithms with the least cost without a filter and with an observer within this range."""
     box = [*problem.bounds[: -1 - len(_FILTER)], (math.log(observer[0]), math.log(observer[1]))]
     low, high = np.array(box).T
     population = _population(low, high)
     for known in _KNOWN.get(problem.controller, ()):
         if observer[0] <= known[-1] <= observer[1]:
-            centre = np.log([*known[:-1], *(25.0 for _ in problem.second), known[-1]])
+            centre = _start(problem, known)
             population[::4] = np.clip(centre + (population[::4] - population.mean(axis=0)) / 4.0, low, high)
     return _evolved(cost, low, high, population, _GENERATIONS, progress)
 
 
-def _with_filter(
-    problem: Problem, cost: _Search, law: loop.Floats, progress: Callable[[float], None]
-) -> tuple[float, loop.Floats]:
+def _with_filter(problem: Problem, cost: _Search, law: loop.Floats, progress: Callable[[float], None]) -> loop.Floats:
     """The same with a filter, near the best law without one. It begins with filters that do little."""
     low, high = np.array(problem.bounds).T
     low[: len(law)] = np.maximum(low[: len(law)], law - _NEAR)
@@ -333,7 +380,7 @@ def _with_filter(
     population[:, -2:] = population[:, -4:-2] + (population - middle)[:, -2:] / 6.0  # poles near the zeros
     population = np.clip(population, low, high)
     population[0] = [*law, *np.log(_NO_FILTER)]
-    return _evolved(cost, low, high, population, 2 * _GENERATIONS, progress)
+    return _evolved(cost, low, high, population, _GENERATIONS, progress)
 
 
 def _population(low: loop.Floats, high: loop.Floats, size: int = _POPULATION) -> loop.Floats:
@@ -347,8 +394,8 @@ def _evolved(
     population: loop.Floats,
     generations: int,
     progress: Callable[[float], None],
-) -> tuple[float, loop.Floats]:
-    """The least cost that evolution from `population` and then a simplex find, and where it is."""
+) -> loop.Floats:
+    """Where evolution from `population` and then a simplex find the least cost."""
     generation = itertools.count(1)
     best = differential_evolution(
         cost, Bounds(low, high), init=population, strategy="randtobest1bin", maxiter=generations, tol=1e-4,
@@ -358,14 +405,14 @@ def _evolved(
     return _polished(cost, best.x, 0.05)
 
 
-def _polished(cost: _Search, start: loop.Floats, size: float) -> tuple[float, loop.Floats]:
-    """The least cost that a simplex of this size finds, and where it is."""
+def _polished(cost: _Search, start: loop.Floats, size: float, effort: int = 60) -> loop.Floats:
+    """Where a simplex of this size finds the least cost, in `effort` trials for each quantity."""
     simplex = start + np.vstack([np.zeros(len(start)), size * np.eye(len(start))])
     found = minimize(
         cost, start, method="Nelder-Mead",
-        options={"maxfev": 60 * len(start), "xatol": 1e-4, "fatol": 1e-5, "initial_simplex": simplex},
+        options={"maxfev": effort * len(start), "xatol": 1e-4, "fatol": 1e-5, "initial_simplex": simplex},
     )  # fmt: skip
-    return float(found.fun), np.asarray(found.x)
+    return np.asarray(found.x)
 
 
 def predicted(problem: Problem, values: Mapping[str, float]) -> tuple[AxisDesign, AxisDesign]:
@@ -387,6 +434,10 @@ def predicted(problem: Problem, values: Mapping[str, float]) -> tuple[AxisDesign
         if i not in found or axis.margins.ms > found[i].margins.ms:
             found[i] = axis
     return found[0], found[1]
+
+
+def _force_step_N(axes: tuple[AxisDesign, AxisDesign]) -> float:
+    return loop.force_step(axes[0].force_change_N, axes[1].force_change_N)
 
 
 def _limit(problem: Problem, axes: tuple[AxisDesign, AxisDesign], step_N: float) -> str:

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The move on the simulated machine, which decides between gains that keep the margins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kontur.design import search
+from kontur.design.search import design
+from kontur.design.trial import STOPPED, Trial
+from kontur.drive import parameter_file
+from kontur.errors import MachineError
+from kontur.experiments import demo
+from kontur.machine import MACHINES, load
+
+BALL_SCREW = load(MACHINES / "ball_screw.toml")
+
+
+def test_the_trial_sees_what_the_linear_loop_does_not() -> None:
+    """The loop is the same, whatever the drive is told of friction and gap, and however fast it learns."""
+    trial, designed = Trial(BALL_SCREW, "ccu"), parameter_file.read(demo.designed("ccu"))
+    error = trial(designed)
+    assert 0.02e-6 < math.exp(error) < 0.5e-6
+    assert trial({**designed, "friction_x.presliding": 0.0, "friction_y.presliding": 0.0}) > error + 0.3
+    assert trial({**designed, "feedforward.friction_rate": 40.0, "feedforward.mass_rate": 20.0}) > error
+    wider = replace(BALL_SCREW, x=replace(BALL_SCREW.x, backlash_m=2e-5), y=replace(BALL_SCREW.y, backlash_m=2e-5))
+    assert Trial(wider, "ccu")(designed) > error + 0.5
+
+
+def test_the_trial_is_in_the_middle_of_a_short_travel() -> None:
+    short = replace(
+        BALL_SCREW,
+        x=replace(BALL_SCREW.x, travel_m=(0.1, 0.104), soft_limit_m=(0.1005, 0.1035), start_m=0.102,
+                  lead_error=0.0, limit_switch_m=0.0),
+        y=replace(BALL_SCREW.y, squareness_rad=0.0),
+    )  # fmt: skip
+    values = {**parameter_file.read(demo.designed("ccu")), **short.parameters(), "lead_map_x.points": 0}
+    assert math.exp(Trial(short, "ccu")(values)) < 1e-6
+
+
+def test_gains_that_stop_the_drive_lose() -> None:
+    values = {**BALL_SCREW.parameters(), "smc.lambda": 1500.0, "smc.k_0": 1500.0, "smc.k_max": 1500.0}
+    assert Trial(BALL_SCREW, "ccu")(values) == STOPPED
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_the_error_on_the_machine_decides_between_gains_within_the_limits(
+    fast: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last candidate has less error still, and a loop that no limit allows; the first stops the drive."""
+    observers = (800.0, 1500.0, 3000.0)
+    candidates = [np.log([10.0, 40.0, 5.0, observer]) for observer in observers]
+    candidates.append(np.log([150.0, 900.0, 100.0, 3200.0]))
+    errors = dict(zip(observers, (STOPPED, 1.0, 0.0 if fast else 2.0), strict=True))
+
+    def error(self: Trial, values: Mapping[str, float]) -> float:
+        return errors.get(values["observer.bandwidth"], -1.0)
+
+    monkeypatch.setattr(search, "_candidates", lambda *_: iter(candidates))
+    monkeypatch.setattr(Trial, "__call__", error)
+    assert design(BALL_SCREW, "cascade").gains["observer.bandwidth"] == (3000.0 if fast else 1500.0)
+
+
+def test_a_machine_that_no_candidate_is_within_the_limits_of_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "_candidates", lambda *_: iter([np.log([150.0, 900.0, 100.0, 3200.0])]))
+    with pytest.raises(MachineError, match=r"no gains of cascade keep Ms <= 2 .* the nearest have [3-9]\."):
+        design(BALL_SCREW, "cascade")
