@@ -151,6 +151,7 @@ def test_inverse_time_gives_each_move_its_duration() -> None:
         ("G1 X10\nG92 X0 Y5\nG1 X1 Y5", (11, 0)),
         ("G1 X10\nG92 X0\nG92.1\nG1 X1", (1, 0)),
         ("G1 X10\nG92 X0\nG92.2\nG1 X1\nG92.3\nX2", (12, 0)),
+        ("G1 X10\nG92 X0\nG92.2\nG1 X1", (1, 0)),
         ("G92 X5\nG55\nG1 X6", (1, 0)),
         ("G10 L2 P1 X5\nG53 G1 X1", (1, 0)),
         ("G10 L2 P1 X5\nG28 Y3", (0, 0)),

@@ -29,6 +29,7 @@ _CELL_M = 2e-4  # samples of a curve are this far apart, or closer where it turn
 _CELL_RAD = 0.05
 _CELLS_MAX = 1 << 17
 _RADIUS_MIN_M = 2e-6
+_EVEN_RAD, _EVEN_PER_M = 1e-7, 1e-4  # turn and change of curvature that do not count: at 1 m/s a jerk of 0.1 m/s3
 
 
 AXIS_SPEED = "the speed of an axis (velocity_mps)"
@@ -277,7 +278,8 @@ def _piece(length: float, v: float, a: float, j: float, limit: str) -> Piece:
 
 
 def _entry(before: Segment | None, after: Segment, limits: Limits) -> tuple[float, bool]:
-    """Bound of the speed where `after` follows `before`, and whether curvature or direction jumps there.
+    """Bound of the speed where `after` follows `before`, and whether curvature or direction jumps there by more than
+    rounding.
 
     A change of direction by `turn` is spread over one knot by the spline: an acceleration of speed times turn a knot.
     """
@@ -292,7 +294,9 @@ def _entry(before: Segment | None, after: Segment, limits: Limits) -> tuple[floa
     kick = turn / KNOT_S
     step = limits.centripetal_step_mps2
     root = kick + math.sqrt(kick**2 + 4.0 * jump * step)
-    return (2.0 * step / root if root > 0.0 else math.inf), True
+    if turn <= _EVEN_RAD and jump <= _EVEN_PER_M:
+        return math.inf, False
+    return 2.0 * step / root, True
 
 
 def _merged(into: Piece, piece: Piece) -> bool:
