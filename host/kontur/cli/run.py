@@ -40,6 +40,7 @@ from kontur.cli.output import print_json, print_table, print_warnings, warnings_
 from kontur.cli.path_options import interpreter_option, z_option
 from kontur.drive.controllers import CONTROLLERS, described
 from kontur.errors import FileError, KonturError
+from kontur.path.sizes import DEFAULT_FEED_MPS, SHAPES, shape
 from kontur.runs import RETURN_MAX_M
 
 if TYPE_CHECKING:
@@ -51,15 +52,6 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# Options of each shape, in mm (laps: turns), and their defaults.
-SHAPES: dict[str, dict[str, float]] = {
-    "circle": {"radius": 20.0, "laps": 1.0},
-    "ellipse": {"half_width": 30.0, "half_height": 15.0, "laps": 1.0},
-    "eight": {"size": 40.0, "laps": 1.0},
-    "square": {"side": 40.0, "corner_radius": 5.0},
-    "spiral": {"inner": 0.0, "outer": 20.0, "pitch": 5.0},
-}
-DEFAULT_FEED_MPS = 0.02
 _MAY_BE_0 = ("corner_radius", "inner")
 _NOT_IN_COMMAND = ("log", "report", "as_json", "controller", "scope_out")
 
@@ -112,24 +104,18 @@ def _shape_option(name: str, text: str) -> Callable[[F], F]:
 
 def _program(source: str, feed: float | None, z: str, interpreter: bool, **sizes: float | None) -> Program:
     """The program of FILE, or of a shape with its `sizes` in mm at `feed` mm/s."""
-    from kontur.path import programs, shapes
+    from kontur.path import programs
 
     feed_mps = DEFAULT_FEED_MPS if feed is None else feed * 1e-3
     given = {name: value for name, value in sizes.items() if value is not None}
-    fitting = SHAPES.get(source, {})
     for name in given:
-        if name not in fitting:
+        if name not in SHAPES.get(source, {}):
             raise click.UsageError(f"--{name.replace('_', '-')} does not belong to {source}")
-    if source not in SHAPES:
-        if not os.path.exists(source):  # Path.exists() raises OSError for a name that is too long
-            raise FileError(source, f"no such file, and no shape either; shapes are {', '.join(SHAPES)}")
-        return programs.load(source, None if feed is None else feed_mps, z, interpreter)
-    values = {
-        (name if name == "laps" else f"{name}_m"): value * (1.0 if name == "laps" else 1e-3)
-        for name, value in (fitting | given).items()
-    }
-    program: Program = getattr(shapes, source)(**values, feed_mps=feed_mps)
-    return program
+    if source in SHAPES:
+        return shape(source, given, feed_mps)
+    if not os.path.exists(source):  # Path.exists() raises OSError for a name that is too long
+        raise FileError(source, f"no such file, and no shape either; shapes are {', '.join(SHAPES)}")
+    return programs.load(source, None if feed is None else feed_mps, z, interpreter)
 
 
 def _output(log: Path | None, report: Path | None, as_json: bool) -> Output:
