@@ -178,10 +178,11 @@ bool cia402_enable_pending(const struct cia402 *c)
     return command_of(c->controlword) == ENABLE_OPERATION && find(c, ENABLE_OPERATION) != NULL;
 }
 
-uint16_t cia402_statusword(const struct cia402 *c)
+uint16_t cia402_statusword(const struct cia402 *c, bool live)
 {
     static const uint16_t bits[] = {
         [SOD] = 0x0040, [RTSO] = 0x0021, [SO] = 0x0023, [OE] = 0x0027, [QSA] = 0x0007, [FRA] = 0x000F, [FLT] = 0x0008,
     };
-    return (uint16_t)(bits[cia402_intact(c) ? c->state : FLT] | 0x0210u);
+    const enum cia402_state state = c->state == OE && !live ? SO : c->state;
+    return (uint16_t)(bits[cia402_intact(c) ? state : FLT] | 0x0210u);
 }

@@ -62,6 +62,7 @@ bool cia402_powered(const struct cia402 *c);
 bool cia402_enabled(const struct cia402 *c);
 /* Whether the controlword commands "enable operation" in a state from which it leads to operation enabled. */
 bool cia402_enable_pending(const struct cia402 *c);
-/* Bits of the statusword 6041h: those of the state, bit 4 (voltage enabled) and bit 9 (remote). */
-uint16_t cia402_statusword(const struct cia402 *c);
+/* Bits of the statusword 6041h: those of the state, bit 4 (voltage enabled) and bit 9 (remote). Until the amplifier is
+ * live, operation enabled is still told as switched on. */
+uint16_t cia402_statusword(const struct cia402 *c, bool live);
 #endif

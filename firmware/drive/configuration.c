@@ -387,6 +387,7 @@ void configuration_servo_loop(const struct od_data *od, struct servo_loop_cfg *c
         c->second_10fm[i] = a->second_encoder.length;
         c->following_ticks[i] = a->following_timeout * (CONTROL_HZ / 1000u);
         c->jump_counts[i] = jump_counts(od, a);
+        c->ready[i] = a->wiring.ready != 0 ? HAL_AMPLIFIER_FAULT : 0;
     }
 }
 

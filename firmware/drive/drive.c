@@ -5,9 +5,15 @@
 
 #include "drive/configuration.h"
 
+/* Whether an axis is in operation enabled with a live amplifier. */
+static bool enabled(const struct drive *d, int i)
+{
+    return cia402_enabled(&d->axis[i]) && d->powered[i];
+}
+
 static bool both_enabled(const struct drive *d)
 {
-    return cia402_enabled(&d->axis[0]) && cia402_enabled(&d->axis[1]);
+    return enabled(d, 0) && enabled(d, 1);
 }
 
 bool drive_powered(const struct drive *d)
@@ -121,6 +127,14 @@ static bool at_fault(const struct drive *d)
     return at;
 }
 
+static uint32_t power_word(const struct drive *d, int i)
+{
+    if (d->powered[i]) {
+        return SERVO_LOOP_ON;
+    }
+    return d->starting[i] ? SERVO_LOOP_STARTING : SERVO_LOOP_OFF;
+}
+
 /* The tick reads the words that were written for it. */
 static bool command_intact(const struct drive *d)
 {
@@ -128,7 +142,7 @@ static bool command_intact(const struct drive *d)
     bool intact = atomic_load(&c->controller) == d->od->controller.select &&
                   atomic_load(&c->configured) == d->configured && atomic_load(&c->stream) == d->path.stream;
     for (int i = 0; i < 2; i++) {
-        intact = intact && atomic_load(&c->powered[i]) == (d->powered[i] ? SERVO_LOOP_ON : SERVO_LOOP_OFF) &&
+        intact = intact && atomic_load(&c->powered[i]) == power_word(d, i) &&
                  (!d->powered[i] || servo_loop_simulated(&d->loop) == cfg_in_use(d)->onchip_plant.simulated);
     }
     return intact;
@@ -255,15 +269,31 @@ static void settle(struct drive *d)
     take_controlwords(d, 0);
 }
 
+/* Whether the amplifier of an axis, whose power stage is on, is live. One that says "ready" is so at once. When it has
+ * not done so in time, it is taken as live all the same, and so the tick raises its fault. */
+static bool live(const struct drive *d, int i)
+{
+    const struct od_wiring *wiring = &d->od->axis[i].wiring;
+    const bool ready = wiring->ready != 0 && d->starting[i] && (d->loop.snapshot.inputs[i] & HAL_AMPLIFIER_FAULT) == 0;
+    return ready || d->loop.snapshot.ms - d->started_ms[i] >= wiring->enable_delay;
+}
+
 /* Decide which axes have power from now on, and hold, suspend or end the path accordingly. */
 static void switch_power(struct drive *d)
 {
     bool off = false;
     bool on = false;
+    bool powered[2];
     for (int i = 0; i < 2; i++) {
-        const bool powered = cia402_powered(&d->axis[i]);
-        off = off || (d->powered[i] && !powered);
-        on = on || (!d->powered[i] && powered);
+        const bool wanted = cia402_powered(&d->axis[i]);
+        const bool was_on = d->powered[i] || d->starting[i];
+        if (!was_on) {
+            d->started_ms[i] = d->loop.snapshot.ms;
+        }
+        powered[i] = wanted && (d->powered[i] || live(d, i));
+        off = off || (was_on && !wanted);
+        on = on || (!d->powered[i] && powered[i]);
+        d->starting[i] = wanted && !powered[i];
     }
     if (on) {
         path_power_on(&d->path, d->od, d->powered);
@@ -274,11 +304,11 @@ static void switch_power(struct drive *d)
     if (off && !d->path.modes.generating) {
         path_power_off(&d->path);
     }
+    for (int i = 0; i < 2; i++) {
+        d->powered[i] = powered[i];
+    }
     if (off || both_enabled(d)) {
         command_guard_disarm(&d->command_guard);
-    }
-    for (int i = 0; i < 2; i++) {
-        d->powered[i] = cia402_powered(&d->axis[i]);
     }
 }
 
@@ -288,7 +318,7 @@ static void get_axes(const struct drive *d, struct path_axis axis[2])
         const struct cia402 *a = &d->axis[i];
         axis[i] = (struct path_axis){
             .controlword = a->controlword,
-            .enabled = cia402_enabled(a),
+            .enabled = enabled(d, i),
             .powered = d->powered[i],
             .quick_stop = a->state == CIA402_QUICK_STOP_ACTIVE ? a->quick_stop : NO_QUICK_STOP,
         };
@@ -319,7 +349,7 @@ static void write_command(struct drive *d)
 {
     struct servo_loop_command *c = &d->loop.command;
     for (int i = 0; i < 2; i++) {
-        atomic_store(&c->powered[i], d->powered[i] ? SERVO_LOOP_ON : SERVO_LOOP_OFF);
+        atomic_store(&c->powered[i], power_word(d, i));
     }
     atomic_store(&c->rate, d->path.modes.generating ? 1000u : d->od->feed_override);
     atomic_store(&c->run, may_run(d));
@@ -331,7 +361,7 @@ static void report_status(struct drive *d)
     for (int i = 0; i < 2; i++) {
         const unsigned mode = axis_modes_status(&d->path.modes, i, d->od->stream.state, d->path.progress.standing);
         d->od->axis[i].mode_display = d->path.modes.axis[i].mode;
-        d->od->axis[i].statusword = (uint16_t)(cia402_statusword(&d->axis[i]) | mode | warning);
+        d->od->axis[i].statusword = (uint16_t)(cia402_statusword(&d->axis[i], !d->starting[i]) | mode | warning);
     }
 }
 
@@ -352,7 +382,7 @@ void drive_step(struct drive *d, const struct drive_in *in)
 
 void drive_statusword_sent(struct drive *d, int axis)
 {
-    const unsigned now = cia402_statusword(&d->axis[axis]);
+    const unsigned now = cia402_statusword(&d->axis[axis], !d->starting[axis]);
     if (((now ^ d->od->axis[axis].statusword) & SW_STATE) == 0) {
         command_guard_sent(&d->command_guard, axis, d->axis[axis].changes);
     }

@@ -42,7 +42,9 @@ struct drive {
     struct integrity integrity;
     bool node_warns;        /* drive_in.node_warns of the last step */
     bool enable_refused;    /* an axis is to be enabled while one without power moves */
-    bool powered[2];        /* loop.command.powered as it is to be */
+    bool powered[2];        /* loop.command.powered as it is to be: ON, */
+    bool starting[2];       /* or STARTING, if not powered */
+    uint32_t started_ms[2]; /* snapshots published when it became so */
     uint32_t configured;    /* loop.command.configured as it is to be */
     uint32_t configured_ms; /* snapshots published when the configuration was handed over */
 };

@@ -128,6 +128,13 @@ static void supervise_axis(struct servo_loop *loop, const struct servo_loop_cfg 
     }
 }
 
+/* What the fault inputs of an axis say. Without power a "ready" output says nothing. */
+static inline unsigned watched(const struct servo_loop_cfg *cfg, const struct hal_drive_in *in, const bool powered[2],
+                               int i)
+{
+    return in->inputs[i] & ~(powered[i] ? 0u : cfg->ready[i]);
+}
+
 SELDOM static void supervise_in_detail(struct servo_loop *loop, const struct servo_loop_cfg *cfg, unsigned inputs,
                                        const bool powered[2], const struct servo_out *out)
 {
@@ -152,7 +159,7 @@ SELDOM static void supervise_in_detail(struct servo_loop *loop, const struct ser
 static inline void supervise(struct servo_loop *loop, const struct servo_loop_cfg *cfg, const struct hal_drive_in *in,
                              const bool powered[2], const struct servo_out *out)
 {
-    const unsigned inputs = in->inputs[0] | in->inputs[1];
+    const unsigned inputs = watched(cfg, in, powered, 0) | watched(cfg, in, powered, 1);
     const vec2 v = out->velocity;
     const vec2 e_w = out->contour.e_w;
     const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
@@ -197,7 +204,7 @@ __attribute__((noinline)) static void read_for_geometry(struct servo_loop *loop,
 SELDOM static bool may_configure(struct servo_loop *loop)
 {
     const bool powered =
-        LOAD(loop->command.powered[0]) == SERVO_LOOP_ON || LOAD(loop->command.powered[1]) == SERVO_LOOP_ON;
+        LOAD(loop->command.powered[0]) != SERVO_LOOP_OFF || LOAD(loop->command.powered[1]) != SERVO_LOOP_OFF;
     if (powered && loop->configured != UINT32_MAX) {
         servo_loop_raise(loop, FAULT_MEMORY);
         return false;
@@ -316,8 +323,11 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     /* reference, law */
     step_path(loop, cfg);
     const bool cut = (LOAD(loop->faults) & cfg->cut) != 0;
+    bool on[2];
     for (int i = 0; i < 2; i++) {
-        servo.enabled[i] = !cut && LOAD(loop->command.powered[i]) == SERVO_LOOP_ON;
+        const uint32_t powered = LOAD(loop->command.powered[i]);
+        servo.enabled[i] = !cut && powered == SERVO_LOOP_ON;
+        on[i] = servo.enabled[i] || (!cut && powered == SERVO_LOOP_STARTING);
     }
     servo.controller = (enum controller)LOAD(loop->command.controller);
     servo.path = loop->path.at;
@@ -328,14 +338,14 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     /* limits */
     supervise(loop, cfg, &in, servo.enabled, out);
     if ((LOAD(loop->faults) & cfg->cut) != 0) {
-        servo.enabled[0] = servo.enabled[1] = false;
+        on[0] = on[1] = false;
         out->force = v2(NUM(0), NUM(0));
     }
 
     /* write */
     const struct hal_drive_out drive = {
         .force_mN = {n_to_scaled(out->force.x, 1000), n_to_scaled(out->force.y, 1000)},
-        .enable = {servo.enabled[0], servo.enabled[1]},
+        .enable = {on[0], on[1]},
     };
     loop->io->drive_write(loop->io->ctx, &drive);
 

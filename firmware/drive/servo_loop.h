@@ -33,6 +33,7 @@ struct servo_loop_cfg {
     num speed_max;               /* um/T0 */
     num stop_time;               /* knots (ms) */
     uint32_t jump_counts[2];     /* encoder counts in one period that are no movement if exceeded */
+    uint8_t ready[2];            /* HAL_AMPLIFIER_FAULT if only a live amplifier has no fault, else 0 */
     /* These words the background may change in the configuration in use. Any mixture of old and new ones will do. */
     num following_max[2];         /* largest following error, um */
     int32_t min_nm[2], max_nm[2]; /* software position limits, of the user's zero */
@@ -41,20 +42,23 @@ struct servo_loop_cfg {
     struct servo_cfg servo; /* last, since it is the largest */
 };
 
-/* Each is the other's complement, so that no single bit that flips makes one of the other. */
+/* ON and OFF are complements, and STARTING differs from both in 16 bits: no single flipped bit makes one of another. */
 #define SERVO_LOOP_ON 0x5AC369F0u
 #define SERVO_LOOP_OFF 0xA53C960Fu
+#define SERVO_LOOP_STARTING 0x5AC3960Fu
 
 struct servo_loop_command {
-    _Atomic uint32_t powered[2]; /* SERVO_LOOP_ON: power stage on and law active; else off. A third value is an error */
-    _Atomic bool run;            /* path time may run */
-    _Atomic uint16_t rate;       /* rate of path time if it may run: 1/1000, 0 to 1000 PATH_RATE_MAX */
-    _Atomic bool complete;       /* all knots of the stream are in the ring */
-    _Atomic bool may_end;        /* the stream is open-ended, and its last knots are equal: it may end there */
-    _Atomic uint8_t controller;  /* enum controller */
-    _Atomic uint32_t stream;     /* number of the stream: path time starts from 0 when it changes */
-    _Atomic uint32_t configured; /* number of the configuration: the tick uses the new one when it changes */
-    _Atomic bool energy_reset;   /* the tick clears it */
+    /* SERVO_LOOP_ON: power stage on and law active; STARTING: power stage on, no force; else off. A fourth value is an
+     * error. */
+    _Atomic uint32_t powered[2];
+    _Atomic bool run;               /* path time may run */
+    _Atomic uint16_t rate;          /* rate of path time if it may run: 1/1000, 0 to 1000 PATH_RATE_MAX */
+    _Atomic bool complete;          /* all knots of the stream are in the ring */
+    _Atomic bool may_end;           /* the stream is open-ended, and its last knots are equal: it may end there */
+    _Atomic uint8_t controller;     /* enum controller */
+    _Atomic uint32_t stream;        /* number of the stream: path time starts from 0 when it changes */
+    _Atomic uint32_t configured;    /* number of the configuration: the tick uses the new one when it changes */
+    _Atomic bool energy_reset;      /* the tick clears it */
     _Atomic bool oscillation_reset; /* the tick clears it */
     _Atomic int32_t origin_nm[2];   /* user's position less the servo's: for the limits and the geometry */
 };

@@ -282,7 +282,8 @@ static void test_statusword_of_each_state_has_the_bits_of_cia_402(void)
                                           [QSA] = 0x07, [FRA] = 0x0F,  [FLT] = 0x08};
     for (unsigned state = 0; state < STATES; state++) {
         bring_to((enum cia402_state)state);
-        TEST_ASSERT_EQUAL_HEX16(bits[state] | 1u << 4 | 1u << 9, cia402_statusword(&axis));
+        TEST_ASSERT_EQUAL_HEX16(bits[state] | 1u << 4 | 1u << 9, cia402_statusword(&axis, true));
+        TEST_ASSERT_EQUAL_HEX16(bits[state == OE ? SO : state] | 1u << 4 | 1u << 9, cia402_statusword(&axis, false));
     }
 }
 
@@ -295,7 +296,7 @@ static void test_state_with_a_bit_turned_over_has_no_power_tells_a_fault_and_is_
             axis.not_state ^= 1u << bit;
             TEST_ASSERT_FALSE(cia402_intact(&axis));
             TEST_ASSERT_FALSE(cia402_powered(&axis) || cia402_enabled(&axis));
-            TEST_ASSERT_EQUAL_HEX16(0x0218, cia402_statusword(&axis));
+            TEST_ASSERT_EQUAL_HEX16(0x0218, cia402_statusword(&axis, true));
             cia402_command(&axis, FAULT_RESET, true);
             cia402_command(&axis, DISABLE_VOLTAGE, true);
             cia402_command(&axis, ENABLE, true);
