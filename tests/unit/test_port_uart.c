@@ -77,6 +77,19 @@ static void test_byte_that_overran_another_is_received_and_the_loss_counted(void
     TEST_ASSERT_EQUAL_UINT32(lost_before + 1, uart_lost());
 }
 
+/* slcan has no checksum: a wrong character could be another frame, and one that is missing is refused. */
+static void test_bytes_damaged_on_the_line_are_dropped_and_counted(void)
+{
+    char byte;
+    receive('a', USART_SR_RXNE | USART_SR_FE);
+    receive('b', USART_SR_RXNE | USART_SR_NF);
+    TEST_ASSERT_FALSE(uart_get(&byte));
+    TEST_ASSERT_EQUAL_UINT32(lost_before + 2, uart_lost());
+    receive('c', USART_SR_RXNE);
+    TEST_ASSERT_TRUE(uart_get(&byte));
+    TEST_ASSERT_EQUAL_CHAR('c', byte);
+}
+
 static void test_bytes_that_find_no_room_are_lost_and_counted_and_the_older_stay(void)
 {
     for (int i = 0; i < ROOM + 3; i++) {
@@ -171,6 +184,7 @@ int main(void)
     RUN_TEST(test_line_is_set_up_for_a_megabaud_and_interrupts_for_what_comes);
     RUN_TEST(test_bytes_are_received_in_the_order_in_which_they_come);
     RUN_TEST(test_byte_that_overran_another_is_received_and_the_loss_counted);
+    RUN_TEST(test_bytes_damaged_on_the_line_are_dropped_and_counted);
     RUN_TEST(test_bytes_that_find_no_room_are_lost_and_counted_and_the_older_stay);
     RUN_TEST(test_bytes_from_before_the_start_are_dropped);
     RUN_TEST(test_a_chip_sends_a_byte_each_interrupt_until_there_is_none);

@@ -35,12 +35,13 @@ void uart_irq(void)
 {
     const uint32_t status = BOARD_UART->SR;
     if ((status & (USART_SR_RXNE | USART_SR_ORE)) != 0) {
-        const char byte = (char)BOARD_UART->DR; /* clears both flags */
+        const char byte = (char)BOARD_UART->DR; /* clears these flags, FE and NF */
         const uint32_t in = atomic_load(&rx.in);
-        if ((status & USART_SR_ORE) != 0 || in - atomic_load(&rx.out) == ROOM) {
+        const bool dropped = (status & (USART_SR_FE | USART_SR_NF)) != 0 || in - atomic_load(&rx.out) == ROOM;
+        if (dropped || (status & USART_SR_ORE) != 0) {
             atomic_fetch_add(&lost, 1u);
         }
-        if (in - atomic_load(&rx.out) < ROOM) {
+        if (!dropped) {
             rx.byte[in % ROOM] = byte;
             atomic_store(&rx.in, in + 1u);
         }

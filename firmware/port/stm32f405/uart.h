@@ -14,7 +14,7 @@ void uart_init(void);
 bool uart_get(char *byte);
 /* Queue all of the bytes. false: there is no room, and none is queued. */
 bool uart_put(const char *bytes, unsigned count);
-/* Bytes received that were lost since power-on. */
+/* Bytes received that were lost since power-on: overrun, without room, or damaged (framing error, noise). */
 uint32_t uart_lost(void);
 void uart_irq(void);
 #endif
