@@ -79,6 +79,16 @@ static void test_every_parameter_is_checked_and_one_that_changed_stays_corrupt_u
     TEST_ASSERT_TRUE(parameters > 80);
 }
 
+static void test_parameters_are_intact_at_once_until_one_has_changed_without_a_seal(void)
+{
+    TEST_ASSERT_TRUE(integrity_parameters_intact(&m, &od));
+    od.smc.lambda++;
+    TEST_ASSERT_FALSE(integrity_parameters_intact(&m, &od));
+    TEST_ASSERT_FALSE(stays_intact()); /* and that has been seen */
+    od.smc.lambda--;
+    TEST_ASSERT_FALSE(integrity_parameters_intact(&m, &od));
+}
+
 static void test_so_many_entries_are_read_in_a_millisecond_and_no_more(void)
 {
     for (unsigned ms = 1; ms <= od_table_len / INTEGRITY_ENTRIES_MS; ms++) {
@@ -124,6 +134,7 @@ int main(void)
     RUN_TEST(test_what_nobody_changes_stays_intact_round_after_round);
     RUN_TEST(test_every_bit_of_the_configuration_is_checked_in_every_millisecond);
     RUN_TEST(test_every_parameter_is_checked_and_one_that_changed_stays_corrupt_until_a_reset);
+    RUN_TEST(test_parameters_are_intact_at_once_until_one_has_changed_without_a_seal);
     RUN_TEST(test_so_many_entries_are_read_in_a_millisecond_and_no_more);
     RUN_TEST(test_parameter_that_is_written_by_a_master_is_no_corruption);
     RUN_TEST(test_value_that_is_no_parameter_may_change);
