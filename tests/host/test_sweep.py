@@ -176,6 +176,15 @@ def test_table_is_the_same_bit_for_bit_by_one_worker_that_goes_on_after_a_crash(
     assert len(rows.read_bytes().splitlines()) == 5
 
 
+def test_nothing_is_left_of_a_line_that_was_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweep, "_results", lambda jobs, _: ((number, {"mean_um": number}) for number, _ in jobs))
+    asked, rows = sweep.load(written(tmp_path, SMALL)), tmp_path / "a.rows"
+    first = sweep.carry_out(asked, rows)
+    rows.write_bytes(rows.read_bytes()[:-5])
+    assert sweep.carry_out(asked, rows) == first
+    assert sweep.carry_out(asked, rows) == first
+
+
 def test_a_sweep_whose_program_is_killed_leaves_no_process_and_goes_on(
     table: tuple[Path, Path], tmp_path: Path
 ) -> None:
