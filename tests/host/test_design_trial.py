@@ -70,3 +70,10 @@ def test_a_machine_that_no_candidate_is_within_the_limits_of_is_refused(monkeypa
     monkeypatch.setattr(search, "_candidates", lambda *_: iter([np.log([150.0, 900.0, 100.0, 3200.0])]))
     with pytest.raises(MachineError, match=r"no gains of cascade keep Ms <= 2 .* the nearest have [3-9]\."):
         design(BALL_SCREW, "cascade")
+
+
+def test_a_candidate_with_too_large_a_force_step_is_brought_within_the_limit() -> None:
+    problem = search.Problem(BALL_SCREW, "cascade", "full", 2.0, 0.5)
+    start = np.log([30.0, 100.0, 20.0, 3000.0])
+    assert search._used(problem, start)[1] > 0.55
+    assert search._used(problem, search._within(problem, start))[1] <= 0.505

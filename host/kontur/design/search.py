@@ -347,10 +347,10 @@ def _within(problem: Problem, vector: loop.Floats) -> loop.Floats:
     """Near `vector`, within the limits: a peak between the points of a coarse grid tightens the limit."""
     limit = problem.ms
     for _ in range(3):
-        worst = _used(problem, vector)[0]
-        if worst <= 1.002 * problem.ms:
+        worst, step_N = _used(problem, vector)
+        if worst <= 1.002 * problem.ms and step_N <= (1.0 + 0.5 * _TOLERANCE) * problem.force_step_N:
             break
-        limit *= 0.995 * problem.ms / worst
+        limit *= min(1.0, 0.995 * problem.ms / worst)
         vector = _polished(_Search(problem, limit, 400, 51), vector, 0.01, 20)
     return vector
 
