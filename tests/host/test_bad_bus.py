@@ -27,7 +27,9 @@ from kontur.sim import process as sim_process
 from kontur.sim.bus import KonturBus
 
 RADIUS_M = 0.02
-MACHINE = machine.load().starting_at((RADIUS_M, 0.0))
+MACHINE = dataclasses.replace(  # whose gains are the factory's: on a bad bus each write more lets the axes creep longer
+    machine.load().starting_at((RADIUS_M, 0.0)), gains={}
+)
 QUIET = dataclasses.replace(  # its axes do not creep while a bad bus keeps them from getting power
     MACHINE,
     x=dataclasses.replace(MACHINE.x, force_noise_N=0.0),
