@@ -18,6 +18,8 @@
 #define TEST_ASSERT_NULL(pointer) TEST_ASSERT_TRUE_MESSAGE((pointer) == NULL, #pointer " is NULL")
 #define TEST_ASSERT_NOT_NULL(pointer) TEST_ASSERT_TRUE_MESSAGE((pointer) != NULL, #pointer " is not NULL")
 #define TEST_ASSERT_EQUAL(expected, actual) TEST_ASSERT_TRUE_MESSAGE((expected) == (actual), #actual " is " #expected)
+#define TEST_ASSERT_EQUAL_UINT32_MESSAGE(expected, actual, message)                                                    \
+    TEST_ASSERT_TRUE_MESSAGE((expected) == (actual), message)
 #define TEST_ASSERT_EQUAL_STRING(expected, actual) TEST_ASSERT_TRUE_MESSAGE(strcmp(expected, actual) == 0, #actual)
 #define TEST_ASSERT_EQUAL_UINT TEST_ASSERT_EQUAL
 #define TEST_ASSERT_EQUAL_HEX8 TEST_ASSERT_EQUAL
