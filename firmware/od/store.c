@@ -195,22 +195,19 @@ static void write_contents(struct writer *w, const struct contents *c)
     }
 }
 
-/* Whether the newest set holds just that, and nothing that this firmware does not know. */
+/* Whether the newest set holds just that, as far as this firmware knows its objects. */
 static bool is_stored(const struct contents *c)
 {
-    const struct store *s = c->store;
-    bool same = s->found;
-    uint32_t pairs = s->damaged ? 1u : 0u;
+    bool same = c->store->found;
     for (uint16_t i = 0; i < od_table_len && same; i++) {
         const struct od_entry *entry = &od_table[i];
         if (area_of(entry) != 0) {
             uint32_t value = 0, stored = 0;
             const bool wanted = value_to_store(c, entry, &value);
-            same = stored_value(s, entry, &stored) == wanted && (!wanted || value == stored);
-            pairs += wanted ? 1u : 0u;
+            same = stored_value(c->store, entry, &stored) == wanted && (!wanted || value == stored);
         }
     }
-    return same && s->end - s->begin == (pairs + 2u) * PAIR;
+    return same;
 }
 
 /* Bytes that a set can have at most: each object once. */
