@@ -144,73 +144,43 @@ struct writer {
 static void write_pair(struct writer *w, uint32_t first, uint32_t second)
 {
     const uint32_t pair[2] = {first, second};
-    w->ok = w->ok && w->hal->flash_write(w->hal->ctx, w->sector, w->at, pair, sizeof pair);
+    w->ok = w->ok && w->at + PAIR <= HAL_FLASH_BYTES &&
+            w->hal->flash_write(w->hal->ctx, w->sector, w->at, pair, sizeof pair);
     w->at += PAIR;
     w->crc = crc32(crc32(w->crc, first), second);
 }
 
-/* What a set is to hold: see store_write() */
-struct contents {
-    const struct store *store;
-    const struct od_data *od;
-    uint8_t node_id;
-    unsigned saved, retained;
-};
-
-/* The value that the newest set has for an entry: of several the last one, which counts. false: none. */
-static bool stored_value(const struct store *s, const struct od_entry *entry, uint32_t *value)
+static void write_value(struct writer *w, const struct od_entry *entry, uint32_t value)
 {
-    const uint32_t key = (uint32_t)entry->index << 8 | entry->sub;
-    bool found = false;
-    for (uint32_t at = s->begin + PAIR; s->found && at < s->end - PAIR; at += PAIR) {
-        if (word_at(s->hal, s->sector, at) == key) {
-            *value = word_at(s->hal, s->sector, at + WORD);
-            found = true;
-        }
-    }
-    return found;
+    write_pair(w, (uint32_t)entry->index << 8 | entry->sub, value);
+    w->pairs++;
 }
 
-/* The value to store for an entry. false: none. */
-static bool value_to_store(const struct contents *c, const struct od_entry *entry, uint32_t *value)
-{
-    const unsigned area = area_of(entry);
-    if ((area & c->saved) != 0) {
-        const int64_t now = od_read(c->od, entry);
-        *value = (uint32_t)now;
-        return (entry->flags & OD_NODE_ID) == 0 || now != od_read(&od_defaults, entry) + c->node_id;
-    }
-    return (area & c->retained) != 0 && stored_value(c->store, entry, value);
-}
-
-static void write_contents(struct writer *w, const struct contents *c)
+static void write_dictionary(struct writer *w, const struct od_data *od, uint8_t node_id, unsigned areas)
 {
     for (uint16_t i = 0; i < od_table_len; i++) {
         const struct od_entry *entry = &od_table[i];
-        uint32_t value = 0;
-        if (value_to_store(c, entry, &value)) {
-            write_pair(w, (uint32_t)entry->index << 8 | entry->sub, value);
-            w->pairs++;
+        if ((area_of(entry) & areas) == 0) {
+            continue;
+        }
+        const int64_t value = od_read(od, entry);
+        if ((entry->flags & OD_NODE_ID) == 0 || value != od_read(&od_defaults, entry) + node_id) {
+            write_value(w, entry, (uint32_t)value);
         }
     }
 }
 
-/* Whether the newest set holds just that, as far as this firmware knows its objects. */
-static bool is_stored(const struct contents *c)
+static void write_retained(struct writer *w, const struct store *s, unsigned areas)
 {
-    bool same = c->store->found;
-    for (uint16_t i = 0; i < od_table_len && same; i++) {
-        const struct od_entry *entry = &od_table[i];
-        if (area_of(entry) != 0) {
-            uint32_t value = 0, stored = 0;
-            const bool wanted = value_to_store(c, entry, &value);
-            same = stored_value(c->store, entry, &stored) == wanted && (!wanted || value == stored);
+    for (uint32_t at = s->begin + PAIR; s->found && at < s->end - PAIR; at += PAIR) {
+        const struct od_entry *entry = entry_of(word_at(s->hal, s->sector, at), areas);
+        if (entry != NULL) {
+            write_value(w, entry, word_at(s->hal, s->sector, at + WORD));
         }
     }
-    return same;
 }
 
-/* Bytes that a set can have at most: each object once. */
+/* Bytes that a set can have at most. */
 static uint32_t largest_set(void)
 {
     uint32_t bytes = 3 * PAIR; /* begin, end, and the mark of lost parameters */
@@ -224,11 +194,6 @@ bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, uns
 {
     const struct hal *hal = s->hal;
     const uint32_t room = largest_set();
-    const bool damaged = s->damaged && (retained & STORE_APPLICATION) != 0;
-    const struct contents contents = {.store = s, .od = od, .node_id = node_id, .saved = saved, .retained = retained};
-    if (damaged == s->damaged && is_stored(&contents)) {
-        return true;
-    }
     struct writer w = {.hal = hal, .sector = s->sector, .at = s->end, .crc = ERASED, .ok = true};
     if (!s->found || s->end + room > HAL_FLASH_BYTES || !is_erased(hal, s->sector, s->end, s->end + room)) {
         /* the sector with the newest set is never erased */
@@ -237,12 +202,14 @@ bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, uns
         w.ok = hal->flash_erase(hal->ctx, w.sector);
     }
     const uint32_t begin = w.at, sequence = s->sequence + 1;
+    const bool damaged = s->damaged && (retained & STORE_APPLICATION) != 0;
     write_pair(&w, STORE_MAGIC, sequence);
     if (damaged) {
         write_pair(&w, LOSS_MARK, 0);
         w.pairs++;
     }
-    write_contents(&w, &contents);
+    write_dictionary(&w, od, node_id, saved);
+    write_retained(&w, s, retained);
     write_pair(&w, STORE_END | w.pairs, ~crc32(w.crc, STORE_END | w.pairs));
     if (!w.ok || end_of_set(hal, w.sector, begin) != w.at) {
         return false;

@@ -46,8 +46,7 @@ void store_open(struct store *s, const struct hal *hal);
  * has not been loaded. */
 bool store_load(const struct store *s, struct od_data *od, unsigned areas);
 /* Write a set with the values of od for the areas `saved`, those of the newest set for the areas `retained`, and none
- * of the others, unless the newest set holds just that: then the flash does not wear. Of the objects that follow the
- * node id, only those are stored whose value is not their default at node_id. false: the flash failed, and the old set
- * is still the newest one. */
+ * of the others. Of the objects that follow the node id, only those are stored whose value is not their default at
+ * node_id. false: the flash failed, and the old set is still the newest one. */
 bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, unsigned saved, unsigned retained);
 #endif
