@@ -129,12 +129,18 @@ def _needs_room(rig: Rig) -> None:
         pytest.skip("a jog needs more room than the 2 mm of this suite: use a simulated target")
 
 
-@pytest.mark.motion
-def test_zeroed_outputs_of_a_plc_stop_a_jog(rig: Rig) -> None:
+def _jogging(rig: Rig) -> Master:
+    """A master whose outputs, of a PLC, are mapped into RPDO 3, and whose axes jog."""
     _needs_room(rig)
     master = Master(rig)
     master.map_rpdo(3, *_PLC)
     master.jog()
+    return master
+
+
+@pytest.mark.motion
+def test_zeroed_outputs_of_a_plc_stop_a_jog(rig: Rig) -> None:
+    master = _jogging(rig)
     rig.link.send(0x400 + master.node_id, bytes(6))
     assert master.states() == (SWITCH_ON_DISABLED, SWITCH_ON_DISABLED)
     assert rig.link.wait(lambda: max(map(abs, master.speeds())) < SPEED_UMPS // 20, 2.0)
@@ -144,10 +150,7 @@ def test_zeroed_outputs_of_a_plc_stop_a_jog(rig: Rig) -> None:
 
 @pytest.mark.motion
 def test_value_that_is_refused_is_refused_alone_and_told_once(rig: Rig) -> None:
-    _needs_room(rig)
-    master = Master(rig)
-    master.map_rpdo(3, *_PLC)
-    master.jog()
+    master = _jogging(rig)
     rejected = master.read(0x2200, 20)
     for _ in range(5):  # x goes on and asks for a mode that there is not, y stops
         rig.link.send(0x400 + master.node_id, bytes([0x0F, 0, 9, 0, 0, 0]))

@@ -41,7 +41,6 @@ _UNSTABLE = 1e4  # above every logarithm of an error with
 _EXCESS = 10.0  # times the logarithm of what exceeds a limit, which keeps the search within it
 _TOLERANCE = 0.01  # of the limits
 _MU_MPS2 = 6.0
-_LEARNING_PER_S = 2.0  # rate of the adaptive feedforward, slow beside the loop of every machine
 _LEARNING_PER_S = 2.0  # of the adaptive feedforward: slow beside every loop that a machine with a mode allows
 _DIGITS = 5
 
