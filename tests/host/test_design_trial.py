@@ -72,6 +72,13 @@ def test_a_machine_that_no_candidate_is_within_the_limits_of_is_refused(monkeypa
         design(BALL_SCREW, "cascade")
 
 
+def test_a_machine_on_which_all_candidates_stop_the_drive_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "_candidates", lambda *_: iter([np.log([10.0, 40.0, 5.0, 3000.0])]))
+    monkeypatch.setattr(Trial, "__call__", lambda *_: STOPPED)
+    with pytest.raises(MachineError, match="all gains of cascade that keep the limits stop the drive"):
+        design(BALL_SCREW, "cascade")
+
+
 def test_a_candidate_with_too_large_a_force_step_is_brought_within_the_limit() -> None:
     problem = search.Problem(BALL_SCREW, "cascade", "full", 2.0, 0.5)
     start = np.log([30.0, 100.0, 20.0, 3000.0])

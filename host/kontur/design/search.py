@@ -21,7 +21,7 @@ from scipy.optimize import Bounds, differential_evolution, minimize
 from scipy.stats import qmc
 
 from kontur.design import loop
-from kontur.design.trial import Trial
+from kontur.design.trial import STOPPED, Trial
 from kontur.drive import parameter_file
 from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.objects import Objects
@@ -307,7 +307,13 @@ def _searched(problem: Problem, progress: Callable[[float], None]) -> loop.Float
             f"step of {problem.force_step_N:g} N; the nearest have {worst:.2f} and {step_N:.3g} N. Allow more: --ms, "
             "--force-step"
         )
-    return min(found, key=lambda result: result[0])[1]
+    error, best = min(found, key=lambda result: result[0])
+    if error == STOPPED:
+        raise MachineError(
+            f"machine {problem.machine.name!r}: all gains of {problem.controller} that keep the limits stop the drive "
+            "on the simulated machine; ask for more margin: a lower --ms or --force-step"
+        )
+    return best
 
 
 def _candidates(problem: Problem, progress: Callable[[float], None]) -> Iterator[loop.Floats]:
