@@ -85,6 +85,16 @@ static void check_health(struct device *device)
     device->od.crash.count = h.crash.count;
 }
 
+/* An error of the row `node` of faults.toml is in effect, or not. */
+static void report_of_node(struct device *device, uint16_t code, bool in_effect)
+{
+    if (in_effect) {
+        co_emcy_set(&device->node, code, CO_REG_MANUFACTURER, 0);
+    } else {
+        co_emcy_reset(&device->node, code);
+    }
+}
+
 /* Whether a heartbeat is missing without which no axis may have power. The claim of a holder that falls silent without
  * power ends, and is no fault. */
 static bool heartbeat_lost(const struct device *device)
@@ -295,6 +305,9 @@ void device_poll(struct device *device)
         device->ms++;
         report(device, servo_loop_snapshot(&device->drive.loop));
         check_health(device);
+        settings_tick_ms(&device->settings);
+        report_of_node(device, CO_EMCY_FLASH_WORN, settings_worn(&device->settings));
+        report_of_node(device, CO_EMCY_SAVE_REFUSED, settings_refused(&device->settings));
         step(device, 0);
         if (command_guard_expire(&device->drive.command_guard, drive_powered(&device->drive),
                                  drive_now(&device->drive))) {

@@ -30,11 +30,13 @@ enum {
     CO_EMCY_PDO_SHORT = 0x8210,
     CO_EMCY_PDO_LONG = 0x8220,
     CO_EMCY_SYNC_LENGTH = 0x8240,
+    CO_EMCY_FLASH_WORN = 0xFF31, /* these two by the application, about the store of the dictionary */
+    CO_EMCY_SAVE_REFUSED = 0xFF32,
 };
-#define CO_ERRORS_OF_NODE 7
+#define CO_ERRORS_OF_NODE 9
 
-#define CO_ERRORS 40       /* most codes that can be in effect; the application's and the node's must fit */
-#define CO_EMCY_WAITING 44 /* more than CO_ERRORS, so that there is always one to leave out */
+#define CO_ERRORS 48       /* most codes that can be in effect; the application's and the node's must fit */
+#define CO_EMCY_WAITING 52 /* more than CO_ERRORS, so that there is always one to leave out */
 
 struct co_emcy_message {
     uint16_t code; /* 0: an error has ended */

@@ -50,6 +50,7 @@ uint8_t settings_init(struct settings *s, struct od_data *od, const struct hal *
     *s = (struct settings){.od = od, .hal = hal, .fits = fits, .node_id = node_id};
     store_open(&s->store, hal);
     od->store_writes = s->store.sequence;
+    (void)store_load(&s->store, od, STORE_WEAR);
     return settings_reset(s, false);
 }
 
@@ -60,13 +61,46 @@ bool settings_invalid(const struct settings *s)
 
 /* ---- storing ---- */
 
-/* See store_write(). What has been saved or left out is not invalid any more. */
-static bool write(struct settings *s, uint8_t node_id, unsigned saved, unsigned retained)
+/* See store_write(), unless the flash has just that. What has been saved or left out is not invalid any more. */
+static uint32_t write(struct settings *s, uint8_t node_id, unsigned saved, unsigned retained)
 {
-    const bool ok = store_write(&s->store, s->od, node_id, saved, retained);
+    bool ok = store_holds(&s->store, s->od, node_id, saved, retained);
+    if (!ok) {
+        s->refused = s->od->flash_wear.saves_left == 0;
+        if (s->refused) {
+            return SDO_ABORT_STATE;
+        }
+        s->od->flash_wear.saves_left--;
+        ok = store_write(&s->store, s->od, node_id, saved, retained);
+        s->od->store_writes = s->store.sequence;
+    }
     s->invalid &= ok ? retained : ALL;
-    s->od->store_writes = s->store.sequence;
-    return ok;
+    return ok ? SDO_OK : SDO_ABORT_HARDWARE;
+}
+
+void settings_tick_ms(struct settings *s)
+{
+    struct od_flash_wear *wear = &s->od->flash_wear;
+    if (wear->saves_left >= od_defaults.flash_wear.saves_left) {
+        return;
+    }
+    s->regain_ms++;
+    if (s->regain_ms >= SETTINGS_SAVE_MS) {
+        s->regain_ms = 0;
+        s->refused = false;
+        wear->saves_left++;
+    }
+}
+
+bool settings_refused(const struct settings *s)
+{
+    return s->refused;
+}
+
+bool settings_worn(const struct settings *s)
+{
+    const uint32_t endurance = (uint32_t)od_number(s->od, OBJ_FLASH_WEAR, SUB_FLASH_WEAR_ENDURANCE);
+    return s->od->flash_wear.erases >= endurance / 100u * SETTINGS_WORN_PERCENT;
 }
 
 uint32_t settings_check(const struct settings *s, const struct od_entry *entry, int64_t value)
@@ -90,10 +124,10 @@ uint32_t settings_command(struct settings *s, const struct od_entry *entry, uint
                                         [SUB_RESTORE_APPLICATION] = STORE_APPLICATION};
     const bool save = entry->index == OBJ_STORE;
     const unsigned replaced = save ? saved[entry->sub] : restored[entry->sub];
-    return write(s, node_id, save ? replaced : 0u, ALL & ~replaced) ? SDO_OK : SDO_ABORT_HARDWARE;
+    return write(s, node_id, save ? replaced : 0u, ALL & ~replaced);
 }
 
 bool settings_store_node(struct settings *s, uint8_t node_id)
 {
-    return write(s, node_id, STORE_NODE, STORE_COMMUNICATION | STORE_APPLICATION);
+    return write(s, node_id, STORE_NODE, STORE_COMMUNICATION | STORE_APPLICATION) == SDO_OK;
 }

@@ -8,6 +8,7 @@
 #define LOSS_MARK 0u     /* key of the pair that marks lost parameters; no object has it */
 
 enum { WORD = 4, PAIR = 8 };
+enum { EVERY_AREA = STORE_COMMUNICATION | STORE_APPLICATION | STORE_NODE | STORE_WEAR };
 
 /* CRC-32 of IEEE 802.3, computed four bits at a time. */
 static uint32_t crc32(uint32_t crc, uint32_t word)
@@ -92,6 +93,9 @@ void store_open(struct store *s, const struct hal *hal)
 static unsigned area_of(const struct od_entry *entry)
 {
     const unsigned both = OD_READ | OD_WRITE;
+    if (entry->index == OBJ_FLASH_WEAR && entry->sub == SUB_FLASH_WEAR_ERASES) {
+        return STORE_WEAR;
+    }
     if ((entry->flags & both) != both || entry->index == OBJ_ERROR_HISTORY || entry->index == OBJ_STORE ||
         entry->index == OBJ_RESTORE) {
         return 0;
@@ -103,6 +107,11 @@ static unsigned area_of(const struct od_entry *entry)
         return STORE_NODE;
     }
     return (entry->flags & OD_CONFIG) != 0 ? STORE_APPLICATION : 0;
+}
+
+static uint32_t key_of(const struct od_entry *entry)
+{
+    return (uint32_t)entry->index << 8 | entry->sub;
 }
 
 /* The entry of a stored pair, or NULL when it is unknown or not of `areas`. */
@@ -134,6 +143,53 @@ bool store_load(const struct store *s, struct od_data *od, unsigned areas)
     return in_range;
 }
 
+/* An identifier at its default follows the node id, and is not stored. */
+static bool is_to_store(const struct od_data *od, const struct od_entry *entry, uint8_t node_id)
+{
+    return (entry->flags & OD_NODE_ID) == 0 || od_read(od, entry) != od_read(&od_defaults, entry) + node_id;
+}
+
+/* Where the next pair of `area`, or of an object unknown to this firmware, is in the newest set from `at` on */
+static uint32_t next_pair(const struct store *s, uint32_t at, unsigned area)
+{
+    while (at < s->end - PAIR) {
+        const struct od_entry *entry = entry_of(word_at(s->hal, s->sector, at), EVERY_AREA);
+        if (entry == NULL || area_of(entry) == area) {
+            break;
+        }
+        at += PAIR;
+    }
+    return at;
+}
+
+/* Whether the newest set has of `area` just what od has, in the order of the dictionary, or nothing where !saved. */
+static bool area_is_stored(const struct store *s, const struct od_data *od, uint8_t node_id, unsigned area, bool saved)
+{
+    uint32_t at = next_pair(s, s->begin + PAIR + (s->damaged ? PAIR : 0u), area);
+    for (uint16_t i = 0; i < od_table_len && saved; i++) {
+        const struct od_entry *entry = &od_table[i];
+        if (area_of(entry) != area || !is_to_store(od, entry, node_id)) {
+            continue;
+        }
+        if (word_at(s->hal, s->sector, at) != key_of(entry) ||
+            word_at(s->hal, s->sector, at + WORD) != (uint32_t)od_read(od, entry)) {
+            return false;
+        }
+        at = next_pair(s, at + PAIR, area);
+    }
+    return at == s->end - PAIR;
+}
+
+bool store_holds(const struct store *s, const struct od_data *od, uint8_t node_id, unsigned saved, unsigned retained)
+{
+    static const unsigned areas[] = {STORE_COMMUNICATION, STORE_APPLICATION, STORE_NODE};
+    bool same = s->found && (!s->damaged || (retained & STORE_APPLICATION) != 0);
+    for (unsigned i = 0; i < sizeof areas / sizeof areas[0] && same; i++) {
+        same = (areas[i] & retained) != 0 || area_is_stored(s, od, node_id, areas[i], (areas[i] & saved) != 0);
+    }
+    return same;
+}
+
 struct writer {
     const struct hal *hal;
     unsigned sector;
@@ -152,7 +208,7 @@ static void write_pair(struct writer *w, uint32_t first, uint32_t second)
 
 static void write_value(struct writer *w, const struct od_entry *entry, uint32_t value)
 {
-    write_pair(w, (uint32_t)entry->index << 8 | entry->sub, value);
+    write_pair(w, key_of(entry), value);
     w->pairs++;
 }
 
@@ -163,9 +219,8 @@ static void write_dictionary(struct writer *w, const struct od_data *od, uint8_t
         if ((area_of(entry) & areas) == 0) {
             continue;
         }
-        const int64_t value = od_read(od, entry);
-        if ((entry->flags & OD_NODE_ID) == 0 || value != od_read(&od_defaults, entry) + node_id) {
-            write_value(w, entry, (uint32_t)value);
+        if (is_to_store(od, entry, node_id)) {
+            write_value(w, entry, (uint32_t)od_read(od, entry));
         }
     }
 }
@@ -190,7 +245,7 @@ static uint32_t largest_set(void)
     return bytes;
 }
 
-bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, unsigned saved, unsigned retained)
+bool store_write(struct store *s, struct od_data *od, uint8_t node_id, unsigned saved, unsigned retained)
 {
     const struct hal *hal = s->hal;
     const uint32_t room = largest_set();
@@ -200,6 +255,7 @@ bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, uns
         w.sector = s->found ? 1u - s->sector : 0u;
         w.at = 0;
         w.ok = hal->flash_erase(hal->ctx, w.sector);
+        od->flash_wear.erases++;
     }
     const uint32_t begin = w.at, sequence = s->sequence + 1;
     const bool damaged = s->damaged && (retained & STORE_APPLICATION) != 0;
@@ -208,7 +264,7 @@ bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, uns
         write_pair(&w, LOSS_MARK, 0);
         w.pairs++;
     }
-    write_dictionary(&w, od, node_id, saved);
+    write_dictionary(&w, od, node_id, saved | STORE_WEAR);
     write_retained(&w, s, retained);
     write_pair(&w, STORE_END | w.pairs, ~crc32(w.crc, STORE_END | w.pairs));
     if (!w.ok || end_of_set(hal, w.sector, begin) != w.at) {

@@ -28,8 +28,9 @@
 #define STORE_END 0xED000000u
 
 /* Areas of values, to be combined with |. Of 1000h to 1FFFh all that can be read and written is stored, but for the
- * error history and the commands 1010h and 1011h. Of the other objects the parameters and 2001h are stored. */
-enum store_area { STORE_COMMUNICATION = 1, STORE_APPLICATION = 2, STORE_NODE = 4 };
+ * error history and the commands 1010h and 1011h. Of the other objects the parameters and 2001h are stored. STORE_WEAR is the number of
+ * erasures (2170h:1), which is in every set. */
+enum store_area { STORE_COMMUNICATION = 1, STORE_APPLICATION = 2, STORE_NODE = 4, STORE_WEAR = 8 };
 
 struct store {
     const struct hal *hal; /* flash_read, flash_erase, flash_write */
@@ -45,8 +46,10 @@ void store_open(struct store *s, const struct hal *hal);
 /* Load the values of `areas` that the newest set has into od. false: one of them is out of the dictionary's range, and
  * has not been loaded. */
 bool store_load(const struct store *s, struct od_data *od, unsigned areas);
+/* Whether the newest set is the one that store_write() would write, so that writing it would only wear the flash. */
+bool store_holds(const struct store *s, const struct od_data *od, uint8_t node_id, unsigned saved, unsigned retained);
 /* Write a set with the values of od for the areas `saved`, those of the newest set for the areas `retained`, and none
- * of the others. Of the objects that follow the node id, only those are stored whose value is not their default at
+ * of the others. An erasure is counted in od (2170h:1). Of the objects that follow the node id, only those are stored whose value is not their default at
  * node_id. false: the flash failed, and the old set is still the newest one. */
-bool store_write(struct store *s, const struct od_data *od, uint8_t node_id, unsigned saved, unsigned retained);
+bool store_write(struct store *s, struct od_data *od, uint8_t node_id, unsigned saved, unsigned retained);
 #endif

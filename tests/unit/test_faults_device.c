@@ -378,6 +378,30 @@ static void test_sync_length_is_refused_until_a_right_one_comes(void)
     expect_clearing(ROW_SYNC_LENGTH, 2);
 }
 
+static void test_flash_worn_is_a_warning_that_stays(void)
+{
+    rig_nmt(&rig, 1);
+    rig_ms(&rig, 5);
+    rig.device.od.flash_wear.erases = 16000;
+    expect_reaction(ROW_FLASH_WORN);
+    rig.device.od.flash_wear.erases = 0; /* another board */
+    expect_clearing(ROW_FLASH_WORN, 5);
+}
+
+static void test_save_refused_is_a_warning_until_the_next_save_is_possible(void)
+{
+    rig_nmt(&rig, 1);
+    rig_ms(&rig, 5);
+    for (uint32_t i = 0; i < 8; i++) {
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2110, 1, 4, 100000 + i));
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, 0x65766173));
+    }
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2110, 1, 4, 123456));
+    TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, rig_write(&rig, 0x1010, 1, 4, 0x65766173));
+    expect_reaction(ROW_SAVE_REFUSED);
+    expect_clearing(ROW_SAVE_REFUSED, 60000);
+}
+
 /* ---- several at once ---- */
 
 static void test_of_two_faults_within_a_millisecond_603Fh_and_the_first_emcy_tell_the_first(void)
@@ -462,6 +486,8 @@ int main(void)
     RUN_TEST(test_pdo_long_is_refused_until_a_right_one_comes);
     RUN_TEST(test_pdo_value_is_refused_until_right_ones_come);
     RUN_TEST(test_sync_length_is_refused_until_a_right_one_comes);
+    RUN_TEST(test_flash_worn_is_a_warning_that_stays);
+    RUN_TEST(test_save_refused_is_a_warning_until_the_next_save_is_possible);
     RUN_TEST(test_of_two_faults_within_a_millisecond_603Fh_and_the_first_emcy_tell_the_first);
     RUN_TEST(test_later_fault_cuts_a_stop_on_the_path_short_and_603Fh_keeps_the_first);
     RUN_TEST(test_warning_is_reported_again_after_a_reset_of_the_node);

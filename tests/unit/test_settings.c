@@ -579,13 +579,15 @@ static void test_stored_value_of_another_area_out_of_range_is_reported_until_it_
     }
 }
 
-/* 2035h. Its description says how often a sector is erased, which is counted, too. */
+/* 2035h */
 static void test_sets_written_are_counted_over_power_off_and_every_way_of_writing(void)
 {
     TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2035, 0));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
     TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2035, 0));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1011, 2, 4, LOAD));
+    lss(4, 1, 0);
+    lss(0x13, 0, 2); /* 500 kbit/s */
     store_other_areas(2);
     TEST_ASSERT_EQUAL_UINT32(3, rig_read(&rig, 0x2035, 0));
     rig.flash.broken = true;
@@ -596,12 +598,88 @@ static void test_sets_written_are_counted_over_power_off_and_every_way_of_writin
     TEST_ASSERT_EQUAL_UINT32(3, rig_read(&rig, 0x2035, 0));
     power_on();
     TEST_ASSERT_EQUAL_UINT32(3, rig_read(&rig, 0x2035, 0));
-    const unsigned before = rig.flash.erases;
-    for (unsigned i = 0; i < 180; i++) {
-        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE));
+}
+
+/* ---- wear of the flash: 2170h ---- */
+
+static uint32_t save_other(uint32_t value)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2110, 1, 4, 100000 + value));
+    return rig_write(&rig, 0x1010, 1, 4, SAVE);
+}
+
+static void test_what_is_stored_already_is_not_written_again(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, save_other(1));
+    const uint32_t operations = rig.flash.operations;
+    for (unsigned i = 0; i < 1000; i++) {
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, (uint8_t)(1 + i % 3), 4, SAVE));
     }
-    TEST_ASSERT_EQUAL_UINT32(183, rig_read(&rig, 0x2035, 0));
-    TEST_ASSERT_UINT32_WITHIN(2, 180 / 4, rig.flash.erases - before);
+    store_other_areas(2);
+    TEST_ASSERT_EQUAL_UINT32(operations, rig.flash.operations);
+    TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2035, 0));
+    TEST_ASSERT_EQUAL_UINT32(7, rig_read(&rig, 0x2170, 3));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1011, 2, 4, LOAD));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1011, 2, 4, LOAD));
+    TEST_ASSERT_EQUAL_UINT32(2, rig_read(&rig, 0x2035, 0));
+    power_on();
+    TEST_ASSERT_EQUAL_UINT32(100001, rig_read(&rig, 0x2110, 1));
+}
+
+static void test_storm_of_saves_is_let_through_once_a_minute(void)
+{
+    for (unsigned i = 0; i < 8; i++) {
+        TEST_ASSERT_EQUAL_HEX32(0, save_other(i));
+    }
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1010, 1, 4, SAVE)); /* the same once more */
+    rig_ms(&rig, 2);
+    TEST_ASSERT_FALSE(rig_had_emcy(&rig, 0xFF32));
+    TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, save_other(9));
+    TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, rig_write(&rig, 0x1011, 1, 4, LOAD));
+    lss(4, 1, 0);
+    lss(0x11, 9, 0);
+    lss(0x17, 0, 0);
+    expect_response(0x17, 2);
+    lss(0x11, 1, 0);
+    rig_ms(&rig, 2);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0xFF32));
+    TEST_ASSERT_EQUAL_UINT32(8, rig_read(&rig, 0x2035, 0));
+    nmt(129, 1);
+    TEST_ASSERT_EQUAL_UINT32(100007, rig_read(&rig, 0x2110, 1));
+    TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, save_other(9));
+    rig_ms(&rig, 60000);
+    TEST_ASSERT_EQUAL_HEX8(0, rig.device.od.error_register);
+    TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2170, 3));
+    TEST_ASSERT_EQUAL_HEX32(0, save_other(9));
+    TEST_ASSERT_EQUAL_HEX32(SDO_ABORT_STATE, save_other(10));
+}
+
+static void test_erasures_are_counted_over_power_off_and_warned_of(void)
+{
+    for (unsigned i = 1; i <= 40; i++) {
+        if (i % 8 == 0) {
+            power_on();
+        }
+        TEST_ASSERT_EQUAL_HEX32(0, save_other(i));
+        TEST_ASSERT_EQUAL_UINT32(rig.flash.erases, rig_read(&rig, 0x2170, 1));
+    }
+    TEST_ASSERT_TRUE(rig.flash.erases >= 8);
+    power_on();
+    TEST_ASSERT_EQUAL_UINT32(rig.flash.erases, rig_read(&rig, 0x2170, 1));
+    rig.device.od.flash_wear.erases = 15999;
+    rig.emcy_count = 0;
+    rig_ms(&rig, 2);
+    TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
+    for (unsigned i = 1; i <= 5; i++) {
+        TEST_ASSERT_EQUAL_HEX32(0, save_other(100 + i));
+    }
+    rig_ms(&rig, 2);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0xFF31));
+    TEST_ASSERT_BITS(1u << 7, 1u << 7, rig.device.od.axis[0].statusword);
+    rig.emcy_count = 0;
+    nmt(129, 1);
+    rig_ms(&rig, 2);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0xFF31));
 }
 
 int main(void)
@@ -636,5 +714,8 @@ int main(void)
     RUN_TEST(test_stored_parameter_out_of_range_is_reported_and_the_others_are_used);
     RUN_TEST(test_stored_value_of_another_area_out_of_range_is_reported_until_it_is_replaced);
     RUN_TEST(test_sets_written_are_counted_over_power_off_and_every_way_of_writing);
+    RUN_TEST(test_what_is_stored_already_is_not_written_again);
+    RUN_TEST(test_storm_of_saves_is_let_through_once_a_minute);
+    RUN_TEST(test_erasures_are_counted_over_power_off_and_warned_of);
     return UNITY_END();
 }

@@ -221,6 +221,50 @@ static void test_set_of_another_firmware_gives_what_is_known_and_in_range(void)
     TEST_ASSERT_EQUAL_UINT(0, flash.erases);
 }
 
+/* The set that is there is the one that would be written, whatever was saved last. */
+static void test_store_holds_a_set_that_is_the_same_pair_for_pair_and_no_other(void)
+{
+    TEST_ASSERT_FALSE(store_holds(&store, &od, NODE, ALL, 0));
+    TEST_ASSERT_TRUE(save(1));
+    for (unsigned saved = 1; saved <= ALL; saved++) {
+        TEST_ASSERT_TRUE(store_holds(&store, &od, NODE, saved, ALL & ~saved));
+        TEST_ASSERT_FALSE(store_holds(&store, &od, NODE, 0, ALL & ~saved));
+        TEST_ASSERT_TRUE(store_write(&store, &od, NODE, saved, ALL & ~saved)); /* puts the areas in another order */
+        TEST_ASSERT_TRUE(store_holds(&store, &od, NODE, ALL, 0));
+    }
+    for (uint16_t i = 0; i < od_table_len; i++) {
+        const struct od_entry *e = &od_table[i];
+        const bool stored = (e->flags & OD_CONFIG) != 0 || e->index < 0x2000;
+        if (stored && (e->flags & OD_WRITE) != 0 && e->index != 0x1003 && e->index != 0x1010 && e->index != 0x1011) {
+            const int64_t now = od_read(&od, e);
+            od_write(&od, e, now ^ 1);
+            TEST_ASSERT_FALSE(store_holds(&store, &od, NODE, ALL, 0));
+            od_write(&od, e, now);
+        }
+    }
+    TEST_ASSERT_TRUE(store_holds(&store, &od, NODE, ALL, 0));
+    TEST_ASSERT_FALSE(store_holds(&store, &od, NODE + 1, ALL, 0)); /* identifiers that are no defaults there */
+    TEST_ASSERT_TRUE(store_write(&store, &od, NODE, 0, STORE_APPLICATION));
+    TEST_ASSERT_TRUE(store_holds(&store, &od, NODE, 0, STORE_APPLICATION));
+    TEST_ASSERT_FALSE(store_holds(&store, &od, NODE, ALL, 0));
+}
+
+static void test_store_does_not_hold_what_another_firmware_stored_besides_or_twice(void)
+{
+    static const uint32_t sets[4][6] = {{0x200101, 1, 0x200102, 1000, 0x211001, 1},
+                                        {0x200101, 1, 0x200102, 1000, 0x5FFF01, 1},
+                                        {0x200101, 1, 0x200102, 1000, 0x200101, 1},
+                                        {0x200101, 1, 0x200101, 1000, 0x211001, 1}};
+    for (unsigned i = 0; i < 4; i++) {
+        setUp();
+        make_set(STORE_MAGIC, sets[i], 3);
+        power_on();
+        od.node.id = 1;
+        od.node.bitrate = 1000;
+        TEST_ASSERT_EQUAL(i == 0, store_holds(&store, &od, NODE, STORE_NODE, ALL & ~STORE_NODE));
+    }
+}
+
 static void test_what_is_unknown_is_no_error(void)
 {
     const uint32_t pairs[] = {0x211001, 123456, 0x5FFF01, 1, 0x211077, 1};
@@ -429,5 +473,7 @@ int main(void)
     RUN_TEST(test_power_cuts_in_three_saves_in_a_row_leave_an_intact_set);
     RUN_TEST(test_set_that_fills_a_sector_is_loaded_and_saving_more_than_fits_leaves_it);
     RUN_TEST(test_what_is_unknown_is_no_error);
+    RUN_TEST(test_store_holds_a_set_that_is_the_same_pair_for_pair_and_no_other);
+    RUN_TEST(test_store_does_not_hold_what_another_firmware_stored_besides_or_twice);
     return UNITY_END();
 }

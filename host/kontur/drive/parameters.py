@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from canopen.sdo import SdoAbortedError
 
-from kontur.drive.objects import Objects, Parameter
+from kontur.drive.objects import Objects, Parameter, refused_in_this_state
 from kontur.errors import DeviceError, KonturError, ParameterError
 
 _SIGNATURE = {"store": 0x65766173, "restore": 0x64616F6C}  # "save" and "load", CiA 301, 1010h and 1011h
@@ -17,6 +17,10 @@ _STORE_REFUSALS = {
     0x06060000: "its flash reports an error; what was stored before still holds. Try again; if the error stays, the "
     "controller board is to be replaced",
 }
+_STORED_TOO_OFTEN = (
+    "it has been written too often of late, and each time wears its flash; what is stored is as before. Save again in "
+    "a minute"
+)
 _FLASH_S = 5.0  # more than erasing a sector takes
 
 
@@ -59,7 +63,7 @@ class Parameters(Mapping[str, Parameter]):
     def save(self, all_objects: bool = False) -> None:
         """Let the drive start with its parameters as they are now; `all_objects`: communication objects, too.
 
-        Raises DeviceError while an axis has power, and when the flash fails.
+        Raises DeviceError while an axis has power, when the flash fails, and when it was written too often of late.
         """
         self._command_store("store", all_objects)
 
@@ -94,6 +98,8 @@ class Parameters(Mapping[str, Parameter]):
             code = error.__cause__.code if isinstance(error.__cause__, SdoAbortedError) else 0
             if code not in _STORE_REFUSALS:
                 raise
-            raise DeviceError(f"the drive (node {link.node_id}) stores nothing: {_STORE_REFUSALS[code]}") from error
+            too_often = refused_in_this_state(error) and self._objects.read("flash_wear.saves_left") == 0
+            reason = _STORED_TOO_OFTEN if too_often else _STORE_REFUSALS[code]
+            raise DeviceError(f"the drive (node {link.node_id}) stores nothing: {reason}") from error
         finally:
             sdo.RESPONSE_TIMEOUT = before_s
