@@ -4,6 +4,7 @@
 #include <stddef.h>
 
 #include "drive/configuration.h"
+#include "drive/excite.h"
 
 enum { ANY_SUB = 0xFF, AXIS_STEP = OBJ_CONTROLWORD_Y - OBJ_CONTROLWORD_X };
 
@@ -122,6 +123,19 @@ static void reset_oscillation(const struct device_objects *d, const struct od_en
     atomic_store(&d->drive->loop.command.oscillation_reset, true);
 }
 
+/* 2150h to 2154h */
+static uint32_t command_excitation(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)entry;
+    return drive_excite(d->drive, value != 0);
+}
+
+static void report_excitation(const struct device_objects *d, const struct od_entry *entry)
+{
+    (void)entry;
+    excite_report(&d->drive->loop, d->od);
+}
+
 /* 2300h, 2301h: while there is a fault, its capture stays. */
 static uint32_t check_scope(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
@@ -227,6 +241,11 @@ static const struct object {
     {OBJ_MASTER, SUB_MASTER_CLAIM, .check = check_claim, .command = claim},
     {OBJ_MASTER, SUB_MASTER_TICKET, .refresh = draw_ticket},
     {OBJ_MASTER, SUB_MASTER_ARM, .command = arm},
+    {OBJ_EXCITATION, SUB_EXCITATION_COMMAND, .command = command_excitation},
+    {OBJ_EXCITATION, ANY_SUB, .refresh = report_excitation},
+    {OBJ_EXCITATION_FORCE, ANY_SUB, .refresh = report_excitation},
+    {OBJ_EXCITATION_FIRST, ANY_SUB, .refresh = report_excitation},
+    {OBJ_EXCITATION_SECOND, ANY_SUB, .refresh = report_excitation},
     {OBJ_STREAM, SUB_STREAM_COMMAND, .command = command_stream},
     {OBJ_STREAM, SUB_STREAM_TOTAL, .command = end_stream},
     {OBJ_ENERGY, SUB_ENERGY_RESET, .written = reset_energy},

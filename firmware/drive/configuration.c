@@ -4,6 +4,7 @@
 #include "core/trig.h"
 #include "supervision/fault.h"
 
+#define EXCITATION_LONGEST_MS 20000u
 #define OSCILLATION_LASTS_MS 60u /* an oscillation is one when it has lasted so long */
 
 /* Core units: um, T0 = 5 ms, N. A value of u wire units of `factor` each is u * factor * core units per SI unit:
@@ -389,6 +390,26 @@ void configuration_servo_loop(const struct od_data *od, struct servo_loop_cfg *c
         c->jump_counts[i] = jump_counts(od, a);
         c->ready[i] = a->wiring.ready != 0 ? HAL_AMPLIFIER_FAULT : 0;
     }
+}
+
+bool configuration_excitation(const struct od_data *od, struct excitation_cfg *c)
+{
+    const struct od_excitation *e = &od->excitation;
+    const uint32_t per_ms = CONTROL_HZ / 1000u;
+    *c = (struct excitation_cfg){.amplitude = milli(e->amplitude),
+                                 .settle = e->settle * per_ms,
+                                 .window = e->window * per_ms,
+                                 .windows = e->windows,
+                                 .axis = e->axis};
+    bool below_half = true;
+    while (c->lines < EXCITATION_LINES && od->excitation_periods[c->lines] != 0) {
+        c->periods[c->lines] = od->excitation_periods[c->lines];
+        below_half = below_half && 2u * c->periods[c->lines] < c->window;
+        c->lines++;
+    }
+    const uint32_t whole_ms = e->settle + (uint32_t)e->window * e->windows;
+    return below_half && c->lines != 0 && whole_ms <= EXCITATION_LONGEST_MS &&
+           2u * c->lines * e->amplitude <= od->axis[e->axis].plant.force_limit;
 }
 
 void configuration_hal(const struct od_data *od, struct hal_axis_cfg cfg[AXES])

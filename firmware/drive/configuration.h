@@ -23,5 +23,7 @@ struct onchip_plant_cfg configuration_onchip_plant(const struct od_data *od);
 void configuration_servo_loop(const struct od_data *od, struct servo_loop_cfg *c);
 /* Change what may change while the configuration is in use (servo_loop.h). */
 void configuration_live(const struct od_data *od, struct servo_loop_cfg *c);
+/* Of an excitation. Returns false where it would exceed what 2150h and 2151h say. */
+bool configuration_excitation(const struct od_data *od, struct excitation_cfg *c);
 void configuration_hal(const struct od_data *od, struct hal_axis_cfg cfg[AXES]);
 #endif

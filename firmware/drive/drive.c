@@ -4,6 +4,7 @@
 #include <stddef.h>
 
 #include "drive/configuration.h"
+#include "drive/excite.h"
 
 /* Whether an axis is in operation enabled with a live amplifier. */
 static bool enabled(const struct drive *d, int i)
@@ -344,6 +345,12 @@ static void follow_path(struct drive *d)
     path_step_modes(&d->path, d->od, axis, run);
 }
 
+/* Whether an axis may be excited: it is in operation enabled, and is not halted. */
+static bool may_excite(const struct drive *d, unsigned i)
+{
+    return enabled(d, (int)i) && (d->axis[i].controlword & CW_HALT) == 0;
+}
+
 /* Write the words that the tick reads, except those of the path (path.c). */
 static void write_command(struct drive *d)
 {
@@ -353,6 +360,9 @@ static void write_command(struct drive *d)
     }
     atomic_store(&c->rate, d->path.modes.generating ? 1000u : d->od->feed_override);
     atomic_store(&c->run, may_run(d));
+    if (atomic_load(&c->excite) == SERVO_LOOP_EXCITE && !may_excite(d, d->loop.excitation.cfg.axis % 2u)) {
+        excite_end(&d->loop);
+    }
 }
 
 static void report_status(struct drive *d)
@@ -444,6 +454,15 @@ void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
     servo_loop_init(&d->loop, hal, &d->path.queue.ring);
     path_init(&d->path, &d->loop, &od->stream);
     drive_reset(d);
+}
+
+uint32_t drive_excite(struct drive *d, bool begin)
+{
+    excite_end(&d->loop);
+    if (!begin) {
+        return SDO_OK;
+    }
+    return may_excite(d, d->od->excitation.axis) ? excite_begin(&d->loop, d->od) : SDO_ABORT_STATE;
 }
 
 uint32_t drive_scope_command(struct drive *d, uint8_t command)

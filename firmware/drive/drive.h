@@ -84,6 +84,9 @@ uint32_t drive_record(struct drive *d, struct knot record);
 /* Carry out the command written to object 2300h, enum scope_command. Returns SDO_OK, or the abort code. */
 uint32_t drive_scope_command(struct drive *d, uint8_t command);
 
+/* Begin the excitation that 2150h and 2151h describe, or end the one that runs. Returns SDO_OK, or the abort code. */
+uint32_t drive_excite(struct drive *d, bool begin);
+
 /* Whether an axis is in operation enabled or stops, so that parameters must not change. */
 bool drive_powered(const struct drive *d);
 /* Servo periods since power-on: the clock of the command guard. */

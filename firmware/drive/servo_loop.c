@@ -273,6 +273,43 @@ SELDOM static void reset_oscillation(struct servo_loop *loop)
     servo_reset_oscillation(&loop->cfg_in_use->servo, &loop->servo);
 }
 
+SELDOM static void end_excitation(struct servo_loop *loop, enum excitation_status status)
+{
+    STORE(loop->excitation.status, (uint8_t)status);
+    STORE(loop->command.excite, 0u);
+}
+
+/* Put the excitation on top of the force, within its limit, and correlate. */
+__attribute__((noinline)) static void excite(struct servo_loop *loop, const struct servo_in *servo,
+                                             const struct hal_drive_in *in, struct servo_out *out)
+{
+    struct servo_loop_excitation *e = &loop->excitation;
+    const uint32_t i = e->cfg.axis % 2u; /* a bit may flip */
+    const int32_t moved = (int32_t)((uint32_t)in->second[i] - (uint32_t)e->second_count);
+    e->second_count = in->second[i];
+    if (!servo->enabled[i] || (LOAD(loop->faults) & (loop->cfg_in_use->cut | loop->cfg_in_use->stop)) != 0) {
+        end_excitation(loop, EXCITATION_ENDED);
+        return;
+    }
+    num *const force = i == 0 ? &out->force.x : &out->force.y;
+    const num limit = i == 0 ? loop->servo.force_limit.limit.x : loop->servo.force_limit.limit.y;
+    const num excited = n_add(*force, excitation_force(&e->cfg, &e->state));
+    *force = n_within(excited, limit);
+    loop->servo.force = out->force; /* which heats the motor */
+    if (!n_lt(n_abs(excited), limit)) {
+        end_excitation(loop, EXCITATION_AT_LIMIT);
+        return;
+    }
+    const num signal[EXCITATION_SIGNALS] = {
+        [EXCITATION_FORCE] = excited,
+        [EXCITATION_FIRST] = n_ratio(loop->encoder[i].moved, 1),
+        [EXCITATION_SECOND] = n_ratio(moved, 1),
+    };
+    if (excitation_correlate(&e->cfg, &e->state, signal)) {
+        end_excitation(loop, EXCITATION_DONE);
+    }
+}
+
 /* Publish the record, and switch to the next one. */
 static inline void publish(struct servo_loop *loop)
 {
@@ -340,6 +377,9 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     if ((LOAD(loop->faults) & cfg->cut) != 0) {
         on[0] = on[1] = false;
         out->force = v2(NUM(0), NUM(0));
+    }
+    if (LOAD(loop->command.excite) == SERVO_LOOP_EXCITE) {
+        excite(loop, &servo, &in, out);
     }
 
     /* write */

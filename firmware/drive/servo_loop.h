@@ -16,6 +16,7 @@
 #define KONTUR_SERVO_LOOP_H
 #include <stdatomic.h>
 
+#include "core/excitation.h"
 #include "core/servo.h"
 #include "drive/encoder.h"
 #include "drive/telemetry.h"
@@ -47,6 +48,9 @@ struct servo_loop_cfg {
 #define SERVO_LOOP_OFF 0xA53C960Fu
 #define SERVO_LOOP_STARTING 0x5AC3960Fu
 
+/* An axis is excited; no single flipped bit makes it of 0. */
+#define SERVO_LOOP_EXCITE 0x3CA50F96u
+
 struct servo_loop_command {
     /* SERVO_LOOP_ON: power stage on and law active; STARTING: power stage on, no force; else off. A fourth value is an
      * error. */
@@ -61,6 +65,17 @@ struct servo_loop_command {
     _Atomic bool energy_reset;      /* the tick clears it */
     _Atomic bool oscillation_reset; /* the tick clears it */
     _Atomic int32_t origin_nm[2];   /* user's position less the servo's: for the limits and the geometry */
+    _Atomic uint32_t excite;        /* SERVO_LOOP_EXCITE, else not; the tick clears it at the end */
+};
+
+enum excitation_status { EXCITATION_NEVER, EXCITATION_RUNS, EXCITATION_DONE, EXCITATION_ENDED, EXCITATION_AT_LIMIT };
+
+/* The tick's while command.excite is set, else the background's. */
+struct servo_loop_excitation {
+    struct excitation_cfg cfg;
+    struct excitation_state state;
+    int32_t second_count;   /* of the second encoder, in the last period */
+    _Atomic uint8_t status; /* enum excitation_status */
 };
 
 struct servo_loop {
@@ -97,6 +112,7 @@ struct servo_loop {
     struct encoder second[2]; /* counts from 0 at power-on, */
     int32_t first_count[2];   /* where the first encoder stood at this, */
     pos_t first_pos[2];       /* and by its present length was at this position */
+    struct servo_loop_excitation excitation;
 
     struct servo_loop_cfg cfg[2];
 #define SERVO_LOOP_RECORDS 4u

@@ -95,6 +95,8 @@ static const struct variable variables[] = {
     LOOP(command.configured),
     LOOP(command.origin_nm[0]),
     LOOP(command.origin_nm[1]),
+    LOOP(command.excite),
+    LOOP(excitation.cfg.axis),
     /* what the tick tells the background */
     LOOP(faults),
     LOOP(first),
