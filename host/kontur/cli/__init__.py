@@ -24,6 +24,7 @@ _VERBS = {
     "home": "Home an axis, so that positions count from its home point.",
     "sim": "Simulate a drive on a bus, until Ctrl-C.",
     "design": "Find parameters for a machine, under margins.",
+    "bode": "Measure the frequency response of an axis: machine, loop, margins.",
     "sweep": "Run many inputs on simulated machines, into one table.",
     "experiment": "Run a defined experiment on the simulated drive.",
     "info": "Show the drive that answers, and its state.",

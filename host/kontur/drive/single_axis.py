@@ -9,7 +9,7 @@ from kontur.drive.device import Device
 from kontur.drive.state_machine import ENABLE, RUN_PATH
 from kontur.errors import DeviceError
 
-_VELOCITY, _HOMING = 3, 6
+VELOCITY_MODE, _HOMING = 3, 6
 _STANDS = _ATTAINED = 1 << 12  # of the statusword: in profile velocity mode, and in homing mode
 _FAILED = 1 << 13
 _LIMITED = 1 << 11
@@ -29,7 +29,7 @@ def jog(
     The drive must be enabled. Raises DeviceError (NoAnswerError, EmcyError), ParameterError.
     """
     targets = {f"target_velocity_{axis}": value * 1e6 for axis, value in velocity_mps.items()}
-    _change_mode(device, velocity_mps, _VELOCITY)
+    change_mode(device, velocity_mps, VELOCITY_MODE)
     try:
         for name, value in targets.items():
             device.write(name, value)
@@ -66,7 +66,7 @@ def home(device: Device, axis: str, stop_requested: Callable[[], bool] = lambda:
     speed = {which: device.read(f"homing_speed_{axis}.{which}") * 1e3 for which in ("search", "zero")}  # nm/s
     reach_nm = limit["max"] - limit["min"]
     longest_s = 10.0 + reach_nm / speed["search"] + 2.0 * reach_nm / speed["zero"]
-    _change_mode(device, (axis,), _HOMING)
+    change_mode(device, (axis,), _HOMING)
     device.write(f"controlword_{axis}", RUN_PATH)
     end_s = device.link.time_s + longest_s
     try:
@@ -90,7 +90,8 @@ def home(device: Device, axis: str, stop_requested: Callable[[], bool] = lambda:
         device.write(f"controlword_{axis}", ENABLE)
 
 
-def _change_mode(device: Device, axes: Mapping[str, float] | tuple[str, ...], mode: int) -> None:
+def change_mode(device: Device, axes: Mapping[str, float] | tuple[str, ...], mode: int) -> None:
+    """Bring these axes, which stand, to a mode of operation (6060h). Raises DeviceError when they do not change."""
     for axis in axes:
         device.write(f"mode_{axis}", mode)
     end_s = device.link.time_s + _MODE_TIMEOUT_S
