@@ -76,7 +76,7 @@ lib: setup  ## the simulated drive: a library for each numeric back end, and the
 	@$(call workflow,host-f32 host-fix host-chk)
 
 firmware: setup build/need/arm  ## the images for an STM32F405: build/firmware/kontur.elf .bin .hex .dfu, and variants
-	@$(call workflow,image image-20khz image-feather)
+	@$(call workflow,image image-20khz image-feather image-feather-20khz)
 
 flash: build/need/openocd  ## write IMAGE=image to a board by ST-Link; stored parameters stay
 flash-dfu: build/need/dfu-util  ## write it by USB to the chip's boot loader (BOOT0 high)

@@ -163,9 +163,19 @@ void cia402_fault(struct cia402 *c, bool stop_first)
     }
 }
 
+static bool has_power(enum cia402_state state)
+{
+    return state == OE || state == QSA || state == FRA;
+}
+
 bool cia402_powered(const struct cia402 *c)
 {
-    return cia402_intact(c) && (c->state == OE || c->state == QSA || c->state == FRA);
+    return cia402_intact(c) && has_power(c->state);
+}
+
+bool cia402_leaves(const struct cia402 *c)
+{
+    return cia402_powered(c) && !has_power(c->standing);
 }
 
 bool cia402_enabled(const struct cia402 *c)

@@ -60,6 +60,8 @@ void cia402_fault(struct cia402 *c, bool stop_first);
 bool cia402_powered(const struct cia402 *c);
 /* Whether the axis is in operation enabled and no transition out of it waits. */
 bool cia402_enabled(const struct cia402 *c);
+/* Whether the axis loses its power once it stands. */
+bool cia402_leaves(const struct cia402 *c);
 /* Whether the controlword commands "enable operation" in a state from which it leads to operation enabled. */
 bool cia402_enable_pending(const struct cia402 *c);
 /* Bits of the statusword 6041h: those of the state, bit 4 (voltage enabled) and bit 9 (remote). Until the amplifier is

@@ -9,7 +9,7 @@
 /* Whether an axis is in operation enabled with a live amplifier. */
 static bool enabled(const struct drive *d, int i)
 {
-    return cia402_enabled(&d->axis[i]) && d->powered[i];
+    return cia402_enabled(&d->axis[i]) && d->amplifier[i].state == AMPLIFIER_LIVE;
 }
 
 static bool both_enabled(const struct drive *d)
@@ -128,12 +128,12 @@ static bool at_fault(const struct drive *d)
     return at;
 }
 
-static uint32_t power_word(const struct drive *d, int i)
+/* On which axes the law is active */
+static void get_held(const struct drive *d, bool held[2])
 {
-    if (d->powered[i]) {
-        return SERVO_LOOP_ON;
+    for (int i = 0; i < 2; i++) {
+        held[i] = amplifier_holds(&d->amplifier[i]);
     }
-    return d->starting[i] ? SERVO_LOOP_STARTING : SERVO_LOOP_OFF;
 }
 
 /* The tick reads the words that were written for it. */
@@ -143,8 +143,9 @@ static bool command_intact(const struct drive *d)
     bool intact = atomic_load(&c->controller) == d->od->controller.select &&
                   atomic_load(&c->configured) == d->configured && atomic_load(&c->stream) == d->path.stream;
     for (int i = 0; i < 2; i++) {
-        intact = intact && atomic_load(&c->powered[i]) == power_word(d, i) &&
-                 (!d->powered[i] || servo_loop_simulated(&d->loop) == cfg_in_use(d)->onchip_plant.simulated);
+        intact = intact && atomic_load(&c->powered[i]) == amplifier_word(&d->amplifier[i]) &&
+                 (!amplifier_holds(&d->amplifier[i]) ||
+                  servo_loop_simulated(&d->loop) == cfg_in_use(d)->onchip_plant.simulated);
     }
     return intact;
 }
@@ -226,9 +227,11 @@ static bool stream_on_switch(const struct drive *d)
 static uint32_t find_faults(struct drive *d, const struct drive_in *in)
 {
     const struct queue *queue = &d->path.queue;
+    bool held[2];
+    get_held(d, held);
     const struct fault_monitor_in monitor = {.od = d->od,
                                              .snapshot = &d->loop.snapshot,
-                                             .powered = d->powered,
+                                             .powered = held,
                                              .enable_refused = d->enable_refused,
                                              .parameters_invalid = in->parameters_invalid};
     return fault_monitor_step(&d->fault_monitor, &monitor) | atomic_load(&d->loop.faults) |
@@ -259,54 +262,43 @@ static void supervise(struct drive *d, const struct drive_in *in)
     d->warnings = raised & warn;
 }
 
-/* Carry out the transitions that waited for standstill, and then what the controlword commands in the new state. */
+/* Carry out the transitions that waited for standstill and for the brake, and then what the controlword commands in the
+ * new state. */
 static void settle(struct drive *d)
 {
     for (int i = 0; i < 2; i++) {
-        if (axis_modes_stands(&d->path.modes, i, d->path.progress.standing)) {
+        const bool stands = axis_modes_stands(&d->path.modes, i, d->path.progress.standing);
+        const bool leaves = stands && cia402_leaves(&d->axis[i]);
+        const bool free = amplifier_engage(&d->amplifier[i], &d->od->axis[i], leaves, d->loop.snapshot.ms);
+        if (stands && free) {
             cia402_standstill(&d->axis[i]);
         }
     }
     take_controlwords(d, 0);
 }
 
-/* Whether the amplifier of an axis, whose power stage is on, is live. One that says "ready" is so at once. When it has
- * not done so in time, it is taken as live all the same, and so the tick raises its fault. */
-static bool live(const struct drive *d, int i)
-{
-    const struct od_wiring *wiring = &d->od->axis[i].wiring;
-    const bool ready = wiring->ready != 0 && d->starting[i] && (d->loop.snapshot.inputs[i] & HAL_AMPLIFIER_FAULT) == 0;
-    return ready || d->loop.snapshot.ms - d->started_ms[i] >= wiring->enable_delay;
-}
-
 /* Decide which axes have power from now on, and hold, suspend or end the path accordingly. */
 static void switch_power(struct drive *d)
 {
+    bool was_held[2];
+    bool held[2];
     bool off = false;
-    bool on = false;
-    bool powered[2];
+    get_held(d, was_held);
     for (int i = 0; i < 2; i++) {
         const bool wanted = cia402_powered(&d->axis[i]);
-        const bool was_on = d->powered[i] || d->starting[i];
-        if (!was_on) {
-            d->started_ms[i] = d->loop.snapshot.ms;
-        }
-        powered[i] = wanted && (d->powered[i] || live(d, i));
-        off = off || (was_on && !wanted);
-        on = on || (!d->powered[i] && powered[i]);
-        d->starting[i] = wanted && !powered[i];
+        off = off || (d->amplifier[i].state != AMPLIFIER_OFF && !wanted);
+        amplifier_step(&d->amplifier[i], &d->od->axis[i], wanted, d->loop.snapshot.inputs[i], d->loop.snapshot.ms);
     }
+    get_held(d, held);
+    const bool on = (held[0] && !was_held[0]) || (held[1] && !was_held[1]);
     if (on) {
-        path_power_on(&d->path, d->od, d->powered);
+        path_power_on(&d->path, d->od, was_held);
     }
-    if (on && !d->powered[0] && !d->powered[1]) {
+    if (on && !was_held[0] && !was_held[1]) {
         release_capture(d); /* the capture of a warning: that of a fault was released at its reset */
     }
     if (off && !d->path.modes.generating) {
         path_power_off(&d->path);
-    }
-    for (int i = 0; i < 2; i++) {
-        d->powered[i] = powered[i];
     }
     if (off || both_enabled(d)) {
         command_guard_disarm(&d->command_guard);
@@ -320,7 +312,7 @@ static void get_axes(const struct drive *d, struct path_axis axis[2])
         axis[i] = (struct path_axis){
             .controlword = a->controlword,
             .enabled = enabled(d, i),
-            .powered = d->powered[i],
+            .powered = amplifier_holds(&d->amplifier[i]),
             .quick_stop = a->state == CIA402_QUICK_STOP_ACTIVE ? a->quick_stop : NO_QUICK_STOP,
         };
     }
@@ -356,7 +348,7 @@ static void write_command(struct drive *d)
 {
     struct servo_loop_command *c = &d->loop.command;
     for (int i = 0; i < 2; i++) {
-        atomic_store(&c->powered[i], power_word(d, i));
+        atomic_store(&c->powered[i], amplifier_word(&d->amplifier[i]));
     }
     atomic_store(&c->rate, d->path.modes.generating ? 1000u : d->od->feed_override);
     atomic_store(&c->run, may_run(d));
@@ -365,13 +357,21 @@ static void write_command(struct drive *d)
     }
 }
 
+static unsigned state_bits(const struct drive *d, int i)
+{
+    const enum amplifier_state amplifier = d->amplifier[i].state;
+    return cia402_statusword(&d->axis[i], amplifier == AMPLIFIER_LIVE || amplifier == AMPLIFIER_ENGAGING);
+}
+
 static void report_status(struct drive *d)
 {
+    enum { SET_BRAKE = 1 }; /* bit 0 of 60FEh:1 */
     const unsigned warning = d->warnings != 0 || d->node_warns ? SW_WARNING : 0u;
     for (int i = 0; i < 2; i++) {
         const unsigned mode = axis_modes_status(&d->path.modes, i, d->od->stream.state, d->path.progress.standing);
         d->od->axis[i].mode_display = d->path.modes.axis[i].mode;
-        d->od->axis[i].statusword = (uint16_t)(cia402_statusword(&d->axis[i], !d->starting[i]) | mode | warning);
+        d->od->axis[i].statusword = (uint16_t)(state_bits(d, i) | mode | warning);
+        d->od->axis[i].digital_outputs.physical = amplifier_released(&d->amplifier[i]) ? 0u : SET_BRAKE;
     }
 }
 
@@ -392,7 +392,7 @@ void drive_step(struct drive *d, const struct drive_in *in)
 
 void drive_statusword_sent(struct drive *d, int axis)
 {
-    const unsigned now = cia402_statusword(&d->axis[axis], !d->starting[axis]);
+    const unsigned now = state_bits(d, axis);
     if (((now ^ d->od->axis[axis].statusword) & SW_STATE) == 0) {
         command_guard_sent(&d->command_guard, axis, d->axis[axis].changes);
     }

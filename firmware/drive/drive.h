@@ -8,7 +8,7 @@
  *  1. path_read            the servo's snapshot and the progress of path time
  *  2. take_controlwords    CiA 402 of each axis: controlwords that have just come; reset of faults
  *  3. supervise            flipped bits, fault monitor, faults of the tick: what stops the axes, what is warned of
- *  4. settle               CiA 402 of each axis: transitions that waited for standstill
+ *  4. settle               CiA 402 of each axis: transitions that waited for standstill, and for the brake
  *  5. switch_power         which axes have power from now on; a path is held, suspended or ended with it
  *  6. follow_path          whether path time may run; progress and end of the path; modes of operation
  *  7. write_command        the words that the servo tick reads
@@ -22,6 +22,7 @@
  */
 #ifndef KONTUR_DRIVE_H
 #define KONTUR_DRIVE_H
+#include "drive/amplifier.h"
 #include "drive/cia402.h"
 #include "drive/path.h"
 #include "drive/servo_loop.h"
@@ -40,13 +41,11 @@ struct drive {
     uint8_t first;     /* enum fault: the first one of `faults` */
     struct fault_monitor fault_monitor;
     struct integrity integrity;
-    bool node_warns;        /* drive_in.node_warns of the last step */
-    bool enable_refused;    /* an axis is to be enabled while one without power moves */
-    bool powered[2];        /* loop.command.powered as it is to be: ON, */
-    bool starting[2];       /* or STARTING, if not powered */
-    uint32_t started_ms[2]; /* snapshots published when it became so */
-    uint32_t configured;    /* loop.command.configured as it is to be */
-    uint32_t configured_ms; /* snapshots published when the configuration was handed over */
+    bool node_warns;               /* drive_in.node_warns of the last step */
+    bool enable_refused;           /* an axis is to be enabled while one without power moves */
+    struct amplifier amplifier[2]; /* loop.command.powered is to be amplifier_word() of it */
+    uint32_t configured;           /* loop.command.configured as it is to be */
+    uint32_t configured_ms;        /* snapshots published when the configuration was handed over */
 };
 
 struct drive_in {

@@ -361,10 +361,11 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     /* reference, law */
     step_path(loop, cfg);
     const bool cut = (LOAD(loop->faults) & cfg->cut) != 0;
-    bool on[2];
+    bool on[2], release[2];
     for (int i = 0; i < 2; i++) {
         const uint32_t powered = LOAD(loop->command.powered[i]);
-        servo.enabled[i] = !cut && powered == SERVO_LOOP_ON;
+        release[i] = !cut && powered == SERVO_LOOP_ON;
+        servo.enabled[i] = release[i] || (!cut && powered == SERVO_LOOP_BRAKED);
         on[i] = servo.enabled[i] || (!cut && powered == SERVO_LOOP_STARTING);
     }
     servo.controller = (enum controller)LOAD(loop->command.controller);
@@ -376,7 +377,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     /* limits */
     supervise(loop, cfg, &in, servo.enabled, out);
     if ((LOAD(loop->faults) & cfg->cut) != 0) {
-        on[0] = on[1] = false;
+        on[0] = on[1] = release[0] = release[1] = false;
         out->force = v2(NUM(0), NUM(0));
     }
     if (LOAD(loop->command.excite) == SERVO_LOOP_EXCITE) {
@@ -387,6 +388,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     const struct hal_drive_out drive = {
         .force_mN = {n_to_scaled(out->force.x, 1000), n_to_scaled(out->force.y, 1000)},
         .enable = {on[0], on[1]},
+        .release = {release[0], release[1]},
     };
     loop->io->drive_write(loop->io->ctx, &drive);
 

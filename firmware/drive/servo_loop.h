@@ -43,17 +43,18 @@ struct servo_loop_cfg {
     struct servo_cfg servo; /* last, since it is the largest */
 };
 
-/* ON and OFF are complements, and STARTING differs from both in 16 bits: no single flipped bit makes one of another. */
+/* Any two differ in 16 bits or more: no single flipped bit makes one of another. */
 #define SERVO_LOOP_ON 0x5AC369F0u
 #define SERVO_LOOP_OFF 0xA53C960Fu
 #define SERVO_LOOP_STARTING 0x5AC3960Fu
+#define SERVO_LOOP_BRAKED 0xA53C69F0u
 
 /* An axis is excited; no single flipped bit makes it of 0. */
 #define SERVO_LOOP_EXCITE 0x3CA50F96u
 
 struct servo_loop_command {
-    /* SERVO_LOOP_ON: power stage on and law active; STARTING: power stage on, no force; else off. A fourth value is an
-     * error. */
+    /* SERVO_LOOP_ON: power stage on, law active, brake released; BRAKED: the same with the brake engaged; STARTING: power
+     * stage on, no force, brake engaged; else off. A value that is none of these and not OFF is an error. */
     _Atomic uint32_t powered[2];
     _Atomic bool run;               /* path time may run */
     _Atomic uint16_t rate;          /* rate of path time if it may run: 1/1000, 0 to 1000 PATH_RATE_MAX */

@@ -47,6 +47,7 @@ struct hal_drive_in {
 struct hal_drive_out {
     int32_t force_mN[AXES]; /* force for the next control period, within the axis's force limit */
     bool enable[AXES];      /* power stage on */
+    bool release[AXES];     /* brake released; never without `enable` */
 };
 
 enum hal_can_state { HAL_CAN_ACTIVE, HAL_CAN_WARNING, HAL_CAN_PASSIVE, HAL_CAN_OFF };

@@ -25,20 +25,23 @@ class Wiring:
     usart: str
     light: Pin
     alive: Pin
+    brake: tuple[Pin, Pin] | None = None
 
 
 _GENERAL = Wiring(
     "kontur", 10000, 8e6, (("B", 12), ("C", 8)), ("tim2", "tim5"),
-    (*(("C", n) for n in range(6)), ("B", 1)), "usart1", ("C", 13), ("B", 0),
+    (*(("C", n) for n in range(6)), ("B", 1)), "usart1", ("C", 13), ("B", 0), (("D", 2), ("A", 3)),
+)  # fmt: skip
+_FEATHER = Wiring(
+    "kontur-feather", 10000, 12e6, (("C", 3), ("C", 2)), ("tim3", "tim4"),
+    (("A", 6), ("C", 4), ("C", 5)), "usart3", ("C", 1), ("A", 7),
 )  # fmt: skip
 WIRINGS = {
     "kontur": _GENERAL,
     "kontur-20khz": Wiring("kontur-20khz", 20000, *list(vars(_GENERAL).values())[2:]),
-    "kontur-feather": Wiring(
-        "kontur-feather", 10000, 12e6, (("C", 3), ("C", 2)), ("tim3", "tim4"),
-        (("A", 6), ("C", 4), ("C", 5)), "usart3", ("C", 1), ("A", 7),
-    ),
-}  # fmt: skip
+    "kontur-feather": _FEATHER,
+    "kontur-feather-20khz": Wiring("kontur-feather-20khz", 20000, *list(vars(_FEATHER).values())[2:]),
+}
 
 
 class Board(Chip):
@@ -65,6 +68,10 @@ class Board(Chip):
     def enabled(self, axis: int) -> bool:
         port, pin = self.wiring.enable[axis]
         return self.gpio(port).level(pin) is True
+
+    def released(self) -> tuple[bool, ...]:
+        """Whether the brakes are."""
+        return tuple(self.gpio(port).level(pin) is True for port, pin in self.wiring.brake or ())
 
     def powered(self) -> bool:
         return self.enabled(0) or self.enabled(1)

@@ -141,7 +141,13 @@ def test_time_passes_with_sync_alone_when_commanded_to(emulator: Emulator) -> No
 
 
 @pytest.mark.parametrize(
-    ("name", "usart", "control_hz"), [("kontur", 1, 10000), ("kontur-20khz", 1, 20000), ("kontur-feather", 3, 10000)]
+    ("name", "usart", "control_hz"),
+    [
+        ("kontur", 1, 10000),
+        ("kontur-20khz", 1, 20000),
+        ("kontur-feather", 3, 10000),
+        ("kontur-feather-20khz", 3, 20000),
+    ],
 )
 def test_circle_runs_on_the_simulated_machine_of_the_image(name: str, usart: int, control_hz: int) -> None:
     image = IMAGE.with_name(f"{name}.elf")

@@ -150,7 +150,7 @@ static void test_fault_at_standstill_has_switched_the_axes_off_when_the_step_end
     step(0);
     for (int i = 0; i < 2; i++) {
         TEST_ASSERT_EQUAL(CIA402_FAULT, drive.axis[i].state);
-        TEST_ASSERT_FALSE(drive.powered[i]);
+        TEST_ASSERT_EQUAL(AMPLIFIER_OFF, drive.amplifier[i].state);
         TEST_ASSERT_EQUAL_HEX32(SERVO_LOOP_OFF, atomic_load(&drive.loop.command.powered[i]));
     }
 }

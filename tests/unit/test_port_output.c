@@ -81,6 +81,23 @@ static void test_an_axis_that_is_not_enabled_gets_no_force(void)
     TEST_ASSERT_FALSE(chip_pin('C', 8));
 }
 
+static void test_a_brake_is_released_by_command_and_engaged_by_everything_else(void)
+{
+    struct hal_drive_out released = {.enable = {true, true}, .release = {true, false}};
+    TEST_ASSERT_FALSE(chip_pin('D', 2) || chip_pin('A', 3));
+    output_write(&released);
+    TEST_ASSERT_TRUE(chip_pin('D', 2));
+    TEST_ASSERT_FALSE(chip_pin('A', 3));
+    released.release[AXIS_Y] = true;
+    output_write(&released);
+    TEST_ASSERT_TRUE(chip_pin('D', 2) && chip_pin('A', 3));
+    write_forces(0, 0, true);
+    TEST_ASSERT_FALSE(chip_pin('D', 2) || chip_pin('A', 3));
+    output_write(&released);
+    output_safe();
+    TEST_ASSERT_FALSE(chip_pin('D', 2) || chip_pin('A', 3));
+}
+
 /* One step of the output is 293 mN. */
 static void test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step(void)
 {
@@ -173,6 +190,7 @@ int main(void)
     RUN_TEST(test_a_pin_that_a_board_does_not_have_is_not_set_up);
     RUN_TEST(test_force_is_a_share_of_full_scale_and_saturates);
     RUN_TEST(test_an_axis_that_is_not_enabled_gets_no_force);
+    RUN_TEST(test_a_brake_is_released_by_command_and_engaged_by_everything_else);
     RUN_TEST(test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step);
     RUN_TEST(test_saturation_leaves_no_rounding_error);
     RUN_TEST(test_pwm_is_a_magnitude_and_a_direction_and_leaves_the_analog_command_at_zero);

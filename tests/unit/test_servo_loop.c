@@ -83,7 +83,7 @@ void setUp(void)
 {
     memset(&ring, 0, sizeof ring);
     hal = (struct hal){.ctx = &wires, .drive_read = drive_read, .drive_write = drive_write};
-    out = (struct hal_drive_out){{0, 0}, {false, false}};
+    out = (struct hal_drive_out){0};
     start(0, 0);
     call_count = 0;
 }
@@ -130,6 +130,35 @@ static void test_force_is_zero_without_power(void)
     TEST_ASSERT_FALSE(out.enable[0] || out.enable[1]);
     TEST_ASSERT_EQUAL_INT32(0, out.force_mN[0]);
     TEST_ASSERT_EQUAL_INT32(0, out.force_mN[1]);
+}
+
+static void test_brake_is_released_with_the_law_active_and_engaged_before_it_ends_or_with_a_cut(void)
+{
+    static const struct {
+        uint32_t word;
+        bool enable, force, release;
+    } rows[] = {
+        {SERVO_LOOP_OFF, false, false, false},
+        {SERVO_LOOP_STARTING, true, false, false},
+        {SERVO_LOOP_ON, true, true, true},
+        {SERVO_LOOP_BRAKED, true, true, false},
+    };
+    for (unsigned i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        wires.count[0] = 0;
+        start(0, 0);
+        atomic_store(&loop.command.powered[0], rows[i].word);
+        tick(1);
+        wires.count[0] = 10;
+        tick(1);
+        TEST_ASSERT_EQUAL(rows[i].enable, out.enable[0]);
+        TEST_ASSERT_EQUAL(rows[i].force, out.force_mN[0] != 0);
+        TEST_ASSERT_EQUAL(rows[i].release, out.release[0]);
+        TEST_ASSERT_FALSE(out.release[1]);
+        wires.inputs[1] = HAL_AMPLIFIER_FAULT;
+        tick(1);
+        TEST_ASSERT_FALSE(out.enable[0] || out.release[0]);
+        wires.inputs[1] = 0;
+    }
 }
 
 static void test_axis_without_power_gets_no_force_while_the_other_one_is_held(void)
@@ -895,6 +924,7 @@ int main(void)
     RUN_TEST(test_init_leaves_both_axes_without_power_at_their_encoders);
     RUN_TEST(test_force_answers_the_encoders_of_the_same_tick);
     RUN_TEST(test_force_is_zero_without_power);
+    RUN_TEST(test_brake_is_released_with_the_law_active_and_engaged_before_it_ends_or_with_a_cut);
     RUN_TEST(test_axis_without_power_gets_no_force_while_the_other_one_is_held);
     RUN_TEST(test_position_goes_on_when_the_counter_wraps_upwards);
     RUN_TEST(test_position_is_count_times_length);

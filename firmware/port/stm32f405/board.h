@@ -31,6 +31,7 @@ struct board_axis {
     struct board_encoder second; /* at the table, without an index pulse; tim is NULL where the board has none */
     struct board_input limit_min, limit_max, amplifier_fault;
     uint8_t enable; /* output; high: power stage on. A resistor on the board holds it low while the chip starts. */
+    uint8_t brake;  /* output; high: brake released */
     uint8_t pwm, direction; /* outputs; direction is high for a negative force */
 };
 

@@ -36,6 +36,7 @@
      .limit_max = {PIN_NONE, true, PIN_PULL_UP},                                                                       \
      .amplifier_fault = {PIN('C', 4), true, PIN_PULL_UP},                                                              \
      .enable = PIN('C', 3), /* A4, D11 */                                                                              \
+     .brake = PIN_NONE,                                                                                                \
      .pwm = PIN_NONE,                                                                                                  \
      .direction = PIN_NONE}
 #define BOARD_Y                                                                                                        \
@@ -44,6 +45,7 @@
      .limit_max = {PIN_NONE, true, PIN_PULL_UP},                                                                       \
      .amplifier_fault = {PIN('C', 5), true, PIN_PULL_UP},                                                              \
      .enable = PIN('C', 2), /* A5, D12 */                                                                              \
+     .brake = PIN_NONE,                                                                                                \
      .pwm = PIN_NONE,                                                                                                  \
      .direction = PIN_NONE}
 #endif

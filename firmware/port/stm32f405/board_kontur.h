@@ -2,9 +2,9 @@
 /* board_kontur.h: a controller board with an STM32F405RG (LQFP64). docs/hardware.md has the pins as a table.
  *
  * Alternate functions are those of ST, DS8626 "STM32F405xx STM32F407xx datasheet". Each input is a contact to ground
- * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA3, PA8,
- * PB2, PB4, PB5, PB11, PB13, PC9 to PC12, PC14, PC15 and PD2. PA11 and PA12 are reserved for USB
- * (flashing), PA13 and PA14 for SWD.
+ * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA8, PB2,
+ * PB4, PB5, PB11, PB13, PC9 to PC12, PC14 and PC15. PA11 and PA12 are reserved for USB (flashing), PA13 and PA14 for
+ * SWD.
  */
 #ifndef KONTUR_BOARD_KONTUR_H
 #define KONTUR_BOARD_KONTUR_H
@@ -42,6 +42,7 @@
      .limit_max = {PIN('C', 1), true, PIN_PULL_UP},                                                                    \
      .amplifier_fault = {PIN('C', 5), true, PIN_PULL_UP},                                                              \
      .enable = PIN('B', 12),                                                                                           \
+     .brake = PIN('D', 2),                                                                                             \
      .pwm = PIN('C', 6),                                                                                               \
      .direction = PIN('B', 14)}
 #define BOARD_Y                                                                                                        \
@@ -51,6 +52,7 @@
      .limit_max = {PIN('C', 3), true, PIN_PULL_UP},                                                                    \
      .amplifier_fault = {PIN('B', 1), true, PIN_PULL_UP},                                                              \
      .enable = PIN('C', 8),                                                                                            \
+     .brake = PIN('A', 3),                                                                                             \
      .pwm = PIN('C', 7),                                                                                               \
      .direction = PIN('B', 15)}
 #endif

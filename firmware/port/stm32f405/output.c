@@ -37,6 +37,7 @@ void output_init(void)
                                            {.full_scale_mN = HAL_FULL_SCALE_MIN}};
     for (int i = 0; i < AXES; i++) {
         pin_setup_low(axes[i].enable);
+        pin_setup_low(axes[i].brake);
         pin_setup_low(axes[i].direction);
         pin_setup(axes[i].pwm, PIN_ALTERNATE, PIN_PULL_DOWN, BOARD_PWM_AF);
     }
@@ -113,6 +114,9 @@ void output_write(const struct hal_drive_out *out)
         dac[i] = (uint32_t)(c->pwm ? DAC_ZERO : DAC_ZERO + step);
         pwm[i] = c->pwm ? (uint32_t)(step < 0 ? -step : step) : 0u;
         pin_write(axes[i].direction, c->pwm && step < 0);
+        if (!out->release[i]) {
+            pin_write(axes[i].brake, false);
+        }
         if (!out->enable[i]) {
             pin_write(axes[i].enable, false);
         }
@@ -126,6 +130,9 @@ void output_write(const struct hal_drive_out *out)
         if (out->enable[i]) {
             pin_write(axes[i].enable, true);
         }
+        if (out->release[i]) {
+            pin_write(axes[i].brake, true);
+        }
     }
     if (safe_state) { /* an interrupt has called output_safe() meanwhile */
         output_safe();
@@ -136,6 +143,7 @@ void output_safe(void)
 {
     safe_state = true;
     for (int i = 0; i < AXES; i++) {
+        pin_write(axes[i].brake, false);
         pin_write(axes[i].enable, false);
     }
     DAC->DHR12RD = DAC_ZERO << 16 | DAC_ZERO;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* output.h: two force commands and two enable signals.
+/* output.h: two force commands, two enable signals and two brakes, which are released only while their axis is enabled.
  *
  * DAC: 12 bits; code 2048 + n is n/2048 of full scale, and the board makes -10..10 V of 0..3.3 V. PWM: 40 kHz in 4200
  * steps, with a direction pin, so that a dead line commands no force. The rounding error of a command is added to the
@@ -12,13 +12,13 @@
 #define KONTUR_OUTPUT_H
 #include "hal/hal.h"
 
-/* At start-up: zero force, not enabled, and the DAC as the output of both axes. */
+/* At start-up: zero force, not enabled, brakes engaged, and the DAC as the output of both axes. */
 void output_init(void);
 /* Set the wiring; no axis has power. */
 void output_configure(const struct hal_axis_cfg cfg[AXES]);
-/* Put out both forces and both enable signals. */
+/* Put out both forces, enable signals and brakes. */
 void output_write(const struct hal_drive_out *out);
-/* Enable off, DAC to zero volts, PWM off, by direct writes to registers. It works in
+/* Enable off, brakes engaged, DAC to zero volts, PWM off, by direct writes to registers. It works in
  * any state of the firmware. After it output_write() does nothing until the servo
  * tick commands neither axis to be enabled, which shows that the drive has noticed. */
 void output_safe(void);
