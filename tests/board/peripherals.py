@@ -391,13 +391,26 @@ class Tim5(Tim):
 
 
 class Tim8(Peripheral):
-    """RM0090 17.4: PWM. A duty changes at once; the preload registers are not modelled."""
+    """RM0090 17.4: PWM. A duty changes at once; the preload registers are not modelled. The break input is at PA6 (DS8626,
+    AF3) and acts without a clock (17.3.12)."""
 
     base, clock = 0x40010400, ("APB2", 1)
-    MOE = 1 << 15
+    MOE, BKP, BKE, BIF = 1 << 15, 1 << 13, 1 << 12, 1 << 7
+
+    def _take_break(self) -> None:
+        bdtr, port = self.words.get(Tim.BDTR, 0), self.chip.gpio("A")
+        level = bool(port.read(port.IDR) >> 6 & 1) if port.alternate(6) == 3 else False
+        if bdtr & self.BKE and level == bool(bdtr & self.BKP):
+            self.words[Tim.BDTR] = bdtr & ~self.MOE
+            self.words[Tim.SR] = self.words.get(Tim.SR, 0) | self.BIF
+
+    def read(self, offset: int) -> int:
+        self._take_break()
+        return super().read(offset)
 
     def write(self, offset: int, value: int) -> None:
-        super().write(offset, value)
+        super().write(offset, self.words.get(offset, 0) & value if offset == Tim.SR else value)
+        self._take_break()
         get = self.words.get
         if offset == Tim.BDTR and value & self.MOE:
             if not (get(Tim.CCMR1, 0) and get(Tim.CCER, 0) and get(Tim.ARR, 0)):
@@ -412,6 +425,7 @@ class Tim8(Peripheral):
         stops the counter and switches the outputs off, as a break does (RM0008 31.16.3; RM0090 38.16.5 names the
         first alone)."""
         get = self.words.get
+        self._take_break()
         on = get(Tim.BDTR, 0) & self.MOE and get(Tim.CR1, 0) & 1 and get(Tim.CCER, 0) >> 4 * (channel - 1) & 1
         if self.chip.halted and self.chip.dbgmcu.words.get(0xC, 0) >> 1 & 1:
             return 0.0

@@ -98,6 +98,32 @@ static void test_a_brake_is_released_by_command_and_engaged_by_everything_else(v
     TEST_ASSERT_FALSE(chip_pin('D', 2) || chip_pin('A', 3));
 }
 
+static uint8_t fault_of(int axis)
+{
+    struct hal_drive_in in = {0};
+    output_read(&in);
+    return in.inputs[axis];
+}
+
+/* The hardware clears MOE and sets BIF. */
+static void test_a_break_is_a_fault_of_the_axes_with_pwm_and_pwm_is_on_again_without_power_alone(void)
+{
+    cfg[AXIS_Y].output = HAL_OUTPUT_PWM;
+    output_configure(cfg);
+    TEST_ASSERT_EQUAL_HEX32(TIM_BDTR_BKE | TIM_BDTR_BKP, chip.tim8.BDTR & (TIM_BDTR_BKE | TIM_BDTR_BKP));
+    TEST_ASSERT_EQUAL_HEX8(0, fault_of(AXIS_Y));
+    chip.tim8.SR = TIM_SR_BIF;
+    TEST_ASSERT_EQUAL_HEX8(HAL_AMPLIFIER_FAULT, fault_of(AXIS_Y));
+    TEST_ASSERT_EQUAL_HEX32(0, chip.tim8.SR & TIM_SR_BIF);
+    chip.tim8.SR = TIM_SR_BIF;
+    TEST_ASSERT_EQUAL_HEX8(0, fault_of(AXIS_X));
+    chip.tim8.BDTR &= ~(uint32_t)TIM_BDTR_MOE;
+    write_forces(FULL_mN, FULL_mN, true);
+    TEST_ASSERT_EQUAL_HEX32(0, chip.tim8.BDTR & TIM_BDTR_MOE);
+    write_forces(0, 0, false);
+    TEST_ASSERT_EQUAL_HEX32(TIM_BDTR_MOE, chip.tim8.BDTR & TIM_BDTR_MOE);
+}
+
 /* One step of the output is 293 mN. */
 static void test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step(void)
 {
@@ -191,6 +217,7 @@ int main(void)
     RUN_TEST(test_force_is_a_share_of_full_scale_and_saturates);
     RUN_TEST(test_an_axis_that_is_not_enabled_gets_no_force);
     RUN_TEST(test_a_brake_is_released_by_command_and_engaged_by_everything_else);
+    RUN_TEST(test_a_break_is_a_fault_of_the_axes_with_pwm_and_pwm_is_on_again_without_power_alone);
     RUN_TEST(test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step);
     RUN_TEST(test_saturation_leaves_no_rounding_error);
     RUN_TEST(test_pwm_is_a_magnitude_and_a_direction_and_leaves_the_analog_command_at_zero);

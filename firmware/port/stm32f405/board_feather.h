@@ -24,6 +24,8 @@
 #define BOARD_CAN_AF 9
 
 #define BOARD_PWM_AF 3
+#define BOARD_BREAK PIN_NONE
+#define BOARD_BREAK_BDTR 0
 #define BOARD_LED PIN('C', 1)   /* D13 */
 #define BOARD_ALIVE PIN('A', 7) /* A3 */
 

@@ -2,8 +2,8 @@
 /* board_kontur.h: a controller board with an STM32F405RG (LQFP64). docs/hardware.md has the pins as a table.
  *
  * Alternate functions are those of ST, DS8626 "STM32F405xx STM32F407xx datasheet". Each input is a contact to ground
- * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA8, PB2,
- * PB4, PB5, PB11, PB13, PC9 to PC12, PC14 and PC15. PA11 and PA12 are reserved for USB (flashing), PA13 and PA14 for
+ * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA7, PA8,
+ * PB2, PB11, PB13, PC9 to PC12, PC14 and PC15. PA11 and PA12 are reserved for USB (flashing), PA13 and PA14 for
  * SWD.
  */
 #ifndef KONTUR_BOARD_KONTUR_H
@@ -29,7 +29,10 @@
 
 /* The DAC channels are PA4 (x) and PA5 (y) on every STM32F405. The PWM outputs are channels 1 and 2 of TIM8. */
 #define BOARD_PWM_AF 3
-#define BOARD_LED PIN('C', 13) /* it sinks 3 mA at most (DS8626, output current of PC13) */
+/* The break input of TIM8, of the same alternate function. */
+#define BOARD_BREAK PIN('A', 6)
+#define BOARD_BREAK_BDTR (TIM_BDTR_BKE | TIM_BDTR_BKP) /* active high */
+#define BOARD_LED PIN('C', 13)                         /* it sinks 3 mA at most (DS8626, output current of PC13) */
 /* A square wave of half the rate of the servo tick, while that runs. */
 #define BOARD_ALIVE PIN('B', 0)
 
@@ -37,7 +40,7 @@
 
 #define BOARD_X                                                                                                        \
     {.encoder = {TIM2, RCC_APB1ENR_TIM2, 0xFFFFFFFFu, PIN('A', 15), PIN('B', 3), PIN('B', 10), 1, 3},                  \
-     .second = {TIM3, RCC_APB1ENR_TIM3, 0xFFFFu, PIN('A', 6), PIN('A', 7), PIN_NONE, 2, 3},                            \
+     .second = {TIM3, RCC_APB1ENR_TIM3, 0xFFFFu, PIN('B', 4), PIN('B', 5), PIN_NONE, 2, 3},                            \
      .limit_min = {PIN('C', 0), true, PIN_PULL_UP},                                                                    \
      .limit_max = {PIN('C', 1), true, PIN_PULL_UP},                                                                    \
      .amplifier_fault = {PIN('C', 5), true, PIN_PULL_UP},                                                              \

@@ -39,6 +39,7 @@ static void drive_read(void *ctx, struct hal_drive_in *in)
     *in = (struct hal_drive_in){0};
     encoder_read(in);
     inputs_read(in);
+    output_read(in);
 }
 
 static void drive_write(void *ctx, const struct hal_drive_out *out)

@@ -6,7 +6,10 @@
 #include "port/stm32f405/cpu.h"
 
 enum { DAC_ZERO = 2048, PWM_STEPS = 4200 };
-enum { PWM_OFF = TIM_BDTR_OSSI | TIM_BDTR_OSSR, PWM_ON = PWM_OFF | TIM_BDTR_MOE }; /* off: the pins are driven low */
+enum {
+    PWM_OFF = TIM_BDTR_OSSI | TIM_BDTR_OSSR,
+    PWM_ON = PWM_OFF | TIM_BDTR_MOE
+}; /* off: the pins are driven low */
 
 struct channel {
     bool pwm, invert;
@@ -41,6 +44,7 @@ void output_init(void)
         pin_setup_low(axes[i].direction);
         pin_setup(axes[i].pwm, PIN_ALTERNATE, PIN_PULL_DOWN, BOARD_PWM_AF);
     }
+    pin_setup(BOARD_BREAK, PIN_ALTERNATE, PIN_PULL_UP, BOARD_PWM_AF); /* open is a break */
     RCC->APB1ENR |= RCC_APB1ENR_DAC;
     RCC->APB2ENR |= RCC_APB2ENR_TIM8;
     (void)RCC->APB2ENR;
@@ -87,10 +91,24 @@ static int32_t quantise(struct channel *c, int32_t force_mN)
     return (int32_t)step;
 }
 
-/* End the safe state when neither axis is commanded to be enabled. Returns whether the outputs may be written. */
+void output_read(struct hal_drive_in *in)
+{
+    if ((TIM8->SR & TIM_SR_BIF) == 0) {
+        return;
+    }
+    TIM8->SR = ~(uint32_t)TIM_SR_BIF; /* it comes again as long as the input is active */
+    for (int i = 0; i < AXES; i++) {
+        if (channels[i].pwm) {
+            in->inputs[i] |= HAL_AMPLIFIER_FAULT;
+        }
+    }
+}
+
+/* End the safe state, or that of a break, when neither axis is commanded to be enabled. Returns whether the outputs may
+ * be written. */
 static bool leave_safe_state(const struct hal_drive_out *out)
 {
-    if (safe_state && !out->enable[AXIS_X] && !out->enable[AXIS_Y]) {
+    if (!out->enable[AXIS_X] && !out->enable[AXIS_Y]) {
         TIM8->BDTR = PWM_ON;
         safe_state = false;
     }

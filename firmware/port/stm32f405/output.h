@@ -6,7 +6,10 @@
  * next one (first-order error feedback): the mean of the output is exact, and its steps are noise near the control
  * rate, where the mass of an axis does not respond. RM0090 14 (DAC), 17 (PWM mode).
  *
- * Context: output_write() in the servo tick; output_safe() in any context; the other functions in the background loop.
+ * Where the board has a break input (RM0090 17.3.12), it switches PWM off without the firmware. PWM stays off until the
+ * input is inactive and neither axis is commanded to be enabled.
+ *
+ * Context: output_read() and output_write() in the servo tick; output_safe() in any context; the other functions in the background loop.
  */
 #ifndef KONTUR_OUTPUT_H
 #define KONTUR_OUTPUT_H
@@ -16,6 +19,8 @@
 void output_init(void);
 /* Set the wiring; no axis has power. */
 void output_configure(const struct hal_axis_cfg cfg[AXES]);
+/* Add HAL_AMPLIFIER_FAULT to `inputs` of an axis with PWM, which the break input has switched off. */
+void output_read(struct hal_drive_in *in);
 /* Put out both forces, enable signals and brakes. */
 void output_write(const struct hal_drive_out *out);
 /* Enable off, brakes engaged, DAC to zero volts, PWM off, by direct writes to registers. It works in

@@ -119,6 +119,7 @@ enum {
     TIM_CR1_ARPE = 1 << 7,
     TIM_SMCR_ENCODER_BOTH = 3, /* SMS = 011: counts on both edges of TI1 and TI2 */
     TIM_SR_CC1IF = 1 << 1,     /* CCxIF follow */
+    TIM_SR_BIF = 1 << 7,
     TIM_EGR_UG = 1 << 0,
     TIM_CCMR_INPUT = 1,              /* CCxS = 01: ICx is TIx; of the channel's byte of CCMR1, CCMR2 */
     TIM_CCMR_IC_FILTER = 4,          /* position of ICxF in that byte */
@@ -126,6 +127,8 @@ enum {
     TIM_CCER_E = 1 << 0,             /* of the channel's four bits */
     TIM_BDTR_OSSI = 1 << 10,
     TIM_BDTR_OSSR = 1 << 11,
+    TIM_BDTR_BKE = 1 << 12,
+    TIM_BDTR_BKP = 1 << 13, /* the break input is active high */
     TIM_BDTR_MOE = 1 << 15,
 };
 
@@ -235,6 +238,16 @@ enum {
     SCB_CPACR_FPU = 15 << 20,
 };
 
+/* DDI 0403E C1.6 (debug exception and monitor control), C1.8 (DWT) */
+struct debug {
+    reg DHCSR, DCRSR, DCRDR, DEMCR;
+};
+enum { DEBUG_DEMCR_TRCENA = 1 << 24 };
+struct dwt {
+    reg CTRL, CYCCNT;
+};
+enum { DWT_CTRL_CYCCNTENA = 1 << 0 };
+
 /* DDI 0403E B3.4 (NVIC): ISER at E000E100h, ICER at 180h, ISPR at 200h, IPR at 400h (a byte each, four in a word) */
 struct nvic {
     reg ISER[8], unused_20[24], ICER[8], unused_a0[24], ISPR[8], unused_120[120], IPR[60];
@@ -281,6 +294,8 @@ struct chip {
     struct dbgmcu dbgmcu;
     struct systick systick;
     struct scb scb;
+    struct debug debug;
+    struct dwt dwt;
     struct nvic nvic;
 };
 extern struct chip chip;
@@ -304,9 +319,11 @@ extern struct chip chip;
 #define RCC KONTUR_REGS(rcc, 0x40023800u, rcc)
 #define FLASH KONTUR_REGS(flash, 0x40023C00u, flash)
 #define DBGMCU KONTUR_REGS(dbgmcu, 0xE0042000u, dbgmcu)
+#define DWT KONTUR_REGS(dwt, 0xE0001000u, dwt)
 #define SYSTICK KONTUR_REGS(systick, 0xE000E010u, systick)
 #define NVIC KONTUR_REGS(nvic, 0xE000E100u, nvic)
 #define SCB KONTUR_REGS(scb, 0xE000ED00u, scb)
+#define DEBUG KONTUR_REGS(debug, 0xE000EDF0u, debug)
 #ifdef __arm__
 #define GPIO(port) ((struct gpio *)(0x40020000u + 0x400u * (port)))
 #else
