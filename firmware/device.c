@@ -83,6 +83,8 @@ static void check_health(struct device *device)
     device->od.crash.hfsr = h.crash.hfsr;
     device->od.crash.bfar = h.crash.bfar;
     device->od.crash.count = h.crash.count;
+    device->od.tick_cycles.last = h.tick_cycles;
+    device->od.tick_cycles.worst = h.tick_cycles_worst;
 }
 
 /* An error of the row `node` of faults.toml is in effect, or not. */

@@ -94,6 +94,8 @@ struct hal_health {
     uint8_t bits;         /* enum hal_health_bit */
     enum hal_reset reset; /* why the processor has started */
     struct hal_crash crash;
+    uint32_t tick_cycles,
+        tick_cycles_worst; /* processor's cycles of a servo tick, the last and since the start; 0: not counted */
 };
 
 /* The parameter store. A sector is erased completely (to FFh), and written in words, each of them once. */

@@ -110,12 +110,16 @@ static void test_restart_by_a_crash_reports_each_register_of_it(void)
     rig.health = (struct hal_health){
         .bits = HAL_RESET,
         .reset = HAL_RESET_CRASH,
-        .crash = {.pc = 0x08001111, .lr = 0x08002222, .psr = 0x01000003, .cfsr = 4, .hfsr = 5, .bfar = 6, .count = 7}};
+        .crash = {.pc = 0x08001111, .lr = 0x08002222, .psr = 0x01000003, .cfsr = 4, .hfsr = 5, .bfar = 6, .count = 7},
+        .tick_cycles = 3071,
+        .tick_cycles_worst = 3658};
     rig_ms(&rig, 1);
     const uint32_t expected[] = {0x08001111, 0x08002222, 0x01000003, 4, 5, 6, 7};
     for (uint8_t i = 0; i < 7; i++) {
         TEST_ASSERT_EQUAL_HEX32(expected[i], rig_read(&rig, 0x2030, (uint8_t)(i + 1)));
     }
+    TEST_ASSERT_EQUAL_UINT32(3071, rig_read(&rig, 0x2162, 1));
+    TEST_ASSERT_EQUAL_UINT32(3658, rig_read(&rig, 0x2162, 2));
 }
 
 static void test_brown_out_is_a_fault_from_power_on(void)

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "chip.h"
+#include "port/stm32f405/cycles.h"
 #include "port/stm32f405/inputs.h"
 #include "port/stm32f405/output.h"
 #include "port/stm32f405/sectors.h"
@@ -17,6 +18,38 @@ void setUp(void)
 
 void tearDown(void)
 {
+}
+
+/* ---- cycles of a servo tick ---- */
+
+static void tick_of(uint32_t cycles)
+{
+    cycles_begin();
+    chip.dwt.CYCCNT += cycles;
+    cycles_end();
+}
+
+static void expect_cycles(uint32_t last, uint32_t worst)
+{
+    struct hal_health h;
+    cycles_read(&h);
+    TEST_ASSERT_EQUAL_UINT32(last, h.tick_cycles);
+    TEST_ASSERT_EQUAL_UINT32(worst, h.tick_cycles_worst);
+}
+
+static void test_the_cycles_of_the_last_tick_and_of_the_worst_since_the_start_are_kept(void)
+{
+    cycles_start();
+    TEST_ASSERT_EQUAL_HEX32(DEBUG_DEMCR_TRCENA, chip.debug.DEMCR);
+    TEST_ASSERT_EQUAL_HEX32(DWT_CTRL_CYCCNTENA, chip.dwt.CTRL);
+    chip.dwt.CYCCNT = UINT32_MAX - 10; /* it wraps every 25 s */
+    tick_of(3000);
+    tick_of(4000);
+    tick_of(2000);
+    expect_cycles(2000, 4000);
+    cycles_start();
+    tick_of(1000);
+    expect_cycles(1000, 1000);
 }
 
 /* ---- inputs ---- */
@@ -225,6 +258,7 @@ static void test_a_flash_that_stays_busy_is_an_error_after_a_bounded_wait(void)
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(test_the_cycles_of_the_last_tick_and_of_the_worst_since_the_start_are_kept);
     RUN_TEST(test_an_input_is_active_when_its_wire_is_open_for_three_reads);
     RUN_TEST(test_a_spike_on_a_wire_is_no_input);
     RUN_TEST(test_each_wire_is_the_input_of_the_pin_table);

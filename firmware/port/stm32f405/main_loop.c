@@ -12,6 +12,7 @@
 #include "port/stm32f405/clock.h"
 #include "port/stm32f405/cpu.h"
 #include "port/stm32f405/crash.h"
+#include "port/stm32f405/cycles.h"
 #include "port/stm32f405/encoder.h"
 #include "port/stm32f405/inputs.h"
 #include "port/stm32f405/output.h"
@@ -151,6 +152,7 @@ static void health(void *ctx, struct hal_health *h)
         .reset = reset_cause,
         .crash = last_crash,
     };
+    cycles_read(h);
 }
 
 static const struct hal hal = {
@@ -170,6 +172,7 @@ static const struct hal hal = {
 void tick_irq(void)
 {
     static unsigned late;
+    cycles_begin();
     if (supply_low()) { /* supply_irq() sees it fall, and this that it stays low, which no fault reset can change */
         servo_loop_raise(&device.drive.loop, FAULT_BROWN_OUT);
     }
@@ -183,6 +186,7 @@ void tick_irq(void)
         servo_loop_raise(&device.drive.loop, FAULT_OVERRUN); /* the next tick disables the axes, and is short */
     }
     watchdog_tick();
+    cycles_end();
 }
 
 static void tick_start(void)
@@ -215,6 +219,7 @@ void main_loop_start(void)
     (void)can_init(KBITPS);
     device_init(&device, &hal, NODE_ID);
     watchdog_start();
+    cycles_start();
     tick_start(); /* it feeds one of them */
 }
 
