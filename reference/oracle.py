@@ -610,6 +610,8 @@ class Machine:
     coulomb_N: Array
     viscous_Nspm: Array
     backlash_m: Array
+    side_radps: Array
+    mass_before_kg: Array
 
 
 @dataclass(frozen=True)
@@ -628,12 +630,13 @@ class Transmission:
 
 def geometry(
     m: Machine, x: Transmission, user_m: Array, r_dot: Array, r_ddot: Array, direction: Array, moved: bool, dt_s: float
-) -> tuple[Array, Array, Array, Transmission]:
-    """Corrections of both axes by position, by the angle of the screw and by force, (2,) m each, and the new state.
+) -> tuple[Array, Array, Array, Array, Transmission]:
+    """Corrections of both axes by position, by the angle of the screw and by force, (2,) m each, the force (2,) N that
+    moves the mass before the gap across it, and the new state.
 
     `user_m` are the encoders' positions from the user's zero; `moved`: this zero is not that of the last period.
     Decisions: a deflection changes by 2 mm/s at most, the correction of a new zero comes at 0.2 mm/s, and the side of
-    the gap is a second-order low-pass with two poles at 600 1/s, by the semi-implicit Euler rule.
+    the gap is a second-order low-pass with two poles at `side_radps`, by the semi-implicit Euler rule.
     """
     angles = np.array([[0.0, m.squareness_rad[1]], [m.squareness_rad[0], 0.0]])
     lead = [np.interp(p, *m.lead[i]) if len(m.lead[i][0]) else 0.0 for i, p in enumerate(user_m)]
@@ -648,11 +651,12 @@ def geometry(
     deflection = x.deflection_m + np.clip(change, -2e-3 * dt_s, 2e-3 * dt_s)
     push = force + 0.01 * direction
     target = np.where(np.abs(push) < 0.005, x.target, np.sign(push))
-    w = 600.0
-    matrix = np.array([[1.0 - (w * dt_s) ** 2, dt_s - 2.0 * w * dt_s**2], [-(w**2) * dt_s, 1.0 - 2.0 * w * dt_s]])
-    away, rate = matrix @ [x.side - target, x.side_1ps]
-    state = Transmission(placed, bridge, turn, turn_bridge, deflection, target, target + away, rate)
-    return placed + bridge, turn + turn_bridge, -deflection - 0.5 * m.backlash_m * state.side, state
+    w = m.side_radps
+    away, rate = x.side - target, (1.0 - 2.0 * w * dt_s) * x.side_1ps - w**2 * dt_s * (x.side - target)
+    gap_force = m.mass_before_kg * 0.5 * m.backlash_m * (rate - x.side_1ps) / dt_s
+    side = target + away + dt_s * rate
+    state = Transmission(placed, bridge, turn, turn_bridge, deflection, target, side, rate)
+    return placed + bridge, turn + turn_bridge, -deflection - 0.5 * m.backlash_m * side, gap_force, state
 
 
 def dual_feedback(

@@ -66,10 +66,11 @@ static num by_force(const struct geometry_axis_cfg *cfg, struct geometry_axis_st
     if (!n_lt(n_abs(push), NUM(GEOMETRY_PUSH_MIN))) {
         s->target = n_lt(push, NUM(0)) ? NUM(-1) : NUM(1);
     }
-    const num w = NUM(GEOMETRY_SIDE_BANDWIDTH);
+    const num w = cfg->side_bandwidth;
     const num rate = n_msub(n_mul(w, n_sub(s->target, s->side)), NUM(2), s->side_rate);
     s->side_rate = n_state(n_mad(s->side_rate, n_mul(w, dt), rate));
     s->side = n_state(n_mad(s->side, dt, s->side_rate));
+    s->gap_force = n_mul(cfg->gap_inertia, n_mul(w, rate));
     return n_neg(n_mad(s->deflection, cfg->half_gap, s->side));
 }
 

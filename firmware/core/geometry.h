@@ -27,7 +27,8 @@
  * pushes, b stays. A table for which neither mass nor friction is given is pushed in the direction of motion.
  *
  * The result never steps, since the observer takes a step for a speed. F/k changes by at most GEOMETRY_DEFLECTION_RATE,
- * b follows through a critically damped second-order low-pass, and where the origin changes p, the difference to the
+ * b follows through a critically damped second-order low-pass whose acceleration needs the force m_0 g b'' of what is
+ * before the gap; the caller adds it to that of the law, which need not know of the gap then. Where the origin changes p, the difference to the
  * correction before decays with GEOMETRY_ORIGIN_RATE. The first period after geometry_reset() starts with the whole
  * correction: the caller resets its observers there.
  *
@@ -44,7 +45,7 @@
 #define GEOMETRY_POINTS 64u
 #define GEOMETRY_DEFLECTION_RATE 10.0 /* um/T0 (2 mm/s): largest rate of a deflection */
 #define GEOMETRY_ORIGIN_RATE 1.0      /* um/T0 (0.2 mm/s): rate at which a new origin takes effect */
-#define GEOMETRY_SIDE_BANDWIDTH 3.0   /* 1/T0: of the change of side in a gap; 90 % of it take 6 ms */
+#define GEOMETRY_SIDE_BANDWIDTH 4.5   /* 1/T0: of the change of side in a gap, at most; 90 % of it take 4.3 ms */
 #define GEOMETRY_PUSH_MIN 0.005       /* N: a smaller force does not change the side */
 #define GEOMETRY_PUSH 0.01            /* N: force in the direction of motion that decides where no other one does */
 
@@ -61,6 +62,8 @@ struct geometry_axis_cfg {
     num coulomb;               /* N */
     num viscous;               /* N T0/um */
     num half_gap;              /* um */
+    num side_bandwidth;        /* 1/T0, 0..GEOMETRY_SIDE_BANDWIDTH */
+    num gap_inertia;           /* m_0 g, N T0^2: mass before the gap times half of it; 0: no force */
 };
 
 struct geometry_cfg {
@@ -83,6 +86,7 @@ struct geometry_axis_state {
     num target;                      /* side to which F pushed last: -1, 0 (not yet), 1 */
     num side;                        /* b */
     num side_rate;                   /* b', 1/T0 */
+    num gap_force;                   /* m_0 g b'', N */
 };
 
 struct geometry_state {

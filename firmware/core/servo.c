@@ -326,6 +326,10 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
         }
         vec2 balance;
         demand = law(cfg, state, in->controller, q, out, &balance);
+        if (cfg->geometry.on) {
+            const struct geometry_axis_state *g = state->geometry.axis;
+            balance = v2_add(balance, v2(g[0].gap_force, g[1].gap_force));
+        }
         if (switched && !enabling_changed) {
             state->offset =
                 v2_sub(v2_sub(state->force, state->filtering), v2_add(demand.net, v2_add(balance, state->screw)));

@@ -132,6 +132,20 @@ static bool has_turn_error(const struct od_screw *s)
     return s->lead != 0 && (s->error_cos != 0 || s->error_sin != 0);
 }
 
+/* Fill what crosses the gap: the mass before it, where the table's is known. It takes half of the largest force at most. */
+static void gap(struct geometry_axis_cfg *g, const struct od_axis *a)
+{
+    const uint32_t mass = a->plant.mass;
+    const uint32_t table = a->transmission.table_mass;
+    const num quarter = n_ratio(a->plant.force_limit, 4000);
+    const num fastest = NUM(GEOMETRY_SIDE_BANDWIDTH);
+    g->half_gap = n_ratio(a->transmission.backlash, 2000);
+    g->gap_inertia = table == 0 || table >= mass ? NUM(0) : n_mul(n_ratio(mass - table, 25000), g->half_gap);
+    g->side_bandwidth = n_lt(n_mul(g->gap_inertia, n_mul(fastest, fastest)), quarter)
+                            ? fastest
+                            : n_sqrt(n_div(quarter, g->gap_inertia));
+}
+
 /* The table behind a spring, a gap and a screw; squareness is that of the axis, seen on the other one. It fills *g, whose
  * points beyond the map are 0: by value its maps would lie on the stack several times. */
 static void geometry_axis(struct geometry_axis_cfg *g, const struct od_axis *a, int32_t squareness)
@@ -149,7 +163,7 @@ static void geometry_axis(struct geometry_axis_cfg *g, const struct od_axis *a, 
     g->mass = n_ratio(t->table_mass, 25000);
     g->coulomb = n_ratio((int64_t)a->plant.coulomb * t->table_friction, 1000000);
     g->viscous = n_ratio((int64_t)a->plant.viscous * t->table_friction, 5000000000);
-    g->half_gap = n_ratio(t->backlash, 2000);
+    gap(g, a);
     for (uint32_t k = 0; k < g->points; k++) {
         g->lead[k] = n_ratio(a->lead_error[k], 1000);
     }

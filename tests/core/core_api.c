@@ -351,7 +351,9 @@ void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const in
                                                  .mass = mk(a->mass * MPS2),
                                                  .coulomb = mk(a->coulomb),
                                                  .viscous = mk(a->viscous * MPS),
-                                                 .half_gap = mk(0.5 * a->backlash / UM)};
+                                                 .half_gap = mk(0.5 * a->backlash / UM),
+                                                 .side_bandwidth = mk(a->side_bandwidth * T0),
+                                                 .gap_inertia = mk(a->mass_before * MPS2 * 0.5 * a->backlash / UM)};
         for (uint32_t k = 0; k < a->points; k++) {
             cfg.axis[i].lead[k] = mk(a->lead[k] / UM);
         }
@@ -377,6 +379,7 @@ void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const in
         a->target = result(x->target);
         a->side = result(x->side);
         a->side_rate = result(x->side_rate) / T0;
+        a->gap_force = result(x->gap_force);
         a->by_position = result(i == 0 ? state.position.x : state.position.y) * UM;
         a->by_angle = result(i == 0 ? state.turn.x : state.turn.y) * UM;
         a->by_force = result(i == 0 ? state.force.x : state.force.y) * UM;

@@ -57,10 +57,11 @@ struct api_geometry_axis {
     uint32_t points, step_nm;
     int32_t start_nm, origin_nm;
     double lead[64], screw, error_cos, error_sin, squareness, compliance, mass, coulomb, viscous, backlash;
+    double side_bandwidth, mass_before;
     double r_dot, r_ddot, direction;
     double placed, bridge, turn, turn_bridge, deflection, target, side, side_rate; /* the state, which is changed */
     int32_t last_origin_nm;
-    double by_position, by_angle, by_force; /* the result */
+    double by_position, by_angle, by_force, gap_force; /* the result */
 };
 
 /* One drive: knots, parameters and states. Positions are int64 in 2^-16 nm, as in the core. */

@@ -555,6 +555,8 @@ def test_geometry_is_the_oracles_but_for_rounding(core: Core, points: int) -> No
                 "coulomb": rng.uniform(0.0, 100.0),
                 "viscous": rng.uniform(0.0, 1000.0),
                 "backlash": rng.uniform(0.0, 50e-6),
+                "side_bandwidth": rng.uniform(100.0, 900.0),
+                "mass_before": rng.choice([0.0, rng.uniform(0.0, 100.0)]),
                 "r_dot": rng.uniform(-0.3, 0.3) * (trial % 3 > 0),
                 "r_ddot": rng.uniform(-5.0, 5.0) * (trial % 3 > 0),
                 "direction": rng.uniform(-1.0, 1.0) * (trial % 3 > 0),
@@ -581,14 +583,16 @@ def test_geometry_is_the_oracles_but_for_rounding(core: Core, points: int) -> No
             machine = oracle.Machine(
                 (lead[0], lead[1]), both("screw"), both("error_cos") - 1j * both("error_sin"), both("squareness"),
                 1.0 / both("compliance"), both("mass"), both("coulomb"), both("viscous"), both("backlash"),
+                both("side_bandwidth"), both("mass_before"),
             )  # fmt: skip
         before = oracle.Transmission(*(both(name) for name in GEOMETRY_STATE))
         user = np.rint(encoder / 65536.0) * 1e-9 + both("origin_nm") * 1e-9
         reference = both("r_dot"), both("r_ddot"), both("direction")
-        by_position, by_angle, by_force, after = oracle.geometry(machine, before, user, *reference, trial % 2 > 0, dt)
+        *corrections, after = oracle.geometry(machine, before, user, *reference, trial % 2 > 0, dt)
         found, allowed = drive.geometry(given, encoder), limit.geometry(given, encoder)
         state = dict(zip(GEOMETRY_STATE, vars(after).values(), strict=True))
-        expected = state | {"by_position": by_position, "by_angle": by_angle, "by_force": by_force}
+        results = "by_position", "by_angle", "by_force", "gap_force"
+        expected = state | dict(zip(results, corrections, strict=True))
         # screw_turns() is rounded to half a step of 2^-48 / lead, and a sine to 5e-7, or 1e-5 (core/trig.h)
         angle = 2.0 * np.pi * np.abs(user) * 1e9 / 2.0**49 + {"f32": 5e-7, "fix": 1e-5}[core.num]
         turn = angle * (np.abs(both("error_cos")) + np.abs(both("error_sin")))

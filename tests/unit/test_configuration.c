@@ -207,6 +207,7 @@ static void test_geometry_of_each_axis(void)
         near(0.345 * 12.345, g.axis[i].coulomb);
         near(0.345 * 456.789 * UM / T0, g.axis[i].viscous);
         near(23.456 / 2, g.axis[i].half_gap);
+        near((od.axis[i].plant.mass / 1000.0 - 43.210) * UM / (T0 * T0) * 23.456 / 2, g.axis[i].gap_inertia);
         TEST_ASSERT_TRUE(g.axis[i].turns == screw_turns(5000000));
         near(-12.345, g.axis[i].error_cos);
         near(0.678, g.axis[i].error_sin);
@@ -218,6 +219,26 @@ static void test_geometry_of_each_axis(void)
         near(345.678, g.axis[i].lead[2]);
         near(0, g.axis[i].lead[3]); /* not a point */
     }
+}
+
+/* F = m_0 g b'', of which b'' is at most 2 w^2, is half of the force limit at most. */
+static void test_force_across_a_gap_is_half_of_the_largest_at_most(void)
+{
+    for (int i = 0; i < 2; i++) {
+        od.axis[i].plant.mass = 60000;
+        od.axis[i].plant.force_limit = 80000;
+        od.axis[i].transmission = (struct od_transmission){.table_mass = i == 0 ? 35000 : 0, .backlash = 60000};
+    }
+    struct geometry_cfg g = configuration_servo(&od).geometry;
+    near(25 * UM / (T0 * T0) * 30, g.axis[0].gap_inertia);
+    near(0, g.axis[1].gap_inertia); /* nothing is known of the table */
+    const double w = val(g.axis[0].side_bandwidth);
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, 80.0 / 2, val(g.axis[0].gap_inertia) * 2 * w * w);
+    od.axis[0].transmission.backlash = 1500;
+    od.axis[1].transmission.table_mass = 60000;
+    g = configuration_servo(&od).geometry;
+    near(GEOMETRY_SIDE_BANDWIDTH, g.axis[0].side_bandwidth);
+    near(0, g.axis[1].gap_inertia); /* nothing is left before the gap */
 }
 
 static void test_geometry_is_on_where_there_is_any(void)
@@ -668,6 +689,7 @@ int main(void)
     RUN_TEST(test_cascade);
     RUN_TEST(test_contour_estimator);
     RUN_TEST(test_geometry_of_each_axis);
+    RUN_TEST(test_force_across_a_gap_is_half_of_the_largest_at_most);
     RUN_TEST(test_geometry_is_on_where_there_is_any);
     RUN_TEST(test_second_encoder_of_each_axis);
     RUN_TEST(test_control_period);

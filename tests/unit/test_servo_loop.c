@@ -676,6 +676,7 @@ static void test_positions_that_homing_takes_are_without_what_depends_on_the_ori
         struct geometry_axis_cfg *a = &loop.cfg[1].servo.geometry.axis[i];
         a->lead[0] = i == 0 ? NUM(30) : NUM(-40);
         a->half_gap = i == 0 ? NUM(6) : NUM(8);
+        a->side_bandwidth = NUM(GEOMETRY_SIDE_BANDWIDTH);
     }
     atomic_store(&loop.command.configured, 1);
     tick(20);
