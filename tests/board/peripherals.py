@@ -391,8 +391,8 @@ class Tim5(Tim):
 
 
 class Tim8(Peripheral):
-    """RM0090 17.4: PWM. A duty changes at once; the preload registers are not modelled. The break input is at PA6 (DS8626,
-    AF3) and acts without a clock (17.3.12)."""
+    """RM0090 17.4: PWM. A duty changes at once; the preload registers are not modelled. The break input is at PA6
+    (DS8626, AF3) and acts without a clock (17.3.12)."""
 
     base, clock = 0x40010400, ("APB2", 1)
     MOE, BKP, BKE, BIF = 1 << 15, 1 << 13, 1 << 12, 1 << 7

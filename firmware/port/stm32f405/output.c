@@ -6,10 +6,8 @@
 #include "port/stm32f405/cpu.h"
 
 enum { DAC_ZERO = 2048, PWM_STEPS = 4200 };
-enum {
-    PWM_OFF = TIM_BDTR_OSSI | TIM_BDTR_OSSR,
-    PWM_ON = PWM_OFF | TIM_BDTR_MOE
-}; /* off: the pins are driven low */
+/* Off: the pins are driven low. */
+enum { PWM_OFF = TIM_BDTR_OSSI | TIM_BDTR_OSSR | BOARD_BREAK_BDTR, PWM_ON = PWM_OFF | TIM_BDTR_MOE };
 
 struct channel {
     bool pwm, invert;
