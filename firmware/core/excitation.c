@@ -2,8 +2,6 @@
 /* excitation.c: the excitation of excitation.h. Runs in the servo tick. */
 #include "core/excitation.h"
 
-static const struct excitation_sums NOTHING;
-
 void excitation_begin(const struct excitation_cfg *cfg, struct excitation_state *s)
 {
     *s = (struct excitation_state){.ticks = 0};
@@ -14,7 +12,7 @@ void excitation_begin(const struct excitation_cfg *cfg, struct excitation_state 
     }
 }
 
-num excitation_force(const struct excitation_cfg *cfg, struct excitation_state *s)
+num excitation_step(const struct excitation_cfg *cfg, struct excitation_state *s)
 {
     num sum = NUM(0);
     for (uint32_t k = 0; k < cfg->lines; k++) {
@@ -33,6 +31,7 @@ num excitation_force(const struct excitation_cfg *cfg, struct excitation_state *
 bool excitation_correlate(const struct excitation_cfg *cfg, struct excitation_state *s,
                           const num signal[EXCITATION_SIGNALS])
 {
+    static const struct excitation_sums nothing;
     if (!s->settled) {
         return false;
     }
@@ -48,7 +47,7 @@ bool excitation_correlate(const struct excitation_cfg *cfg, struct excitation_st
     if (s->ticks == cfg->window) {
         s->ticks = 0;
         s->done++;
-        s->sums[s->done % 2u] = NOTHING;
+        s->sums[s->done % 2u] = nothing;
     }
     return s->done >= cfg->windows;
 }

@@ -51,7 +51,7 @@ struct excitation_state {
 /* Begin anew. */
 void excitation_begin(const struct excitation_cfg *cfg, struct excitation_state *s);
 /* The force of this control period, N. */
-num excitation_force(const struct excitation_cfg *cfg, struct excitation_state *s);
+num excitation_step(const struct excitation_cfg *cfg, struct excitation_state *s);
 /* Take the signals of this control period. Returns whether the last window is complete. */
 bool excitation_correlate(const struct excitation_cfg *cfg, struct excitation_state *s,
                           const num signal[EXCITATION_SIGNALS]);

@@ -293,7 +293,7 @@ __attribute__((noinline)) static void excite(struct servo_loop *loop, const stru
     }
     num *const force = i == 0 ? &out->force.x : &out->force.y;
     const num limit = i == 0 ? loop->servo.force_limit.limit.x : loop->servo.force_limit.limit.y;
-    const num excited = n_add(*force, excitation_force(&e->cfg, &e->state));
+    const num excited = n_add(*force, excitation_step(&e->cfg, &e->state));
     *force = n_within(excited, limit);
     loop->servo.force = out->force;             /* which heats the motor */
     loop->servo.oscillation[i].half_waves = 0u; /* the answer to it is none */

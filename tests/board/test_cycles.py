@@ -6,7 +6,7 @@ from board import Board
 from chip import SYSTICK
 
 LAST, WORST = 1, 2
-ENTRY_AND_EXIT = 40  # cycles of an exception's stacking, which the tick itself cannot see, and of its first and last lines
+ENTRY_AND_EXIT = 40  # cycles of an exception, which the tick itself cannot see, and of its first and last lines
 
 
 @pytest.fixture

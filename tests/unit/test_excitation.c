@@ -55,7 +55,7 @@ static void test_force_is_a_sum_of_sines_that_grows_while_it_settles(void)
 {
     for (int n = 0; n < SETTLE + WINDOW; n++) {
         const double share = n < SETTLE ? (double)n / SETTLE : 1;
-        TEST_ASSERT_DOUBLE_WITHIN(5e-4, share * full_N(n), val(excitation_force(&cfg, &state)));
+        TEST_ASSERT_DOUBLE_WITHIN(5e-4, share * full_N(n), val(excitation_step(&cfg, &state)));
         TEST_ASSERT_FALSE(take(0, 0, 0));
     }
 }
@@ -66,7 +66,7 @@ static void test_line_of_the_force_itself_is_its_amplitude(void)
     bool complete = false;
     for (int n = 0; !complete; n++) {
         TEST_ASSERT_EQUAL(n > SETTLE + 2 * WINDOW - 1, complete);
-        const double d = val(excitation_force(&cfg, &state));
+        const double d = val(excitation_step(&cfg, &state));
         complete = take(d, 0, 0);
     }
     TEST_ASSERT_EQUAL_UINT32(2, state.done);
@@ -89,7 +89,7 @@ static void test_each_signal_is_correlated_with_each_line_window_by_window(void)
             random = random * 1664525u + 1013904223u;
             x[i] = (double)(random >> 22) / 64 - 8;
         }
-        (void)excitation_force(&cfg, &state);
+        (void)excitation_step(&cfg, &state);
         (void)take(x[0], x[1], x[2]);
         window = (n - SETTLE) / WINDOW;
         for (uint32_t k = 0; k < 3 && n >= SETTLE; k++) {
@@ -113,7 +113,7 @@ static void test_each_signal_is_correlated_with_each_line_window_by_window(void)
 static void test_constant_speed_and_the_other_lines_are_not_seen(void)
 {
     for (int n = 0; n < SETTLE + WINDOW; n++) {
-        (void)excitation_force(&cfg, &state);
+        (void)excitation_step(&cfg, &state);
         (void)take(7, 3 * cos(phase(1, n)), 100);
     }
     for (uint32_t k = 0; k < cfg.lines; k++) {
@@ -126,11 +126,11 @@ static void test_constant_speed_and_the_other_lines_are_not_seen(void)
 
 static void test_without_a_window_or_a_line_there_is_no_result(void)
 {
-    (void)excitation_force(&cfg, &state);
+    (void)excitation_step(&cfg, &state);
     TEST_ASSERT_FALSE(take(1, 1, 1));
     TEST_ASSERT_EQUAL_DOUBLE(0, result(0, EXCITATION_FORCE, false));
     for (int n = 1; n < SETTLE + WINDOW; n++) {
-        (void)excitation_force(&cfg, &state);
+        (void)excitation_step(&cfg, &state);
         (void)take(val(state.at[0].cos), 0, 0);
     }
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 1, result(0, EXCITATION_FORCE, false));
@@ -147,7 +147,7 @@ static void test_phases_keep_the_peak_of_many_lines_small(void)
     excitation_begin(&cfg, &state);
     double peak = 0;
     for (int n = 0; n < SETTLE + WINDOW; n++) {
-        peak = fmax(peak, fabs(val(excitation_force(&cfg, &state)) / 4));
+        peak = fmax(peak, fabs(val(excitation_step(&cfg, &state)) / 4));
         (void)take(0, 0, 0);
     }
     TEST_ASSERT_TRUE(peak > 2.8 && peak < 5);
