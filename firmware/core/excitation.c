@@ -31,7 +31,6 @@ num excitation_step(const struct excitation_cfg *cfg, struct excitation_state *s
 bool excitation_correlate(const struct excitation_cfg *cfg, struct excitation_state *s,
                           const num signal[EXCITATION_SIGNALS])
 {
-    static const struct excitation_sums nothing;
     if (!s->settled) {
         return false;
     }
@@ -47,7 +46,7 @@ bool excitation_correlate(const struct excitation_cfg *cfg, struct excitation_st
     if (s->ticks == cfg->window) {
         s->ticks = 0;
         s->done++;
-        s->sums[s->done % 2u] = nothing;
+        s->sums[s->done % 2u] = (struct excitation_sums){.re[0][0] = acc_from(NUM(0))};
     }
     return s->done >= cfg->windows;
 }
