@@ -207,7 +207,8 @@ static void test_geometry_of_each_axis(void)
         near(0.345 * 12.345, g.axis[i].coulomb);
         near(0.345 * 456.789 * UM / T0, g.axis[i].viscous);
         near(23.456 / 2, g.axis[i].half_gap);
-        near((od.axis[i].plant.mass / 1000.0 - 43.210) * UM / (T0 * T0) * 23.456 / 2, g.axis[i].gap_inertia);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-4, (od.axis[i].plant.mass / 1000.0 - 43.210) * UM / (T0 * T0) * 23.456 / 2,
+                                  val(g.axis[i].gap_inertia));
         TEST_ASSERT_TRUE(g.axis[i].turns == screw_turns(5000000));
         near(-12.345, g.axis[i].error_cos);
         near(0.678, g.axis[i].error_sin);
