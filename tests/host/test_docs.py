@@ -93,6 +93,10 @@ def unknown_to_cli(words: list[str]) -> str | None:
         if found is None:
             return word
         command = found
+    verbs = main.list_commands(click.Context(main))
+    inside = next((at for at, word in enumerate(rest) if word in verbs), None) if words[0] == "live" else None
+    if inside is not None:  # `kontur live` runs another command
+        return unknown_to_cli(["live", *rest[:inside]]) or unknown_to_cli(rest[inside:])
     options = {option: parameter for parameter in command.params for option in parameter.opts}
     for word, value in zip(rest, [*rest, ""][1:], strict=True):
         if word in ("--help", "-h") or not re.match(r"--?[a-z]", word):

@@ -12,6 +12,7 @@ import pytest
 
 from kontur import machine
 from kontur.can.link import Link
+from kontur.cli.live_page import Panel
 from kontur.cli.options import held_by_signals
 from kontur.drive.device import Device
 from kontur.drive.stream import UNATTENDED, Operator, stream
@@ -138,9 +139,10 @@ def test_path_that_was_not_left_does_not_go_on(device: Device) -> None:
 
 
 def test_signals_hold_and_let_go() -> None:
-    with held_by_signals() as held:
-        assert not held()
+    panel = Panel(percent=80.0)
+    with held_by_signals(panel):
+        assert panel.rate() == 0.8
         os.kill(os.getpid(), signal.SIGUSR1)
-        assert held()
+        assert panel.rate() == 0.0
         os.kill(os.getpid(), signal.SIGUSR2)
-        assert not held()
+        assert panel.rate() == 0.8

@@ -99,6 +99,7 @@ class Link:
         self._recording = False
         self._frames: list[tuple[int, bytearray]] = []
         self._take: Callable[[NDArray[np.int64], NDArray[np.uint8]], None] | None = None
+        self._every_s = _TAKE_S
         self._taken_s = 0.0  # wall clock; infinite where time is the drive's
         # Services and PDOs of fixed length; frames of another one are corrupted.
         self._lengths = {_SDO_RESPONSE + node_id: 8, _EMCY + node_id: 8, wire.HEARTBEAT + node_id: 1}
@@ -272,15 +273,18 @@ class Link:
             self._receive(left_s)
         return True
 
-    def record_telemetry(self, take: Callable[[NDArray[np.int64], NDArray[np.uint8]], None] | None = None) -> None:
+    def record_telemetry(
+        self, take: Callable[[NDArray[np.int64], NDArray[np.uint8]], None] | None = None, every_s: float = _TAKE_S
+    ) -> None:
         """Record all telemetry frames and TPDO1 from now on, and discard those recorded before.
 
-        `take` is called with function (m,) and payload (m, 8) of those that have come, twice a second or more often;
-        without it they are kept for recorded_telemetry().
+        `take` is called with function (m,) and payload (m, 8) of those that have come in about `every_s`; without it
+        they are kept for recorded_telemetry().
         """
         self._frames = []
         self._recording = True
         self._take = take
+        self._every_s = every_s
         self._taken_s = math.inf if self.by_device_time else time.monotonic()
 
     def recorded_telemetry(self, start_nm: tuple[int, int]) -> Telemetry:
@@ -303,7 +307,8 @@ class Link:
     def _is_due(self) -> bool:
         """Whether telemetry is to be handed over: by the number of frames alone where time is the drive's, so that
         equal runs stay equal."""
-        return len(self._frames) >= _TAKE_FRAMES or time.monotonic() - self._taken_s >= _TAKE_S
+        frames = _TAKE_FRAMES * self._every_s / _TAKE_S
+        return len(self._frames) >= frames or time.monotonic() - self._taken_s >= self._every_s
 
     def _round(self) -> None:
         goal_ms = self._tick_ms + self._sync_ms

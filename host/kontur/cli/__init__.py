@@ -19,6 +19,7 @@ from kontur.errors import KonturError
 _VERBS = {
     "run": "Run a path, and report the contour error.",
     "check": "Check a file without moving: refusals, extent, time, slowest places.",
+    "live": "Show on a page what a command does, or what a drive on a bus does.",
     "circle-test": "Run circles in both senses, and show the figures of ISO 230-4.",
     "jog": "Move the axes with constant speed for a time.",
     "home": "Home an axis, so that positions count from its home point.",

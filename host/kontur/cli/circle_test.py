@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from kontur.cli.live_page import view
 from kontur.cli.motion_options import accel_option, approach_option, jerk_option, params_option
 from kontur.cli.options import (
     CONTROLLER,
@@ -141,7 +142,7 @@ def _run(
 
     with progress_bars() as progress:
         feeds_mps = [feed * 1e-3 for feed in feeds]
-        for one in circle_test(setup, feeds_mps, bounds, target, progress, stop_requested):
+        for one in circle_test(setup, feeds_mps, bounds, target, progress, stop_requested, view()):
             done.append(one)
 
 

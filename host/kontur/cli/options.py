@@ -21,6 +21,7 @@ from kontur import machine as machines
 from kontur.can import EDS
 from kontur.can.signals import RECORDED
 from kontur.cli import EXIT_INTERRUPTED
+from kontur.cli.live_page import panel, shown
 from kontur.cli.output import console, print_warnings
 from kontur.drive.controllers import NAMES, named
 from kontur.errors import BusError, FileError, KonturError, NoAnswerError, ParameterError
@@ -29,6 +30,7 @@ from kontur.sim import NUMS
 
 if TYPE_CHECKING:
     from kontur.can.bad_bus import BusFaults
+    from kontur.cli.live_page import Panel
     from kontur.drive.device import Device
     from kontur.drive.target import Target
 
@@ -412,7 +414,8 @@ def drive_of(target: Target) -> Iterator[Device]:
 
     with open_drive(target) as device:
         try:
-            yield device
+            with shown(device):
+                yield device
         except (BusError, NoAnswerError):
             raise
         except BaseException:
@@ -458,33 +461,32 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
 
 
 @contextmanager
-def held_by_signals() -> Iterator[Callable[[], bool]]:
-    """SIGUSR1 requests feed hold, which the yielded function returns, SIGUSR2 ends it."""
-    held = False
+def held_by_signals(held: Panel) -> Iterator[None]:
+    """SIGUSR1 requests feed hold by `held`, SIGUSR2 ends it."""
 
     def ask(number: int, _frame: FrameType | None) -> None:
-        nonlocal held
-        held = number == signal.SIGUSR1
+        held.held = number == signal.SIGUSR1
 
     if not hasattr(signal, "SIGUSR1"):  # Windows
-        yield lambda: False
+        yield
         return
     before = [(number, signal.signal(number, ask)) for number in (signal.SIGUSR1, signal.SIGUSR2)]
     try:
-        yield lambda: held
+        yield
     finally:
         for number, handler in before:
             signal.signal(number, handler)
 
 
 class StopRequest:
-    """Tells when it is called whether a signal has requested a stop. `exit_code`: of a program that a signal ended."""
+    """Tells when it is called whether a signal, or a live page, has requested a stop. `exit_code`: of the program."""
 
     def __init__(self) -> None:
         self.signal = 0
+        self._panel = panel()
 
     def __call__(self) -> bool:
-        return self.signal != 0
+        return self.signal != 0 or self._panel.stop
 
     @property
     def exit_code(self) -> int:

@@ -18,6 +18,7 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
+from kontur.cli.live_page import live_page, panel, view
 from kontur.cli.motion_options import accel_option, approach_option, jerk_option, params_option
 from kontur.cli.options import (
     CONTROLLER,
@@ -53,7 +54,7 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 _MAY_BE_0 = ("corner_radius", "inner")
-_NOT_IN_COMMAND = ("log", "report", "as_json", "controller", "scope_out")
+_NOT_IN_COMMAND = ("log", "report", "as_json", "live", "controller", "scope_out")
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ class Output:
     log: Path | None
     report: Path | None
     as_json: bool
+    live: bool
 
 
 @dataclass(frozen=True)
@@ -118,10 +120,10 @@ def _program(source: str, feed: float | None, z: str, interpreter: bool, **sizes
     return programs.load(source, None if feed is None else feed_mps, z, interpreter)
 
 
-def _output(log: Path | None, report: Path | None, as_json: bool) -> Output:
+def _output(log: Path | None, report: Path | None, as_json: bool, live: bool) -> Output:
     check_output(log, ".csv", ".mf4")
     check_output(report, ".html")
-    return Output(log, report, as_json)
+    return Output(log, report, as_json, live)
 
 
 def _recording(
@@ -225,6 +227,12 @@ _output_options = grouped(
     click.option("--log", type=click.Path(dir_okay=False, path_type=Path), help="Log to this .csv or .mf4 file."),
     click.option("--report", type=click.Path(dir_okay=False, path_type=Path), help="Write an HTML report here."),
     click.option("--json", "as_json", is_flag=True, help="Print the result as JSON."),
+    click.option(
+        "--live",
+        is_flag=True,
+        help="Serve a page for this machine's browser, which shows the run and can hold and stop it. Its address is "
+        "printed first. A drive that is simulated in this process runs no faster than the clock then.",
+    ),
 )
 
 
@@ -278,6 +286,8 @@ def command(
         raise click.UsageError(
             "--resume goes on with the one path on which a drive stopped: name its bus (-i, -c), and one controller"
         )
+    if output.live:
+        ctx.with_resource(live_page())
     trajectory, options = _plan(program, motion, recording, target)
     if motion.resume:
         output = dataclasses.replace(output, log=_of_this_part(output.log), report=_of_this_part(output.report))
@@ -381,13 +391,26 @@ def _run(
     override: float,
     stop_requested: StopRequest,
 ) -> RunResult:
-    """One run with a progress bar, which Ctrl-C stops and signals hold."""
+    """One run with a progress bar, which Ctrl-C stops and signals hold. A live page does both, too."""
     from kontur.drive.stream import Operator
     from kontur.runs.runner import run
 
-    with progress_bar(name) as progress, held_by_signals() as held:
-        operator = Operator(progress, stop_requested, lambda: 0.0 if held() else override / 100.0, _notice)
-        return run(trajectory, name, target, options, operator)
+    asked = panel()
+    asked.offers, asked.percent = ("hold", "resume", "stop", "override"), override
+    page = view()
+    options = dataclasses.replace(options, watch=page)
+    with progress_bar(name) as progress, held_by_signals(asked):
+        result = run(trajectory, name, target, options, Operator(progress, stop_requested, asked.rate, _notice))
+    if page is not None:
+        page.end(_ending(result))
+    return result
+
+
+def _ending(result: RunResult) -> str:
+    """How a run ended, for its live page."""
+    problem = result.error or result.fault or result.log_problem
+    status = "complete" if result.completed else "stopped by the operator"
+    return f"{result.log.meta['controller']}: {problem or status}"
 
 
 def _notice(text: str) -> None:

@@ -21,6 +21,7 @@ from kontur.planning.bounds import Limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs.circle_record import Circle, trace
 from kontur.runs.circularity import SENSES, Floats, lap
+from kontur.runs.recorder import Watcher
 from kontur.runs.runner import RunOptions, RunResult, run
 
 _START_RAD = 0.25 * math.pi
@@ -46,6 +47,7 @@ def circle_test(
     target: Target,
     progress: Callable[[str, float], None] = lambda what, share: None,
     stop_requested: Callable[[], bool] = lambda: False,
+    watch: Watcher | None = None,
 ) -> Iterator[tuple[Circle, tuple[RunResult, RunResult]]]:
     """Run both senses at each feed, planned within `bounds`; the circle of a feed, and its runs.
 
@@ -60,7 +62,7 @@ def circle_test(
         runs = []
         for sense, trajectory in zip(SENSES, both, strict=True):
             operator = Operator(_named(progress, f"{feed * 1e3:g} mm/s, {sense}"), stop_requested)
-            options = RunOptions(parameters=setup.parameters, approach=setup.approach)
+            options = RunOptions(parameters=setup.parameters, approach=setup.approach, watch=watch)
             runs.append(run(trajectory, setup.controller, target, options, operator))
             if not runs[-1].completed:
                 raise KeyboardInterrupt

@@ -35,11 +35,16 @@ def columns(
     }
     for i, axis in enumerate("xy"):
         found[f"reference_{axis}_mm"] = along(trajectory.position_m[:, i], path_s) * 1e3
-    for signal in signals.SIGNALS:
-        if signal.telemetry is not None and signal.column is not None:
-            scale = _SCALE[signal.telemetry.unit, signal.column.unit]
-            found[signal.column.name] = telemetry.values[signal.name][rows] * scale
-    return found
+    return found | {name: values[rows] for name, values in measured(telemetry).items()}
+
+
+def measured(telemetry: Telemetry) -> dict[str, Floats]:
+    """The columns (n,) of what the drive has measured."""
+    return {
+        signal.column.name: telemetry.values[signal.name] * _SCALE[signal.telemetry.unit, signal.column.unit]
+        for signal in signals.SIGNALS
+        if signal.telemetry is not None and signal.column is not None
+    }
 
 
 def true_columns(pos_m: Floats, error: ContourError) -> dict[str, Floats]:

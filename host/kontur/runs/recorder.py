@@ -7,9 +7,9 @@ So memory is bounded, and after any end of the program the log on the disk lacks
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,25 @@ from kontur.runs.scoring import ContourError, Rapids, Scorer
 
 Floats = NDArray[np.float64]
 
+WATCHED_S = 0.03
+"""Rows of so much time are handed over together to who looks on."""
+_ABOUT = ("controller", "machine", "command")
 _TRUTH = tuple(field.name for field in dataclasses.fields(Truth))
+
+
+class Watcher(Protocol):
+    """Who looks on while a run goes (kontur.live.view). Its functions are called in the thread of the run."""
+
+    def begin(
+        self, about: dict[str, str], columns: Sequence[tuple[str, int]], path_m: Floats | None, paced: bool
+    ) -> None:
+        """A run along `path_m` (n, 2) begins; its rows have `columns`, by name and digits in the log.
+
+        `paced`: the drive's time is a simulated one, which passes only as the host receives.
+        """
+
+    def add(self, table: Floats, codes: Sequence[int]) -> None:
+        """Rows (n, columns) have come; `codes` are all EMCY codes so far."""
 
 
 class Recorder:
@@ -38,6 +56,7 @@ class Recorder:
 
     `meta` is what is known before; end() adds the rest. `file`: where the log goes, None: nowhere. `whole`: keep all
     rows of the log and the truth in memory; else a long log is thinned there (RunLog.even), and no truth is kept.
+    `watch` gets the rows as they come, `watch_s` of them at a time.
 
     `problem`: why the log could not be written any further; None while all is well.
     """
@@ -52,14 +71,16 @@ class Recorder:
         score_from_s: float = 0.0,
         file: Path | None = None,
         whole: bool = True,
+        watch: Watcher | None = None,
     ) -> None:
-        names = [column.name for column in logs.COLUMNS if sim is not None or not column.name.startswith("true_")]
+        self._columns = [c for c in logs.COLUMNS if sim is not None or not c.name.startswith("true_")]
+        names = [column.name for column in self._columns]
         self.problem: FileError | None = None
         self.meta = dict(meta)
         self.growing = Growing(file, meta, names) if file is not None else None
         self._link, self._sim = link, sim
         self._stop_time_s, self._score_from_s = stop_time_s, score_from_s
-        self._names, self._whole = names, whole
+        self._names, self._whole, self._watch = names, whole, watch
         self._clock: RunClock | None = None
         self._waiting: list[tuple[NDArray[np.int64], NDArray[np.uint8]]] = []  # frames from before the start is known
         self._rows = 0
@@ -78,7 +99,13 @@ class Recorder:
         self._rapids = Rapids(program)
         self._scorer = Scorer(program, from_s) if self._sim is not None else None
         self._coverage = Coverage(program, from_s)
-        self._link.record_telemetry(self._take)
+        if self._watch is None:
+            self._link.record_telemetry(self._take)
+        else:
+            self._link.record_telemetry(self._take, WATCHED_S)
+            about = {"title": str(program.name)} | {k: str(v) for k, v in self.meta.items() if k in _ABOUT}
+            columns = [(column.name, column.digits) for column in self._columns]
+            self._watch.begin(about, columns, trajectory.position_m, self._link.by_device_time)
         if self._sim is not None:
             self._first_period = self._sim.start_recording()
 
@@ -192,6 +219,8 @@ class Recorder:
                 self.growing.append(table)
             except FileError as error:
                 self.problem = error
+        if self._watch is not None:
+            self._watch.add(table, self._link.reported)
 
     def _take_truth(self, clock: RunClock, truth: Truth) -> None:
         """Score the truth that has come, of the path alone, both ends included."""

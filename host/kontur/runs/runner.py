@@ -30,7 +30,7 @@ from kontur.planning.planner import Trajectory
 from kontur.planning.rest import Rest, whole
 from kontur.runs import resume
 from kontur.runs.log import RunLog
-from kontur.runs.recorder import Recorder
+from kontur.runs.recorder import Recorder, Watcher
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,7 @@ class RunOptions:
 
     `log`: write the log to this .csv or .mf4 file while the run goes. `whole`: the result has all rows of the log, and
     the truth, in memory (0.9 MB a second); else the rows of a long run are thinned (RunLog.even), and no truth is kept.
+    `watch` gets the rows of the log as they come.
     """
 
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -58,6 +59,7 @@ class RunOptions:
     command: str = ""
     log: Path | None = None
     whole: bool = True
+    watch: Watcher | None = None
 
 
 DEFAULTS = RunOptions()
@@ -138,6 +140,7 @@ def _run(
             score_from_s=options.score_from_s,
             file=options.log,
             whole=options.whole,
+            watch=options.watch,
         )
         try:
             left = None
