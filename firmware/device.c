@@ -131,7 +131,13 @@ static void on_rpdo(void *ctx, unsigned number)
     static const uint16_t set_points[] = {OBJ_MODE_X, OBJ_MODE_Y, OBJ_TARGET_VELOCITY_X, OBJ_TARGET_VELOCITY_Y};
     const unsigned received = (co_rpdo_carries(&device->node, number, OBJ_CONTROLWORD_X) ? 1u : 0u) |
                               (co_rpdo_carries(&device->node, number, OBJ_CONTROLWORD_Y) ? 2u : 0u);
+    static const uint16_t cyclic[2] = {OBJ_TARGET_POSITION_X, OBJ_TARGET_POSITION_Y};
     bool commands = received != 0;
+    for (int i = 0; i < 2; i++) {
+        if (co_rpdo_carries(&device->node, number, cyclic[i])) {
+            drive_set_point(&device->drive, i);
+        }
+    }
     for (unsigned i = 0; i < sizeof set_points / sizeof set_points[0]; i++) {
         commands = commands || co_rpdo_carries(&device->node, number, set_points[i]);
     }
@@ -150,6 +156,12 @@ static void on_rpdo(void *ctx, unsigned number)
             co_tpdo_send(&device->node, 1);
         }
     }
+}
+
+static void on_sync(void *ctx)
+{
+    struct device *device = ctx;
+    drive_sync(&device->drive);
 }
 
 static void on_tpdo(void *ctx, unsigned number)
@@ -270,6 +282,7 @@ void device_init(struct device *device, const struct hal *hal, uint8_t node_id)
                   .domain_read = domain_read,
                   .check_rpdo = check_rpdo,
                   .on_rpdo = on_rpdo,
+                  .on_sync = on_sync,
                   .on_tpdo = on_tpdo,
                   .on_nmt = on_nmt,
                   .on_heartbeat_lost = on_heartbeat_lost,

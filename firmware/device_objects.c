@@ -193,6 +193,12 @@ static uint32_t check_mode(const struct device_objects *d, const struct od_entry
     return value == 0 || axis_modes_known(value) ? SDO_OK : SDO_ABORT_VALUE;
 }
 
+/* 607Ah */
+static void set_point_written(const struct device_objects *d, const struct od_entry *entry)
+{
+    drive_set_point(d->drive, axis_of(entry));
+}
+
 /* 6098h */
 static uint32_t check_homing_method(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
@@ -208,13 +214,14 @@ static uint32_t record(const struct device_objects *d, const struct od_entry *en
     return drive_record(d->drive, (struct knot){{d->od->axis[0].ip_record.position, (int32_t)value}});
 }
 
-/* 60C2h: not while a stream is open */
+/* 60C2h: not while a stream is open, or an axis follows its set-points */
 static uint32_t check_period(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
     const struct queue *queue = &d->drive->path.queue;
     (void)entry;
     (void)value;
-    return queue->open && queue->stream->state != STREAM_DONE ? SDO_ABORT_STATE : SDO_OK;
+    const bool stream = queue->open && queue->stream->state != STREAM_DONE;
+    return stream || axis_modes_cyclic(&d->drive->path.modes) ? SDO_ABORT_STATE : SDO_OK;
 }
 
 /* One row of the table. A function that is NULL has nothing to do. */
@@ -261,6 +268,7 @@ static const struct object {
     {OBJ_MODE_X, ANY_SUB, .both_axes = true, .step = true, .check = check_mode},
     {OBJ_HOMING_METHOD_X, ANY_SUB, .both_axes = true, .check = check_homing_method},
     {OBJ_TARGET_VELOCITY_X, ANY_SUB, .both_axes = true, .step = true},
+    {OBJ_TARGET_POSITION_X, ANY_SUB, .both_axes = true, .written = set_point_written},
     {OBJ_IP_RECORD_Y, ANY_SUB, .command = record},
     {OBJ_IP_PERIOD_X, ANY_SUB, .both_axes = true, .check = check_period},
     {OBJ_IP_BUFFER_X, SUB_IP_BUFFER_CLEAR, .both_axes = true, .command = clear_buffer},

@@ -192,6 +192,14 @@ void co_init(struct co_node *node, const struct co_config *config)
     boot(node);
 }
 
+static void receive_sync(struct co_node *node, const struct can_frame *frame)
+{
+    const struct co_hooks *hooks = &node->config.hooks;
+    if (co_pdo_sync(&node->pdo, frame) && hooks->on_sync != NULL) {
+        hooks->on_sync(hooks->ctx);
+    }
+}
+
 /* Services that a node in pre-operational, operational or stopped has (CiA 301, 7.3.2). */
 static void receive(struct co_node *node, const struct can_frame *frame)
 {
@@ -204,7 +212,7 @@ static void receive(struct co_node *node, const struct can_frame *frame)
         co_nmt_heartbeat(&node->nmt, frame);
     } else if (state == CO_OPERATIONAL) {
         if (frame->id == (node->config.od->sync_cob_id & COB_ID_MASK)) {
-            co_pdo_sync(&node->pdo, frame);
+            receive_sync(node, frame);
         } else {
             co_pdo_receive(&node->pdo, frame);
         }

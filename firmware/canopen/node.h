@@ -47,6 +47,8 @@ struct co_hooks {
     /* The values of RPDO `number` (1...) are stored, but for those refused. Called for every RPDO before the next one is handled;
      * co_rpdo_carries() says what is mapped into it. */
     void (*on_rpdo)(void *ctx, unsigned number);
+    /* A SYNC has come, and the RPDOs that waited for it have had their effect. */
+    void (*on_sync)(void *ctx);
     /* TPDO `number` (1...) has been handed to the bus; co_tpdo_carries() says what is mapped into it. */
     void (*on_tpdo)(void *ctx, unsigned number);
     /* The NMT state has changed. */

@@ -283,12 +283,12 @@ static void sync_tpdo(struct co_pdo *pdo, unsigned i, uint8_t counter)
     }
 }
 
-void co_pdo_sync(struct co_pdo *pdo, const struct can_frame *frame)
+bool co_pdo_sync(struct co_pdo *pdo, const struct can_frame *frame)
 {
     const unsigned len = pdo->od->sync_overflow != 0 ? 1 : 0; /* 1019h: SYNC has a counter */
     if (frame->len != len) {
         co_emcy_raise(pdo->emcy, CO_EMCY_SYNC_LENGTH, CO_REG_COMMUNICATION, frame->len);
-        return;
+        return false;
     }
     co_emcy_clear(pdo->emcy, CO_EMCY_SYNC_LENGTH);
     for (unsigned i = 0; i < OD_TPDOS; i++) {
@@ -302,4 +302,5 @@ void co_pdo_sync(struct co_pdo *pdo, const struct can_frame *frame)
             store(pdo, i, pdo->rpdo[i].data);
         }
     }
+    return true;
 }

@@ -89,7 +89,8 @@ void co_pdo_start(struct co_pdo *pdo);
 
 /* The following are for a node that is operational. */
 void co_pdo_receive(struct co_pdo *pdo, const struct can_frame *frame);
-void co_pdo_sync(struct co_pdo *pdo, const struct can_frame *frame);
+/* false: the frame is no SYNC, since its length is wrong. */
+bool co_pdo_sync(struct co_pdo *pdo, const struct can_frame *frame);
 void co_pdo_tick_ms(struct co_pdo *pdo);
 /* An event has happened that TPDO `number` (1...) reports: send it now, and start its timer anew, or send it as soon as
  * its transmission type, its inhibit time and the bus allow. false: it was not sent now. */

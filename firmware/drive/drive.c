@@ -215,12 +215,24 @@ static void restore_memory(struct drive *d)
     }
 }
 
-/* Whether a stream has run into a limit switch. Profile velocity and homing stop there without a fault. */
-static bool stream_on_switch(const struct drive *d)
+/* Whether a stream or set-points have run an axis into a limit switch. Profiles stop there without a fault. */
+static bool path_on_switch(const struct drive *d)
 {
-    const unsigned inputs = (unsigned)d->loop.snapshot.inputs[0] | d->loop.snapshot.inputs[1];
-    return axis_modes_follow_stream(&d->path.modes) && !d->path.progress.standing &&
-           (inputs & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0;
+    unsigned inputs = 0;
+    for (int i = 0; i < 2; i++) {
+        inputs |= axis_modes_led(&d->path.modes, i) ? d->loop.snapshot.inputs[i] : 0u;
+    }
+    return !d->path.progress.standing && (inputs & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0;
+}
+
+/* Faults of the set-points of cyclic modes */
+static uint32_t find_refused(const struct drive *d)
+{
+    static const uint32_t bits[CYCLIC_MISSED + 1] = {[CYCLIC_TAKEN] = 0,
+                                                     [CYCLIC_ACCELERATION] = FAULT_BIT(FAULT_KNOT_ACCELERATION),
+                                                     [CYCLIC_RANGE] = FAULT_BIT(FAULT_KNOT_RANGE),
+                                                     [CYCLIC_MISSED] = FAULT_BIT(FAULT_UNDERRUN)};
+    return bits[d->path.modes.axis[0].set_points] | bits[d->path.modes.axis[1].set_points];
 }
 
 /* FAULT_BIT()s of what is wrong now, whatever the reaction. */
@@ -237,8 +249,8 @@ static uint32_t find_faults(struct drive *d, const struct drive_in *in)
     return fault_monitor_step(&d->fault_monitor, &monitor) | atomic_load(&d->loop.faults) |
            (in->heartbeat_lost ? FAULT_BIT(FAULT_HEARTBEAT) : 0u) |
            (queue->open && queue->outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u) |
-           (queue->open && queue->over_acceleration ? FAULT_BIT(FAULT_KNOT_ACCELERATION) : 0u) |
-           (stream_on_switch(d) ? FAULT_BIT(FAULT_LIMIT_SWITCH) : 0u);
+           (queue->open && queue->over_acceleration ? FAULT_BIT(FAULT_KNOT_ACCELERATION) : 0u) | find_refused(d) |
+           (path_on_switch(d) ? FAULT_BIT(FAULT_LIMIT_SWITCH) : 0u);
 }
 
 /* Of several new faults the one that the tick saw first is latched first. */
@@ -399,6 +411,16 @@ void drive_statusword_sent(struct drive *d, int axis)
 }
 
 /* ---- requests ---- */
+
+void drive_set_point(struct drive *d, int axis)
+{
+    axis_modes_set_point(&d->path.modes, axis);
+}
+
+void drive_sync(struct drive *d)
+{
+    path_sync(&d->path, d->od);
+}
 
 uint32_t drive_stream_command(struct drive *d, uint8_t command)
 {

@@ -75,6 +75,11 @@ void drive_fault(struct drive *d, enum fault f);
 /* The statusword of od has been sent to the master. */
 void drive_statusword_sent(struct drive *d, int axis);
 
+/* A set-point of a cyclic mode has come for an axis, by RPDO or SDO. It counts from the next SYNC on. */
+void drive_set_point(struct drive *d, int axis);
+/* SYNC has come, and synchronous RPDOs are in od. */
+void drive_sync(struct drive *d);
+
 /* Object 2200h command: SDO abort code, or 0. */
 uint32_t drive_stream_command(struct drive *d, uint8_t command);
 /* A record of 60C1h for both axes has come. The first one opens a stream if none is open. Returns SDO_OK, or the abort

@@ -105,6 +105,7 @@ void path_power_on(struct path *p, const struct od_data *od, const bool powered[
 {
     const bool may_resume = p->queue.suspended && p->queue.stream->state == STREAM_STOPPED;
     if (!may_resume || !within_start_window(od, path_position(p), p->suspended_at)) {
+        axis_modes_interrupt(&p->modes);
         hold(p, powered);
     }
 }
@@ -162,7 +163,8 @@ static struct axis_mode_in axis_mode_in(const struct path *p, const struct path_
 void path_step_modes(struct path *p, struct od_data *od, const struct path_axis axis[2], bool may_run)
 {
     const bool powered[2] = {axis[0].powered, axis[1].powered};
-    struct axis_modes_in in = {.od = od, .path = &p->progress, .path_may_run = may_run};
+    struct axis_modes_in in = {
+        .od = od, .path = &p->progress, .now = atomic_load(&p->loop->ticks), .path_may_run = may_run};
     for (int i = 0; i < 2; i++) {
         in.axis[i] = axis_mode_in(p, &axis[i], i);
     }
@@ -175,7 +177,7 @@ void path_step_modes(struct path *p, struct od_data *od, const struct path_axis 
         begin(p, reference(p), 0);
     }
     if (p->modes.generating) {
-        axis_modes_generate(&p->modes, &p->queue);
+        axis_modes_generate(&p->modes, &p->queue, in.now);
         atomic_store(&p->loop->command.complete, true); /* at any time: the path stands at its last knots */
     }
     for (int i = 0; i < 2; i++) {
@@ -183,6 +185,11 @@ void path_step_modes(struct path *p, struct od_data *od, const struct path_axis 
             set_origin(p, od, i, out.origin_nm[i]);
         }
     }
+}
+
+void path_sync(struct path *p, const struct od_data *od)
+{
+    axis_modes_sync(&p->modes, od, atomic_load(&p->loop->ticks));
 }
 
 /* ---- streams of the master ---- */

@@ -53,6 +53,8 @@ bool path_follow(struct path *p, bool may_run, bool powered);
 /* Step the modes of operation, and carry out their output. */
 void path_step_modes(struct path *p, struct od_data *od, const struct path_axis axis[2], bool may_run);
 
+/* SYNC has come, after the set-points of its cycle. */
+void path_sync(struct path *p, const struct od_data *od);
 /* Carry out the command written to object 2200h. Returns SDO_OK, or the abort code. */
 uint32_t path_command(struct path *p, const struct od_data *od, const struct path_axis axis[2], uint8_t command);
 /* Before object 2200h total is written: an open-ended stream that is open will end after `total` knots. Returns SDO_OK, or

@@ -3,12 +3,17 @@
 
 #include "hal/hal.h"
 
-enum { HALT_QUICK_STOP_RAMP = 2 }; /* 605Dh: halt slows down with 6085h */
+enum {
+    HALT_QUICK_STOP_RAMP = 2, /* 605Dh: halt slows down with 6085h */
+    CYCLIC_END = 100          /* knots after which the path of set-points that stay the same ends */
+};
 
 void axis_modes_reset(struct axis_modes *m)
 {
     m->generating = false;
+    cyclic_reset(&m->cyclic);
     for (int i = 0; i < 2; i++) {
+        m->axis[i].set_points = CYCLIC_TAKEN;
         m->axis[i].mode = MODE_INTERPOLATED_POSITION;
         profile_start(&m->axis[i].profile, 0); /* not followed; its moving average needs a length */
         m->axis[i].homing.state = HOMING_NONE;
@@ -17,7 +22,8 @@ void axis_modes_reset(struct axis_modes *m)
 
 bool axis_modes_known(int64_t mode)
 {
-    return mode == MODE_PROFILE_VELOCITY || mode == MODE_HOMING || mode == MODE_INTERPOLATED_POSITION;
+    return mode == MODE_PROFILE_VELOCITY || mode == MODE_HOMING || mode == MODE_INTERPOLATED_POSITION ||
+           mode == MODE_CYCLIC_POSITION;
 }
 
 bool axis_modes_follow_stream(const struct axis_modes *m)
@@ -26,9 +32,30 @@ bool axis_modes_follow_stream(const struct axis_modes *m)
            m->axis[1].mode == MODE_INTERPOLATED_POSITION;
 }
 
+static bool cyclic_mode(const struct axis_mode *a)
+{
+    return a->mode == MODE_CYCLIC_POSITION;
+}
+
+/* Whether an axis stands by its own knots. */
+static bool own_stands(const struct axis_modes *m, int i)
+{
+    return m->cyclic.axis[i].follows ? cyclic_stands(&m->cyclic, i) : profile_stands(&m->axis[i].profile);
+}
+
 bool axis_modes_stands(const struct axis_modes *m, int axis, bool standing)
 {
-    return standing || (m->generating && profile_stands(&m->axis[axis].profile));
+    return standing || (m->generating && own_stands(m, axis));
+}
+
+bool axis_modes_cyclic(const struct axis_modes *m)
+{
+    return m->cyclic.axis[0].follows || m->cyclic.axis[1].follows;
+}
+
+bool axis_modes_led(const struct axis_modes *m, int axis)
+{
+    return axis_modes_follow_stream(m) || m->cyclic.axis[axis].follows;
 }
 
 /* Whether the flags of path time belong to the queue as it is: the tick uses this queue, and this step has discarded or
@@ -52,11 +79,12 @@ static void take_over_mode(struct axis_modes *m, int i, const struct axis_modes_
         return;
     }
     /* a homing axis also stands on the switch, before it turns back */
-    if (!homing_busy(&a->homing) && (m->generating ? profile_stands(&a->profile) : idle(m, in, out))) {
+    if (!homing_busy(&a->homing) && (m->generating ? own_stands(m, i) : idle(m, in, out))) {
         if (!m->generating) {
             out->hold = true;
         }
         a->mode = mode;
+        m->cyclic.axis[i].known = false;
         a->homing.state = HOMING_NONE; /* bits 12 and 13 are about a homing of this stay in the mode */
     }
 }
@@ -77,7 +105,7 @@ static void take_over_settings(struct axis_modes *m, int i, const struct axis_mo
     const struct od_axis *od = &in->od->axis[i];
     const int32_t requested = requested_velocity(m, i, in);
     const bool goes_on =
-        homing_busy(&a->homing) || (m->generating && !profile_stands(&a->profile) && requested == a->requested_umps);
+        homing_busy(&a->homing) || (m->generating && !own_stands(m, i) && requested == a->requested_umps);
     a->requested_umps = requested;
     if (!m->generating) {
         a->settings.min_nm = od->position_limit.min;
@@ -214,6 +242,107 @@ static struct profile_in profile_in(struct axis_modes *m, int i, const struct ax
     return profile;
 }
 
+/* ---- cyclic modes ---- */
+
+void axis_modes_set_point(struct axis_modes *m, int axis)
+{
+    m->cyclic.axis[axis].fresh = true;
+}
+
+static void take_set_point(struct axis_modes *m, int i, const struct od_data *od)
+{
+    struct axis_mode *a = &m->axis[i];
+    struct cyclic_axis *c = &m->cyclic.axis[i];
+    const bool repeats = c->known && !c->moved; /* a master at rest need not send its set-point again */
+    const struct cyclic_limits limits = {
+        .max_nmpms2 = od->limits.acceleration,
+        .min_nm = a->settings.min_nm,
+        .max_nm = a->settings.max_nm,
+        .stop_umps2 = a->settings.down_umps2,
+    };
+    if (c->fresh || repeats) {
+        const int32_t nm = c->fresh ? od->axis[i].target_position : cyclic_newest(c);
+        c->known = c->known && c->follows; /* what was not followed is no way */
+        const enum cyclic_result result = cyclic_set_point(&m->cyclic, i, nm, &limits);
+        a->set_points = result == CYCLIC_TAKEN ? a->set_points : result;
+    }
+    c->fresh = false;
+}
+
+void axis_modes_sync(struct axis_modes *m, const struct od_data *od, uint32_t now)
+{
+    const int first = cyclic_mode(&m->axis[0]) ? 0 : 1;
+    if (!cyclic_mode(&m->axis[first])) {
+        return;
+    }
+    cyclic_sync(&m->cyclic, now, CONTROL_HZ / 1000u, od->axis[first].ip_period.value);
+    for (int i = 0; i < 2; i++) {
+        if (cyclic_mode(&m->axis[i])) {
+            take_set_point(m, i, od);
+        }
+    }
+}
+
+void axis_modes_interrupt(struct axis_modes *m)
+{
+    m->generating = false;
+    m->cyclic.runs = false;
+}
+
+/* The axis follows its set-points no longer. A profile takes over: its ramp is ahead of its knots by half of their mean. */
+static void leave(struct axis_modes *m, int i)
+{
+    struct cyclic_axis *c = &m->cyclic.axis[i];
+    if (c->follows && m->generating) {
+        profile_go_on(&m->axis[i].profile, c->knot_nm, c->step_nm);
+    }
+    c->known = c->known && !c->follows; /* the next one comes after the stop */
+    c->follows = false;
+}
+
+static bool may_follow(const struct axis_modes *m, int i, const struct axis_modes_in *in)
+{
+    const struct axis_mode_in *axis = &in->axis[i];
+    return cyclic_mode(&m->axis[i]) && axis->enabled && (axis->controlword & CW_HALT) == 0 &&
+           m->axis[i].set_points == CYCLIC_TAKEN;
+}
+
+static bool within_window(int64_t a, int64_t b, int64_t window)
+{
+    return a - b <= window && b - a <= window;
+}
+
+/* An axis that stands begins to follow its set-points where the first of them is close to it. */
+static void enter(struct axis_modes *m, int i, const struct axis_modes_in *in, const struct axis_modes_out *out)
+{
+    const bool stands = m->generating ? profile_stands(&m->axis[i].profile) : idle(m, in, out);
+    if (!stands || !cyclic_ready(&m->cyclic, i, in->now)) {
+        return;
+    }
+    const int32_t at_nm = in->axis[i].reference_nm;
+    if (within_window(cyclic_newest(&m->cyclic.axis[i]), at_nm, in->od->limits.start_window)) {
+        cyclic_follow(&m->cyclic, i, at_nm);
+    } else {
+        m->axis[i].set_points = CYCLIC_RANGE;
+    }
+}
+
+/* Whether the set-points of an axis that stands ask for a movement. */
+static bool follow(struct axis_modes *m, int i, const struct axis_modes_in *in, const struct axis_modes_out *out)
+{
+    const struct cyclic_axis *c = &m->cyclic.axis[i];
+    if (c->follows && cyclic_missing(&m->cyclic, i, in->now)) {
+        m->axis[i].set_points = CYCLIC_MISSED;
+    }
+    if (!may_follow(m, i, in)) {
+        leave(m, i);
+        m->axis[i].set_points = in->axis[i].enabled ? m->axis[i].set_points : CYCLIC_TAKEN;
+    } else if (!c->follows) {
+        enter(m, i, in, out);
+    }
+    return c->follows && (c->moved || cyclic_newest(c) != in->axis[i].reference_nm);
+}
+
 void axis_modes_step(struct axis_modes *m, const struct axis_modes_in *in, struct axis_modes_out *out)
 {
     *out = (struct axis_modes_out){0};
@@ -223,12 +352,13 @@ void axis_modes_step(struct axis_modes *m, const struct axis_modes_in *in, struc
         take_over_settings(m, i, in);
         m->axis[i].target = profile_in(m, i, in);
         m->axis[i].controlword = in->axis[i].controlword;
-        wanted = wanted || m->axis[i].target.target_umps != 0;
+        wanted = follow(m, i, in, out) || wanted || m->axis[i].target.target_umps != 0;
     }
     if (wanted && idle(m, in, out) && path_current(in, out)) {
         out->begin = true;
         m->generating = true;
         m->ending = false;
+        m->cyclic.runs = false;
         for (int i = 0; i < 2; i++) {
             profile_start(&m->axis[i].profile, in->axis[i].reference_nm);
         }
@@ -246,34 +376,58 @@ bool axis_modes_end(struct axis_modes *m, struct queue *q, const struct path_pro
         return false;
     }
     if (path->at_end || !powered) { /* a fault that stops the axes on the path has switched them off there */
-        m->generating = false;
+        axis_modes_interrupt(m);
         queue_close(q);
     }
     return path->at_end && !m->ending;
 }
 
-/* Whether the profile stands and its target is standstill. */
-static bool ends(const struct axis_mode *a)
+/* Whether an axis stands, and is to. */
+static bool ends(const struct axis_modes *m, int i)
 {
-    return a->target.target_umps == 0 && profile_stands(&a->profile);
+    const struct cyclic_axis *c = &m->cyclic.axis[i];
+    if (c->follows) {
+        return !c->moved && c->same >= CYCLIC_END;
+    }
+    return m->axis[i].target.target_umps == 0 && profile_stands(&m->axis[i].profile);
 }
 
-void axis_modes_generate(struct axis_modes *m, struct queue *q)
+static int32_t next_knot(struct axis_modes *m, int i)
 {
-    struct axis_mode *a = m->axis;
+    struct axis_mode *a = &m->axis[i];
+    return m->cyclic.axis[i].follows ? cyclic_knot(&m->cyclic, i) : profile_step(&a->profile, &a->target);
+}
+
+/* Go on along the way of the set-points, if an axis follows it. */
+static void step_cyclic(struct axis_modes *m, const struct od_stream *s, uint32_t now)
+{
+    const unsigned ahead_ms = s->accepted - s->executed; /* path time has just come to `executed` */
+    if (!axis_modes_cyclic(m)) {
+        m->cyclic.runs = false;
+    } else if (m->cyclic.runs) {
+        cyclic_step(&m->cyclic, now, ahead_ms);
+    } else {
+        const int32_t at_nm[2] = {s->end_x, s->end_y};
+        cyclic_begin(&m->cyclic, now, ahead_ms, at_nm);
+    }
+}
+
+void axis_modes_generate(struct axis_modes *m, struct queue *q, uint32_t now)
+{
     const struct od_stream *s = q->stream;
+    const uint32_t ahead = axis_modes_cyclic(m) ? CYCLIC_AHEAD : PROFILE_AHEAD;
     for (int i = 0; i < 2; i++) {
-        if (a[i].mode == MODE_HOMING) {
+        if (m->axis[i].mode == MODE_HOMING) {
             queue_unlimited(q, i);
         }
     }
-    while (!m->ending && s->accepted - s->executed < PROFILE_AHEAD) {
-        const struct knot knot = {
-            {profile_step(&a[0].profile, &a[0].target), profile_step(&a[1].profile, &a[1].target)}};
+    while (!m->ending && s->accepted - s->executed < ahead) {
+        step_cyclic(m, s, now);
+        const struct knot knot = {{next_knot(m, 0), next_knot(m, 1)}};
         if (queue_push(q, knot) != QUEUE_ACCEPTED) {
             break; /* outside the limits, which is FAULT_KNOT_RANGE */
         }
-        m->ending = ends(&a[0]) && ends(&a[1]);
+        m->ending = ends(m, 0) && ends(m, 1);
     }
     if (m->ending) {
         (void)queue_end(q, s->accepted);
@@ -311,6 +465,9 @@ uint16_t axis_modes_status(const struct axis_modes *m, int axis, uint8_t stream_
     }
     if (a->mode == MODE_PROFILE_VELOCITY) {
         return (uint16_t)velocity_status(a, m->generating, stands);
+    }
+    if (cyclic_mode(a)) {
+        return m->cyclic.axis[axis].follows ? SW_FOLLOWS : 0u;
     }
     if (!axis_modes_follow_stream(m)) {
         return 0;

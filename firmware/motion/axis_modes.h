@@ -6,6 +6,8 @@
  * - Profile velocity (3) and homing (6): each axis by itself. Velocity profiles (motion/profile.h) give knots for both
  *   axes, some milliseconds ahead of path time, and the servo follows these knots like those of a stream: by the same
  *   law, with the same limits, faults and stop on the path. An axis in mode 7 beside one in mode 3 or 6 is held in place.
+ * - Cyclic synchronous position (8): knots of the same path are made of the set-points that come with SYNC
+ *   (motion/cyclic.h), fewer milliseconds ahead. At a stop a profile takes over where the set-points have brought the axis.
  *
  * An axis takes over another mode when it stands and its homing is not running; a stream that waits is discarded then.
  *
@@ -14,6 +16,7 @@
  */
 #ifndef KONTUR_AXIS_MODES_H
 #define KONTUR_AXIS_MODES_H
+#include "motion/cyclic.h"
 #include "motion/homing.h"
 #include "motion/ip_record.h"
 #include "motion/path_clock.h"
@@ -21,7 +24,7 @@
 #include "motion/queue.h"
 #include "od/od.h"
 
-enum { MODE_PROFILE_VELOCITY = 3, MODE_HOMING = 6, MODE_INTERPOLATED_POSITION = 7 };
+enum { MODE_PROFILE_VELOCITY = 3, MODE_HOMING = 6, MODE_INTERPOLATED_POSITION = 7, MODE_CYCLIC_POSITION = 8 };
 
 /* Bits of the controlword 6040h whose meaning depends on the mode */
 enum {
@@ -35,6 +38,7 @@ enum {
     SW_INTERNAL_LIMIT = 1u << 11,
     SW_IP_ACTIVE = 1u << 12,
     SW_SPEED_0 = 1u << 12,
+    SW_FOLLOWS = 1u << 12, /* the axis follows its set-points */
     SW_HOMING_ATTAINED = 1u << 12,
     SW_HOMING_ERROR = 1u << 13
 };
@@ -58,12 +62,14 @@ struct axis_mode {
     uint16_t controlword;   /* of the step before */
     int32_t requested_umps; /* profile velocity, before limits */
     bool limited;           /* a limit keeps the axis from the requested velocity */
+    enum cyclic_result set_points;
 };
 
 struct axis_modes {
     struct axis_mode axis[2];
-    bool generating; /* the path in the queue is that of the profiles */
-    bool ending;     /* the profiles stand, and the queue has all their knots */
+    struct cyclic cyclic;
+    bool generating; /* the path in the queue is that of the profiles and of the set-points of cyclic modes */
+    bool ending;     /* these stand, and the queue has all their knots */
     struct ip_record record;
     bool by_record; /* the stream consists of interpolation data records */
     bool by_frame;  /* knot frames were accepted: then records, which CAN's checksum alone protects, are not */
@@ -74,6 +80,7 @@ enum { NO_QUICK_STOP = -1 };
 struct axis_modes_in {
     const struct od_data *od;
     const struct path_progress *path;
+    uint32_t now;      /* control periods since power-on */
     bool path_may_run; /* path time may run in this step */
     struct axis_mode_in {
         uint16_t controlword;
@@ -106,8 +113,14 @@ void axis_modes_reset(struct axis_modes *m);
 bool axis_modes_end(struct axis_modes *m, struct queue *q, const struct path_progress *path, bool powered);
 /* Change to the modes of 6060h where the axes stand, and compute the target velocities of this step. */
 void axis_modes_step(struct axis_modes *m, const struct axis_modes_in *in, struct axis_modes_out *out);
-/* While `generating`: put knots into the queue, up to PROFILE_AHEAD milliseconds ahead of path time. */
-void axis_modes_generate(struct axis_modes *m, struct queue *q);
+/* While `generating`: put knots into the queue, up to PROFILE_AHEAD milliseconds ahead of path time, or CYCLIC_AHEAD. */
+void axis_modes_generate(struct axis_modes *m, struct queue *q, uint32_t now);
+/* A set-point of a cyclic mode has come for this axis. It is that of the next SYNC. */
+void axis_modes_set_point(struct axis_modes *m, int axis);
+/* A SYNC has come in control period `now`, with the set-points in `od`. */
+void axis_modes_sync(struct axis_modes *m, const struct od_data *od, uint32_t now);
+/* The path of the profiles is discarded, because an axis gets power. */
+void axis_modes_interrupt(struct axis_modes *m);
 
 /* Whether the axis stands, whatever the other one does. `standing`: path time stands. */
 bool axis_modes_stands(const struct axis_modes *m, int axis, bool standing);
@@ -122,6 +135,11 @@ void axis_modes_begin_stream(struct axis_modes *m, uint8_t record_ms, struct kno
  * many as come late from a master whose records come two periods and RECORD_JITTER late. */
 bool axis_modes_enough_knots(const struct axis_modes *m, const struct queue *q, uint32_t stop_time);
 
-/* Whether a value of 6060h is one of the three modes. */
+/* Whether an axis follows the set-points of a cyclic mode. */
+bool axis_modes_cyclic(const struct axis_modes *m);
+/* Whether a stream or set-points of the master may move the axis. */
+bool axis_modes_led(const struct axis_modes *m, int axis);
+
+/* Whether a value of 6060h is one of the modes above. */
 bool axis_modes_known(int64_t mode);
 #endif

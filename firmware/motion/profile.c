@@ -51,6 +51,20 @@ void profile_start(struct profile *p, int32_t nm)
     moving_average_fill(&p->average, PROFILE_ROUND, p->pos_pm);
 }
 
+/* The mean lags behind its ramp by (PROFILE_ROUND - 1) / 2 steps. */
+void profile_go_on(struct profile *p, int32_t nm, int32_t step_nm)
+{
+    const int64_t step_pm = (int64_t)step_nm * PM;
+    const int64_t first_pm = (int64_t)nm * PM - step_pm * (PROFILE_ROUND - 1) / 2;
+    profile_start(p, nm);
+    for (int i = 0; i < PROFILE_ROUND; i++) {
+        (void)moving_average_step(&p->average, first_pm + i * step_pm);
+    }
+    p->pos_pm = first_pm + (PROFILE_ROUND - 1) * step_pm;
+    p->vel_pmpms = step_pm;
+    p->settling = PROFILE_SETTLE;
+}
+
 int32_t profile_step(struct profile *p, const struct profile_in *in)
 {
     const int64_t target = (int64_t)in->target_umps * PM;

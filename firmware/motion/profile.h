@@ -35,6 +35,8 @@ struct profile {
 
 /* Start at standstill. */
 void profile_start(struct profile *p, int32_t nm);
+/* Start while the axis moves: its latest knot was `nm`, by `step_nm` further than the one before. */
+void profile_go_on(struct profile *p, int32_t nm, int32_t step_nm);
 /* One millisecond: returns the next knot, nm. */
 int32_t profile_step(struct profile *p, const struct profile_in *in);
 /* Whether the profile stands: with target 0 the next knot equals the last one. */

@@ -1,0 +1,248 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "motion/cyclic.h"
+
+#include "motion/moving_average.h"
+
+enum {
+    FINE = 256 /* in a nm */,
+    U_ONE = 0x100000 /* a whole cycle */,
+    SETTLE_MS = 30 /* of a profile, until its ramp shows */
+};
+
+void cyclic_reset(struct cyclic *c)
+{
+    *c = (struct cyclic){.ms = 1};
+}
+
+/* ---- set-points ---- */
+
+static int32_t set_point(const struct cyclic_axis *a, uint32_t cycle)
+{
+    return a->past[cycle % CYCLIC_PAST];
+}
+
+static void store(struct cyclic_axis *a, uint32_t cycle, int32_t nm)
+{
+    a->latest = cycle;
+    a->past[cycle % CYCLIC_PAST] = nm;
+}
+
+int32_t cyclic_newest(const struct cyclic_axis *a)
+{
+    return set_point(a, a->latest);
+}
+
+/* The state at the set-point of a cycle, by the cubic through it and the three before; of one that has not come by the cubic
+ * through the newest four, further ahead by the parabola through three, which has less of their rounding. These are Newton's
+ * backward differences. */
+static struct cyclic_state state_at(const struct cyclic_axis *a, uint32_t cycle)
+{
+    const int32_t ahead = (int32_t)(cycle - a->latest);
+    const int64_t h = ahead > 0 ? (int64_t)ahead : 0;
+    const uint32_t at = ahead > 0 ? a->latest : cycle;
+    const int64_t p0 = set_point(a, at), p1 = set_point(a, at - 1u), p2 = set_point(a, at - 2u);
+    const int64_t p3 = set_point(a, at - 3u);
+    const int64_t d1 = p0 - p1, d2 = p0 - 2 * p1 + p2;
+    const int64_t d3 = h > 1 ? 0 : p0 - 3 * p1 + 3 * p2 - p3;
+    return (struct cyclic_state){
+        .pos = (p0 + h * d1) * FINE + d2 * (h * (h + 1) / 2) * FINE + d3 * (h * (h + 1) * (h + 2) / 6) * FINE,
+        .vel = d1 * FINE + d2 * ((2 * h + 1) * (FINE / 2)) + d3 * (3 * h * h + 6 * h + 2) * FINE / 6,
+        .acc = d2 * FINE + d3 * (h + 1) * FINE,
+    };
+}
+
+static bool rests(const struct cyclic_axis *a)
+{
+    bool same = true;
+    for (int i = 1; i < CYCLIC_PAST; i++) {
+        same = same && a->past[i] == a->past[0];
+    }
+    return same;
+}
+
+void cyclic_sync(struct cyclic *c, uint32_t now, uint32_t per_ms, uint8_t ms)
+{
+    c->ms = ms;
+    sync_clock_sync(&c->clock, now, per_ms * ms);
+}
+
+/* Whether an axis whose set-points change by d1 in a cycle could not stop inside its limits. */
+static bool leaves(const struct cyclic *c, int64_t nm, int64_t d1, const struct cyclic_limits *limits)
+{
+    const int64_t way = d1 * SETTLE_MS / c->ms;
+    const int64_t stop = d1 * d1 * 500 / ((int64_t)c->ms * c->ms * limits->stop_umps2);
+    return (d1 > 0 && nm + way + stop > limits->max_nm) || (d1 < 0 && nm + way - stop < limits->min_nm);
+}
+
+enum cyclic_result cyclic_set_point(struct cyclic *c, int axis, int32_t nm, const struct cyclic_limits *limits)
+{
+    struct cyclic_axis *a = &c->axis[axis];
+    const uint32_t cycle = c->clock.cycle;
+    const uint32_t gap = cycle - a->latest;
+    if (!a->known || gap >= CYCLIC_PAST) {
+        for (int i = 0; i < CYCLIC_PAST; i++) {
+            a->past[i] = nm;
+        }
+        a->known = true;
+        a->moved = false;
+        a->latest = cycle;
+        a->rest = cycle;
+        return CYCLIC_TAKEN;
+    }
+    for (uint32_t i = 1; i < gap; i++) { /* those that are lost */
+        const int64_t lost = state_at(a, a->latest + 1u).pos;
+        store(a, a->latest + 1u, (int32_t)moving_average_round(lost, FINE));
+    }
+    const int64_t before = set_point(a, cycle - 1u);
+    const int64_t d1 = nm - before;
+    const int64_t d2 = d1 - before + set_point(a, cycle - 2u);
+    const int64_t most = limits->max_nmpms2 * c->ms * c->ms * (gap > 1u ? (int64_t)gap : 1);
+    if (leaves(c, nm, d1, limits)) {
+        return CYCLIC_RANGE;
+    }
+    if (d2 > most || d2 < -most) {
+        return CYCLIC_ACCELERATION;
+    }
+    store(a, cycle, nm);
+    const bool rest = rests(a);
+    a->rest = rest ? cycle : a->moved ? a->rest : cycle - 1u;
+    a->moved = !rest;
+    return CYCLIC_TAKEN;
+}
+
+bool cyclic_ready(const struct cyclic *c, int axis, uint32_t now)
+{
+    return c->axis[axis].known && sync_clock_locked(&c->clock, now);
+}
+
+bool cyclic_missing(const struct cyclic *c, int axis, uint32_t now)
+{
+    const struct cyclic_axis *a = &c->axis[axis];
+    const int64_t since = sync_clock_since(&c->clock, now) + (int64_t)(c->clock.cycle - a->latest) * SYNC_CYCLE;
+    return a->moved && since > CYCLIC_MISSING * SYNC_CYCLE && since > CYCLIC_MISSING_MS * SYNC_CYCLE / c->ms;
+}
+
+/* ---- the way ---- */
+
+/* Time of the knot `ahead_ms` from now, in cycles since that of the latest SYNC. */
+static int64_t time_ahead(const struct cyclic *c, uint32_t now, unsigned ahead_ms)
+{
+    const int64_t two = 8 * (int64_t)c->ms; /* delays in ms / 4 */
+    const int64_t less = 5 * (int64_t)c->ms + 10;
+    const int64_t delay = two < less ? two : less;
+    return sync_clock_since(&c->clock, now) + (4 * (int64_t)ahead_ms - delay) * SYNC_CYCLE / (4 * (int64_t)c->ms);
+}
+
+/* Cycles in a ms, by the master's clock. */
+static int64_t frequency(const struct cyclic *c)
+{
+    const int64_t nominal = SYNC_CYCLE / c->ms;
+    return nominal + nominal * c->clock.drift / SYNC_CYCLE;
+}
+
+static void join(struct cyclic *c, int axis, int32_t at_nm)
+{
+    struct cyclic_axis *a = &c->axis[axis];
+    const int32_t first = set_point(a, a->rest);
+    a->from = (struct cyclic_state){.pos = (int64_t)first * FINE};
+    a->to = state_at(a, c->cycle + 1u);
+    a->offset_nm = at_nm - first;
+    a->blended = 0;
+    a->same = 0;
+    a->knot_nm = at_nm;
+    a->step_nm = 0;
+}
+
+void cyclic_follow(struct cyclic *c, int axis, int32_t at_nm)
+{
+    c->axis[axis].follows = true;
+    if (c->runs) {
+        join(c, axis, at_nm);
+    }
+}
+
+void cyclic_begin(struct cyclic *c, uint32_t now, unsigned ahead_ms, const int32_t at_nm[2])
+{
+    int64_t first = time_ahead(c, now, ahead_ms); /* or where the set-points began to move, whichever is earlier */
+    for (int i = 0; i < 2; i++) {
+        if (c->axis[i].follows) {
+            const int64_t rest = (int64_t)(int32_t)(c->axis[i].rest - c->clock.cycle) * SYNC_CYCLE;
+            first = rest < first ? rest : first;
+        }
+    }
+    int64_t cycles = first / SYNC_CYCLE;
+    cycles -= cycles * SYNC_CYCLE > first ? 1 : 0;
+    c->cycle = c->clock.cycle + (uint32_t)cycles;
+    c->within = first - cycles * SYNC_CYCLE;
+    c->rate = frequency(c);
+    c->runs = true;
+    for (int i = 0; i < 2; i++) {
+        if (c->axis[i].follows) {
+            join(c, i, at_nm[i]);
+        }
+    }
+}
+
+void cyclic_step(struct cyclic *c, uint32_t now, unsigned ahead_ms)
+{
+    const int64_t nominal = SYNC_CYCLE / c->ms;
+    const int64_t most = nominal / SYNC_DRIFT;
+    c->within += c->rate;
+    const int64_t early =
+        (int64_t)(int32_t)(c->cycle - c->clock.cycle) * SYNC_CYCLE + c->within - time_ahead(c, now, ahead_ms);
+    const int64_t rate = c->rate - early / (CYCLIC_TURN * CYCLIC_TURN) - (c->rate - frequency(c)) * 2 / CYCLIC_TURN;
+    c->rate = rate > nominal + most ? nominal + most : rate < nominal - most ? nominal - most : rate;
+    while (c->within >= SYNC_CYCLE) {
+        c->within -= SYNC_CYCLE;
+        c->cycle++;
+        for (int i = 0; i < 2; i++) {
+            struct cyclic_axis *a = &c->axis[i];
+            a->from = a->to;
+            a->to = state_at(a, c->cycle + 1u);
+        }
+    }
+}
+
+static int64_t scaled(int64_t a, int64_t u)
+{
+    return a * u / U_ONE;
+}
+
+/* Where the way is that takes over from->vel and from->acc, less the sixth of its second difference that a cubic B-spline
+ * adds to its knots (a quasi-interpolant; C. de Boor, A Practical Guide to Splines, XII). */
+static int32_t knot_of(const struct cyclic *c, const struct cyclic_axis *a)
+{
+    const int64_t u = c->within / (SYNC_CYCLE / U_ONE);
+    const int64_t d = a->to.pos - a->from.pos - a->from.vel - a->from.acc / 2;
+    const int64_t v = a->to.vel - a->from.vel - a->from.acc;
+    const int64_t w = a->to.acc - a->from.acc;
+    const int64_t c3 = 10 * d - 4 * v + w / 2;
+    const int64_t c4 = -15 * d + 7 * v - w;
+    const int64_t c5 = 6 * d - 3 * v + w / 2;
+    const int64_t u3 = scaled(c3 + scaled(c4 + scaled(c5, u), u), u);
+    const int64_t pos = a->from.pos + scaled(a->from.vel + scaled(a->from.acc / 2 + u3, u), u);
+    const int64_t acc = a->from.acc + scaled(6 * c3 + scaled(12 * c4 + scaled(20 * c5, u), u), u);
+    const int64_t sixth = 6 * (int64_t)c->ms * c->ms;
+    return (int32_t)moving_average_round(pos * sixth - acc, FINE * sixth);
+}
+
+int32_t cyclic_knot(struct cyclic *c, int axis)
+{
+    struct cyclic_axis *a = &c->axis[axis];
+    int32_t knot = knot_of(c, a);
+    if (a->blended < CYCLIC_BLEND) {
+        const int64_t k = a->blended;
+        const int64_t whole = (int64_t)CYCLIC_BLEND * CYCLIC_BLEND * CYCLIC_BLEND;
+        knot += (int32_t)moving_average_round(a->offset_nm * (whole - (3 * CYCLIC_BLEND - 2 * k) * k * k), whole);
+        a->blended++;
+    }
+    a->step_nm = knot - a->knot_nm;
+    a->knot_nm = knot;
+    a->same = (uint8_t)(a->step_nm != 0 ? 0u : a->same + (a->same < UINT8_MAX ? 1u : 0u));
+    return knot;
+}
+
+bool cyclic_stands(const struct cyclic *c, int axis)
+{
+    return !c->runs || c->axis[axis].same >= CYCLIC_REST;
+}
