@@ -12,6 +12,8 @@
 #define KONTUR_VERSION "0.0.0"
 #endif
 
+enum { SYNC_US = 1000 };
+#define ONE_AXIS_MS 1000u
 enum { MOST_BEHIND_MS = 5000 }; /* The background never falls that far behind: writing the flash takes less. */
 
 static void report(struct device *device, const struct servo_snapshot *s)
@@ -97,19 +99,51 @@ static void report_of_node(struct device *device, uint16_t code, bool in_effect)
     }
 }
 
-/* Whether a heartbeat is missing without which no axis may have power. The claim of a holder that falls silent without
- * power ends, and is no fault. */
-static bool heartbeat_lost(const struct device *device)
+static bool is_enabled(const struct device *device, int i)
 {
-    return co_heartbeat_lost(&device->node) &&
-           (device->drive.command_guard.holder == 0 || drive_powered(&device->drive));
+    return device->drive.axis[i].state == CIA402_OPERATION_ENABLED;
+}
+
+static bool is_interpolating(const struct device *device, int i)
+{
+    return device->od.axis[i].mode_display == MODE_INTERPOLATED_POSITION;
+}
+
+/* Whether axis `i` is to follow a path in mode 7, and the other one neither follows it nor moves by itself. */
+static bool follows_alone(const struct device *device, int i)
+{
+    const int other = 1 - i;
+    const unsigned word = device->drive.axis[i].controlword, other_word = device->drive.axis[other].controlword;
+    if (!is_enabled(device, i) || !is_interpolating(device, i) || (word & CW_ENABLE_IP) == 0) {
+        return false;
+    }
+    return !is_enabled(device, other) || (is_interpolating(device, other) && (other_word & CW_ENABLE_IP) == 0);
+}
+
+/* Whether a master has commanded one axis alone in mode 7 for ONE_AXIS_MS: by its controlword, or by records for x and
+ * none for y. Nothing moves then, and without a word nobody would know why. */
+static bool waits_for_other_axis(struct device *device)
+{
+    const bool waits = device->record_of_x || follows_alone(device, 0) || follows_alone(device, 1);
+    const unsigned ms = device->one_axis_ms;
+    device->one_axis_ms = (uint16_t)(!waits ? 0u : ms < ONE_AXIS_MS ? ms + 1u : ms);
+    return device->one_axis_ms >= ONE_AXIS_MS;
+}
+
+/* Whether the master is missing without which no axis may have power. The claim of a holder that falls silent without
+ * power ends, and is no fault; nor is an RPDO that is late then. */
+static bool master_lost(const struct device *device)
+{
+    const bool powered = drive_powered(&device->drive);
+    return (co_master_lost(&device->node) && (powered || device->drive.command_guard.holder == 0)) ||
+           (co_rpdo_late(&device->node) && powered);
 }
 
 /* One step of the drive, and what it changes for the master. Bit 0, 1 of `received`: a controlword of axis 0, 1 has come. */
 static void step(struct device *device, unsigned received)
 {
     const struct drive_in in = {.received = received,
-                                .heartbeat_lost = heartbeat_lost(device),
+                                .heartbeat_lost = master_lost(device),
                                 .parameters_invalid = settings_invalid(&device->settings),
                                 .node_warns = co_emcy_of_node(&device->node)};
     drive_step(&device->drive, &in);
@@ -150,7 +184,9 @@ static void on_rpdo(void *ctx, unsigned number)
             co_tpdo_send(&device->node, 1); /* TPDO1 says which knot is expected next */
         }
     }
+    device->record_of_x = device->record_of_x || co_rpdo_carries(&device->node, number, OBJ_IP_RECORD_X);
     if (co_rpdo_carries(&device->node, number, OBJ_IP_RECORD_Y)) {
+        device->record_of_x = false;
         const struct knot record = {{axis[0].ip_record.position, axis[1].ip_record.position}};
         if (drive_record(&device->drive, record) != SDO_OK) {
             co_tpdo_send(&device->node, 1);
@@ -186,6 +222,7 @@ static void on_write(void *ctx, const struct od_entry *entry)
 {
     struct device *device = ctx;
     unsigned received = 0;
+    device->record_of_x = entry->index == OBJ_IP_RECORD_X || (device->record_of_x && entry->index != OBJ_IP_RECORD_Y);
     if (device_objects_written(&device->objects, entry, &received)) {
         step(device, received);
     }
@@ -237,7 +274,9 @@ static bool store_node(void *ctx)
 static void on_heartbeat_lost(void *ctx)
 {
     struct device *device = ctx;
-    command_guard_holder_silent(&device->drive.command_guard);
+    if (co_heartbeat_lost(&device->node)) { /* and not another master that guards the node */
+        command_guard_holder_silent(&device->drive.command_guard);
+    }
     step(device, 0);
 }
 
@@ -256,6 +295,7 @@ static void on_reset(void *ctx, bool communication_only)
     struct device *device = ctx;
     command_guard_reset(&device->drive.command_guard);
     if (!communication_only) {
+        device->record_of_x = false;
         drive_reset(&device->drive);
         device->announced = 0; /* the node has forgotten its errors */
     }
@@ -293,6 +333,11 @@ void device_init(struct device *device, const struct hal *hal, uint8_t node_id)
     co_init(&device->node, &config);
 }
 
+uint32_t device_sync_us(const struct device *device)
+{
+    return device->od.sync_period != 0 ? device->od.sync_period : SYNC_US;
+}
+
 void device_tick(struct device *device)
 {
     servo_loop_tick(&device->drive.loop);
@@ -323,6 +368,7 @@ void device_poll(struct device *device)
         settings_tick_ms(&device->settings);
         report_of_node(device, CO_EMCY_FLASH_WORN, settings_worn(&device->settings));
         report_of_node(device, CO_EMCY_SAVE_REFUSED, settings_refused(&device->settings));
+        report_of_node(device, CO_EMCY_ONE_AXIS, waits_for_other_axis(device));
         step(device, 0);
         if (command_guard_expire(&device->drive.command_guard, drive_powered(&device->drive),
                                  drive_now(&device->drive))) {

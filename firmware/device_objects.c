@@ -238,6 +238,8 @@ static const struct object {
 } objects[] = {
     {OBJ_STORE, ANY_SUB, .without_power = true, .check = check_settings, .command = store, .written = stored},
     {OBJ_RESTORE, ANY_SUB, .without_power = true, .check = check_settings, .command = store, .written = stored},
+    {OBJ_GUARD_TIME, ANY_SUB, .without_power = true},
+    {OBJ_LIFE_TIME_FACTOR, ANY_SUB, .without_power = true},
     {OBJ_HEARTBEAT_CONSUMER, ANY_SUB, .without_power = true},
     {OBJ_ERROR_BEHAVIOUR, ANY_SUB, .without_power = true},
     {OBJ_CONTROLLER, ANY_SUB, .written = controller_written},

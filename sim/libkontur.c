@@ -355,7 +355,7 @@ uint32_t ks_sync_id(const ks *s)
 
 uint32_t ks_sync_us(const ks *s)
 {
-    return s->device.od.sync_period;
+    return device_sync_us(&s->device);
 }
 
 void ks_start_schedule(ks *s)

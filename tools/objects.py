@@ -20,6 +20,7 @@ AXES = ("x", "y")
 AXIS_STEP = 0x800
 HIGHEST_SUB = "highest_sub"
 PDO_ENTRIES = 8
+OFF, NO_RTR = 1 << 31, 1 << 30  # bits of a COB-ID
 TRANSMISSION_TYPES = "0: at the SYNC after an event; 1..240: every so many SYNCs; 254, 255: at events and by the timer"
 RECEPTION_TYPES = "0..240: takes effect at the next SYNC; 254, 255: at once"
 
@@ -296,16 +297,17 @@ def _wire(where: str, what: str, value: Any, factor: Decimal) -> int:
 def _pdo(name: str, source: dict[str, Any], objects: list[Object]) -> list[Object]:
     """Communication (14xxh, 18xxh) and mapping (16xxh, 1Axxh) object of one [pdo.NAME]."""
     match = re.fullmatch(r"([rt])pdo([1-9])", name)
-    if not match or not source.keys() <= {"cob_id", "map", "event_ms"}:
-        raise ObjectsError(f"pdo.{name}: the name is rpdoN or tpdoN, the keys are cob_id, map, event_ms")
+    if not match or not source.keys() <= {"cob_id", "map", "event_ms", "off"}:
+        raise ObjectsError(f"pdo.{name}: the name is rpdoN or tpdoN, the keys are cob_id, map, event_ms, off")
     transmit = match[1] == "t"
     index = (0x1800 if transmit else 0x1400) + int(match[2]) - 1
+    flags = NO_RTR * transmit + OFF * source.get("off", False)
     subs: list[dict[str, Any]] = [
         {
             "name": "cob_id",
             "type": "u32",
             "access": "rw",
-            "default": f"$NODEID+0x{source['cob_id'] | (0x40000000 if transmit else 0):X}",
+            "default": f"$NODEID+0x{source['cob_id'] + flags:X}",
             "description": "bit 31: not in use; bit 30: no RTR; the identifier changes only while not in use",
         },
         {
@@ -316,25 +318,30 @@ def _pdo(name: str, source: dict[str, Any], objects: list[Object]) -> list[Objec
             "description": TRANSMISSION_TYPES if transmit else RECEPTION_TYPES,
         },
     ]
+    inhibit = "type 254, 255: least time between frames, rounded up to ms; written while not in use"
+    timer = "type 254, 255: time between two frames; 0: only when something happened"
+    watched = "longest time from one frame to the next, from the first one on (EMCY 8250h, then 8130h); 0: not watched"
+    subs += [
+        {
+            "name": "inhibit",
+            "type": "u16",
+            "access": "rw",
+            "factor": 100,
+            "unit": "us",
+            "description": inhibit if transmit else "without effect",
+        },
+        {"name": "reserved", "type": "u8", "access": "const"},
+        {
+            "name": "event_ms",
+            "type": "u16",
+            "access": "rw",
+            "unit": "ms",
+            "default": source.get("event_ms", 0),
+            "description": timer if transmit else watched,
+        },
+    ]
     if transmit:
         subs += [
-            {
-                "name": "inhibit",
-                "type": "u16",
-                "access": "rw",
-                "factor": 100,
-                "unit": "us",
-                "description": "type 254, 255: least time between frames, rounded up to ms; written while not in use",
-            },
-            {"name": "reserved", "type": "u8", "access": "const"},
-            {
-                "name": "event_ms",
-                "type": "u16",
-                "access": "rw",
-                "unit": "ms",
-                "default": source["event_ms"],
-                "description": "type 254, 255: time between two frames; 0: only when something happened",
-            },
             {
                 "name": "sync_start",
                 "type": "u8",

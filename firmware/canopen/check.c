@@ -39,7 +39,7 @@ static uint32_t check_sync_overflow(const struct od_data *od, int64_t value)
     return od->sync_period != 0 ? SDO_ABORT_STATE : SDO_OK;
 }
 
-/* The sub-indices of RPDOs are the first ones of TPDOs. */
+/* The sub-indices of RPDOs are those of TPDOs, but for the last one. */
 static uint32_t check_communication(const struct od_data *od, const struct od_entry *entry, uint32_t value)
 {
     const uint32_t cob_id = (uint32_t)od_number(od, entry->index, SUB_TPDO1_COB_ID);

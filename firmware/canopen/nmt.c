@@ -8,10 +8,18 @@ void co_nmt_init(struct co_nmt *nmt, const struct od_data *od, struct co_tx *tx)
     *nmt = (struct co_nmt){.od = od, .tx = tx, .node_id = OD_UNCONFIGURED, .state = CO_INITIALISING};
 }
 
+static void end_guarding(struct co_nmt *nmt)
+{
+    nmt->guard_left_ms = 0;
+    nmt->guard_lost = false;
+}
+
 void co_nmt_reset(struct co_nmt *nmt, uint8_t node_id)
 {
     nmt->node_id = node_id;
     nmt->state = CO_INITIALISING;
+    nmt->toggle = 0;
+    end_guarding(nmt);
     co_nmt_watch(nmt, 0);
 }
 
@@ -37,11 +45,17 @@ enum co_nmt_command co_nmt_decode(const struct co_nmt *nmt, const struct can_fra
 
 /* ---- heartbeat producer ---- */
 
+static void send_state(const struct co_nmt *nmt, unsigned state)
+{
+    const struct can_frame frame = {
+        .id = (uint16_t)(CO_HEARTBEAT_ID + nmt->node_id), .len = 1, .data = {(uint8_t)state}};
+    co_tx_send(nmt->tx, &frame);
+}
+
 static void send_heartbeat(struct co_nmt *nmt, uint8_t state)
 {
-    const struct can_frame frame = {.id = (uint16_t)(CO_HEARTBEAT_ID + nmt->node_id), .len = 1, .data = {state}};
     nmt->producer_ms = 0;
-    co_tx_send(nmt->tx, &frame);
+    send_state(nmt, state);
 }
 
 void co_nmt_send_boot_up(struct co_nmt *nmt)
@@ -100,7 +114,18 @@ void co_nmt_heartbeat(struct co_nmt *nmt, const struct can_frame *frame)
     }
 }
 
-/* ---- both ---- */
+/* ---- node guarding ---- */
+
+void co_nmt_guard(struct co_nmt *nmt)
+{
+    const uint32_t time_ms = (uint32_t)nmt->od->guard_time * nmt->od->life_time_factor;
+    send_state(nmt, (unsigned)nmt->state | nmt->toggle);
+    nmt->toggle ^= 0x80u;
+    nmt->guard_left_ms = time_ms != 0 ? time_ms + 1u : 0u; /* see restart() */
+    nmt->guard_lost = false;
+}
+
+/* ---- all ---- */
 
 void co_nmt_written(struct co_nmt *nmt, uint16_t index)
 {
@@ -110,6 +135,17 @@ void co_nmt_written(struct co_nmt *nmt, uint16_t index)
     if (index == OBJ_HEARTBEAT_PRODUCER) {
         nmt->producer_ms = 0;
     }
+    if (index == OBJ_GUARD_TIME || index == OBJ_LIFE_TIME_FACTOR) {
+        end_guarding(nmt);
+    }
+}
+
+/* A millisecond less. true: these were all. */
+static bool expires(uint32_t *left_ms)
+{
+    const bool was_left = *left_ms != 0;
+    *left_ms -= was_left ? 1u : 0u;
+    return was_left && *left_ms == 0;
 }
 
 bool co_nmt_tick_ms(struct co_nmt *nmt)
@@ -118,10 +154,9 @@ bool co_nmt_tick_ms(struct co_nmt *nmt)
     if (nmt->state != CO_INITIALISING && period_ms != 0 && ++nmt->producer_ms >= period_ms) {
         send_heartbeat(nmt, (uint8_t)nmt->state);
     }
-    if (nmt->consumer_left_ms == 0) {
-        return false;
-    }
-    nmt->consumer_left_ms--;
-    nmt->lost = nmt->consumer_left_ms == 0;
-    return nmt->lost;
+    const bool lost = expires(&nmt->consumer_left_ms);
+    const bool guard_lost = expires(&nmt->guard_left_ms);
+    nmt->lost = nmt->lost || lost;
+    nmt->guard_lost = nmt->guard_lost || guard_lost;
+    return lost || guard_lost;
 }

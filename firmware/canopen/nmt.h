@@ -5,7 +5,8 @@
  * decodes the master's commands, sends the node's own heartbeat (1017h) and watches that of another node (1016h).
  * What a change of state means for the other services is up to the caller, node.c. Background only.
  *
- * There is no node guarding, the older service that heartbeats replace.
+ * Node guarding (100Ch, 100Dh) is the older service that heartbeats replace. The master asks for the state by a remote
+ * frame, whose answers have a bit that toggles. Once it has asked, it is watched as by its heartbeat.
  */
 #ifndef CO_NMT_H
 #define CO_NMT_H
@@ -32,7 +33,7 @@ enum { CO_NMT_COMMAND_ID = 0x000, CO_HEARTBEAT_ID = 0x700 }; /* frame identifier
 #define CO_HEARTBEAT_WATCH_MS 500u
 
 struct co_nmt {
-    const struct od_data *od; /* 1016h, 1017h */
+    const struct od_data *od; /* 100Ch, 100Dh, 1016h, 1017h */
     struct co_tx *tx;
     uint8_t node_id; /* since the last reset, or OD_UNCONFIGURED */
     enum co_state state;
@@ -40,6 +41,9 @@ struct co_nmt {
     uint32_t watched;          /* node id << 16 | ms, in place of 1016h, by co_nmt_watch(); 0: 1016h holds */
     uint32_t consumer_left_ms; /* time until the watched heartbeat counts as lost; 0: none is awaited */
     bool lost;                 /* the watched heartbeat, until it comes again or another one is to be watched */
+    uint32_t guard_left_ms;    /* the same of node guarding: time until the master is to have asked again, */
+    bool guard_lost;           /* and whether it has not */
+    uint8_t toggle;            /* bit 7 of the next answer */
 };
 
 /* Power-on. co_nmt_reset() is to follow. */
@@ -55,12 +59,15 @@ enum co_nmt_command co_nmt_decode(const struct co_nmt *nmt, const struct can_fra
 
 /* A frame with an identifier from CO_HEARTBEAT_ID on has come. */
 void co_nmt_heartbeat(struct co_nmt *nmt, const struct can_frame *frame);
+/* A remote frame with the identifier of the node's own heartbeat has come: the master asks for the state. */
+void co_nmt_guard(struct co_nmt *nmt);
 /* Watch the heartbeat of node `id` in place of that of 1016h, from now on and not from its first heartbeat only. The
  * time is that of 1016h where 1016h names this node, else CO_HEARTBEAT_WATCH_MS. 0: 1016h holds again, from its next
  * heartbeat on. */
 void co_nmt_watch(struct co_nmt *nmt, uint8_t id);
 /* An SDO has written the object `index`. */
 void co_nmt_written(struct co_nmt *nmt, uint16_t index);
-/* Send the node's heartbeat when it is due. true: the watched heartbeat has just been lost, which is reported once. */
+/* Send the node's heartbeat when it is due. true: the watched heartbeat, or the master that guarded the node, has just
+ * been lost, which is reported once. */
 bool co_nmt_tick_ms(struct co_nmt *nmt);
 #endif

@@ -222,6 +222,9 @@ static void receive(struct co_node *node, const struct can_frame *frame)
 void co_receive(struct co_node *node, const struct can_frame *frame)
 {
     if (frame->rtr) {
+        if (node->nmt.state != CO_INITIALISING && frame->id == CO_HEARTBEAT_ID + node->config.node_id) {
+            co_nmt_guard(&node->nmt);
+        }
         return;
     }
     if (frame->id == CO_NMT_COMMAND_ID) {
@@ -272,6 +275,16 @@ bool co_heartbeat_lost(const struct co_node *node)
     return node->nmt.lost;
 }
 
+bool co_master_lost(const struct co_node *node)
+{
+    return node->nmt.lost || node->nmt.guard_lost;
+}
+
+bool co_rpdo_late(const struct co_node *node)
+{
+    return node->nmt.state == CO_OPERATIONAL && co_pdo_late(&node->pdo);
+}
+
 void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t details)
 {
     co_emcy_raise(&node->emcy, code, reg, details);
@@ -289,9 +302,10 @@ uint16_t co_emcy_code(const struct co_node *node, unsigned i)
 
 bool co_emcy_of_node(const struct co_node *node)
 {
-    static const uint16_t codes[CO_ERRORS_OF_NODE] = {CO_EMCY_OVERRUN,     CO_EMCY_PASSIVE,    CO_EMCY_WAS_OFF,
-                                                      CO_EMCY_PDO_VALUE,   CO_EMCY_PDO_SHORT,  CO_EMCY_PDO_LONG,
-                                                      CO_EMCY_SYNC_LENGTH, CO_EMCY_FLASH_WORN, CO_EMCY_SAVE_REFUSED};
+    static const uint16_t codes[CO_ERRORS_OF_NODE] = {CO_EMCY_OVERRUN,    CO_EMCY_PASSIVE,     CO_EMCY_WAS_OFF,
+                                                      CO_EMCY_PDO_VALUE,  CO_EMCY_PDO_SHORT,   CO_EMCY_PDO_LATE,
+                                                      CO_EMCY_ONE_AXIS,   CO_EMCY_PDO_LONG,    CO_EMCY_SYNC_LENGTH,
+                                                      CO_EMCY_FLASH_WORN, CO_EMCY_SAVE_REFUSED};
     for (unsigned i = 0; i < CO_ERRORS_OF_NODE; i++) {
         if (co_emcy_in_effect(&node->emcy, codes[i])) {
             return true;

@@ -2,7 +2,7 @@
 /* node.h: a CANopen device (CiA 301) on top of the generated object dictionary.
  *
  * The node is an NMT slave, producer and consumer of heartbeats (nmt.h), an SDO server (sdo.h), sends and receives PDOs
- * and follows SYNC (pdo.h), sends EMCY (emcy.h), and is an LSS slave (lss.h). It answers no remote frame. This module
+ * and follows SYNC (pdo.h), sends EMCY (emcy.h), and is an LSS slave (lss.h). Of remote frames it answers those of node guarding. This module
  * puts these services together: it gives each frame and each millisecond to them in a fixed order, and passes between
  * them what one must know of another. A service knows only the other services that its header includes.
  *
@@ -53,8 +53,8 @@ struct co_hooks {
     void (*on_tpdo)(void *ctx, unsigned number);
     /* The NMT state has changed. */
     void (*on_nmt)(void *ctx, enum co_state state);
-    /* The heartbeat of 1016h, or of co_watch_heartbeat(), has not come for its time. Called once, until it has come
-     * again. The NMT state that 1029h asks for follows. */
+    /* The heartbeat of 1016h, or of co_watch_heartbeat(), has not come for its time, or the master has ceased to guard
+     * the node. Called once, until it has come again. The NMT state that 1029h asks for follows. */
     void (*on_heartbeat_lost)(void *ctx);
     /* A reset: set the objects 1000h to 1FFFh, or all, to their values at power-on. Returns the node id from now on.
      * NULL: the objects are set to their defaults, and the node id stays. */
@@ -96,6 +96,10 @@ enum co_state co_nmt_state(const struct co_node *node);
 void co_watch_heartbeat(struct co_node *node, uint8_t id);
 /* Whether the heartbeat that is watched has been lost, and has not come again since. */
 bool co_heartbeat_lost(const struct co_node *node);
+/* The same, or the master has ceased to guard the node. */
+bool co_master_lost(const struct co_node *node);
+/* Whether an RPDO that is watched has not come in time. */
+bool co_rpdo_late(const struct co_node *node);
 
 /* An error is in effect from now on (co_emcy_raise), or ends (co_emcy_clear). */
 void co_emcy_set(struct co_node *node, uint16_t code, uint8_t reg, uint32_t details);

@@ -80,7 +80,8 @@ static void resolve_rpdo(const struct od_data *od, struct co_rpdo *rpdo, unsigne
 {
     const unsigned index = OBJ_RPDO1 + i;
     *rpdo = (struct co_rpdo){.mapping = resolve_mapping(od, OBJ_RPDO1_MAP + i, false),
-                             .type = (uint8_t)od_number(od, index, SUB_RPDO1_TYPE)};
+                             .type = (uint8_t)od_number(od, index, SUB_RPDO1_TYPE),
+                             .event_ms = (uint16_t)od_number(od, index, SUB_RPDO1_EVENT_MS)};
     rpdo->id = resolve_id(od, index, &rpdo->mapping);
 }
 
@@ -117,7 +118,10 @@ void co_pdo_start(struct co_pdo *pdo)
 {
     for (unsigned i = 0; i < OD_RPDOS; i++) {
         pdo->rpdo[i].pending = false;
+        pdo->rpdo[i].late = false;
+        pdo->rpdo[i].left_ms = 0;
     }
+    co_emcy_clear(pdo->emcy, CO_EMCY_PDO_LATE);
     for (unsigned i = 0; i < OD_TPDOS; i++) {
         struct co_tpdo *tpdo = &pdo->tpdo[i];
         tpdo->pending = false;
@@ -129,6 +133,38 @@ void co_pdo_start(struct co_pdo *pdo)
 }
 
 /* ---- received ---- */
+
+bool co_pdo_late(const struct co_pdo *pdo)
+{
+    bool any = false;
+    for (unsigned i = 0; i < OD_RPDOS; i++) {
+        any = any || pdo->rpdo[i].late;
+    }
+    return any;
+}
+
+/* Its time begins anew. The first tick may follow at once; with one tick more a frame is never late too early. */
+static void in_time(struct co_pdo *pdo, struct co_rpdo *rpdo)
+{
+    rpdo->left_ms = rpdo->event_ms != 0 ? rpdo->event_ms + 1u : 0u;
+    rpdo->late = false;
+    if (!co_pdo_late(pdo)) {
+        co_emcy_clear(pdo->emcy, CO_EMCY_PDO_LATE);
+    }
+}
+
+static void watch_rpdo(struct co_pdo *pdo, unsigned i)
+{
+    struct co_rpdo *rpdo = &pdo->rpdo[i];
+    if (rpdo->left_ms == 0) {
+        return;
+    }
+    rpdo->left_ms--;
+    if (rpdo->left_ms == 0) {
+        rpdo->late = true;
+        co_emcy_raise(pdo->emcy, CO_EMCY_PDO_LATE, CO_REG_COMMUNICATION, i + 1u);
+    }
+}
 
 static bool any_refused(const struct co_pdo *pdo)
 {
@@ -187,6 +223,7 @@ static void receive(struct co_pdo *pdo, unsigned i, const struct can_frame *fram
     }
     co_emcy_clear(pdo->emcy, CO_EMCY_PDO_SHORT);
     co_emcy_clear(pdo->emcy, CO_EMCY_PDO_LONG);
+    in_time(pdo, rpdo);
     if (rpdo->type <= PDO_SYNC_MAX) {
         memcpy(rpdo->data, frame->data, sizeof rpdo->data);
         rpdo->pending = true;
@@ -245,6 +282,9 @@ bool co_pdo_send(struct co_pdo *pdo, unsigned number)
 
 void co_pdo_tick_ms(struct co_pdo *pdo)
 {
+    for (unsigned i = 0; i < OD_RPDOS; i++) {
+        watch_rpdo(pdo, i);
+    }
     for (unsigned i = 0; i < OD_TPDOS; i++) {
         struct co_tpdo *tpdo = &pdo->tpdo[i];
         if (tpdo->id == 0 || tpdo->type < PDO_EVENT) {

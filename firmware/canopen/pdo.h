@@ -15,6 +15,8 @@
  * from the controlwords. A value that its object does not take is left out (EMCY 8200h), and all others of the frame have
  * their effect: a stop must not wait for a value beside it to be right. All RPDOs with the same identifier get the frame.
  *
+ * An RPDO with an event timer is watched: from its first frame on, the next one is late after that time (EMCY 8250h).
+ *
  * Times are counted in calls of co_pdo_tick_ms(), one each millisecond; an inhibit time is rounded up. Background only; called by node.c,
  * and by the application through node.h.
  */
@@ -48,8 +50,11 @@ struct co_rpdo {
     struct co_pdo_mapping mapping;
     uint16_t id; /* 0: not in use */
     uint8_t type;
-    bool pending; /* `data` takes effect at the next SYNC */
-    bool refused; /* a value of the latest frame */
+    bool pending;      /* `data` takes effect at the next SYNC */
+    bool refused;      /* a value of the latest frame */
+    bool late;         /* no frame has come for event_ms since the last one */
+    uint16_t event_ms; /* 0: not watched */
+    uint32_t left_ms;  /* until the next frame is late; 0: none is awaited */
     uint8_t data[8];
 };
 
@@ -96,6 +101,8 @@ void co_pdo_tick_ms(struct co_pdo *pdo);
  * its transmission type, its inhibit time and the bus allow. false: it was not sent now. */
 bool co_pdo_send(struct co_pdo *pdo, unsigned number);
 
+/* Whether an RPDO that is watched is late. */
+bool co_pdo_late(const struct co_pdo *pdo);
 /* Whether a part of object `index` is mapped. */
 bool co_pdo_carries(const struct co_pdo_mapping *mapping, uint16_t index);
 /* The object that a mapping entry (index << 16 | sub-index << 8 | bits) names. NULL: it cannot be mapped, and *code is

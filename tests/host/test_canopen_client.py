@@ -45,7 +45,7 @@ def test_mapping_read_from_the_drive_is_the_one_of_the_eds(node: canopen.RemoteN
         from_drive = names(pdos)
         pdos.read(from_od=True)
         assert from_drive == names(pdos)
-        assert all(pdo.trans_type == 254 and pdo.enabled for pdo in pdos.values())
+        assert all(pdo.trans_type == 254 and pdo.enabled == (pdo is not node.rpdo[4]) for pdo in pdos.values())
     assert [v.name for v in node.rpdo[2]] == ["knot.sequence", "knot.crc", "knot.dx", "knot.dy"]
     assert node.tpdo[1].cob_id == 0x180 + NODE
 

@@ -77,10 +77,10 @@ def expected(name: str, entry: objects.Entry, value: int) -> int:
         return STORE  # no signature
     if entry.name == "cob_id" or name in ("sync_cob_id", "emcy_cob_id"):
         return VALUE  # neither 0 nor FFFFFFFFh is an identifier of 11 bits
-    if name.endswith("_map") or (name.startswith("tpdo") and entry.name in ("inhibit", "sync_start")):
-        return STATE  # the PDO is in use
-    if name == "sync_overflow":
-        return STATE  # 1006h is not 0
+    if name == "rpdo4_map":
+        return OK if value == 0 else NO_OBJECT  # not in use; its third entry is empty
+    if name.endswith("_map") or ("pdo" in name and name != "rpdo4" and entry.name in ("inhibit", "sync_start")):
+        return STATE  # the PDO is in use, or its entries are
     if (name, entry.name, value) in (
         ("smc", "k_bar", entry.high),
         ("smc", "k_0", entry.high),

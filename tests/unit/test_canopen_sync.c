@@ -305,8 +305,9 @@ static void test_sync_of_a_wrong_length_is_ignored_and_reported_once(void)
 
 static void test_counting_begins_with_the_sync_that_carries_the_start_value(void)
 {
+    bus_sdo(&bus, "23 06 10 00 E8 03 00 00", "60 06 10 00 00 00 00 00");
     bus_sdo(&bus, "2F 19 10 00 0A 00 00 00", "80 19 10 00 22 00 00 08"); /* 1006h is not 0 */
-    bus_sdo(&bus, "23 06 10 00 00 00 00 00", "60 06 10 00 00 00 00 00");
+    bus_sdo(&bus, "23 06 10 00 00 00 00 00", "60 06 10 00 00 00 00 00"); /* as at power-on */
     bus_sdo(&bus, "2F 19 10 00 01 00 00 00", "80 19 10 00 30 00 09 06");
     bus_sdo(&bus, "2F 19 10 00 0A 00 00 00", "60 19 10 00 00 00 00 00");
     bus_sdo(&bus, "2F 00 18 06 03 00 00 00", "80 00 18 06 22 00 00 08"); /* in use */

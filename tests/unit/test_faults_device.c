@@ -382,6 +382,108 @@ static void test_sync_length_is_refused_until_a_right_one_comes(void)
     expect_clearing(ROW_SYNC_LENGTH, 2);
 }
 
+static void guard(void)
+{
+    const struct can_frame request = {.id = 0x701, .rtr = true};
+    co_receive(&rig.device.node, &request);
+}
+
+static void test_heartbeat_by_node_guarding_that_ceases_stops_on_the_path(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x100C, 0, 2, 20));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x100D, 0, 1, 2));
+    be_on_the_way();
+    guard();
+    rig_ms(&rig, 40);
+    expect_path_runs();
+    expect_reaction(ROW_HEARTBEAT);
+    guard();
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x100D, 0, 1, 0)); /* nobody guards any more */
+    expect_clearing(ROW_HEARTBEAT, 2);
+}
+
+static void test_pdo_late_is_told_and_stops_on_the_path_as_a_lost_heartbeat_does(void)
+{
+    const uint8_t pre_operational[] = {128, 1};
+    rig_nmt(&rig, 1);
+    rig_send(&rig, 0, 2, pre_operational);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1400, 5, 2, 500));
+    rig_nmt(&rig, 1);
+    rig_controlwords(&rig, 0, 0);
+    rig_ms(&rig, 500);
+    TEST_ASSERT_FALSE(rig_had_emcy(&rig, 0x8250));
+    expect_reaction(ROW_PDO_LATE);
+    rig_expect_states(&rig, RIG_DISABLED, RIG_DISABLED);
+    rig_controlwords(&rig, 0, 0);
+    expect_clearing(ROW_PDO_LATE, 2);
+    rig_enable(&rig);
+    rig_go(&rig, &stream, 300);
+    rig_controlwords(&rig, RUN, RUN);
+    rig_ms(&rig, 499);
+    expect_path_runs();
+    rig_ms(&rig, 2);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0x8250));
+    rig.emcy_count = 0;
+    expect_reaction(ROW_HEARTBEAT);
+}
+
+/* Axis x follows alone, or gets records alone; what y does meanwhile */
+static void test_one_axis_in_mode_7_is_told_after_a_second(void)
+{
+    static const struct {
+        uint16_t x, y;
+        int8_t mode_y;
+        bool told;
+    } cases[] = {{RUN, ENABLE, 7, true}, {RUN, 0, 7, true},    {ENABLE, RUN, 7, true},
+                 {RUN, RUN, 7, false},   {RUN, RUN, 3, false}, {ENABLE, ENABLE, 7, false}};
+    for (unsigned i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        power_on();
+        rig_nmt(&rig, 1);
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x6860, 0, 1, cases[i].mode_y));
+        rig_enable(&rig);
+        rig.emcy_count = 0;
+        rig_controlwords(&rig, cases[i].x, cases[i].y);
+        rig_ms(&rig, 990);
+        TEST_ASSERT_FALSE(rig_had_emcy(&rig, 0xFF33));
+        rig_ms(&rig, 20);
+        TEST_ASSERT_EQUAL(cases[i].told, rig_had_emcy(&rig, 0xFF33));
+    }
+    power_on();
+    rig_nmt(&rig, 1);
+    rig_enable(&rig);
+    rig_controlwords(&rig, RUN, ENABLE);
+    rig_ms(&rig, 1005);
+    expect_reaction(ROW_ONE_AXIS);
+    rig_controlwords(&rig, RUN, RUN);
+    expect_clearing(ROW_ONE_AXIS, 5);
+}
+
+static void test_one_axis_has_records_and_the_other_none(void)
+{
+    const uint8_t record[8] = {0};
+    rig_nmt(&rig, 1);
+    rig_enable(&rig);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x60C1, 1, 4, 1000));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1017, 0, 2, 100)); /* something else */
+    rig_ms(&rig, 1005);
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, 0xFF33));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x68C1, 1, 4, 0));
+    expect_end(ROW_ONE_AXIS, 5);
+    rig.device.od.rpdo3_map.highest_sub = 1;
+    co_pdo_refresh(&rig.device.node.pdo);
+    rig_send(&rig, 0x401, 4, record);
+    rig_ms(&rig, 1005);
+    TEST_ASSERT_EQUAL_HEX16(0xFF33, rig.emcy[rig.emcy_count - 1]);
+    rig.device.od.rpdo3_map.highest_sub = 2;
+    co_pdo_refresh(&rig.device.node.pdo);
+    rig_send(&rig, 0x401, 8, record);
+    expect_end(ROW_ONE_AXIS, 5);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x60C1, 1, 4, 1000));
+    rig_nmt(&rig, 129);
+    rig_ms(&rig, 1100);
+    TEST_ASSERT_EQUAL_HEX16(0, rig.emcy[rig.emcy_count - 1]);
+}
+
 static void test_flash_worn_is_a_warning_that_stays(void)
 {
     rig_nmt(&rig, 1);
@@ -490,6 +592,10 @@ int main(void)
     RUN_TEST(test_pdo_long_is_refused_until_a_right_one_comes);
     RUN_TEST(test_pdo_value_is_refused_until_right_ones_come);
     RUN_TEST(test_sync_length_is_refused_until_a_right_one_comes);
+    RUN_TEST(test_heartbeat_by_node_guarding_that_ceases_stops_on_the_path);
+    RUN_TEST(test_pdo_late_is_told_and_stops_on_the_path_as_a_lost_heartbeat_does);
+    RUN_TEST(test_one_axis_in_mode_7_is_told_after_a_second);
+    RUN_TEST(test_one_axis_has_records_and_the_other_none);
     RUN_TEST(test_flash_worn_is_a_warning_that_stays);
     RUN_TEST(test_save_refused_is_a_warning_until_the_next_save_is_possible);
     RUN_TEST(test_of_two_faults_within_a_millisecond_603Fh_and_the_first_emcy_tell_the_first);

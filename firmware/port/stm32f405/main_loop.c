@@ -93,7 +93,7 @@ static bool receive(void *ctx, struct can_frame *frame)
         return false;
     }
     if (device.od.clock.pace != 0 && !frame->rtr && frame->id == (device.od.sync_cob_id & 0x7FFu)) {
-        due_us += device.od.sync_period;
+        due_us += device_sync_us(&device);
     }
     return true;
 }

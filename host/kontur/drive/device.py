@@ -30,6 +30,7 @@ from kontur.drive.state_machine import SETTLE_S, StateMachine, state_of
 from kontur.errors import DeviceError, NoAnswerError, ParameterError
 from kontur.planning.path_time import RATE_MAX
 
+_SYNC_US = 1000  # time that passes at a SYNC where 1006h is 0
 _CAN_STATES = ("error active", "error warning", "error passive", "off")
 
 
@@ -118,8 +119,8 @@ class Device(Objects):
             raise NoAnswerError(f"the drive (node {self.link.node_id}) {otherwise}, {timeout_s:g} s waited")
 
     def _follow_sync(self) -> None:
-        period_us = self.read_stable("sync_period")
-        if period_us == 0 or period_us % 1000:
+        period_us = int(self.read_stable("sync_period")) or _SYNC_US
+        if period_us % 1000:
             raise DeviceError(
                 f"the drive's time passes with SYNC, {period_us} us at each (sync_period): kontur needs whole ms; "
                 "set object 1006h to 1000"
