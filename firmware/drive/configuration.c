@@ -433,6 +433,11 @@ void configuration_hal(const struct od_data *od, struct hal_axis_cfg cfg[AXES])
         cfg[i] = (struct hal_axis_cfg){
             .output = a->wiring.output != 0 ? HAL_OUTPUT_PWM : HAL_OUTPUT_DAC,
             .full_scale_mN = a->wiring.full_scale,
+            .offset = a->wiring.offset,
+            .pwm = {.hz = od->pwm.frequency,
+                    .antiphase = od->pwm.mode != 0,
+                    .duty_min = od->pwm.duty_min,
+                    .duty_max = od->pwm.duty_max},
             .invert_force = a->wiring.invert_force != 0,
             .invert_encoder = a->wiring.invert_encoder != 0,
             .invert_second = a->second_encoder.invert != 0,

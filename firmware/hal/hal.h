@@ -65,6 +65,13 @@ enum { HAL_FULL_SCALE_MIN = 10000 };
 struct hal_axis_cfg {
     enum hal_output output;
     uint32_t full_scale_mN; /* force at the end of the output's range; at least HAL_FULL_SCALE_MIN */
+    int16_t offset;         /* that of the analog command, 1e-5 of full scale: 0.1 mV of 10 V */
+    struct hal_pwm_cfg {    /* the same for both axes */
+        uint32_t hz;        /* 3000..100000 */
+        bool antiphase;     /* no force is the middle of the two duties, and there is no direction */
+        uint16_t duty_min;  /* 1/1000: 0..450, at no force or, in antiphase, at the largest negative one */
+        uint16_t duty_max;  /* 1/1000: 550..1000, at full force */
+    } pwm;
     bool invert_force, invert_encoder, invert_second;
     uint32_t index_counts; /* encoder counts between two index pulses; 0: not checked */
     uint32_t jump_counts;  /* more counts than this in one control period are an encoder fault */

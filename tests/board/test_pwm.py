@@ -63,3 +63,69 @@ def test_an_axis_with_an_analog_command_needs_no_break_input(board: Board) -> No
     board.run(5)
     assert board.powered()
     assert board.read(0x603F) == 0
+
+
+PWM, FREQUENCY, MODE, LEAST, MOST = 0x2163, 1, 2, 3, 4
+
+
+def _with_pwm(board: Board, **parameters: int) -> None:
+    """Both axes are enabled, with PWM of these parameters."""
+    board.start()
+    for axis in AXES:
+        board.write(0x2104 + axis, 1, 1, 1)
+    for name, (sub, size) in {"hz": (FREQUENCY, 4), "mode": (MODE, 1), "least": (LEAST, 2), "most": (MOST, 2)}.items():
+        if name in parameters:
+            board.write(PWM, sub, parameters[name], size)
+    board.run(2)
+    board.enable()
+
+
+def _duties(board: Board, ms: float = 5) -> list[tuple[float, float]]:
+    """What the pins have in each half millisecond from now on."""
+    found = []
+    for _ in range(int(2 * ms)):
+        board.run(0.5)
+        found.append((board.tim8.duty(1), board.tim8.duty(2)))
+    return found
+
+
+@general
+@pytest.mark.parametrize("hz", [3000, 20000, 100000])
+def test_the_frequency_of_pwm_is_a_parameter(board: Board, hz: int) -> None:
+    _with_pwm(board, hz=hz)
+    assert abs(168e6 / (board.tim8.words[0x2C] + 1) - hz) < hz / 1000
+    _push(board)
+
+
+@general
+def test_in_locked_antiphase_no_force_is_half_the_time_and_there_is_no_direction(board: Board) -> None:
+    _with_pwm(board, mode=1)
+    assert all(abs(d - 0.5) < 0.01 for duties in _duties(board) for d in duties)
+    board.gpio("B").edges.clear()
+    board.tim2.move(20)  # the force is against it
+    board.tim5.move(-20)
+    assert all(x < 0.5 < y for x, y in _duties(board)[2:])
+    assert not [e for e in board.gpio("B").edges if e[1] in (14, 15)]
+    board.command(0)
+    assert (board.tim8.duty(1), board.tim8.duty(2)) == (0.5, 0.5)
+
+
+@general
+@pytest.mark.parametrize("mode", [0, 1])
+def test_the_duty_stays_between_the_least_and_the_greatest(board: Board, mode: int) -> None:
+    _with_pwm(board, mode=mode, least=100, most=900)
+    least = 0.1 if mode == 0 else 0.5
+    assert all(abs(d - least) < 0.02 for duties in _duties(board) for d in duties)
+    board.tim2.move(400)  # 30 um: more than the amplifier can do
+    board.tim5.move(-400)
+    reached = [d for duties in _duties(board, 10) for d in duties]
+    assert all(0.0999 <= d <= 0.9001 for d in reached)
+    assert max(reached) > 0.89
+
+
+@general
+def test_a_halt_in_locked_antiphase_does_not_hold_the_pins_at_full_force(board: Board) -> None:
+    _with_pwm(board, mode=1)
+    board.halted = True
+    board.run(0.001)
+    assert abs(board.tim8.duty(1) - 0.5) < 0.02

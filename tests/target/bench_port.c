@@ -14,8 +14,8 @@ enum { STEPS = 1000 };
 
 int main(void)
 {
-    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 600000, .jump_counts = UINT32_MAX},
-                                           {.full_scale_mN = 600000, .jump_counts = UINT32_MAX}};
+    const struct hal_axis_cfg one = {.full_scale_mN = 600000, .jump_counts = UINT32_MAX, .pwm.hz = 40000};
+    const struct hal_axis_cfg cfg[AXES] = {one, one};
     uint32_t worst = 0;
     uint64_t sum = 0;
     output_init(); /* without cpu_detect_emulator(), so that the drivers take this for a chip */

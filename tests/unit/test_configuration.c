@@ -671,6 +671,21 @@ static void test_wiring_of_each_axis_for_the_hal(void)
             TEST_ASSERT_FALSE(c[i].invert_encoder);
         }
     }
+    od.axis[1].wiring.offset = -1234;
+    od.pwm.frequency = 20000;
+    od.pwm.duty_min = 100;
+    od.pwm.duty_max = 900;
+    for (int mode = 0; mode < 2; mode++) {
+        od.pwm.mode = (uint8_t)mode;
+        configuration_hal(&od, c);
+        for (int i = 0; i < 2; i++) {
+            TEST_ASSERT_EQUAL_INT16(i == 0 ? 0 : -1234, c[i].offset);
+            TEST_ASSERT_EQUAL_UINT32(20000, c[i].pwm.hz);
+            TEST_ASSERT_EQUAL(mode == 1, c[i].pwm.antiphase);
+            TEST_ASSERT_EQUAL_UINT16(100, c[i].pwm.duty_min);
+            TEST_ASSERT_EQUAL_UINT16(900, c[i].pwm.duty_max);
+        }
+    }
     TEST_ASSERT_EQUAL_UINT32(123456, c[0].full_scale_mN);
     TEST_ASSERT_EQUAL_UINT32(123457, c[1].full_scale_mN);
     TEST_ASSERT_EQUAL_UINT32(4321, c[0].index_counts);

@@ -122,7 +122,8 @@ static void test_the_clock_is_never_faster_than_the_flash_is_set_for(void)
 
 static void start_and_push(void)
 {
-    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000}, {.full_scale_mN = 100000}};
+    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000, .pwm.hz = 40000},
+                                           {.full_scale_mN = 100000, .pwm.hz = 40000}};
     const struct hal_drive_out pushing = {.force_mN = {50000, 50000}, .enable = {true, true}};
     clock_start();
     output_init();

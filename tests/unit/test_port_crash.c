@@ -18,7 +18,8 @@ void tearDown(void)
 
 static void write_forces(void)
 {
-    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000}, {.full_scale_mN = 100000}};
+    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = 100000, .pwm.hz = 40000},
+                                           {.full_scale_mN = 100000, .pwm.hz = 40000}};
     const struct hal_drive_out out = {.force_mN = {90000, -90000}, .enable = {true, true}};
     output_configure(cfg);
     output_write(&out);

@@ -16,8 +16,8 @@ void setUp(void)
 {
     chip_reset();
     output_init();
-    cfg[AXIS_X] = (struct hal_axis_cfg){.full_scale_mN = FULL_mN};
-    cfg[AXIS_Y] = (struct hal_axis_cfg){.full_scale_mN = FULL_mN};
+    cfg[AXIS_X] = (struct hal_axis_cfg){.full_scale_mN = FULL_mN, .pwm = {.hz = 40000, .duty_max = 1000}};
+    cfg[AXIS_Y] = cfg[AXIS_X];
     output_configure(cfg);
 }
 
@@ -165,6 +165,67 @@ static void test_pwm_is_a_magnitude_and_a_direction_and_leaves_the_analog_comman
     TEST_ASSERT_EQUAL_UINT32(4199, chip.tim8.ARR);
 }
 
+static void configure_pwm(uint32_t hz, bool antiphase, uint16_t duty_min, uint16_t duty_max)
+{
+    for (int i = 0; i < AXES; i++) {
+        cfg[i].output = HAL_OUTPUT_PWM;
+        cfg[i].pwm = (struct hal_pwm_cfg){hz, antiphase, duty_min, duty_max};
+    }
+    output_configure(cfg);
+}
+
+static void test_pwm_has_the_frequency_and_the_duties_of_its_parameters(void)
+{
+    configure_pwm(20000, false, 100, 950); /* of 8400 steps */
+    TEST_ASSERT_EQUAL_UINT32(8399, chip.tim8.ARR);
+    write_forces(FULL_mN, -FULL_mN / 2, true);
+    TEST_ASSERT_EQUAL_UINT32(7980, chip.tim8.CCR[0]);
+    TEST_ASSERT_EQUAL_UINT32(840 + 3570, chip.tim8.CCR[1]);
+    TEST_ASSERT_FALSE(chip_pin('B', 14));
+    TEST_ASSERT_TRUE(chip_pin('B', 15));
+    write_forces(0, 0, false);
+    TEST_ASSERT_EQUAL_UINT32(840, chip.tim8.CCR[0]);
+    TEST_ASSERT_NOT_EQUAL_HEX32(0, chip.dbgmcu.APB2_FZ & DBGMCU_APB2_FZ_TIM8);
+}
+
+static void test_pwm_in_antiphase_has_no_force_in_its_middle_and_no_direction(void)
+{
+    configure_pwm(40000, true, 0, 1000);
+    write_forces(0, 0, false);
+    TEST_ASSERT_EQUAL_UINT32(2100, chip.tim8.CCR[0]);
+    write_forces(FULL_mN, -FULL_mN, true);
+    TEST_ASSERT_EQUAL_UINT32(4200, chip.tim8.CCR[0]);
+    TEST_ASSERT_EQUAL_UINT32(0, chip.tim8.CCR[1]);
+    TEST_ASSERT_FALSE(chip_pin('B', 14) || chip_pin('B', 15));
+    configure_pwm(40000, true, 100, 900);
+    write_forces(2 * FULL_mN, -2 * FULL_mN, true);
+    TEST_ASSERT_EQUAL_UINT32(3780, chip.tim8.CCR[0]);
+    TEST_ASSERT_EQUAL_UINT32(420, chip.tim8.CCR[1]);
+    TEST_ASSERT_EQUAL_HEX32(0, chip.dbgmcu.APB2_FZ & DBGMCU_APB2_FZ_TIM8); /* pins that are low would be a force */
+}
+
+/* 100 mV of 10 V are 20.48 of 2048 codes. */
+static void test_the_offset_of_the_analog_command_is_there_with_and_without_power(void)
+{
+    cfg[AXIS_X].offset = 1000;
+    cfg[AXIS_Y].offset = -1000;
+    output_configure(cfg);
+    write_forces(0, 0, false);
+    TEST_ASSERT_EQUAL_INT32(20, dac_x());
+    TEST_ASSERT_EQUAL_INT32(-20, dac_y());
+    int32_t sum = 0;
+    for (int i = 0; i < 100; i++) {
+        write_forces(0, 0, true);
+        sum += dac_x();
+    }
+    TEST_ASSERT_EQUAL_INT32(2048, sum);
+    write_forces(FULL_mN, -FULL_mN, true);
+    TEST_ASSERT_EQUAL_INT32(2047, dac_x());
+    TEST_ASSERT_EQUAL_INT32(-2048, dac_y());
+    output_safe();
+    TEST_ASSERT_EQUAL_HEX32(0x08000800, chip.dac.DHR12RD);
+}
+
 static void test_a_direction_turned_round_by_parameter_is_turned_round(void)
 {
     cfg[AXIS_X].invert_force = true;
@@ -221,6 +282,9 @@ int main(void)
     RUN_TEST(test_the_mean_of_the_steps_is_the_force_to_a_thousandth_of_a_step);
     RUN_TEST(test_saturation_leaves_no_rounding_error);
     RUN_TEST(test_pwm_is_a_magnitude_and_a_direction_and_leaves_the_analog_command_at_zero);
+    RUN_TEST(test_pwm_has_the_frequency_and_the_duties_of_its_parameters);
+    RUN_TEST(test_pwm_in_antiphase_has_no_force_in_its_middle_and_no_direction);
+    RUN_TEST(test_the_offset_of_the_analog_command_is_there_with_and_without_power);
     RUN_TEST(test_a_direction_turned_round_by_parameter_is_turned_round);
     RUN_TEST(test_safe_outputs_are_safe_after_any_output);
     RUN_TEST(test_safe_outputs_stay_so_until_no_axis_is_to_be_enabled);

@@ -3,39 +3,78 @@
 #include "port/stm32f405/output.h"
 
 #include "port/stm32f405/board.h"
+#include "port/stm32f405/clock.h"
 #include "port/stm32f405/cpu.h"
 
-enum { DAC_ZERO = 2048, PWM_STEPS = 4200 };
+enum { DAC_ZERO = 2048, PERMILLE = 1000, OFFSET_ONE = 100000, DEFAULT_PWM_HZ = 40000 };
 /* Off: the pins are driven low. */
 enum { PWM_OFF = TIM_BDTR_OSSI | TIM_BDTR_OSSR | BOARD_BREAK_BDTR, PWM_ON = PWM_OFF | TIM_BDTR_MOE };
 
 struct channel {
-    bool pwm, invert;
-    int32_t gain; /* 2^32 steps of the output per mN */
-    int32_t low, high;
-    int32_t error; /* rounding error of the last step, 2^-16 steps */
+    enum hal_output output;
+    bool invert;
+    bool antiphase;    /* of PWM: no direction */
+    int32_t zero;      /* the output at step 0, in steps */
+    int64_t gain;      /* 2^32 steps per mN */
+    int32_t offset;    /* 2^-16 steps */
+    int32_t low, high; /* steps */
+    int32_t error;     /* rounding error of the last step, 2^-16 steps */
 };
 
 static const struct board_axis axes[AXES] = {BOARD_X, BOARD_Y};
 static struct channel channels[AXES];
 static volatile bool safe_state; /* from output_safe() until neither axis is commanded to be enabled */
 
+/* `steps` are full scale, which the step itself reaches in the negative direction only. */
+static struct channel analog(int32_t steps, const struct hal_axis_cfg *cfg)
+{
+    return (struct channel){
+        .zero = steps,
+        .gain = ((int64_t)steps << 32) / cfg->full_scale_mN,
+        .offset = (int32_t)(((int64_t)steps << 16) * cfg->offset / OFFSET_ONE),
+        .low = -steps,
+        .high = steps - 1,
+    };
+}
+
+static struct channel pwm(const struct hal_axis_cfg *cfg)
+{
+    const struct hal_pwm_cfg *p = &cfg->pwm;
+    const int32_t period = (int32_t)(CLOCK_HZ / p->hz);
+    const int32_t least = period * p->duty_min / PERMILLE;
+    const int32_t greatest = period * p->duty_max / PERMILLE;
+    const int32_t steps = p->antiphase ? (greatest - least) / 2 : greatest - least;
+    return (struct channel){
+        .antiphase = p->antiphase,
+        .zero = p->antiphase ? least + steps : least,
+        .gain = ((int64_t)steps << 32) / cfg->full_scale_mN,
+        .low = -steps,
+        .high = steps,
+    };
+}
+
 static void set_channel(struct channel *c, const struct hal_axis_cfg *cfg)
 {
-    const int64_t steps = cfg->output == HAL_OUTPUT_PWM ? PWM_STEPS : DAC_ZERO;
-    *c = (struct channel){
-        .pwm = cfg->output == HAL_OUTPUT_PWM,
-        .invert = cfg->invert_force,
-        .gain = (int32_t)((steps << 32) / cfg->full_scale_mN),
-        .low = (int32_t)-steps,
-        .high = cfg->output == HAL_OUTPUT_PWM ? PWM_STEPS : DAC_ZERO - 1,
-    };
+    *c = cfg->output == HAL_OUTPUT_PWM ? pwm(cfg) : analog(DAC_ZERO, cfg);
+    c->output = cfg->output;
+    c->invert = cfg->invert_force;
+}
+
+/* A debugger that halts the core stops PWM, unless its pins, which are low then, command a force. */
+static void set_timer(const struct hal_pwm_cfg *cfg)
+{
+    TIM8->ARR = CLOCK_HZ / cfg->hz - 1u;
+    if (cfg->antiphase) {
+        DBGMCU->APB2_FZ &= ~(uint32_t)DBGMCU_APB2_FZ_TIM8;
+    } else {
+        DBGMCU->APB2_FZ |= DBGMCU_APB2_FZ_TIM8;
+    }
 }
 
 void output_init(void)
 {
-    const struct hal_axis_cfg cfg[AXES] = {{.full_scale_mN = HAL_FULL_SCALE_MIN},
-                                           {.full_scale_mN = HAL_FULL_SCALE_MIN}};
+    const struct hal_axis_cfg one = {.full_scale_mN = HAL_FULL_SCALE_MIN, .pwm.hz = DEFAULT_PWM_HZ};
+    const struct hal_axis_cfg cfg[AXES] = {one, one};
     for (int i = 0; i < AXES; i++) {
         pin_setup_low(axes[i].enable);
         pin_setup_low(axes[i].brake);
@@ -51,8 +90,7 @@ void output_init(void)
     DAC->DHR12RD = DAC_ZERO << 16 | DAC_ZERO;
     DAC->CR = DAC_CR_EN1 | DAC_CR_BOFF1 | DAC_CR_EN2 | DAC_CR_BOFF2; /* BOFF: its buffers end 0.2 V before the rails */
 
-    DBGMCU->APB2_FZ |= DBGMCU_APB2_FZ_TIM8; /* a debugger that halts the core stops PWM */
-    TIM8->ARR = PWM_STEPS - 1;
+    set_timer(&one.pwm);
     TIM8->CCMR1 = TIM_CCMR_PWM1 | TIM_CCMR_PWM1 << 8;
     TIM8->CCR[0] = TIM8->CCR[1] = 0;
     TIM8->CCER = TIM_CCER_E | TIM_CCER_E << 4;
@@ -70,6 +108,7 @@ void output_configure(const struct hal_axis_cfg cfg[AXES])
         set_channel(&next[i], &cfg[i]);
     }
     const uint32_t lock = cpu_lock();
+    set_timer(&cfg[AXIS_X].pwm);
     for (int i = 0; i < AXES; i++) {
         channels[i] = next[i];
     }
@@ -79,7 +118,7 @@ void output_configure(const struct hal_axis_cfg cfg[AXES])
 /* The step to put out for a force, with the rounding error of the last step added. */
 static int32_t quantise(struct channel *c, int32_t force_mN)
 {
-    const int64_t exact = (((int64_t)force_mN * c->gain) >> 16) + c->error;
+    const int64_t exact = (((int64_t)force_mN * c->gain) >> 16) + c->offset + c->error;
     const int64_t step = (exact + 0x8000) >> 16;
     if (step < c->low || step > c->high) {
         c->error = 0;
@@ -96,7 +135,7 @@ void output_read(struct hal_drive_in *in)
     }
     TIM8->SR = ~(uint32_t)TIM_SR_BIF; /* it comes again as long as the input is active */
     for (int i = 0; i < AXES; i++) {
-        if (channels[i].pwm) {
+        if (channels[i].output == HAL_OUTPUT_PWM) {
             in->inputs[i] |= HAL_AMPLIFIER_FAULT;
         }
     }
@@ -115,21 +154,21 @@ static bool leave_safe_state(const struct hal_drive_out *out)
 
 void output_write(const struct hal_drive_out *out)
 {
-    uint32_t dac[AXES], pwm[AXES];
+    uint32_t dac[AXES];
+    uint32_t duty[AXES];
     if (!leave_safe_state(out)) {
         return;
     }
     for (int i = 0; i < AXES; i++) {
         struct channel *c = &channels[i];
-        int32_t step = 0;
-        if (out->enable[i]) {
-            step = quantise(c, c->invert ? -out->force_mN[i] : out->force_mN[i]);
-        } else {
-            c->error = 0;
-        }
-        dac[i] = (uint32_t)(c->pwm ? DAC_ZERO : DAC_ZERO + step);
-        pwm[i] = c->pwm ? (uint32_t)(step < 0 ? -step : step) : 0u;
-        pin_write(axes[i].direction, c->pwm && step < 0);
+        const int32_t force_mN = out->enable[i] ? out->force_mN[i] : 0;
+        c->error = out->enable[i] ? c->error : 0;
+        const int32_t step = quantise(c, c->invert ? -force_mN : force_mN);
+        const bool backward = c->output == HAL_OUTPUT_PWM && !c->antiphase && step < 0;
+        const uint32_t value = (uint32_t)(c->zero + (backward ? -step : step));
+        dac[i] = c->output == HAL_OUTPUT_DAC ? value : DAC_ZERO;
+        duty[i] = c->output == HAL_OUTPUT_PWM ? value : 0u;
+        pin_write(axes[i].direction, backward);
         if (!out->release[i]) {
             pin_write(axes[i].brake, false);
         }
@@ -139,8 +178,8 @@ void output_write(const struct hal_drive_out *out)
     }
     DAC->DHR12RD = dac[AXIS_Y] << 16 | dac[AXIS_X];
     TIM8->CR1 |= TIM_CR1_UDIS; /* both channels change at one update */
-    TIM8->CCR[0] = pwm[AXIS_X];
-    TIM8->CCR[1] = pwm[AXIS_Y];
+    TIM8->CCR[0] = duty[AXIS_X];
+    TIM8->CCR[1] = duty[AXIS_Y];
     TIM8->CR1 &= ~(uint32_t)TIM_CR1_UDIS;
     for (int i = 0; i < AXES; i++) {
         if (out->enable[i]) {

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* output.h: two force commands, two enable signals and two brakes, which are released only while their axis is enabled.
  *
- * DAC: 12 bits; code 2048 + n is n/2048 of full scale, and the board makes -10..10 V of 0..3.3 V. PWM: 40 kHz in 4200
- * steps, with a direction pin, so that a dead line commands no force. The rounding error of a command is added to the
+ * DAC: 12 bits; code 2048 + n is n/2048 of full scale, and the board makes -10..10 V of 0..3.3 V. PWM: steps of 1/168
+ * MHz, with a direction pin, so that a dead line commands no force; or in locked antiphase, where a dead line commands
+ * full negative force. The rounding error of a command is added to the
  * next one (first-order error feedback): the mean of the output is exact, and its steps are noise near the control
  * rate, where the mass of an axis does not respond. RM0090 14 (DAC), 17 (PWM mode).
  *
