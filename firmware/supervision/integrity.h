@@ -11,7 +11,7 @@
 #include "od/od.h"
 
 /* Entries of the dictionary that are read in a millisecond: all of them in some 15 ms */
-enum { INTEGRITY_ENTRIES_MS = 40 };
+enum { INTEGRITY_ENTRIES_MS = 64 };
 
 struct integrity {
     uint32_t cfg, parameters; /* checksums when they were set */
