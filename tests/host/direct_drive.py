@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulated drive without python-can: frames go in by hand, knots by function call, time passes in whole chunks."""
 
+import functools
 import zlib
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from kontur import machine
 from kontur.can import wire
 from kontur.drive.state_machine import ENABLE, RUN_PATH, SHUTDOWN, SWITCH_ON
+from kontur.drive.target import Target, open_drive
 from kontur.planning.path_time import PathTime
 from kontur.planning.planner import Trajectory
 from kontur.sim.library import Sim
@@ -30,12 +32,21 @@ def path_time(wanted: list[tuple[int, float]], end: int, stop_periods: int) -> P
     return path
 
 
+@functools.cache
+def _gains() -> list[tuple[int, int, int]]:
+    """Those of MACHINE: index, sub-index and value on the wire."""
+    with open_drive(Target(MACHINE)) as device:
+        return [device.on_wire(name, value) for name, value in MACHINE.gains.items()]
+
+
 class Drive:
     """The drive of a Sim, enabled and on its way from the first tick on."""
 
     def __init__(self, trajectory: Trajectory, seed: int = 1) -> None:
         self._knots_nm = trajectory.knots_nm
         self._sim = sim = Sim(MACHINE.starting_at(trajectory.program.start_m), seed)
+        for index, subindex, count in _gains():
+            self.download(index, subindex, count.to_bytes(4, "little"))
         sim.send(wire.NMT, bytes([wire.NMT_START, 1]))
         sim.run(5 * KNOT)
         for controlword in (SHUTDOWN, SWITCH_ON, ENABLE):

@@ -27,9 +27,7 @@ from kontur.sim import process as sim_process
 from kontur.sim.bus import KonturBus
 
 RADIUS_M = 0.02
-MACHINE = dataclasses.replace(  # whose gains are the factory's: on a bad bus each write more lets the axes creep longer
-    machine.load().starting_at((RADIUS_M, 0.0)), gains={}
-)
+MACHINE = machine.load().starting_at((RADIUS_M, 0.0))
 QUIET = dataclasses.replace(  # its axes do not creep while a bad bus keeps them from getting power
     MACHINE,
     x=dataclasses.replace(MACHINE.x, force_noise_N=0.0),
@@ -51,10 +49,9 @@ def circle(duration_s: float) -> NDArray[np.int32]:
 @contextmanager
 def drive_on(bus: can.BusABC) -> Iterator[Device]:
     with bus:
-        device = Device(Link(bus, 1))
-        for name, value in MACHINE.parameters().items():  # without reads, which would put each seed's faults elsewhere
-            device.write(name, value)
-        yield device
+        clean = bus.inner if isinstance(bus, BadBus) else bus
+        Device(Link(clean, 1)).parameters.set(MACHINE.parameters())  # on a bad bus the axes would creep for longer
+        yield Device(Link(bus, 1))
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from kontur import machine as machines
 from kontur.cli import main
-from kontur.drive.target import Target
+from kontur.drive.target import Target, tell
 from kontur.errors import FileError, LogError, PathError
 from kontur.experiments.circle_test import Setup, circle_test
 from kontur.planning.bounds import limits
@@ -84,7 +84,7 @@ def test_g_is_that_of_an_independent_fit_of_the_true_positions(
 
 def test_errors_of_the_machine_are_found_which_the_drive_does_not_see() -> None:
     x = {"lead_error": 100e-6, "squareness_rad": 50e-6, "backlash_m": 6e-6}
-    circle, _ = measured(machine(x, {"lead_error": -50e-6, "backlash_m": 3e-6}), told=machines.LENGTHS)
+    circle, _ = measured(machine(x, {"lead_error": -50e-6, "backlash_m": 3e-6}), compensation=machines.RIGID)
     true, drive = circle.traces["true"].figures, circle.traces["drive"].figures
     assert true.scale_um_per_m == pytest.approx(150.0, abs=1.0)
     assert true.squareness_um_per_m == pytest.approx(50.0, abs=2.0)
@@ -283,6 +283,7 @@ def test_command_refuses_to_compare_another_radius(tmp_path: Path) -> None:
 
 def test_on_a_bus_there_are_the_figures_by_the_drive_alone() -> None:
     with process.start(slcan_tcp="0") as drive:
+        tell(Target(bus=drive.options()))
         result = kontur(*QUICK, "--radius", "1", "--json", "--approach", "-i", drive.interface, "-c", drive.channel)
     assert result.exit_code == 0, result.output
     [circle] = json.loads(result.stdout)["circles"]

@@ -167,8 +167,9 @@ def test_limits_that_no_gains_keep_are_refused(tmp_path: Path, monkeypatch: pyte
 def test_two_encoders_share_the_loop_by_their_crossover() -> None:
     machine = load(MACHINES / "stiff_scale.toml")
     grid = loop.Grid.around(machine.axes, CONTROL_HZ)
-    dual = Problem(machine, "cascade", "full", 2.0, 2.0).loops(grid, {"second_encoder_x.crossover": 25.0})[0].force
-    alone = Problem(machine, "cascade", "rigid", 2.0, 2.0).loops(grid, {})[0].force
+    values = load().gains | {"second_encoder_x.crossover": 25.0}
+    dual = Problem(machine, "cascade", "full", 2.0, 2.0).loops(grid, values)[0].force
+    alone = Problem(machine, "cascade", "rigid", 2.0, 2.0).loops(grid, values)[0].force
     assert not np.any(alone[1])
     assert np.max(np.abs(np.sum(dual, axis=0) / alone[0] - 1.0)[grid.hz > 5.0]) < 0.02
     share = np.abs(dual[1] / np.sum(dual, axis=0))
@@ -230,7 +231,8 @@ def test_the_second_encoder_corrects_the_screw_up_to_the_crossover() -> None:
     plant = loop.plant(grid, machine.x, 1, [(1.0, 1.0)])
     left = []
     for crossover in (2.0, 25.0):
-        law = Problem(machine, "cascade", "full", 2.0, 2.0).loops(grid, {"second_encoder_x.crossover": crossover})[0]
+        values = load().gains | {"second_encoder_x.crossover": crossover}
+        law = Problem(machine, "cascade", "full", 2.0, 2.0).loops(grid, values)[0]
         s = 1.0 / (1.0 + loop.transfer(law, plant)[0])
         left.append(loop.screw_error(grid, machine.x, law, plant, s) / machine.x.lead_once_m)
     assert left[1] < 0.6 * left[0] < 0.6

@@ -6,7 +6,6 @@ import os
 import signal
 from collections.abc import Iterator
 
-import can
 import numpy as np
 import pytest
 
@@ -16,7 +15,7 @@ from kontur.cli.live_page import Panel
 from kontur.cli.options import held_by_signals
 from kontur.drive.device import Device
 from kontur.drive.stream import UNATTENDED, Operator, stream
-from kontur.drive.target import Target
+from kontur.drive.target import Target, open_drive
 from kontur.errors import EmcyError, ParameterError, StreamError
 from kontur.path import shapes
 from kontur.planning import planner
@@ -30,8 +29,7 @@ CIRCLE = planner.plan(shapes.circle(0.02, 0.1, duration_s=2.0), limits(MACHINE))
 
 @pytest.fixture
 def device() -> Iterator[Device]:
-    with can.Bus(interface="kontur", channel="sim", machine=MACHINE) as bus:
-        device = Device(Link(bus, 1))
+    with open_drive(Target(MACHINE)) as device:
         device.axes.enable()
         yield device
 

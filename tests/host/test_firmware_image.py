@@ -162,7 +162,7 @@ def assert_circle_runs(emulator: Emulator, control_hz: int) -> None:
     """Its references are those of the drive in the process, but for the control period that lies before a record."""
     talk(emulator, lambda device: device.write("pace_select", 1))
     machine = machines.load()
-    there = {"onchip_plant.start_x": 0.004, "onchip_plant.simulated": 1}
+    there = machine.gains | {"onchip_plant.start_x": 0.004, "onchip_plant.simulated": 1}
     trajectory = plan(shapes.circle(0.004, 0.1), limits(machine))
     target = Target(machine, bus=emulator.options(), place_at_start=False)
     log = run(trajectory, "ccu", target, RunOptions(parameters=there)).log

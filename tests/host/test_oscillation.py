@@ -137,6 +137,7 @@ def test_run_that_oscillated_and_went_on_tells_it(reaction: int) -> None:
     command = ["run", "circle", "--radius", "4", "--feed", "50", "--controller", "cascade", "--json"]
     machine = str(machines.MACHINES / "stiff_scale.toml")
     command += ["--machine", machine, "--compensation", "rigid", "--set", f"oscillation.reaction={reaction}"]
+    command += [f"--set={name}={value}" for name, value in TABLE1.gains.items()]
     result = CliRunner().invoke(main, command)
     assert result.exit_code == 0
     assert "FF1Fh" in result.stderr

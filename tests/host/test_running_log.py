@@ -18,7 +18,7 @@ import pytest
 from kontur import machine
 from kontur.can.link import Link
 from kontur.drive.stream import Operator
-from kontur.drive.target import Target
+from kontur.drive.target import Target, tell
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
@@ -35,8 +35,10 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 @pytest.fixture
 def drive() -> Iterator[SimProcess]:
-    """A drive that stands at the start of CIRCLE, by the wall clock."""
-    with start(slcan_tcp="0", machine=machine.load().starting_at((0.01, 0.0))) as process:
+    """A drive that stands at the start of CIRCLE, told all of its machine, by the wall clock."""
+    there = machine.load().starting_at((0.01, 0.0))
+    with start(slcan_tcp="0", machine=there) as process:
+        tell(Target(there, process.options()))
         yield process
 
 

@@ -25,7 +25,7 @@ from kontur.can import link, wire
 from kontur.can.bus import open_bus
 from kontur.drive.device import Device, connected
 from kontur.drive.stream import Operator, stream
-from kontur.drive.target import Target
+from kontur.drive.target import Target, tell
 from kontur.errors import DeviceError, LibraryError, NoAnswerError, SimulatorError
 from kontur.machine import Machine
 from kontur.path import shapes
@@ -121,7 +121,7 @@ def test_what_is_stored_is_there_at_the_next_power_on(tmp_path: Path) -> None:
     with start(slcan_tcp="0", store=store) as sim, connected(open_bus(sim.options()), 1) as device:
         assert device.read("smc.lambda") == 150.0
     with start(slcan_tcp="0") as sim, connected(open_bus(sim.options()), 1) as device:
-        assert device.read("smc.lambda") == 200.0
+        assert device.read("smc.lambda") == 20.0
 
 
 def test_store_that_is_none_is_refused(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ def test_drive_refuses_to_save_while_the_store_cannot_be_written_and_goes_on(tmp
                     device.parameters.save()
             device.link.node.nmt.send_command(129)
             device.link.wait(lambda: False, 0.5)
-            assert device.read("smc.lambda") == 200.0
+            assert device.read("smc.lambda") == 20.0
             device.write("smc.lambda", 150.0)
             store.parent.mkdir()
             device.parameters.save()
@@ -335,6 +335,7 @@ def test_circle_over_tcp_is_as_good_as_in_process(machine: Machine) -> None:
     there = machine.starting_at((0.005, 0.0))
     trajectory = plan(shapes.circle(0.005, 0.05), limits(machine))
     with start(slcan_tcp="0", pace="sync", machine=there) as sim:
+        tell(Target(machine, bus=sim.options()))
         over_tcp = run(trajectory, "ccu", Target(machine, bus=sim.options())).log
     in_process = run(trajectory, "ccu", Target(machine)).log
     assert over_tcp.meta["frames_lost"] == 0

@@ -57,8 +57,8 @@ def stream_command(*, knots: int, as_json: bool, target: Target) -> None:
     """Stream knots, and measure how many were lost and sent again, and the time that the host needs for it.
 
     The axes move: circles of 4 mm diameter at 20 mm/s, to the left of where they stand. Without bus options the drive
-    is a process of its own on slcan, whose time passes with SYNC; it is told nothing of its machine. With
-    -i kontur -c sim it is in this process, and told all.
+    is a process of its own on slcan, whose time passes with SYNC; with -i kontur -c sim it is in this process. Either
+    is told all of its machine.
     """
     from kontur.experiments import bench_stream
 

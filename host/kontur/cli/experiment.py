@@ -176,8 +176,8 @@ def robust_command(
     seed: int,
     num: str,
 ) -> None:
-    """Run controllers with default gains on random machines, of which the drive is told encoder lengths and force
-    limits alone: all else it knows is of --machine."""
+    """Run controllers on random machines, of which the drive is told encoder lengths and force limits alone: all else
+    it knows, its gains too, is of --machine."""
     from kontur.experiments.robust import robust, summarise
 
     with progress_bar("experiment robust") as progress:

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from kontur.can.bad_bus import BadBus
 from kontur.drive.device import Device
 from kontur.drive.stream import Operator, stream
-from kontur.drive.target import Target, open_drive
+from kontur.drive.target import Target, open_drive, tell
 from kontur.errors import EmcyError, StreamError
-from kontur.machine import NOTHING
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
@@ -65,7 +64,7 @@ def bench(
             "retransmitted": retransmitted,
             "underruns": int(device.read_stable("stream.underruns")),
             "checksum_ok": device.read_stable("stream.checksum") == zlib.crc32(knots_nm.astype("<i4").tobytes()),
-            "told": _told(target, asked),
+            "told": target.told if asked.bus is None or target.in_process else None,
             "contour_mean_um": device.read_stable("estimated_contour_error.mean") * 1e6,
             "contour_max_um": device.read_stable("estimated_contour_error.max") * 1e6,
             "seconds": seconds,
@@ -92,12 +91,9 @@ def _target(target: Target) -> Iterator[Target]:
         node_id=target.node_id,
         num=target.num,
     ) as process:
-        yield replace(target, bus=process.options())
-
-
-def _told(target: Target, asked: Target) -> str | None:
-    """What the drive of `target` was told, which was `asked` for; None: a drive of someone else's."""
-    return target.told if target.in_process else NOTHING if asked.bus is None else None
+        own = replace(target, bus=process.options())
+        tell(replace(own, faults=None))
+        yield own
 
 
 def _circle(target: Target, knots: int) -> NDArray[np.int64]:

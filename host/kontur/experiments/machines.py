@@ -3,7 +3,8 @@
 
 `kontur design`, told the truth, gives each machine its gains: `ccu` and `cascade` with all compensations (`full`), and
 `cascade` with feedforward of a rigid machine only (`rigid`), which is what a careful user of an ordinary drive has. All
-drive the same paths, and the true error of the tool is scored. With factory gains every controller drives them, too.
+drive the same paths, and the true error of the tool is scored. With factory gains every controller drives them, too,
+told all of the machine but gains.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from kontur.drive.target import Target
 from kontur.errors import DeviceError
 from kontur.experiments import REFERENCE
 from kontur.experiments.demo import part
-from kontur.machine import LENGTHS, MACHINES, NOTHING, Axis, Machine, load
+from kontur.machine import MACHINES, NOTHING, Axis, Machine, load
 from kontur.path import programs, shapes
 from kontur.path.geometry import Program
 from kontur.planning.bounds import limits
@@ -186,10 +187,9 @@ def _designed(machine: Machine, num: str) -> dict[str, Any]:
 
 
 def _factory(machine: Machine, num: str) -> dict[str, Any]:
-    lengths = machine.parameters(told=LENGTHS)
+    told = replace(machine, gains={}).parameters()
     runs = {
-        case: {name: _drive(machine, path, name, lengths, num) for name in CONTROLLERS}
-        for case, path in cases().items()
+        case: {name: _drive(machine, path, name, told, num) for name in CONTROLLERS} for case, path in cases().items()
     }
     return _described(machine) | {"runs": runs}
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robustness experiment: default gains, random curves, and random machines that the drive does not know.
+"""The robustness experiment: random curves, and random machines that the drive does not know.
 
 Each seed draws a machine around the nominal one, a curve, a feed and an acceleration; every controller drives the same
-draw. The drive believes the nominal masses and frictions. It knows what any commissioning knows: the length of an
-encoder count and the force limit of its amplifier.
+draw. The drive believes the nominal masses and frictions, and has the nominal gains. It knows what any commissioning
+knows: the length of an encoder count and the force limit of its amplifier.
 """
 
 from __future__ import annotations
