@@ -123,6 +123,7 @@ def test_request_that_cannot_be_met_gets_its_abort_code(rig: Rig) -> None:
 
 
 def test_parameter_keeps_what_was_written_until_reset_node(rig: Rig) -> None:
+    rig.reset()  # a simulated drive was told its machine, which it has not stored
     before = rig.device.read("smc.lambda")
     other = 150.5 if before != 150.5 else 151.0
     rig.device.write("smc.lambda", other)
