@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes the C table, the EDS, the DBC and the reference page from firmware/od/objects.toml.
 
-    generate_objects.py OUTDIR [--eds PATH] [--dbc PATH] [--docs PATH] [--controllers PATH]
+    generate_objects.py OUTDIR [--eds PATH] [--units PATH] [--dbc PATH] [--docs PATH] [--controllers PATH]
 
 writes OUTDIR/od_gen.h and OUTDIR/od_gen.c, and the others where asked. The output depends on objects.toml and
 firmware/core/controllers.h alone.
@@ -131,7 +131,7 @@ def eds_value(e: Entry) -> str:
     return f"$NODEID+{text}" if e.node_id else text
 
 
-def eds_entry(e: Entry, object_description: str = "") -> list[str]:
+def eds_entry(e: Entry, units: bool, object_description: str = "") -> list[str]:
     object_type = 2 if e.type.name == "domain" else 7
     lines = [
         f"ParameterName={e.name}",
@@ -144,6 +144,12 @@ def eds_entry(e: Entry, object_description: str = "") -> list[str]:
     if e.limited and e.access != "const":
         lines += [f"LowLimit={e.low}", f"HighLimit={e.high}"]
     lines.append(f"PDOMapping={int(e.pdo)}")
+    return lines + (additions(e, object_description) if units else [])
+
+
+def additions(e: Entry, object_description: str) -> list[str]:
+    """What python-canopen reads besides the keys of CiA 306."""
+    lines = []
     if e.config:
         lines.append("StorageLocation=PARAMETER")
     if e.factor != 1:
@@ -156,15 +162,20 @@ def eds_entry(e: Entry, object_description: str = "") -> list[str]:
     return lines
 
 
-def eds(device: Device, objects: list[Object]) -> str:
-    """The electronic data sheet. Factor, Unit and Description are python-canopen's additions to CiA 306."""
+def eds(device: Device, objects: list[Object], name: str, units: bool) -> str:
+    """The electronic data sheet, which has the keys of CiA 306 alone, or `units`: with the additions()."""
+    about = (
+        "StorageLocation=PARAMETER: a parameter; Factor, Unit: of one count"
+        if units
+        else ("Units, counts and descriptions are in kontur-units.eds and docs/objects.md")
+    )
     rates = {f"BaudRate_{rate}": 1 for rate in (10, 20, 50, 125, 250, 500, 800, 1000)}
     rpdos, tpdos = pdo_counts(objects)
     sections: list[tuple[str, list[str]]] = [
         (
             "FileInfo",
             [
-                "FileName=kontur.eds",
+                f"FileName={name}",
                 "FileVersion=1",
                 "FileRevision=1",
                 "EDSVersion=4.0",
@@ -199,7 +210,7 @@ def eds(device: Device, objects: list[Object]) -> str:
             ],
         ),
         ("DummyUsage", [f"Dummy{i:04d}={int(i > 1)}" for i in range(1, 8)]),
-        ("Comments", ["Lines=1", "Line1=StorageLocation=PARAMETER: a parameter; Factor, Unit: of one count"]),
+        ("Comments", ["Lines=1", f"Line1={about}"]),
     ]
     mandatory = [o for o in objects if o.index in (0x1000, 0x1001, 0x1018)]
     own = [o for o in objects if 0x2000 <= o.index < 0x6000]
@@ -209,11 +220,11 @@ def eds(device: Device, objects: list[Object]) -> str:
         sections.append((name, [f"SupportedObjects={len(group)}", *listing]))
         for o in group:
             if o.kind == "var":
-                sections.append((f"{o.index:04X}", eds_entry(o.entries[0], o.description)))
+                sections.append((f"{o.index:04X}", eds_entry(o.entries[0], units, o.description)))
                 continue
             head = [f"ParameterName={o.name}", f"ObjectType=0x{KIND_CODE[o.kind]:X}", f"SubNumber={len(o.entries)}"]
             sections.append((f"{o.index:04X}", head))
-            sections += [(f"{o.index:04X}sub{e.sub:X}", eds_entry(e)) for e in o.entries]
+            sections += [(f"{o.index:04X}sub{e.sub:X}", eds_entry(e, units)) for e in o.entries]
     return "\n".join(line for name, lines in sections for line in (f"[{name}]", *lines, ""))
 
 
@@ -282,7 +293,9 @@ def make(args: argparse.Namespace) -> dict[Path, str]:
     device, objects = load(ROOT / SOURCE)
     outputs = {args.outdir / "od_gen.h": c_header(objects), args.outdir / "od_gen.c": c_source(objects)}
     if args.eds:
-        outputs[args.eds] = eds(device, objects)
+        outputs[args.eds] = eds(device, objects, args.eds.name, units=False)
+    if args.units:
+        outputs[args.units] = eds(device, objects, args.units.name, units=True)
     if args.dbc:
         outputs[args.dbc] = dbc(objects, note(SOURCE, GENERATOR))
     if args.docs:
@@ -296,6 +309,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=f"make C table, EDS, DBC and reference page from {SOURCE}")
     parser.add_argument("outdir", type=Path, help="folder for od_gen.h and od_gen.c")
     parser.add_argument("--eds", type=Path)
+    parser.add_argument("--units", type=Path, help="the EDS with python-canopen's additions")
     parser.add_argument("--dbc", type=Path)
     parser.add_argument("--docs", type=Path)
     parser.add_argument("--controllers", type=Path, help="the host's list of control laws")

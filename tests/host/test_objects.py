@@ -17,6 +17,7 @@ from source import SourceError
 
 ROOT = Path(__file__).resolve().parents[2]
 EDS = ROOT / "host" / "kontur" / "kontur.eds"
+UNITS = EDS.with_name("kontur-units.eds")
 
 HEAD = """
 [device]
@@ -31,7 +32,7 @@ revision = 1
 
 @pytest.fixture(scope="module")
 def od() -> canopen.ObjectDictionary:
-    return canopen.import_od(str(EDS), node_id=5)
+    return canopen.import_od(str(UNITS), node_id=5)
 
 
 def load(tmp_path: Path, text: str) -> list[objects.Object]:
@@ -45,7 +46,12 @@ def load(tmp_path: Path, text: str) -> list[objects.Object]:
 
 
 def test_what_is_committed_is_what_the_source_generates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    committed = {"--eds": EDS, "--dbc": EDS.with_suffix(".dbc"), "--docs": ROOT / "docs" / "objects.md"}
+    committed = {
+        "--eds": EDS,
+        "--units": UNITS,
+        "--dbc": EDS.with_suffix(".dbc"),
+        "--docs": ROOT / "docs" / "objects.md",
+    }
     committed["--controllers"] = EDS.parent / "controllers.json"
     options = [text for option, path in committed.items() for text in (option, str(tmp_path / path.name))]
     monkeypatch.setattr(sys, "argv", ["generate_objects.py", str(tmp_path), *options])
@@ -59,10 +65,20 @@ def test_what_is_committed_is_what_the_source_generates(tmp_path: Path, monkeypa
 
 
 @pytest.mark.filterwarnings("error")
-def test_eds_loads_in_python_canopen_without_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize("file", [EDS, UNITS], ids=lambda file: file.name)
+def test_eds_loads_in_python_canopen_without_a_warning(file: Path, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.INFO):
-        canopen.import_od(str(EDS), node_id=5)
+        canopen.import_od(str(file), node_id=5)
     assert not caplog.records
+
+
+def test_units_are_all_that_the_eds_with_units_has_besides() -> None:
+    more = re.compile("(StorageLocation|Factor|Unit|Description)=")
+    plain, with_units = (
+        [line for line in file.read_text("ascii").splitlines() if not line.startswith(("FileName=", "Line1="))]
+        for file in (EDS, UNITS)
+    )
+    assert [line for line in with_units[6:] if not more.match(line)] == plain[6:]
 
 
 @pytest.fixture(scope="module")

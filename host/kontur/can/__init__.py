@@ -6,4 +6,4 @@ It imports nothing but the ground floor, so a real drive's bus brings no simulat
 
 from pathlib import Path
 
-EDS = Path(__file__).parents[1] / "kontur.eds"
+EDS = Path(__file__).parents[1] / "kontur-units.eds"  # kontur.eds, and the units, which CiA 306 has no key for
