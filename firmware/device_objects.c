@@ -214,14 +214,13 @@ static uint32_t record(const struct device_objects *d, const struct od_entry *en
     return drive_record(d->drive, (struct knot){{d->od->axis[0].ip_record.position, (int32_t)value}});
 }
 
-/* 60C2h: not while a stream is open, or an axis follows its set-points */
+/* 60C2h: not while a stream is open; with power it is refused anyway */
 static uint32_t check_period(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
     const struct queue *queue = &d->drive->path.queue;
     (void)entry;
     (void)value;
-    const bool stream = queue->open && queue->stream->state != STREAM_DONE;
-    return stream || axis_modes_cyclic(&d->drive->path.modes) ? SDO_ABORT_STATE : SDO_OK;
+    return queue->open && queue->stream->state != STREAM_DONE ? SDO_ABORT_STATE : SDO_OK;
 }
 
 /* One row of the table. A function that is NULL has nothing to do. */

@@ -190,7 +190,8 @@ void cyclic_step(struct cyclic *c, uint32_t now, unsigned ahead_ms)
     c->within += c->rate;
     const int64_t early =
         (int64_t)(int32_t)(c->cycle - c->clock.cycle) * SYNC_CYCLE + c->within - time_ahead(c, now, ahead_ms);
-    const int64_t rate = c->rate - early / (CYCLIC_TURN * CYCLIC_TURN) - (c->rate - frequency(c)) * 2 / CYCLIC_TURN;
+    const int64_t rate =
+        c->rate - early / ((int64_t)CYCLIC_TURN * CYCLIC_TURN) - (c->rate - frequency(c)) * 2 / CYCLIC_TURN;
     c->rate = rate > nominal + most ? nominal + most : rate < nominal - most ? nominal - most : rate;
     while (c->within >= SYNC_CYCLE) {
         c->within -= SYNC_CYCLE;
@@ -233,7 +234,8 @@ int32_t cyclic_knot(struct cyclic *c, int axis)
     if (a->blended < CYCLIC_BLEND) {
         const int64_t k = a->blended;
         const int64_t whole = (int64_t)CYCLIC_BLEND * CYCLIC_BLEND * CYCLIC_BLEND;
-        knot += (int32_t)moving_average_round(a->offset_nm * (whole - (3 * CYCLIC_BLEND - 2 * k) * k * k), whole);
+        knot +=
+            (int32_t)moving_average_round(a->offset_nm * (whole - ((int64_t)3 * CYCLIC_BLEND - 2 * k) * k * k), whole);
         a->blended++;
     }
     a->step_nm = knot - a->knot_nm;

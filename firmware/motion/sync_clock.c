@@ -12,11 +12,6 @@ static int64_t clamp(int64_t x, int64_t most)
     return x > most ? most : x < -most ? -most : x;
 }
 
-void sync_clock_reset(struct sync_clock *c)
-{
-    c->count = 0;
-}
-
 int64_t sync_clock_since(const struct sync_clock *c, uint32_t now)
 {
     const uint32_t most = c->period * 2u * SYNC_GONE_AFTER;

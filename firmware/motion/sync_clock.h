@@ -31,8 +31,6 @@ struct sync_clock {
     int64_t drift;   /* of the estimated frequency from the nominal one, a part of it */
 };
 
-/* There has been no SYNC yet. */
-void sync_clock_reset(struct sync_clock *c);
 /* A SYNC comes in control period `now`; the nominal cycle has `period` of them, 1..400. */
 void sync_clock_sync(struct sync_clock *c, uint32_t now, uint32_t period);
 /* Cycles from c->cycle to the control period `now`, which is not before the latest SYNC. */

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from kontur import machine
-from kontur.can.link import Link
 from kontur.cli.live_page import Panel
 from kontur.cli.options import held_by_signals
 from kontur.drive.device import Device

@@ -454,8 +454,12 @@ static void test_in_an_emulator_time_passes_with_sync_if_that_is_chosen(void)
     can_rx_irq(); /* a remote frame with the identifier of SYNC */
     ticks(5);
     TEST_ASSERT_EQUAL_UINT32(before + 2, read_object(0x2020, 3));
+    write_object(0x1006, 0, 0, 4); /* where nothing is told, a SYNC is 1 ms */
+    master_sends(0x80, 0, 0, 0);
+    ticks(5);
+    TEST_ASSERT_EQUAL_UINT32(before + 3, read_object(0x2020, 3));
     write_object(0x2034, 0, 0, 1);
-    TEST_ASSERT_GREATER_THAN_UINT32(before + 2, read_object(0x2020, 3));
+    TEST_ASSERT_GREATER_THAN_UINT32(before + 3, read_object(0x2020, 3));
 }
 
 static void test_ticks_that_take_longer_than_their_period_are_a_fault(void)

@@ -73,7 +73,7 @@ static void set_timer(const struct hal_pwm_cfg *cfg)
 
 void output_init(void)
 {
-    const struct hal_axis_cfg one = {.full_scale_mN = HAL_FULL_SCALE_MIN, .pwm.hz = DEFAULT_PWM_HZ};
+    const struct hal_axis_cfg one = {.full_scale_mN = HAL_FULL_SCALE_MIN, .pwm = {.hz = DEFAULT_PWM_HZ}};
     const struct hal_axis_cfg cfg[AXES] = {one, one};
     for (int i = 0; i < AXES; i++) {
         pin_setup_low(axes[i].enable);
