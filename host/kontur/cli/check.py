@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from kontur import machine as machines
-from kontur.cli.motion_options import accel_option, jerk_option
+from kontur.cli.motion_options import accel_option, jerk_option, tolerance_option
 from kontur.cli.options import MACHINE, POSITIVE, progress_bar
 from kontur.cli.output import print_json, print_table
 from kontur.cli.path_options import interpreter_option, z_option
@@ -41,6 +41,7 @@ _EVENTS = {"word": "event", "count": "times", "line": "first in line", "time_s":
 )
 @accel_option
 @jerk_option
+@tolerance_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def command(
     *,
@@ -51,6 +52,7 @@ def command(
     machine: str,
     accel: float | None,
     jerk: float | None,
+    tolerance: float | None,
     as_json: bool,
 ) -> None:
     """Check FILE (G-code, or CSV) as `kontur run` would take it, without a drive: nothing moves.
@@ -59,6 +61,7 @@ def command(
     Otherwise extent, time, feeds that are not reached, the slowest places, and what the program switches.
     """
     from kontur.path import programs
+    from kontur.path.smoothing import toleranced
     from kontur.planning.bounds import clipped, limits
 
     plan = machines.load(machine)
@@ -70,7 +73,9 @@ def command(
         result["refusals"] = [_refusal(error, count) for error, count in refusals]
         result["notes"] = [*program.notes, *clipped(bounds)]
         if not refusals:
-            trajectory = _planned(program, bounds, plan.soft_limits_m, result)
+            trajectory = _planned(
+                toleranced(program, None if tolerance is None else tolerance * 1e-3), bounds, plan.soft_limits_m, result
+            )
     except KonturError as error:  # of the whole file, or of its path
         result["refusals"].append(_refusal(error, 1))
     if as_json:
@@ -92,6 +97,7 @@ def _planned(
     program: Program, bounds: Limits, travel_m: tuple[tuple[float, float], tuple[float, float]], result: dict[str, Any]
 ) -> Trajectory:
     """Plan the program; put what is known of it into `result` as soon as it is. Raises PathError."""
+    from kontur.path.smoothing import TOLERANCE_M
     from kontur.planning.planner import extent_m, plan
 
     least, greatest = extent_m(program) * 1e3
@@ -102,10 +108,11 @@ def _planned(
         "travel_mm": {axis: [1e3 * end for end in travel_m[i]] for i, axis in enumerate("xy")},
     }
     with progress_bar("planning") as progress:
-        trajectory = plan(program, bounds, progress, travel_m=travel_m)
+        trajectory = plan(program, bounds, progress, travel_m, TOLERANCE_M)
     feed = trajectory.feed
     result |= {
         "duration_s": trajectory.duration_s,
+        "path_deviation_um": trajectory.deviation_m * 1e6,
         "feed": None if feed is None else dataclasses.asdict(feed),
         "events": _events(trajectory),
     }
@@ -146,6 +153,8 @@ def _print(result: dict[str, Any], trajectory: Trajectory | None) -> None:
         )
     if trajectory is not None:
         click.echo(f"takes {trajectory.duration_s:.2f} s on {result['machine']}")
+        if trajectory.smoothed:
+            click.echo(trajectory.smoothed)
         if trajectory.feed is not None:
             click.echo(str(trajectory.feed))
             rows = [

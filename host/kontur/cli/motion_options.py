@@ -7,13 +7,20 @@ from pathlib import Path
 
 import click
 
-from kontur.cli.options import POSITIVE
+from kontur.cli.options import POSITIVE, NumberRange
 
 accel_option = click.option(
     "--accel", type=POSITIVE, metavar="M_PER_S2", help="Acceleration limit of both axes instead of the machine's."
 )
 jerk_option = click.option(
     "--jerk", type=POSITIVE, metavar="M_PER_S3", help="Jerk limit of both axes instead of the machine's."
+)
+tolerance_option = click.option(
+    "--tolerance",
+    type=NumberRange(0.0, 1.0),
+    metavar="MM",
+    help="How far the path may be from the file's, so that many short lines become a smooth curve. 0: exact, with a "
+    "stop at each corner.  [default: what the file says by G61 or G64 P, else 0.01]",
 )
 params_option = click.option(
     "--params",

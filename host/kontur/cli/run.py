@@ -19,7 +19,7 @@ from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
 from kontur.cli.live_page import live_page, panel, view
-from kontur.cli.motion_options import accel_option, approach_option, jerk_option, params_option
+from kontur.cli.motion_options import accel_option, approach_option, jerk_option, params_option, tolerance_option
 from kontur.cli.options import (
     CONTROLLER,
     POSITIVE,
@@ -59,10 +59,12 @@ _NOT_IN_COMMAND = ("log", "report", "as_json", "live", "controller", "scope_out"
 
 @dataclass(frozen=True)
 class Motion:
-    """How the path is run: limits in place of the machine's, parameters, feed override in %, and from where."""
+    """How the path is run: limits in place of the machine's, tolerance in mm, parameters, feed override in %, and from
+    where."""
 
     accel: float | None
     jerk: float | None
+    tolerance: float | None
     parameters: tuple[tuple[str, str], ...]
     params: Path | None
     override: float
@@ -172,6 +174,7 @@ _motion_options = grouped(
     Motion,
     accel_option,
     jerk_option,
+    tolerance_option,
     parameter_option,
     params_option,
     click.option(
@@ -364,6 +367,7 @@ def _report(
 
 def _plan(program: Program, motion: Motion, recording: Recording, target: Target) -> tuple[Trajectory, RunOptions]:
     """The trajectory, and the options that all runs of it have in common."""
+    from kontur.path.smoothing import TOLERANCE_M, toleranced
     from kontur.planning.bounds import limits
     from kontur.planning.planner import plan
     from kontur.runs.runner import RunOptions
@@ -372,7 +376,13 @@ def _plan(program: Program, motion: Motion, recording: Recording, target: Target
     values |= parameter_values(motion.parameters)
     bounds = limits(target.machine, motion.accel, motion.jerk)
     with progress_bar("planning") as progress:
-        trajectory = plan(program, bounds, progress, travel_m=target.machine.soft_limits_m)
+        trajectory = plan(
+            toleranced(program, None if motion.tolerance is None else motion.tolerance * 1e-3),
+            bounds,
+            progress,
+            target.machine.soft_limits_m,
+            TOLERANCE_M,
+        )
     return trajectory, RunOptions(
         parameters=values,
         approach=bounds if motion.approach else None,
@@ -461,7 +471,7 @@ def _print(trajectory: Trajectory, results: list[RunResult], as_json: bool, over
     notes = [*notes, *(f"{meta['controller']} oscillated: {meta['oscillation']}." for meta in oscillated)]
     if as_json:
         print_json({"program": name, "duration_s": trajectory.duration_s, "feed": feed and asdict(feed),
-                    "override_percent": override, "notes": notes,
+                    "override_percent": override, "path_deviation_um": trajectory.deviation_m * 1e6, "notes": notes,
                     "contour_error": "true" if first.has_truth else "estimated",
                     "told": first.meta.get("told"), "compensation": first.meta.get("compensation"), "runs": rows,
                     "warnings": warnings_json(warnings)})  # fmt: skip
@@ -470,6 +480,8 @@ def _print(trajectory: Trajectory, results: list[RunResult], as_json: bool, over
         if feed is not None:
             of_that = "" if override == 100.0 else f"; {override:g} % of that by --override"
             click.echo(f"{str(feed).capitalize() if not feed.limited else 'The ' + str(feed)}{of_that}.")
+        if trajectory.smoothed:
+            click.echo(f"The path is {trajectory.smoothed}.")
         for note in notes:
             click.echo(note)
     print_warnings(warnings)

@@ -5,8 +5,9 @@ kontur.path.gcode_words has the lines and their words, kontur.path.arcs the arcs
 what each block does. Every other word is refused, since a program with a word skipped would cut another part. Words
 that switch something beside the axes become events of the program.
 
-At the start: G17 G21 G54 G61 G90 G91.1 G94, no motion mode, no feed, no offsets. F is in units (mm or inch) per minute;
-with G93 a move takes 1/F minutes. G0 goes on a straight line as fast as the machine may.
+At the start: G17 G21 G54 G90 G91.1 G94, no motion mode, no feed, no offsets, and no tolerance of the path (G61, G64). F
+is in units (mm or inch) per minute; with G93 a move takes 1/F minutes. G0 goes on a straight line as fast as the
+machine may.
 """
 
 from __future__ import annotations
@@ -128,6 +129,7 @@ class _Reader:
         self.plane = 170
         self.feed: float | None = None  # m/s, or with G93 moves per s
         self.inverse_time = False
+        self.tolerance_m: float | None = None
         self.relative = False
         self.center_absolute = False
 
@@ -221,8 +223,20 @@ class _Reader:
             self.offsets.chosen = _SYSTEMS.index(codes["coordinate system"])
         if "distance" in codes:
             self.relative = codes["distance"] == 910
+        if "path control" in codes:
+            self._set_tolerance(block)
         if "arc centre" in codes:
             self.center_absolute = codes["arc centre"] == 901
+
+    def _set_tolerance(self, block: Block) -> None:
+        """G61: the exact path; G64 P: within P of it; G64: within what the host is told."""
+        if block.codes["path control"] == 610:
+            self.tolerance_m = 0.0
+            return
+        tolerance = block.values.get("P")
+        if tolerance is not None and not tolerance >= 0.0:
+            self._refuse(block, "P", "the tolerance of G64 must not be negative")
+        self.tolerance_m = None if tolerance is None else abs(tolerance) * self.unit_m
 
     def _set_offset(self, block: Block, code: int) -> None:
         """G92, and G10 with L2 or L20: where the origin of the program is."""
@@ -344,7 +358,7 @@ class _Reader:
         feed_mps = math.inf if motion == 0 or self.feed is None else self.feed
         if self.inverse_time:
             feed_mps *= segment.length_m
-        self.items.append(Move(segment, feed_mps, motion == 0, block.line))
+        self.items.append(Move(segment, feed_mps, motion == 0, block.line, tolerance_m=self.tolerance_m))
 
     def _arc(self, block: Block, start: Point, end: Point) -> Segment | None:
         values, left = block.values, self.motion == 30

@@ -207,7 +207,8 @@ class Schedule:
 class Move:
     """Follow `segment` at `feed_mps`, or as fast as the machine allows when `rapid` (the feed is then infinite).
 
-    `line` is the line of the file it comes from. With a `schedule` the feed is not used.
+    `line` is the line of the file it comes from. With a `schedule` the feed is not used. `tolerance_m`: how far the
+    driven path may be from this one, 0: not at all; None: the program does not say.
     """
 
     segment: Segment
@@ -215,6 +216,7 @@ class Move:
     rapid: bool = False
     line: int | None = None
     schedule: Schedule | None = None
+    tolerance_m: float | None = None
 
 
 @dataclass(frozen=True)

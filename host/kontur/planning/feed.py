@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import heapq
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from kontur.path.geometry import KNOT_S, FloatArray, Move, Program
+from kontur.path.geometry import KNOT_S, FloatArray, Program
 from kontur.planning.bounds import Piece
 
 SHORT = "the acceleration and the jerk along the path, which is too short to gain more speed"
@@ -55,40 +54,43 @@ class Feed:
         return f"feed {asked} mm/s is not reached{most}: {reached} mm/s, limited by {self.by}"
 
 
-def reached(program: Program, pieces: list[Piece], path_s_m: FloatArray) -> Feed | None:
+def reached(program: Program, pieces: list[Piece], path_s_m: FloatArray, speed: FloatArray) -> Feed | None:
     """What `program`, planned as `pieces` and with the distances `path_s_m` (n,) at each millisecond, makes of its
-    feeds. None: all its moves are rapid."""
-    speed = np.diff(path_s_m) / KNOT_S
-    start_m = 0.0
-    greatest: float | None = None
-    moves = 0
-    limited: list[tuple[float, float, float, float, Move]] = []  # share reached, speed, where, time lost
-    for move in program.moves:
-        end_m = start_m + move.segment.length_m
-        if not move.rapid and math.isfinite(move.feed_mps):
-            moves += 1
-            first = max(int(np.searchsorted(path_s_m, start_m, side="right")) - 1, 0)
-            last = max(int(np.searchsorted(path_s_m, end_m, side="left")), first + 1)
-            top = float(np.max(speed[first:last], initial=0.0))
-            greatest = max(greatest or 0.0, move.feed_mps)
-            if top < _REACHED * move.feed_mps:
-                at_m = 0.5 * float(np.sum(path_s_m[[k := first + int(np.argmax(speed[first:last])), k + 1]]))
-                lost_s = (last - first) * KNOT_S - move.segment.length_m / move.feed_mps
-                limited.append((top / move.feed_mps, top, at_m, lost_s, move))
-        start_m = end_m
-    if greatest is None:
+    feeds; `speed` (n-1,) between these. None: all its moves are rapid."""
+    moves = program.moves
+    feed = np.array([math.inf if move.rapid else move.feed_mps for move in moves])
+    asked = np.isfinite(feed)
+    if not np.any(asked):
         return None
-    if not limited:
-        return Feed(greatest, greatest, moves)
+    greatest = float(np.max(feed[asked]))
+    length_m = np.array([move.segment.length_m for move in moves])
+    end_m = np.cumsum(length_m)
+    first = np.maximum(np.searchsorted(path_s_m, end_m - length_m, side="right") - 1, 0)
+    last = np.maximum(np.searchsorted(path_s_m, end_m, side="left"), first + 1)
+    ranges = np.minimum(np.stack([first, last], axis=1), len(speed)).ravel()
+    top = np.maximum.reduceat(np.append(speed, 0.0), ranges)[::2]
+    limited = np.flatnonzero(asked & (top < _REACHED * feed))
+    if not limited.size:
+        return Feed(greatest, greatest, int(np.sum(asked)))
+    lost_s = (last - first) * KNOT_S - length_m / feed
     ends_m = np.cumsum([piece.length for piece in pieces])
 
-    def slow(found: tuple[float, float, float, float, Move]) -> SlowMove:
-        _, top, at_m, lost_s, move = found
-        return SlowMove(program.where(move.line), move.feed_mps, top, _limit(pieces, ends_m, at_m, top), lost_s)
+    def slow(i: int) -> SlowMove:
+        k = first[i] + int(np.argmax(speed[first[i] : last[i]]))
+        by = _limit(pieces, ends_m, 0.5 * float(path_s_m[k] + path_s_m[k + 1]), float(top[i]))
+        return SlowMove(program.where(moves[i].line), moves[i].feed_mps, float(top[i]), by, float(lost_s[i]))
 
-    worst = slow(min(limited, key=lambda found: found[0]))
-    slowest = tuple(map(slow, heapq.nlargest(_SLOWEST, limited, key=lambda found: found[3])))
-    return Feed(worst.asked_mps, worst.reached_mps, moves, len(limited), worst.place, worst.by, slowest)
+    worst = slow(limited[np.argmin(top[limited] / feed[limited])])
+    slowest = tuple(slow(i) for i in limited[np.argsort(-lost_s[limited], kind="stable")[:_SLOWEST]])
+    return Feed(
+        worst.asked_mps,
+        worst.reached_mps,
+        int(np.sum(asked)),
+        len(limited),
+        worst.place,
+        worst.by,
+        slowest,
+    )
 
 
 def _limit(pieces: list[Piece], ends_m: FloatArray, at_m: float, speed: float) -> str:

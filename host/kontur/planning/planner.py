@@ -9,6 +9,9 @@ acceleration is zero at both ends. This gives the distance travelled, s(t); its 
 control points of a cubic B-spline, which keeps every bound, as averages do, and makes s(t) smooth where the jerk of the
 S-curve switches between two milliseconds. The path at s(i ms) is what the streamed spline passes through.
 
+With a tolerance, parts with many short pieces become smooth curves (kontur.path.smoothing), along which
+kontur.planning.time_law moves.
+
 Where an axis has a first mode, s(t) is averaged over its period besides. A step of jerk, which would let the mode ring,
 becomes a ramp that takes a period and excites it least, and the path stays what it is. Stops last as much longer.
 
@@ -22,15 +25,17 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
 from kontur.errors import KonturError, PathError, shown
-from kontur.path.geometry import DURATION_MAX_S, KNOT_S, Arc, Curve, FloatArray, Move, Program
-from kontur.planning import knots
+from kontur.path import smoothing
+from kontur.path.geometry import DURATION_MAX_S, KNOT_S, Arc, Curve, FloatArray, Line, Move, Program
+from kontur.path.smoothing import Exact
+from kontur.planning import knots, time_law
 from kontur.planning.bounds import Limits, Piece, pieces_of, planned, sampled
 from kontur.planning.feed import Feed, reached
 from kontur.planning.knots import POSITION_RANGE_M
@@ -47,7 +52,8 @@ class Trajectory:
 
     `knots_nm` (n, 2): control points for the wire. `position_m` (n, 2): points of the path that the spline passes
     through. `path_s_m` (n,): distance travelled along the whole program, never falling. `digest`: SHA-256 of the knots.
-    `feed`: what of the programmed feeds is reached; None where the program has none, but times.
+    `driven`: the moves as they are driven, by the same distance; `deviation_m` is the most by which they are off the
+    program's. `feed`: what of the programmed feeds is reached; None where the program has none, but times.
     """
 
     program: Program
@@ -55,11 +61,20 @@ class Trajectory:
     position_m: FloatArray
     path_s_m: FloatArray
     digest: str
+    driven: tuple[Move, ...]
     feed: Feed | None = None
+    deviation_m: float = 0.0
 
     @property
     def duration_s(self) -> float:
         return (len(self.knots_nm) - 1) * KNOT_S
+
+    @property
+    def smoothed(self) -> str:
+        """That the path is smoothed, in words; empty where it is exact."""
+        if not self.deviation_m > 0.0:
+            return ""
+        return f"smoothed within the tolerance: at most {self.deviation_m * 1e6:.1f} µm from the program's"
 
 
 class PlannerError(KonturError):
@@ -71,10 +86,12 @@ def plan(
     limits: Limits,
     progress: Callable[[float], None] | None = None,
     travel_m: tuple[tuple[float, float], tuple[float, float]] = POSITION_RANGE_M,
+    tolerance_m: float = 0.0,
 ) -> Trajectory:
     """Plan `program` for axes that stand at its start.
 
     `progress` is called with the share done, 0 to 1. `travel_m` is ((x least, x greatest), (y least, y greatest)).
+    `tolerance_m`: how far the motion may be from moves that have no tolerance of their own.
 
     Raises PathError: a program without motion, not connected, longer than DURATION_MAX_S, beyond `travel_m`, or with a
     time law of its own that exceeds the limits; the message names file and line. PlannerError: the result is not within
@@ -92,16 +109,72 @@ def plan(
         s, position = _scheduled(program)
         control = knots.control_points(position)
         _check_schedule(program, limits, control)
+        driven, deviation_m = moves, 0.0
     else:
-        pieces = pieces_of(program, planned(limits), report)
-        s = _distance(program, pieces, limits.average_s, report)
-        position = positions(moves, s, report)
+        s, pieces, driven, deviation_m = _planned(program, limits, tolerance_m, report)
+        position = positions(driven, s, report)
+        if deviation_m > 0.0:
+            _check_smoothed(program, position, travel_m)
         control = knots.control_points(position)
         _check(limits, control, s, pieces)
-        feed = reached(program, pieces, s)
+        travelled = np.hypot(*np.diff(position, axis=0).T) if deviation_m > 0.0 else np.diff(s)
+        feed = reached(program, pieces, s, travelled / KNOT_S)
     knots_nm = knots.to_nm(control)
     report(1.0)
-    return Trajectory(program, knots_nm, position, s, knots.digest(knots_nm), feed)
+    return Trajectory(program, knots_nm, position, s, knots.digest(knots_nm), driven, feed, deviation_m)
+
+
+def _planned(
+    program: Program, limits: Limits, tolerance_m: float, report: Callable[[float], None]
+) -> tuple[FloatArray, list[Piece], tuple[Move, ...], float]:
+    """Distance travelled (n,) at each millisecond, the pieces, the moves as they are driven and how far these are off
+    the program's."""
+    inside = planned(limits)
+    parts = smoothing.parts(program, tolerance_m)
+    control: list[FloatArray] = []
+    pieces: list[Piece] = []
+    driven: list[Move] = []
+    deviation_m = 0.0
+    start_m, done, total = 0.0, 0, len(program.moves)
+    for part in parts:
+
+        def share(of_part: float, done: int = done, count: int = len(part.moves)) -> None:
+            report(0.5 * (done + of_part * count) / total)
+
+        if isinstance(part, Exact):
+            items = replace(program, items=part.items)
+            found = pieces_of(items, inside, share)
+            control.append(start_m + _distance(items, found, limits.average_s, share))
+            driven += part.moves
+        else:
+            feed = np.array([move.feed_mps for move in part.moves])
+            ends = np.cumsum([move.segment.length_m for move in part.moves])
+            _check_duration(program, float(np.sum(np.diff(np.append(0.0, ends)) / feed)))
+            found = time_law.pieces(part.path, feed, ends, inside)
+            law = time_law.distances(part.path, part.dwell_s, feed, ends, inside, limits, share)
+            control.append(start_m + np.pad(law, 1, mode="edge"))
+            driven.append(Move(part.path, math.inf, line=part.moves[0].line))
+            deviation_m = max(deviation_m, part.path.deviation_m)
+        pieces += found
+        start_m += math.fsum(move.segment.length_m for move in part.moves)
+        done += len(part.moves)
+    whole = control[0] if len(control) == 1 else _joined(control)
+    _check_duration(program, len(whole) * KNOT_S)
+    return _spline_values(whole), pieces, tuple(driven), deviation_m
+
+
+def _joined(control: list[FloatArray]) -> FloatArray:
+    """Control points (n,) with the first and the last once more, of parts that have theirs, too."""
+    out = np.pad(np.concatenate([part[1:-1] for part in control]), 1, mode="edge")
+    return np.asarray(np.maximum.accumulate(out))
+
+
+def _check_duration(program: Program, total_s: float) -> None:
+    if total_s > DURATION_MAX_S:
+        raise PathError(
+            f"{program.name}: it takes {shown(total_s / 3600.0, 1)} h; at most {DURATION_MAX_S / 3600.0:.0f} h can be "
+            "planned: raise the feed or the limits, or split it"
+        )
 
 
 # --- the time law -----------------------------------------------------------------------------------------------------
@@ -149,7 +222,7 @@ def _entries(pieces: list[Piece]) -> FloatArray:
 
 
 def _distance(program: Program, pieces: list[Piece], average_s: float, report: Callable[[float], None]) -> FloatArray:
-    """Distance travelled (n,) at each millisecond."""
+    """Control points (n,) of the distance travelled, with the first and the last once more."""
     v0 = _entries(pieces)
     v1 = np.append(v0[1:], 0.0)
     length, top, a, j, dwell = (np.array([getattr(p, k) for p in pieces]) for k in ("length", "v", "a", "j", "dwell"))
@@ -172,12 +245,7 @@ def _distance(program: Program, pieces: list[Piece], average_s: float, report: C
     duration = np.stack([zero, up, up_hold, up, cruise, down, down_hold, down], axis=1)
     jerk = np.stack([zero, j, zero, -j, zero, -j, zero, j], axis=1)
     _add_stops(duration, np.flatnonzero(v0 == 0.0), dwell, average_s)
-    total = float(np.sum(duration))
-    if total > DURATION_MAX_S:
-        raise PathError(
-            f"{program.name}: it takes {shown(total / 3600.0, 1)} h; at most {DURATION_MAX_S / 3600.0:.0f} h can be "
-            "planned: raise the feed or the limits, or split it"
-        )
+    _check_duration(program, float(np.sum(duration)))
 
     state = np.zeros((*duration.shape, 3))  # distance, speed, acceleration at the start of each phase
     state[:, 0, 0] = np.append(0.0, np.cumsum(length)[:-1])
@@ -195,7 +263,12 @@ def _distance(program: Program, pieces: list[Piece], average_s: float, report: C
     control[0], control[-1] = control[1], control[-2]
     control = _averaged(control, round(average_s / KNOT_S))
     np.maximum.accumulate(control, out=control)
-    for first in range(0, count, knots.ROWS):
+    return control
+
+
+def _spline_values(control: FloatArray) -> FloatArray:
+    """Values (n,) of the cubic spline of `control` (n + 2,), which is overwritten."""
+    for first in range(0, len(control) - 2, knots.ROWS):
         part = control[first : first + knots.ROWS + 2]
         control[first : first + len(part) - 2] = (part[:-2] + 4.0 * part[1:-1] + part[2:]) / 6.0
     return control[:-2]
@@ -259,19 +332,32 @@ def _scheduled(program: Program) -> tuple[FloatArray, FloatArray]:
 # --- checks -----------------------------------------------------------------------------------------------------------
 
 
+def _ends(moves: tuple[Move, ...]) -> FloatArray:
+    """Where each move starts and ends (n, 2, 2)."""
+    out = np.empty((len(moves), 2, 2))
+    for i, move in enumerate(moves):
+        segment = move.segment
+        if isinstance(segment, Line):
+            out[i] = segment.start_m, segment.end_m
+        else:
+            out[i] = segment.point(np.array([0.0, segment.length_m]))
+    return out
+
+
 def _check_connected(program: Program) -> None:
-    here = np.array(program.start_m)
-    for move in program.moves:
-        ends = move.segment.point(np.array([0.0, move.segment.length_m]))
+    moves = program.moves
+    for move in moves:
         if not move.segment.length_m > 0.0 or not move.feed_mps > 0.0:
             raise PathError(f"{program.where(move.line)}: a move needs a length and a feed above zero")
-        gap = float(np.max(np.abs(ends[0] - here)))
-        if not gap <= 1e-9:
-            raise PathError(
-                f"{program.where(move.line)}: the move starts {shown(gap * 1e3, 6)} mm from where the one before it "
-                "ends"
-            )
-        here = ends[1]
+    ends = _ends(moves)
+    here = np.concatenate([[program.start_m], ends[:-1, 1]])
+    gap = np.max(np.abs(ends[:, 0] - here), axis=1)
+    wrong = np.flatnonzero(~(gap <= 1e-9))
+    if wrong.size:
+        raise PathError(
+            f"{program.where(moves[wrong[0]].line)}: the move starts {shown(float(gap[wrong[0]]) * 1e3, 6)} mm from "
+            "where the one before it ends"
+        )
 
 
 def _extent(move: Move, where: str) -> FloatArray:
@@ -292,12 +378,20 @@ def _extent(move: Move, where: str) -> FloatArray:
 
 def extent_m(program: Program) -> FloatArray:
     """The least and the greatest (2, 2) x and y that the path reaches."""
-    points = np.concatenate([_extent(move, program.where(move.line)) for move in program.moves])
+    moves = program.moves
+    bent = [_extent(move, program.where(move.line)) for move in moves if not isinstance(move.segment, Line)]
+    points = np.concatenate([_ends(moves).reshape(-1, 2), *bent])
     return np.stack([np.min(points, axis=0), np.max(points, axis=0)])
 
 
 def _check_travel(program: Program, travel_m: tuple[tuple[float, float], tuple[float, float]]) -> None:
-    for move in program.moves:
+    moves = program.moves
+    least_m, greatest_m = np.transpose(travel_m)
+    ends = _ends(moves)
+    inside = np.all((ends >= least_m - 1e-9) & (ends <= greatest_m + 1e-9), axis=(1, 2))
+    for i, move in enumerate(moves):
+        if inside[i] and isinstance(move.segment, Line):
+            continue
         points = _extent(move, program.where(move.line))
         for axis, (least, greatest) in enumerate(travel_m):
             beyond = np.maximum(least - points[:, axis], points[:, axis] - greatest)
@@ -308,6 +402,19 @@ def _check_travel(program: Program, travel_m: tuple[tuple[float, float], tuple[f
                     f"{program.where(line)}: the path reaches {'xy'[axis]} = {shown(points[row, axis] * 1e3)} mm, "
                     f"outside the travel of {least * 1e3:.3f} .. {greatest * 1e3:.3f} mm; move or shrink the part"
                 )
+
+
+def _check_smoothed(
+    program: Program, position_m: FloatArray, travel_m: tuple[tuple[float, float], tuple[float, float]]
+) -> None:
+    """The path itself is inside, but the tolerance may lead outside."""
+    for axis, (least, greatest) in enumerate(travel_m):
+        beyond = max(least - np.min(position_m[:, axis]), np.max(position_m[:, axis]) - greatest)
+        if beyond > 1e-9:
+            raise PathError(
+                f"{program.name}: within its tolerance the path leaves the travel in {'xy'[axis]} by "
+                f"{shown(beyond * 1e6)} µm; move the part, or use --tolerance 0"
+            )
 
 
 def _motion(control: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -41,9 +41,10 @@ def rest(trajectory: Trajectory, from_ms: int, stop_time_ms: float) -> Rest:
     at = np.arange(len(trajectory.path_s_m), dtype=np.float64)
     s_m = CubicSpline(at, trajectory.path_s_m, bc_type="clamped")(path_ms)
     s_m = np.maximum.accumulate(np.clip(s_m, trajectory.path_s_m[from_ms], trajectory.path_s_m[-1]))
-    position_m = positions(trajectory.program.moves, s_m)
+    position_m = positions(trajectory.driven, s_m)
     knots_nm = knots.to_nm(knots.control_points(position_m))
-    return Rest(Trajectory(trajectory.program, knots_nm, position_m, s_m, knots.digest(knots_nm)), path_ms)
+    left = Trajectory(trajectory.program, knots_nm, position_m, s_m, knots.digest(knots_nm), trajectory.driven)
+    return Rest(left, path_ms)
 
 
 def rest_of_length(trajectory: Trajectory, count: int, stop_time_ms: float) -> Rest | None:

@@ -336,6 +336,7 @@ def _measured(entries: Sequence[Entry], command: str | None) -> str:
         ("what", _NOTES[_kind(entries)]),
         ("program", _meta(entries, "program")),
         ("feed", _meta(entries, "feed")),
+        ("path", _meta(entries, "smoothing")),
         ("trajectory", _meta(entries, "trajectory")),
         ("machine", _meta(entries, "machine")),
         ("the drive was told", _told(entries)),

@@ -89,6 +89,7 @@ META = {
     "fault": "message of the fault or of the error that ended the run",
     "warnings": "messages of the drive's warnings",
     "feed": "the programmed feed, and what was planned of it by which limit",
+    "smoothing": "where the path is smoothed within a tolerance: how far it is from the program's at most",
     "trajectory": "SHA-256 of the knots",
     "machine": "name of the machine, or of the bus of a real drive",
     "plant": "the simulated machine's values",

@@ -131,6 +131,7 @@ def _run(
         device.select_controller(controller)
         meta: dict[str, Any] = {"program": trajectory.program.name, "controller": controller}
         meta |= {"feed": str(trajectory.feed)} if trajectory.feed is not None else {}
+        meta |= {"smoothing": trajectory.smoothed} if trajectory.smoothed else {}
         meta |= _what(device, trajectory, target, options)
         recorder = Recorder(
             device.link,

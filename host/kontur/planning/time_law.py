@@ -1,0 +1,379 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nearly the fastest motion along a smooth path within the limits of velocity, acceleration and jerk of each axis.
+
+A motion s(t) that is not within the limits, or not fast, is given another time: t becomes a function of a new time, and
+b(t) is the square of its rate. With the motion p(t) of an axis its velocity is then p' sqrt(b), its acceleration
+p'' b + p' b' / 2, and its jerk sqrt(b) (p''' b + 3/2 p'' b' + 1/2 p' b''). The first two are linear bounds on b. The
+third is |p''' b + 3/2 p'' b' + 1/2 p' b''| <= jerk / sqrt(b), whose right side is convex in b. The duration, the
+integral of 1/sqrt(b), is minimised by Newton's method with a logarithmic barrier, from a b that is small enough to be
+within all limits: each step stays within them. b(t) is sampled evenly in the time of the motion before, so that its
+equations have five diagonals, and the cost is linear in the duration. At a stop p' and p'' vanish, and nothing else is
+needed there: the first motion starts with a constant jerk.
+
+The first motion keeps velocity, centripetal acceleration and a tangential acceleration, averaged over the time in which
+the jerk builds it up. Each pass starts from the result of the one before, so that its samples become those of the
+drive: one a millisecond. The last result is averaged over a few milliseconds, checked as the spline that the drive
+follows, and slowed where it exceeds a limit.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.linalg import solveh_banded
+from scipy.ndimage import maximum_filter1d
+
+from kontur.path.geometry import KNOT_S, FloatArray
+from kontur.path.smoothing import SmoothPath
+from kontur.planning import knots
+from kontur.planning.bounds import AXIS_SPEED, BEND_LIMITS, Limits, Piece
+
+_STEPS_S = (4.0 * KNOT_S, 2.0 * KNOT_S, KNOT_S)  # of the samples, in each pass
+_RATE_MAX = 4.0  # its square
+_AVERAGE_S = 2.0 * KNOT_S  # of the result
+_TANGENTIAL_SHARE = 0.6  # of the acceleration, for the first motion
+_START, _DROP = 0.05, 0.05  # weight of the barrier at first, and from round to round
+_GAP = 0.01  # share of the duration that the result may be above the least one
+_NEWTON_MAX = 25  # steps of a round
+_AT_REST = 3  # equal control points before and behind a stretch
+_NEAR = 11  # ms around an excess in which a limit is lowered
+_SLOWING = 6  # rounds
+_TINY = 1e-10  # m, nearer than this to a stop is at rest
+_WINDOW = 4000  # samples that are solved for at once, up to the next stop
+
+_Index = npt.NDArray[np.intp]
+
+
+def distances(
+    path: SmoothPath,
+    dwell_s: FloatArray,
+    feed_mps: FloatArray,
+    ends_m: FloatArray,
+    limits: Limits,
+    checked: Limits,
+    report: Callable[[float], None] = lambda share: None,
+) -> FloatArray:
+    """Distances (n,) along the file's path at each millisecond: the control points of their cubic B-spline.
+
+    The motion starts, ends and rests at `path.stops_m`, for `dwell_s` (k + 1,) at each. Up to `ends_m` (m,) the feed is
+    `feed_mps` (m,). It is planned with `limits`, and keeps `checked`. `report` is called with the share done.
+    """
+    law = _Law(path, feed_mps, ends_m, limits, checked)
+    s, rests = law.first()
+    shares = np.ones((len(s), 2))
+    for done, (step, next_step) in enumerate(itertools.pairwise((*_STEPS_S, KNOT_S))):
+        report(done / len(_STEPS_S))
+        s, rests = _resampled(s, rests, law.fastest(s, rests, step, shares), step, next_step)
+        shares = law.shares(s, rests) if step == _STEPS_S[-2] else np.ones((len(s), 2))
+    out = law.slowed(law.stretches(s, rests))
+    holds = np.ceil(dwell_s / KNOT_S - 1e-9).astype(int)
+    rows = [np.full(holds[0], out[0][0])]
+    for one, hold in zip(out, holds[1:], strict=True):
+        rows += [one, np.full(hold, one[-1])]
+    return np.concatenate(rows)
+
+
+@dataclass
+class _Law:
+    path: SmoothPath
+    feed_mps: FloatArray
+    ends_m: FloatArray
+    limits: Limits
+    checked: Limits
+
+    def feed(self, s: FloatArray) -> FloatArray:
+        """The feed (n,) at the distances `s` (n,)."""
+        move = np.minimum(np.searchsorted(self.ends_m, s), len(self.ends_m) - 1)
+        return np.asarray(self.feed_mps[move])
+
+    def first(self) -> tuple[FloatArray, _Index]:
+        """The first motion: distances (n,), and the rows (k + 1,) in the middle of each rest."""
+        limits, step = self.limits, _STEPS_S[0]
+        s = samples(self.path.grid_m)
+        cap, _ = caps(self.path, self.feed(s), limits, s)
+        square = cap**2
+        stop = np.searchsorted(s, self.path.stops_m)
+        square[stop] = 0.0
+        gain = 2.0 * _TANGENTIAL_SHARE * min(limits.acceleration_mps2)
+        square = np.minimum.accumulate(square - gain * s) + gain * s
+        square = np.minimum.accumulate((square + gain * s)[::-1])[::-1] - gain * s
+        speed = np.sqrt(np.maximum(square, 0.0))
+        width = max(1, round(min(limits.acceleration_mps2) / min(limits.jerk_mps3) / step))
+        hold = step * 2.0 * (width + 4)
+        duration = 2.0 * np.diff(s) / (speed[1:] + speed[:-1])
+        again = np.sort(np.append(np.arange(len(s)), stop))  # each stop begins and ends
+        s, speed = s[again], speed[again]
+        at = np.searchsorted(again, stop)
+        duration = np.insert(duration, stop, hold)
+        time = np.append(0.0, np.cumsum(duration))
+        even = np.arange(0.0, time[-1], step)
+        moved = np.asarray(CubicHermiteSpline(time, s, speed)(even))
+        moved = _averaged(_averaged(np.maximum.accumulate(moved), width), 1)
+        return moved, np.rint((time[at] + 0.5 * hold) / step).astype(np.intp)
+
+    def fastest(self, s: FloatArray, rests: _Index, step: float, shares: FloatArray) -> FloatArray:
+        """The square (n,) of the rate at which the motion `s` (n,), sampled each `step`, is the fastest.
+
+        `shares` (n, 2) of the limits of acceleration and jerk are allowed.
+        """
+        position, feed = self.path.point(s), self.feed(s)
+        out = np.empty(len(s))
+        first = 0
+        while first < len(s):
+            later = rests[rests >= first + _WINDOW]
+            last = int(later[0]) if later.size and later[0] < rests[-1] else len(s)
+            rows = slice(first, last)
+            out[rows] = _Barrier(position[rows], step, feed[rows], self.limits, shares[rows]).solve()
+            first = last
+        return out
+
+    def stretches(self, s: FloatArray, rests: _Index) -> list[FloatArray]:
+        """Control points of the distances of each stretch, averaged, with its rest at both ends."""
+        width = round(max(_AVERAGE_S, self.limits.average_s) / KNOT_S)
+        out = []
+        for begin, end, low, high in zip(
+            rests[:-1], rests[1:], self.path.stops_m[:-1], self.path.stops_m[1:], strict=True
+        ):
+            part = np.maximum.accumulate(np.clip(s[begin : end + 1], low, high))
+            moving = np.flatnonzero((part > low + _TINY) & (part < high - _TINY))
+            part = part[max(moving[0] - 1, 0) : moving[-1] + 2] if moving.size else part[[0, -1]]
+            part[[0, -1]] = low, high
+            part = _averaged(np.pad(part, width // 2 + 1, mode="edge"), width)
+            moving = np.flatnonzero((part > low + _TINY) & (part < high - _TINY))
+            part = part[moving[0] : moving[-1] + 1]
+            out.append(np.concatenate([np.full(_AT_REST, low), part, np.full(_AT_REST, high)]))
+        return out
+
+    def _ratios(self, stretches: list[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        s = np.concatenate(stretches)
+        control = knots.control_points(self.path.point(_spline_values(s)))
+        checked = self.checked
+
+        def ratio(values: FloatArray, limit: tuple[float, float]) -> FloatArray:
+            return np.asarray(np.max(np.abs(values) / np.array(limit), axis=1))
+
+        speed = np.pad(ratio((control[2:] - control[:-2]) / (2.0 * KNOT_S), checked.velocity_mps), 1)
+        acceleration = np.pad(ratio(np.diff(control, 2, axis=0) / KNOT_S**2, checked.acceleration_mps2), 1)
+        between = np.pad(ratio(np.diff(control, 3, axis=0) / KNOT_S**3, checked.jerk_mps3), 2)
+        return speed, acceleration, np.maximum(between[1:], between[:-1])
+
+    def shares(self, s: FloatArray, rests: _Index) -> FloatArray:
+        """Shares (n, 2) of the limits of acceleration and jerk to plan with at the samples `s`, so that they are kept
+        where the spline of this motion exceeds them."""
+        stretches = self.stretches(s, rests)
+        at = np.searchsorted(np.concatenate(stretches), s)
+        excess = [maximum_filter1d(one, _NEAR) for one in self._ratios(stretches)[1:]]
+        return np.stack([1.0 / np.maximum(1.0, 1.01 * one[np.minimum(at, len(one) - 1)]) for one in excess], axis=1)
+
+    def slowed(self, stretches: list[FloatArray]) -> list[FloatArray]:
+        """The stretches, each slowed as a whole until it keeps the limits."""
+        for _ in range(_SLOWING):
+            speed, acceleration, jerk = self._ratios(stretches)
+            factor = np.maximum(np.maximum(speed, np.sqrt(acceleration)), np.cbrt(jerk))
+            first = np.append(0, np.cumsum([len(one) for one in stretches]))[:-1]
+            worst = np.maximum.reduceat(factor, first)
+            if np.max(worst) <= 1.0:
+                break
+            stretches = [_slower(one, 1.001 * w) if w > 1.0 else one for one, w in zip(stretches, worst, strict=True)]
+        return stretches
+
+
+def samples(grid_m: FloatArray) -> FloatArray:
+    """Distances (n,) close enough to bound the speed between them: four in each span of the grid."""
+    parts = np.arange(4) / 4.0
+    return np.append((grid_m[:-1, None] + np.diff(grid_m)[:, None] * parts).ravel(), grid_m[-1])
+
+
+def caps(path: SmoothPath, feed_mps: FloatArray, limits: Limits, s: FloatArray) -> tuple[FloatArray, _Index]:
+    """Greatest constant rate (n,) of the distance at `s` (n,), and what it is by: 0 the feed, 1 the speed of an axis, 2
+    the acceleration, 3 the jerk."""
+    first, second, third = (np.abs(path.derivative(s, order)) for order in (1, 2, 3))
+    with np.errstate(divide="ignore"):
+        choices = np.stack(
+            [
+                feed_mps / np.hypot(first[:, 0], first[:, 1]),
+                np.min(np.array(limits.velocity_mps) / first, axis=1),
+                np.sqrt(np.min(np.array(limits.acceleration_mps2) / second, axis=1)),
+                np.cbrt(np.min(np.array(limits.jerk_mps3) / third, axis=1)),
+            ]
+        )
+    return np.min(choices, axis=0), np.argmin(choices, axis=0)
+
+
+def pieces(path: SmoothPath, feed_mps: FloatArray, ends_m: FloatArray, limits: Limits) -> list[Piece]:
+    """What bounds the speed along the path: a piece for each span of its grid."""
+    middle = 0.5 * (path.grid_m[1:] + path.grid_m[:-1])
+    feed = feed_mps[np.minimum(np.searchsorted(ends_m, middle), len(ends_m) - 1)]
+    cap, by = caps(path, feed, limits, middle)
+    names = ("", AXIS_SPEED, BEND_LIMITS[0], BEND_LIMITS[1])
+    return [
+        Piece(length, v, 1.0, 1.0, names[i])
+        for length, v, i in zip(np.diff(path.grid_m).tolist(), cap.tolist(), by.tolist(), strict=True)
+    ]
+
+
+def _averaged(values: FloatArray, width: int) -> FloatArray:
+    """Moving averages (n,) over `width` intervals around each value, by the trapezoidal rule."""
+    weight = np.full(width + 1, 1.0 / width)
+    weight[[0, -1]] *= 0.5
+    return np.convolve(np.pad(values, (width // 2, width - width // 2), mode="edge"), weight, mode="valid")
+
+
+def _spline_values(control: FloatArray) -> FloatArray:
+    padded = np.pad(control, 1, mode="edge")
+    return np.asarray((padded[:-2] + 4.0 * padded[1:-1] + padded[2:]) / 6.0)
+
+
+def _slower(control: FloatArray, factor: float) -> FloatArray:
+    """The same motion, which takes `factor` times as long."""
+    count = math.ceil((len(control) - 1) * factor)
+    at = np.minimum(np.arange(count + 1) / factor, len(control) - 1.0)
+    slow = np.asarray(CubicSpline(np.arange(len(control)), control, bc_type="clamped")(at))
+    slow = np.maximum.accumulate(np.clip(slow, control[0], control[-1]))
+    return np.concatenate([np.full(_AT_REST, control[0]), slow, np.full(_AT_REST, control[-1])])
+
+
+def _resampled(s: FloatArray, rests: _Index, b: FloatArray, step: float, new_step: float) -> tuple[FloatArray, _Index]:
+    """The motion `s` with the square `b` of its rate, sampled evenly each `new_step`, and the rows of its rests."""
+    rate = np.sqrt(b)
+    old = np.arange(len(s)) * step
+    time = np.append(0.0, np.cumsum(2.0 * step / (rate[1:] + rate[:-1])))
+    even = np.arange(0.0, time[-1], new_step)
+    was = CubicSpline(time, old, bc_type=((1, rate[0]), (1, rate[-1])))(even)
+    return np.asarray(CubicSpline(old, s, bc_type="clamped")(was)), np.rint(time[rests] / new_step).astype(np.intp)
+
+
+# --- Newton's method --------------------------------------------------------------------------------------------------
+
+_Form = tuple[FloatArray, FloatArray, FloatArray]  # weights of b before, at and behind a sample
+
+
+class _Barrier:
+    """The bounds on b of a motion `position` (n, 2), sampled each `step`, by `feed` (n,) and `limits`, of whose
+    acceleration and jerk `shares` (n, 2) count."""
+
+    def __init__(self, position: FloatArray, step: float, feed: FloatArray, limits: Limits, shares: FloatArray) -> None:
+        self._step = step
+        p = np.pad(position, ((2, 2), (0, 0)), mode="edge")
+        first = (p[3:-1] - p[1:-3]) / (2.0 * step)
+        second = (p[3:-1] - 2.0 * p[2:-2] + p[1:-3]) / step**2
+        third = (p[4:] - 2.0 * p[3:-1] + 2.0 * p[1:-3] - p[:-4]) / (2.0 * step**3)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speed = np.minimum(
+                (feed / np.hypot(first[:, 0], first[:, 1])) ** 2,
+                np.min((np.array(limits.velocity_mps) / first) ** 2, axis=1),
+            )
+        self._top = np.fmin(speed, _RATE_MAX)
+        inner = slice(1, -1)
+        acceleration = shares[:, :1] * np.array(limits.acceleration_mps2)
+        jerk = shares[:, 1:] * np.array(limits.jerk_mps3)
+        self._limit = [(acceleration[inner, axis], jerk[inner, axis]) for axis in (0, 1)]
+        self._acceleration: list[_Form] = []
+        self._jerk: list[_Form] = []
+        for axis in (0, 1):
+            p1, p2, p3 = first[inner, axis], second[inner, axis], third[inner, axis]
+            self._acceleration.append((-0.25 * p1 / step, p2, 0.25 * p1 / step))
+            swing, curve = 0.75 * p2 / step, 0.5 * p1 / step**2
+            self._jerk.append((curve - swing, p3 - 2.0 * curve, curve + swing))
+        least = max(
+            float(np.max(1.0 / self._top)),
+            float(np.max(np.abs(second) / acceleration)),
+            float(np.max(np.abs(third) / jerk)) ** (2.0 / 3.0),
+        )
+        self._b = np.full(len(position), 0.5 / least)
+        self._slack = self._slacks(self._b)
+
+    def solve(self) -> FloatArray:
+        """The fastest b (n,), nearly."""
+        count = len(self._b)
+        weight = _START * self._step * float(np.mean(self._b**-0.5))
+        while True:
+            for _ in range(_NEWTON_MAX):
+                gain = self._newton(weight)
+                if gain < 0.3 * weight * max(1.0, 3e-3 * count):
+                    break
+            if weight * count <= _GAP * self._step * float(np.sum(self._b**-0.5)):
+                return self._b
+            weight *= _DROP
+
+    def _slacks(self, b: FloatArray) -> list[FloatArray]:
+        inside = b[1:-1]
+        root = inside**-0.5
+        out = [self._top - b]
+        for axis in (0, 1):
+            acceleration, jerk = self._limit[axis]
+            now = _value(self._acceleration[axis], b)
+            out += [acceleration - now, acceleration + now]
+            now, most = _value(self._jerk[axis], b), jerk * root
+            out += [most - now, most + now]
+        return out
+
+    def _merit(self, b: FloatArray, slack: list[FloatArray], weight: float) -> float:
+        return self._step * float(np.sum(b**-0.5)) - weight * _logarithms(slack)
+
+    def _newton(self, weight: float) -> float:
+        """One step; returns by how much a full one would lower the merit, 0 where none does."""
+        b, slack = self._b, self._slack
+        gradient = -0.5 * self._step * b**-1.5 + weight / slack[0]
+        band = np.zeros((3, len(b)))
+        band[0] = 0.75 * self._step * b**-2.5 + weight / slack[0] ** 2
+        for axis in (0, 1):
+            upper, lower = (weight / one for one in slack[1 + 4 * axis : 3 + 4 * axis])
+            form = self._acceleration[axis]
+            _add_gradient(gradient, form, upper - lower)
+            _add_square(band, form, (upper**2 + lower**2) / weight)
+            upper, lower = (weight / one for one in slack[3 + 4 * axis : 5 + 4 * axis])
+            before, at, behind = self._jerk[axis]
+            fall = -0.5 * self._limit[axis][1] * b[1:-1] ** -1.5
+            _add_gradient(gradient, (before, at, behind), upper - lower)
+            gradient[1:-1] -= (upper + lower) * fall
+            _add_square(band, (before, at - fall, behind), upper**2 / weight)
+            _add_square(band, (before, at + fall, behind), lower**2 / weight)
+        step = -np.asarray(solveh_banded(band, gradient, lower=True, overwrite_ab=True, check_finite=False))
+        gain = -float(gradient @ step)
+        merit, size = self._merit(b, slack, weight), 1.0
+        while size > 1e-8:
+            new = b + size * step
+            if np.min(new) > 0.0:
+                found = self._slacks(new)
+                least = min(float(np.min(one)) for one in found)
+                if least > 0.0 and self._merit(new, found, weight) <= merit - 0.1 * size * gain:
+                    self._b, self._slack = new, found
+                    return gain
+            size *= 0.5
+        return 0.0
+
+
+def _logarithms(slack: list[FloatArray]) -> float:
+    """The sum of the logarithms of all slacks, the first of which has two values more than the others."""
+    product = np.prod(slack[1:5], axis=0) * np.prod(slack[5:], axis=0)
+    return float(np.sum(np.log(slack[0])) + np.sum(np.log(product)))
+
+
+def _value(form: _Form, b: FloatArray) -> FloatArray:
+    return form[0] * b[:-2] + form[1] * b[1:-1] + form[2] * b[2:]
+
+
+def _add_gradient(gradient: FloatArray, form: _Form, weight: FloatArray) -> None:
+    gradient[:-2] += weight * form[0]
+    gradient[1:-1] += weight * form[1]
+    gradient[2:] += weight * form[2]
+
+
+def _add_square(band: FloatArray, form: _Form, weight: FloatArray) -> None:
+    """Add `weight` times the square of the form to the lower bands (3, n) of the matrix."""
+    before, at, behind = form
+    weighted = weight * before
+    band[0, :-2] += weighted * before
+    band[1, :-2] += weighted * at
+    band[2, :-2] += weighted * behind
+    weighted = weight * at
+    band[0, 1:-1] += weighted * at
+    band[1, 1:-1] += weighted * behind
+    band[0, 2:] += weight * behind**2

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The motion along smoothed paths: its limits by an independent check of the knots, its time against an optimum."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+from cam_paths import circle, circle_curve, letters, lines, rosette, rosette_curve, spiral, spiral_curve, trochoid
+from knot_spline import spline
+from time_optimum import duration_s
+
+from kontur.machine import MACHINES, load
+from kontur.path.geometry import Dwell, Program
+from kontur.path.smoothing import TOLERANCE_M
+from kontur.planning.bounds import limits
+from kontur.planning.planner import Limits, plan
+
+LIMITS = Limits()
+UNEVEN = Limits((0.08, 0.2), (2.0, 8.0), (300.0, 60.0))
+ROUNDING = np.array([0.5e-6, 2e-3, 4.0])  # what knots rounded to 1 nm can add: m/s, m/s2, m/s3
+TURN = 2.0 * math.pi
+
+
+def smooth(program, of=LIMITS):
+    return plan(program, of, tolerance_m=TOLERANCE_M)
+
+
+def assert_within(trajectory, of):
+    """Velocity, acceleration and jerk of both axes at all knots and between them."""
+    curve = spline(trajectory.knots_nm * 1e-9)
+    t = np.arange(0, (len(trajectory.knots_nm) - 1) * 4 + 1) / 4.0
+    middle = np.arange(len(trajectory.knots_nm) - 1) + 0.5
+    for order, limit, slack in zip(
+        (1, 2, 3), (of.velocity_mps, of.acceleration_mps2, of.jerk_mps3), ROUNDING, strict=True
+    ):
+        values = np.abs(curve(middle if order == 3 else t, order)) * 1e3**order
+        assert np.all(values <= np.array(limit) * (1.0 + 1e-3) + slack)
+
+
+@pytest.mark.parametrize("of", [LIMITS, UNEVEN], ids=["even", "uneven"])
+@pytest.mark.parametrize(
+    "program",
+    [circle(90), circle(4000), circle(60, 0.002), rosette(244), rosette(2433), trochoid(2000), letters(30)],
+    ids=["circle 90", "circle 4000", "small circle", "rosette", "rosette 2433", "trochoid", "letters"],
+)
+def test_all_limits_hold_for_the_spline_of_the_knots(program, of):
+    assert_within(smooth(program, of), of)
+
+
+@pytest.mark.parametrize(
+    ("program", "curve", "length", "most"),
+    [
+        (circle(360), circle_curve(0.02), TURN, 1.05),
+        (circle(360, 0.004), circle_curve(0.004), TURN, 1.05),
+        (rosette(244), rosette_curve, TURN, 1.05),
+        (rosette(545), rosette_curve, TURN, 1.05),
+        (rosette(2433), rosette_curve, TURN, 1.05),
+        (spiral(800), spiral_curve, 3.0 * TURN, 1.05),
+    ],
+    ids=["circle r 20", "circle r 4", "rosette 244", "rosette 545", "rosette 2433", "spiral"],
+)
+def test_a_path_of_lines_takes_little_longer_than_the_fastest_motion_along_its_curve(program, curve, length, most):
+    least_s = duration_s(curve, length, 0.1, LIMITS, cells=300)
+    assert 0.99 * least_s < smooth(program).duration_s < most * least_s
+
+
+def test_the_reference_knows_the_least_time_of_a_straight_line():
+    def line(u, order):
+        return np.stack([(u, np.ones_like(u), 0.0 * u, 0.0 * u)[order], 0.0 * u], axis=1)
+
+    exact = 0.04 / 0.1 + 2.0 * math.sqrt(0.1 / 100.0)
+    assert duration_s(line, 0.04, 0.1, LIMITS, cells=300) == pytest.approx(exact, rel=0.005)
+
+
+def test_the_number_of_lines_of_a_circle_does_not_change_its_time():
+    times = [smooth(circle(count)).duration_s for count in (90, 180, 360, 1000, 4000, 20_000)]
+    assert max(times) < 1.03 * min(times)
+
+
+def test_a_smoothed_path_starts_and_ends_at_rest_with_three_equal_knots():
+    program = rosette(244)
+    knots = smooth(program).knots_nm
+    assert np.all(knots[:3] == np.rint(np.array(program.start_m) * 1e9))
+    assert np.all(knots[-3:] == knots[-1])
+    np.testing.assert_allclose(knots[-1] * 1e-9, program.moves[-1].segment.end_m, atol=0.6e-9)
+
+
+def test_distance_never_falls_and_is_that_along_the_file_s_path():
+    program = letters(20)
+    trajectory = smooth(program)
+    assert np.all(np.diff(trajectory.path_s_m) >= 0.0)
+    assert trajectory.path_s_m[-1] == pytest.approx(program.length_m, rel=1e-12)
+
+
+def test_a_dwell_on_a_smoothed_path_stands_still_for_its_time():
+    program = rosette(244)
+    half = len(program.items) // 2
+    stops = Program("p", (*program.items[:half], Dwell(0.25), *program.items[half:], Dwell(0.1)), program.start_m)
+    knots = smooth(stops).knots_nm
+    point = np.rint(np.array(program.items[half].segment.start_m) * 1e9)
+    assert 250 <= np.sum(np.all(np.abs(knots - point) <= 1, axis=1)) < 275
+    assert np.sum(np.all(knots == knots[-1], axis=1)) >= 100
+    assert_within(smooth(stops), LIMITS)
+
+
+def test_each_move_keeps_its_feed():
+    fast, slow = circle(360).moves, circle(360, feed_mps=0.03).moves
+    moves = tuple(slow[i] if 120 <= i < 240 else fast[i] for i in range(360))
+    trajectory = smooth(Program("p", moves, (0.02, 0.0)))
+    speed = np.hypot(*np.diff(trajectory.position_m, axis=0).T) / 1e-3
+    share = trajectory.path_s_m[1:] / trajectory.path_s_m[-1]
+    assert np.max(speed[(share > 0.334) & (share < 0.666)]) < 0.03 * 1.002
+    assert np.max(speed[(share < 0.3) | (share > 0.7)]) == pytest.approx(0.1, rel=5e-3)
+
+
+def test_feeds_that_are_not_reached_are_told_with_their_limit():
+    feed = smooth(rosette(244, feed_mps=0.25)).feed
+    assert feed.limited > 100
+    assert feed.asked_mps == 0.25
+    assert smooth(circle(360, feed_mps=0.02)).feed.limited < 10
+
+
+@pytest.mark.parametrize("name", ["ball_screw", "long_axis"])
+def test_machines_with_a_mode_have_it_averaged_out_within_their_limits(name):
+    of = limits(load(MACHINES / f"{name}.toml"))
+    assert of.average_s > 0.0
+    trajectory = smooth(rosette(244), of)
+    assert_within(trajectory, of)
+    assert trajectory.duration_s < 1.5 * smooth(rosette(244), Limits(of.velocity_mps, of.acceleration_mps2,
+                                                                     of.jerk_mps3)).duration_s  # fmt: skip
+
+
+def test_a_long_file_of_short_lines_is_planned_in_seconds():
+    x = np.arange(20_000) * 1e-4
+    row = 2 * np.floor(x / 0.16) + (x % 0.16 > 0.08)
+    along = np.abs((x + 0.08) % 0.16 - 0.08)
+    program = lines(np.stack([along, 5e-4 * row + 1e-3 * np.sin(300.0 * along)], axis=1), digits=6)
+    started = time.process_time()
+    trajectory = smooth(program)
+    assert time.process_time() - started < 12.0
+    assert trajectory.duration_s < 1.3 * program.length_m / 0.1
