@@ -431,7 +431,7 @@ void configuration_hal(const struct od_data *od, struct hal_axis_cfg cfg[AXES])
     for (int i = 0; i < AXES; i++) {
         const struct od_axis *a = &od->axis[i];
         cfg[i] = (struct hal_axis_cfg){
-            .output = a->wiring.output != 0 ? HAL_OUTPUT_PWM : HAL_OUTPUT_DAC,
+            .output = (enum hal_output)a->wiring.output,
             .full_scale_mN = a->wiring.full_scale,
             .offset = a->wiring.offset,
             .pwm = {.hz = od->pwm.frequency,

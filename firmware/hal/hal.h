@@ -60,7 +60,7 @@ struct hal_can_status {
 };
 
 /* How an axis is wired (2104h, 210Ah:4). */
-enum hal_output { HAL_OUTPUT_DAC, HAL_OUTPUT_PWM };
+enum hal_output { HAL_OUTPUT_DAC, HAL_OUTPUT_PWM, HAL_OUTPUT_SPI_DAC };
 enum { HAL_FULL_SCALE_MIN = 10000 };
 struct hal_axis_cfg {
     enum hal_output output;

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from analog import Dac8563
 from chip import Chip
 
 IMAGES = Path(__file__).parents[2] / "build/firmware"
@@ -25,16 +26,17 @@ class Wiring:
     usart: str
     light: Pin
     alive: Pin
+    spi: tuple[str, Pin]  # of the serial DAC, and its SYNC
     brake: tuple[Pin, Pin] | None = None
 
 
 _GENERAL = Wiring(
     "kontur", 10000, 8e6, (("B", 12), ("C", 8)), ("tim2", "tim5"),
-    (*(("C", n) for n in range(6)), ("B", 1), ("A", 6)), "usart1", ("C", 13), ("B", 0), (("D", 2), ("A", 3)),
+    (*(("C", n) for n in range(6)), ("B", 1), ("A", 6)), "usart1", ("C", 13), ("B", 0), ("spi3", ("C", 11)), (("D", 2), ("A", 3)),
 )  # fmt: skip
 _FEATHER = Wiring(
     "kontur-feather", 10000, 12e6, (("C", 3), ("C", 2)), ("tim3", "tim4"),
-    (("A", 6), ("C", 4), ("C", 5)), "usart3", ("C", 1), ("A", 7),
+    (("A", 6), ("C", 4), ("C", 5)), "usart3", ("C", 1), ("A", 7), ("spi2", ("B", 14)),
 )  # fmt: skip
 WIRINGS = {
     "kontur": _GENERAL,
@@ -49,9 +51,14 @@ class Board(Chip):
         self.wiring = wiring
         super().__init__(IMAGES / f"{wiring.image}.elf")
         self.rcc.crystal_hz = wiring.crystal_hz
+        self.serial_dac = Dac8563(self)
+        spi, (port, sync) = wiring.spi
+        getattr(self, spi).receiver = self.serial_dac
+        self.gpio(port).watch = {sync: self.serial_dac.sync}
 
     def power_on(self, *, after_loader: bool = False) -> None:
         super().power_on(after_loader=after_loader)
+        self.serial_dac.power_on()
         for port, pin in self.wiring.contacts:
             self.gpio(port).outside[pin] = False
 

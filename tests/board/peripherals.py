@@ -7,6 +7,8 @@ voltages). Each model keeps what is written, does what the manual says follows o
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from chip import STORE, Block, Chip
 
 HSI_HZ = 16e6
@@ -14,6 +16,7 @@ HSI_HZ = 16e6
 
 def make_peripherals(chip: Chip) -> list[Block]:
     """All of them."""
+    from analog import Spi2, Spi3
     from guards import Dbgmcu, Dwt, Iwdg, Wwdg
     from wires import Can, Usart1, Usart3
 
@@ -22,6 +25,7 @@ def make_peripherals(chip: Chip) -> list[Block]:
         for n, c in enumerate("ABCDEFGHI")
     ]
     kinds = [Rcc, Flash, Pwr, Exti, Tim2, Tim3, Tim4, Tim5, Tim8, Dac, Usart1, Usart3, Can, Iwdg, Wwdg, Dbgmcu, Dwt]
+    kinds += [Spi2, Spi3]
     return [kind(chip) for kind in (*kinds, *gpio)]
 
 
@@ -312,9 +316,11 @@ class Flash(Peripheral):
 
 
 class Gpio(Peripheral):
-    """RM0090 8.4. `outside` drives pins from the board; `edges` are the changes of outputs: (ns, pin, level)."""
+    """RM0090 8.4. `outside` drives pins from the board; `edges` are the changes of outputs: (ns, pin, level), which
+    `watch` is told, too."""
 
     MODER, PUPDR, IDR, ODR, BSRR = 0x00, 0x0C, 0x10, 0x14, 0x18
+    watch: dict[int, Callable[[bool], None]] = {}
 
     def reset(self) -> None:
         a, b = self.base == 0x40020000, self.base == 0x40020400
@@ -354,7 +360,10 @@ class Gpio(Peripheral):
             self.words[self.ODR] = after
             for pin in range(16):
                 if (before ^ after) >> pin & 1:
-                    self.edges.append((self.chip.now_ns, pin, bool(after >> pin & 1)))
+                    level = bool(after >> pin & 1)
+                    self.edges.append((self.chip.now_ns, pin, level))
+                    if pin in self.watch and self.mode(pin) == 1:
+                        self.watch[pin](level)
         else:
             super().write(offset, value)
 

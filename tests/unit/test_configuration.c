@@ -671,6 +671,7 @@ static void test_wiring_of_each_axis_for_the_hal(void)
             TEST_ASSERT_FALSE(c[i].invert_encoder);
         }
     }
+    od.axis[0].wiring.output = 2;
     od.axis[1].wiring.offset = -1234;
     od.pwm.frequency = 20000;
     od.pwm.duty_min = 100;
@@ -679,6 +680,7 @@ static void test_wiring_of_each_axis_for_the_hal(void)
         od.pwm.mode = (uint8_t)mode;
         configuration_hal(&od, c);
         for (int i = 0; i < 2; i++) {
+            TEST_ASSERT_EQUAL(i == 0 ? HAL_OUTPUT_SPI_DAC : HAL_OUTPUT_DAC, c[i].output);
             TEST_ASSERT_EQUAL_INT16(i == 0 ? 0 : -1234, c[i].offset);
             TEST_ASSERT_EQUAL_UINT32(20000, c[i].pwm.hz);
             TEST_ASSERT_EQUAL(mode == 1, c[i].pwm.antiphase);

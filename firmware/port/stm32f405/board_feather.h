@@ -2,7 +2,7 @@
 /* board_feather.h: Adafruit's Feather STM32F405 Express on a base board with the levels
  * and drivers of board_kontur.h, which explains the names. It has another crystal, another
  * serial port, 16-bit encoder timers and no index pulse. No PWM pin is accessible (.pwm is
- * PIN_NONE), so axes use the DAC. The comments behind the pins are the names on the board.
+ * PIN_NONE), so axes use a DAC, the chip's or a serial one. The comments behind the pins are the names on the board.
  */
 #ifndef KONTUR_BOARD_FEATHER_H
 #define KONTUR_BOARD_FEATHER_H
@@ -26,6 +26,12 @@
 #define BOARD_PWM_AF 3
 #define BOARD_BREAK PIN_NONE
 #define BOARD_BREAK_BDTR 0
+#define BOARD_SPI SPI2
+#define BOARD_SPI_CLOCK() (RCC->APB1ENR |= RCC_APB1ENR_SPI2)
+#define BOARD_SPI_SCK PIN('B', 13)  /* SCK */
+#define BOARD_SPI_MOSI PIN('B', 15) /* MO */
+#define BOARD_SPI_SYNC PIN('B', 14) /* MI */
+#define BOARD_SPI_AF 5
 #define BOARD_LED PIN('C', 1)   /* D13 */
 #define BOARD_ALIVE PIN('A', 7) /* A3 */
 

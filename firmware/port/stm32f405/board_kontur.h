@@ -3,7 +3,7 @@
  *
  * Alternate functions are those of ST, DS8626 "STM32F405xx STM32F407xx datasheet". Each input is a contact to ground
  * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA7, PA8,
- * PB2, PB11, PB13, PC9 to PC12, PC14 and PC15. PA11 and PA12 are reserved for USB (flashing), PA13 and PA14 for
+ * PB2, PB11, PB13, PC9, PC14 and PC15. PA11 and PA12 are reserved for USB (flashing), PA13 and PA14 for
  * SWD.
  */
 #ifndef KONTUR_BOARD_KONTUR_H
@@ -32,7 +32,14 @@
 /* The break input of TIM8, of the same alternate function. */
 #define BOARD_BREAK PIN('A', 6)
 #define BOARD_BREAK_BDTR (TIM_BDTR_BKE | TIM_BDTR_BKP) /* active high */
-#define BOARD_LED PIN('C', 13)                         /* it sinks 3 mA at most (DS8626, output current of PC13) */
+/* The serial DAC (spi_dac.h). SCK and SYNC are pins of one port. */
+#define BOARD_SPI SPI3
+#define BOARD_SPI_CLOCK() (RCC->APB1ENR |= RCC_APB1ENR_SPI3)
+#define BOARD_SPI_SCK PIN('C', 10)
+#define BOARD_SPI_MOSI PIN('C', 12)
+#define BOARD_SPI_SYNC PIN('C', 11)
+#define BOARD_SPI_AF 6
+#define BOARD_LED PIN('C', 13) /* it sinks 3 mA at most (DS8626, output current of PC13) */
 /* A square wave of half the rate of the servo tick, while that runs. */
 #define BOARD_ALIVE PIN('B', 0)
 

@@ -5,6 +5,7 @@
 #include "port/stm32f405/board.h"
 #include "port/stm32f405/clock.h"
 #include "port/stm32f405/cpu.h"
+#include "port/stm32f405/spi_dac.h"
 
 enum { DAC_ZERO = 2048, PERMILLE = 1000, OFFSET_ONE = 100000, DEFAULT_PWM_HZ = 40000 };
 /* Off: the pins are driven low. */
@@ -55,9 +56,19 @@ static struct channel pwm(const struct hal_axis_cfg *cfg)
 
 static void set_channel(struct channel *c, const struct hal_axis_cfg *cfg)
 {
-    *c = cfg->output == HAL_OUTPUT_PWM ? pwm(cfg) : analog(DAC_ZERO, cfg);
+    if (cfg->output == HAL_OUTPUT_PWM) {
+        *c = pwm(cfg);
+    } else {
+        *c = analog(cfg->output == HAL_OUTPUT_SPI_DAC ? (int32_t)SPI_DAC_MID_SCALE : DAC_ZERO, cfg);
+    }
     c->output = cfg->output;
     c->invert = cfg->invert_force;
+}
+
+/* Whether an axis has its command from the serial DAC */
+static bool has_spi_dac(void)
+{
+    return channels[AXIS_X].output == HAL_OUTPUT_SPI_DAC || channels[AXIS_Y].output == HAL_OUTPUT_SPI_DAC;
 }
 
 /* A debugger that halts the core stops PWM, unless its pins, which are low then, command a force. */
@@ -98,6 +109,7 @@ void output_init(void)
     safe_state = false;
     TIM8->EGR = TIM_EGR_UG;
     TIM8->CR1 = TIM_CR1_ARPE | TIM_CR1_CEN;
+    spi_dac_init();
     output_configure(cfg);
 }
 
@@ -111,6 +123,9 @@ void output_configure(const struct hal_axis_cfg cfg[AXES])
     set_timer(&cfg[AXIS_X].pwm);
     for (int i = 0; i < AXES; i++) {
         channels[i] = next[i];
+    }
+    if (has_spi_dac()) { /* its supply may have come later than the chip's */
+        spi_dac_configure();
     }
     cpu_unlock(lock);
 }
@@ -156,6 +171,7 @@ void output_write(const struct hal_drive_out *out)
 {
     uint32_t dac[AXES];
     uint32_t duty[AXES];
+    uint32_t serial[AXES];
     if (!leave_safe_state(out)) {
         return;
     }
@@ -168,6 +184,7 @@ void output_write(const struct hal_drive_out *out)
         const uint32_t value = (uint32_t)(c->zero + (backward ? -step : step));
         dac[i] = c->output == HAL_OUTPUT_DAC ? value : DAC_ZERO;
         duty[i] = c->output == HAL_OUTPUT_PWM ? value : 0u;
+        serial[i] = c->output == HAL_OUTPUT_SPI_DAC ? value : SPI_DAC_MID_SCALE;
         pin_write(axes[i].direction, backward);
         if (!out->release[i]) {
             pin_write(axes[i].brake, false);
@@ -181,6 +198,9 @@ void output_write(const struct hal_drive_out *out)
     TIM8->CCR[0] = duty[AXIS_X];
     TIM8->CCR[1] = duty[AXIS_Y];
     TIM8->CR1 &= ~(uint32_t)TIM_CR1_UDIS;
+    if (has_spi_dac()) {
+        spi_dac_write(serial[AXIS_X], serial[AXIS_Y]);
+    }
     for (int i = 0; i < AXES; i++) {
         if (out->enable[i]) {
             pin_write(axes[i].enable, true);
@@ -204,4 +224,7 @@ void output_safe(void)
     DAC->DHR12RD = DAC_ZERO << 16 | DAC_ZERO;
     TIM8->CCR[0] = TIM8->CCR[1] = 0;
     TIM8->BDTR = PWM_OFF;
+    if (has_spi_dac()) {
+        spi_dac_zero();
+    }
 }

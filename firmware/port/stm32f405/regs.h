@@ -50,6 +50,8 @@ enum {
     RCC_APB1ENR_TIM4 = 1 << 2,
     RCC_APB1ENR_TIM5 = 1 << 3,
     RCC_APB1ENR_WWDG = 1 << 11,
+    RCC_APB1ENR_SPI2 = 1 << 14,
+    RCC_APB1ENR_SPI3 = 1 << 15,
     RCC_APB1ENR_USART3 = 1 << 18,
     RCC_APB1ENR_CAN1 = 1 << 25,
     RCC_APB1ENR_PWR = 1 << 28,
@@ -137,6 +139,22 @@ struct dac {
     reg CR, SWTRIGR, DHR12R1, DHR12L1, DHR8R1, DHR12R2, DHR12L2, DHR8R2, DHR12RD, DHR12LD, DHR8RD, DOR1, DOR2, SR;
 };
 enum { DAC_CR_EN1 = 1 << 0, DAC_CR_BOFF1 = 1 << 1, DAC_CR_EN2 = 1 << 16, DAC_CR_BOFF2 = 1 << 17 };
+
+/* RM0090 28.5 (SPI) */
+struct spi {
+    reg CR1, CR2, SR, DR;
+};
+enum {
+    SPI_CR1_CPHA = 1 << 0,
+    SPI_CR1_MSTR = 1 << 2,
+    SPI_CR1_SPE = 1 << 6,
+    SPI_CR1_SSI = 1 << 8,
+    SPI_CR1_SSM = 1 << 9,
+    SPI_CR1_BIDIOE = 1 << 14,
+    SPI_CR1_BIDIMODE = 1 << 15,
+    SPI_SR_TXE = 1 << 1,
+    SPI_SR_BSY = 1 << 7,
+};
 
 /* RM0090 30.6 (USART) */
 struct usart {
@@ -287,6 +305,7 @@ struct chip {
     struct gpio gpio[GPIO_PORTS];
     struct tim tim2, tim3, tim4, tim5, tim8;
     struct dac dac;
+    struct spi spi2, spi3;
     struct usart usart1, usart3;
     struct can can1;
     struct iwdg iwdg;
@@ -309,6 +328,8 @@ extern struct chip chip;
 #define TIM5 KONTUR_REGS(tim, 0x40000C00u, tim5)
 #define WWDG KONTUR_REGS(wwdg, 0x40002C00u, wwdg)
 #define IWDG KONTUR_REGS(iwdg, 0x40003000u, iwdg)
+#define SPI2 KONTUR_REGS(spi, 0x40003800u, spi2)
+#define SPI3 KONTUR_REGS(spi, 0x40003C00u, spi3)
 #define USART3 KONTUR_REGS(usart, 0x40004800u, usart3)
 #define CAN1 KONTUR_REGS(can, 0x40006400u, can1)
 #define PWR KONTUR_REGS(pwr, 0x40007000u, pwr)
