@@ -21,6 +21,7 @@ static void report(struct device *device, const struct servo_snapshot *s)
     struct od_data *od = &device->od;
     telemetry_report(od, s, path_position(&device->drive.path).nm);
     for (int i = 0; i < 2; i++) {
+        od->axis[i].position_demand = path_reference(&device->drive.path).nm[i];
         od->axis[i].ip_buffer.position = (uint16_t)(od->stream.accepted - od->stream.executed);
     }
 }

@@ -232,7 +232,7 @@ static uint32_t find_refused(const struct drive *d)
                                                      [CYCLIC_ACCELERATION] = FAULT_BIT(FAULT_KNOT_ACCELERATION),
                                                      [CYCLIC_RANGE] = FAULT_BIT(FAULT_KNOT_RANGE),
                                                      [CYCLIC_MISSED] = FAULT_BIT(FAULT_UNDERRUN)};
-    return bits[d->path.modes.axis[0].set_points] | bits[d->path.modes.axis[1].set_points];
+    return bits[d->path.modes.cyclic.axis[0].refused] | bits[d->path.modes.cyclic.axis[1].refused];
 }
 
 /* FAULT_BIT()s of what is wrong now, whatever the reaction. */
@@ -375,12 +375,23 @@ static unsigned state_bits(const struct drive *d, int i)
     return cia402_statusword(&d->axis[i], amplifier == AMPLIFIER_LIVE || amplifier == AMPLIFIER_ENGAGING);
 }
 
+/* Bit 13 of 6041h in modes 1 and 8 */
+static unsigned following_error(const struct drive *d, int i)
+{
+    const struct od_axis *axis = &d->od->axis[i];
+    const int8_t mode = d->path.modes.axis[i].mode;
+    const int64_t error = axis->following_error;
+    const bool far = error > axis->following_window || error < -(int64_t)axis->following_window;
+    return far && (mode == MODE_PROFILE_POSITION || mode == MODE_CYCLIC_POSITION) ? SW_FOLLOWING_ERROR : 0u;
+}
+
 static void report_status(struct drive *d)
 {
     enum { SET_BRAKE = 1 }; /* bit 0 of 60FEh:1 */
     const unsigned warning = d->warnings != 0 || d->node_warns ? SW_WARNING : 0u;
     for (int i = 0; i < 2; i++) {
-        const unsigned mode = axis_modes_status(&d->path.modes, i, d->od->stream.state, d->path.progress.standing);
+        const unsigned mode = axis_modes_status(&d->path.modes, i, d->od->stream.state, d->path.progress.standing) |
+                              following_error(d, i);
         d->od->axis[i].mode_display = d->path.modes.axis[i].mode;
         d->od->axis[i].statusword = (uint16_t)(state_bits(d, i) | mode | warning);
         d->od->axis[i].digital_outputs.physical = amplifier_released(&d->amplifier[i]) ? 0u : SET_BRAKE;

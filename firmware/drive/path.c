@@ -26,7 +26,7 @@ static struct knot servo_reference(const struct path *p)
     return p->queue.stream->state == STREAM_IDLE ? p->queue.ring.start : at;
 }
 
-static struct knot reference(const struct path *p)
+struct knot path_reference(const struct path *p)
 {
     return queue_user(&p->queue, servo_reference(p));
 }
@@ -60,7 +60,7 @@ static void restart(struct path *p)
 static void hold(struct path *p, const bool powered[2])
 {
     const struct knot position = path_position(p);
-    struct knot start = reference(p);
+    struct knot start = path_reference(p);
     for (int i = 0; i < 2; i++) {
         start.nm[i] = powered[i] ? start.nm[i] : position.nm[i];
     }
@@ -113,7 +113,7 @@ void path_power_on(struct path *p, const struct od_data *od, const bool powered[
 void path_power_off(struct path *p)
 {
     if (p->progress.standing && p->progress.current) {
-        p->suspended_at = reference(p);
+        p->suspended_at = path_reference(p);
         queue_suspend(&p->queue);
     } else {
         queue_close(&p->queue);
@@ -153,7 +153,7 @@ static struct axis_mode_in axis_mode_in(const struct path *p, const struct path_
         .quick_stop = axis->quick_stop,
         .inputs = s->inputs[i],
         .index_pulses = s->index_pulses[i],
-        .reference_nm = reference(p).nm[i],
+        .reference_nm = path_reference(p).nm[i],
         .position_nm = (int64_t)s->position_nm[i] - s->correction_nm[i],
         .index_nm = s->index_nm[i],
         .edge_nm = s->edge_nm[i],
@@ -174,7 +174,7 @@ void path_step_modes(struct path *p, struct od_data *od, const struct path_axis 
         hold(p, powered);
     }
     if (out.begin) {
-        begin(p, reference(p), 0);
+        begin(p, path_reference(p), 0);
     }
     if (p->modes.generating) {
         axis_modes_generate(&p->modes, &p->queue, in.now);
@@ -202,7 +202,7 @@ static bool both_enabled(const struct path_axis axis[2])
 /* Whether a stream may begin: both axes are enabled in interpolated position, and stand within the window of `start`. */
 static bool may_begin(const struct path *p, const struct od_data *od, const struct path_axis axis[2], struct knot start)
 {
-    return p->progress.standing && both_enabled(axis) && within_start_window(od, start, reference(p)) &&
+    return p->progress.standing && both_enabled(axis) && within_start_window(od, start, path_reference(p)) &&
            axis_modes_follow_stream(&p->modes);
 }
 
@@ -295,7 +295,7 @@ static bool begin_by_record(struct path *p, const struct od_data *od, const stru
     if (!may_begin(p, od, axis, record) || od->axis[0].ip_period.value != od->axis[1].ip_period.value) {
         return false;
     }
-    begin_stream(p, od, reference(p), 0);
+    begin_stream(p, od, path_reference(p), 0);
     p->modes.by_record = true;
     return true;
 }

@@ -68,6 +68,7 @@ enum queue_result path_push(struct path *p, struct knot knot);
  * code. */
 uint32_t path_record(struct path *p, const struct od_data *od, const struct path_axis axis[2], struct knot record);
 
-/* Measured positions of the axes: user's positions in nm. */
+/* Measured positions of the axes, and where they are to be: user's positions in nm. */
 struct knot path_position(const struct path *p);
+struct knot path_reference(const struct path *p);
 #endif

@@ -16,54 +16,12 @@
  */
 #ifndef KONTUR_AXIS_MODES_H
 #define KONTUR_AXIS_MODES_H
+#include "motion/axis_target.h"
 #include "motion/cyclic.h"
-#include "motion/homing.h"
 #include "motion/ip_record.h"
 #include "motion/path_clock.h"
-#include "motion/profile.h"
 #include "motion/queue.h"
 #include "od/od.h"
-
-enum { MODE_PROFILE_VELOCITY = 3, MODE_HOMING = 6, MODE_INTERPOLATED_POSITION = 7, MODE_CYCLIC_POSITION = 8 };
-
-/* Bits of the controlword 6040h whose meaning depends on the mode */
-enum {
-    CW_ENABLE_IP = 1u << 4, /* interpolated position: path time may run; homing: start */
-    CW_HALT = 1u << 8
-};
-
-/* Bits of the statusword 6041h whose meaning depends on the mode */
-enum {
-    SW_TARGET_REACHED = 1u << 10,
-    SW_INTERNAL_LIMIT = 1u << 11,
-    SW_IP_ACTIVE = 1u << 12,
-    SW_SPEED_0 = 1u << 12,
-    SW_FOLLOWS = 1u << 12, /* the axis follows its set-points */
-    SW_HOMING_ATTAINED = 1u << 12,
-    SW_HOMING_ERROR = 1u << 13
-};
-
-/* What a movement goes by. It is taken over from the dictionary when the movement begins: at standstill or, in profile
- * velocity, with another target. The limits are those of the path, which begins when both axes stand. */
-struct axis_settings {
-    int32_t min_nm, max_nm; /* 607Dh */
-    uint32_t up_umps2, down_umps2, quick_umps2, homing_umps2;
-    int32_t search_umps, zero_umps, home_offset_nm;
-    int16_t halt_option;
-    int8_t homing_method;
-};
-
-struct axis_mode {
-    int8_t mode; /* in use: 6061h */
-    struct axis_settings settings;
-    struct profile profile;
-    struct profile_in target; /* of the profile, from this step on */
-    struct homing homing;
-    uint16_t controlword;   /* of the step before */
-    int32_t requested_umps; /* profile velocity, before limits */
-    bool limited;           /* a limit keeps the axis from the requested velocity */
-    enum cyclic_result set_points;
-};
 
 struct axis_modes {
     struct axis_mode axis[2];
@@ -75,27 +33,12 @@ struct axis_modes {
     bool by_frame;  /* knot frames were accepted: then records, which CAN's checksum alone protects, are not */
 };
 
-enum { NO_QUICK_STOP = -1 };
-
 struct axis_modes_in {
     const struct od_data *od;
     const struct path_progress *path;
     uint32_t now;      /* control periods since power-on */
     bool path_may_run; /* path time may run in this step */
-    struct axis_mode_in {
-        uint16_t controlword;
-        bool enabled;         /* operation enabled */
-        bool powered;         /* operation enabled, or stopping */
-        int16_t quick_stop;   /* 605Ah while a quick stop is active, else NO_QUICK_STOP */
-        uint8_t inputs;       /* enum hal_input */
-        uint8_t index_pulses; /* their number, modulo 256 */
-        int32_t reference_nm; /* user's position */
-        /* This and the next two: the servo's positions, which homing does not shift, without what the geometry adds by
-         * position: that depends on the origin which homing sets. */
-        int64_t position_nm;
-        int32_t index_nm; /* at the latest index pulse */
-        int32_t edge_nm;  /* at the latest edge of a limit switch */
-    } axis[2];
+    struct axis_mode_in axis[2];
 };
 
 /* What drive_step() is to do, in this order. */

@@ -27,7 +27,7 @@ static void store(struct cyclic_axis *a, uint32_t cycle, int32_t nm)
     a->past[cycle % CYCLIC_PAST] = nm;
 }
 
-int32_t cyclic_newest(const struct cyclic_axis *a)
+static int32_t newest(const struct cyclic_axis *a)
 {
     return set_point(a, a->latest);
 }
@@ -74,7 +74,7 @@ static bool leaves(const struct cyclic *c, int64_t nm, int64_t d1, const struct 
     return (d1 > 0 && nm + way + stop > limits->max_nm) || (d1 < 0 && nm + way - stop < limits->min_nm);
 }
 
-enum cyclic_result cyclic_set_point(struct cyclic *c, int axis, int32_t nm, const struct cyclic_limits *limits)
+static enum cyclic_result take(struct cyclic *c, int axis, int32_t nm, const struct cyclic_limits *limits)
 {
     struct cyclic_axis *a = &c->axis[axis];
     const uint32_t cycle = c->clock.cycle;
@@ -110,12 +110,26 @@ enum cyclic_result cyclic_set_point(struct cyclic *c, int axis, int32_t nm, cons
     return CYCLIC_TAKEN;
 }
 
-bool cyclic_ready(const struct cyclic *c, int axis, uint32_t now)
+void cyclic_told(struct cyclic *c, int axis)
 {
-    return c->axis[axis].known && sync_clock_locked(&c->clock, now);
+    c->axis[axis].fresh = true;
 }
 
-bool cyclic_missing(const struct cyclic *c, int axis, uint32_t now)
+void cyclic_take(struct cyclic *c, int axis, int32_t nm, const struct cyclic_limits *limits)
+{
+    struct cyclic_axis *a = &c->axis[axis];
+    const bool repeats = a->known && !a->moved; /* a master at rest need not send its set-point again */
+    if (a->fresh || repeats) {
+        const int32_t taken = a->fresh ? nm : newest(a);
+        a->known = a->known && a->follows; /* what was not followed is no way */
+        const enum cyclic_result result = take(c, axis, taken, limits);
+        a->refused = result == CYCLIC_TAKEN ? a->refused : result;
+    }
+    a->fresh = false;
+}
+
+/* Whether the set-points of an axis on its way have not come for longer than is bridged. */
+static bool missing(const struct cyclic *c, int axis, uint32_t now)
 {
     const struct cyclic_axis *a = &c->axis[axis];
     const int64_t since = sync_clock_since(&c->clock, now) + (int64_t)(c->clock.cycle - a->latest) * SYNC_CYCLE;
@@ -153,12 +167,44 @@ static void join(struct cyclic *c, int axis, int32_t at_nm)
     a->step_nm = 0;
 }
 
-void cyclic_follow(struct cyclic *c, int axis, int32_t at_nm)
+/* The next set-point that counts comes after this. */
+static void leave(struct cyclic *c, int axis)
 {
-    c->axis[axis].follows = true;
-    if (c->runs) {
-        join(c, axis, at_nm);
+    struct cyclic_axis *a = &c->axis[axis];
+    a->known = a->known && !a->follows;
+    a->follows = false;
+}
+
+static bool within_window(int64_t a, int64_t b, int64_t window)
+{
+    return a - b <= window && b - a <= window;
+}
+
+static void enter(struct cyclic *c, int axis, const struct cyclic_in *in)
+{
+    struct cyclic_axis *a = &c->axis[axis];
+    a->follows = within_window(newest(a), in->at_nm, in->window_nm);
+    a->refused = a->follows ? a->refused : CYCLIC_RANGE;
+    if (a->follows && c->runs) {
+        join(c, axis, in->at_nm);
     }
+}
+
+bool cyclic_update(struct cyclic *c, int axis, const struct cyclic_in *in)
+{
+    struct cyclic_axis *a = &c->axis[axis];
+    if (a->follows && missing(c, axis, in->now)) {
+        a->refused = CYCLIC_MISSED;
+    }
+    a->refused = in->enabled ? a->refused : CYCLIC_TAKEN;
+    const bool may_follow = in->enabled && !in->halt && a->refused == CYCLIC_TAKEN;
+    if (!may_follow) {
+        leave(c, axis);
+    }
+    if (may_follow && !a->follows && in->stands && a->known && sync_clock_locked(&c->clock, in->now)) {
+        enter(c, axis, in);
+    }
+    return a->follows && (a->moved || newest(a) != in->at_nm);
 }
 
 void cyclic_begin(struct cyclic *c, uint32_t now, unsigned ahead_ms, const int32_t at_nm[2])

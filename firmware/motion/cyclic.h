@@ -29,25 +29,29 @@ enum {
     CYCLIC_REST = 6        /* knots after which an axis whose set-points stay the same stands */
 };
 
+/* Whether set-points are followed, and why not: too fast a change, not where the axis may be, or missing. */
+enum cyclic_result { CYCLIC_TAKEN, CYCLIC_ACCELERATION, CYCLIC_RANGE, CYCLIC_MISSED };
+
 /* Position, velocity and acceleration at a set-point: 1/256 nm, per cycle and per cycle squared */
 struct cyclic_state {
     int64_t pos, vel, acc;
 };
 
 struct cyclic_axis {
-    bool fresh;                /* a set-point has come since the latest SYNC */
-    bool known;                /* there is a set-point */
-    uint32_t latest;           /* cycle of the newest one, */
-    int32_t past[CYCLIC_PAST]; /* which is past[latest % CYCLIC_PAST]; the cycles before go backwards from there */
-    bool moved;                /* these set-points differ; */
-    uint32_t rest;             /* up to this cycle they were the same */
-    bool follows;              /* the axis is where the set-points are, or on their way */
-    struct cyclic_state from;  /* at the begin */
-    struct cyclic_state to;    /* and at the end of the present cycle of the way */
-    int32_t offset_nm;         /* distance of the axis from its first set-point, */
-    uint8_t blended;           /* made up for since so many knots */
-    uint8_t same;              /* knots since the last one that differed */
-    int32_t knot_nm, step_nm;  /* the latest knot, and its difference to the one before */
+    bool fresh;                 /* a set-point has come since the latest SYNC */
+    bool known;                 /* there is a set-point */
+    uint32_t latest;            /* cycle of the newest one, */
+    int32_t past[CYCLIC_PAST];  /* which is past[latest % CYCLIC_PAST]; the cycles before go backwards from there */
+    bool moved;                 /* these set-points differ; */
+    uint32_t rest;              /* up to this cycle they were the same */
+    enum cyclic_result refused; /* why set-points are no longer followed, until the axis is enabled anew */
+    bool follows;               /* the axis is where the set-points are, or on their way */
+    struct cyclic_state from;   /* at the begin */
+    struct cyclic_state to;     /* and at the end of the present cycle of the way */
+    int32_t offset_nm;          /* distance of the axis from its first set-point, */
+    uint8_t blended;            /* made up for since so many knots */
+    uint8_t same;               /* knots since the last one that differed */
+    int32_t knot_nm, step_nm;   /* the latest knot, and its difference to the one before */
 };
 
 struct cyclic {
@@ -60,31 +64,32 @@ struct cyclic {
     struct cyclic_axis axis[2];
 };
 
-/* What a set-point must keep to. */
+/* What a set-point must keep to, and where the first one must be. */
 struct cyclic_limits {
     int64_t max_nmpms2;     /* second difference in time */
     int64_t min_nm, max_nm; /* an axis stays inside or, from outside, moves back */
     uint32_t stop_umps2;    /* with which an axis stops before these */
 };
 
-/* Whether set-points are followed, and why not: too fast a change, not where the axis may be, or missing. */
-enum cyclic_result { CYCLIC_TAKEN, CYCLIC_ACCELERATION, CYCLIC_RANGE, CYCLIC_MISSED };
+struct cyclic_in {
+    bool enabled, halt;
+    bool stands;        /* the axis stands, and follows nothing else */
+    int32_t at_nm;      /* there */
+    uint32_t window_nm; /* the first set-point is so close */
+    uint32_t now;       /* control periods since power-on */
+};
 
 /* Forget SYNCs and set-points. */
 void cyclic_reset(struct cyclic *c);
 /* A SYNC has come in control period `now` of `per_ms` a ms; its cycle has `ms` ms, 1..CYCLIC_MS_MAX. The set-points follow. */
 void cyclic_sync(struct cyclic *c, uint32_t now, uint32_t per_ms, uint8_t ms);
-/* The set-point of an axis for the latest SYNC. */
-enum cyclic_result cyclic_set_point(struct cyclic *c, int axis, int32_t nm, const struct cyclic_limits *limits);
-/* The newest set-point. */
-int32_t cyclic_newest(const struct cyclic_axis *a);
-/* Whether the master's time and a set-point of the axis are known. */
-bool cyclic_ready(const struct cyclic *c, int axis, uint32_t now);
-/* Whether the set-points of an axis have not come for longer than is bridged. */
-bool cyclic_missing(const struct cyclic *c, int axis, uint32_t now);
-
-/* The axis follows its set-points from now on, from `at_nm` at standstill. */
-void cyclic_follow(struct cyclic *c, int axis, int32_t at_nm);
+/* A set-point of an axis has come. It is that of the next SYNC. */
+void cyclic_told(struct cyclic *c, int axis);
+/* Take the set-point `nm` of an axis for the latest SYNC, if one has come. */
+void cyclic_take(struct cyclic *c, int axis, int32_t nm, const struct cyclic_limits *limits);
+/* Let an axis begin or cease to follow its set-points. Returns whether these ask it to move. */
+bool cyclic_update(struct cyclic *c, int axis, const struct cyclic_in *in);
+/* The axis follows its set-points no longer. The next one that counts comes after this. */
 /* The way begins, for the axes that follow and stand at `at_nm`. ahead_ms: from now to its first knot. */
 void cyclic_begin(struct cyclic *c, uint32_t now, unsigned ahead_ms, const int32_t at_nm[2]);
 /* Go on by a ms, to the knot `ahead_ms` from now. */

@@ -84,3 +84,25 @@ def test_stop_is_obeyed_at_once_whatever_set_points_go_on_to_come(bus: can.BusAB
     assert np.hypot(*(truth.pos_m[-1] - truth.pos_m[0])) < 0.02
     assert (master.statuswords()[0] & STATE == ENABLED) == (word == HALT)
     assert master.codes == []
+
+
+PROFILE_POSITION, NEW, RELATIVE = 1, 0x10, 0x40
+TARGET_REACHED, ACKNOWLEDGED = 1 << 10, 1 << 12
+
+
+def test_profile_position_moves_each_axis_to_its_target_and_says_so(bus: can.BusABC) -> None:
+    master = ForeignMaster(bus)
+    master.set_up(1, PROFILE_POSITION, 0x607A0020, 0x687A0020)
+    master.write_both(0x6081, 0, 4, 50_000)
+    master.enable()
+    from_nm = master.positions_nm()
+    for axis, target_nm in ((0, 10_000_000), (0x800, -4_000_000)):
+        master.write(0x607A + axis, 0, 4, target_nm)
+    for word, acknowledged in ((0x0F | NEW | RELATIVE, ACKNOWLEDGED), (0x0F | RELATIVE, 0)):
+        master.controlwords(word, word)
+        assert [status & (ACKNOWLEDGED | TARGET_REACHED) for status in master.statuswords()] == [acknowledged] * 2
+    master.wait(0.6)
+    assert [status & TARGET_REACHED for status in master.statuswords()] == [TARGET_REACHED] * 2
+    assert np.subtract(master.positions_nm(), from_nm) == pytest.approx([10_000_000, -4_000_000], abs=1000)
+    assert master.read(0x6062) == from_nm[0] + 10_000_000
+    assert master.codes == []

@@ -10,8 +10,8 @@ enum { ABORT_HARDWARE = 0x06060000, QUICK = 0x0B };
 
 static bool is_live(uint16_t index)
 {
-    static const uint16_t live[] = {0x605A, 0x605D, 0x6065, 0x607C, 0x607D, 0x6083,
-                                    0x6084, 0x6085, 0x6098, 0x6099, 0x609A};
+    static const uint16_t live[] = {0x605A, 0x605D, 0x6065, 0x6067, 0x6068, 0x607C, 0x607D,
+                                    0x607F, 0x6083, 0x6084, 0x6085, 0x6098, 0x6099, 0x609A};
     for (unsigned i = 0; i < sizeof live / sizeof live[0]; i++) {
         if (index == live[i] || index == live[i] + 0x800u) {
             return true;
