@@ -32,7 +32,8 @@ class Wiring:
 
 _GENERAL = Wiring(
     "kontur", 10000, 8e6, (("B", 12), ("C", 8)), ("tim2", "tim5"),
-    (*(("C", n) for n in range(6)), ("B", 1), ("A", 6)), "usart1", ("C", 13), ("B", 0), ("spi3", ("C", 11)), (("D", 2), ("A", 3)),
+    (*(("C", n) for n in range(6)), ("B", 1), ("A", 6)), "usart1", ("C", 13), ("B", 0), ("spi3", ("C", 11)),
+    (("D", 2), ("A", 3)),
 )  # fmt: skip
 _FEATHER = Wiring(
     "kontur-feather", 10000, 12e6, (("C", 3), ("C", 2)), ("tim3", "tim4"),

@@ -7,7 +7,8 @@ voltages). Each model keeps what is written, does what the manual says follows o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 from chip import STORE, Block, Chip
 
@@ -320,7 +321,7 @@ class Gpio(Peripheral):
     `watch` is told, too."""
 
     MODER, PUPDR, IDR, ODR, BSRR = 0x00, 0x0C, 0x10, 0x14, 0x18
-    watch: dict[int, Callable[[bool], None]] = {}
+    watch: Mapping[int, Callable[[bool], None]] = MappingProxyType({})
 
     def reset(self) -> None:
         a, b = self.base == 0x40020000, self.base == 0x40020400

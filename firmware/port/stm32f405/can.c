@@ -5,7 +5,6 @@
 #include <stdatomic.h>
 
 #include "port/stm32f405/board.h"
-#include "port/stm32f405/clock.h"
 #include "port/stm32f405/cpu.h"
 
 enum { RX_ROOM = 64, TX_ROOM = 32, MAILBOXES = 3, POLLS = 100000, RELEASE_POLLS = 100 };

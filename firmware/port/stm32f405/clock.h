@@ -12,9 +12,6 @@
 #define KONTUR_CLOCK_H
 #include <stdbool.h>
 
-#define CLOCK_HZ 168000000u
-#define CLOCK_APB1_HZ 42000000u
-
 /* At start-up; it takes 100 ms at most. true: the chip runs on the crystal, which is monitored from now on. When
  * the PLL locks on neither oscillator, neither control period nor bit rate would be right: the chip is reset, as
  * after a crash, and tries again. */

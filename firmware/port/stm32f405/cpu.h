@@ -9,6 +9,8 @@
 
 #include "port/stm32f405/regs.h"
 
+#define CLOCK_HZ 168000000u /* of the core and of the timers at APB2: clock_start() */
+
 /* Interrupt priorities; 0 is the highest. The chip implements the upper four bits (RM0090 12.1.1). The serial port
  * buffers one byte, so it is above the servo tick, for some 40 instructions a byte. bxCAN buffers three frames,
  * 140 us, so it is below the servo tick. */

@@ -3,7 +3,6 @@
 #include "port/stm32f405/output.h"
 
 #include "port/stm32f405/board.h"
-#include "port/stm32f405/clock.h"
 #include "port/stm32f405/cpu.h"
 #include "port/stm32f405/spi_dac.h"
 
