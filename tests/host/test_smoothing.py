@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cam_paths import circle, letters, lines, rosette, staircase, trochoid
+from cam_paths import circle, letters, rosette, staircase, trochoid
 from scipy.spatial import cKDTree
 
 from kontur.errors import FileError, PathError
+from kontur.experiments.bench_plan import lines
 from kontur.path import gcode, shapes, smoothing
 from kontur.path.geometry import Dwell, Program
 from kontur.path.smoothing import TOLERANCE_M, Exact, Smooth, parts, toleranced

@@ -6,10 +6,11 @@ import time
 
 import numpy as np
 import pytest
-from cam_paths import circle, circle_curve, letters, lines, rosette, rosette_curve, spiral, spiral_curve, trochoid
+from cam_paths import TURN, circle, letters, rosette, spiral, trochoid
 from knot_spline import spline
 from time_optimum import duration_s
 
+from kontur.experiments.bench_plan import LEAST_S, circle_curve, lines, rosette_curve, spiral_curve, trochoid_curve
 from kontur.machine import MACHINES, load
 from kontur.path.geometry import Dwell, Program
 from kontur.path.smoothing import TOLERANCE_M
@@ -19,7 +20,6 @@ from kontur.planning.planner import Limits, plan
 LIMITS = Limits()
 UNEVEN = Limits((0.08, 0.2), (2.0, 8.0), (300.0, 60.0))
 ROUNDING = np.array([0.5e-6, 2e-3, 4.0])  # what knots rounded to 1 nm can add: m/s, m/s2, m/s3
-TURN = 2.0 * math.pi
 
 
 def smooth(program, of=LIMITS):
@@ -49,20 +49,34 @@ def test_all_limits_hold_for_the_spline_of_the_knots(program, of):
 
 
 @pytest.mark.parametrize(
-    ("program", "curve", "length", "most"),
+    ("program", "name", "most"),
     [
-        (circle(360), circle_curve(0.02), TURN, 1.05),
-        (circle(360, 0.004), circle_curve(0.004), TURN, 1.05),
-        (rosette(244), rosette_curve, TURN, 1.05),
-        (rosette(545), rosette_curve, TURN, 1.05),
-        (rosette(2433), rosette_curve, TURN, 1.05),
-        (spiral(800), spiral_curve, 3.0 * TURN, 1.05),
+        (circle(360), "circle r 20", 1.05),
+        (circle(360, 0.004), "circle r 4", 1.05),
+        (rosette(244), "rosette", 1.05),
+        (rosette(545), "rosette", 1.05),
+        (rosette(2433), "rosette", 1.05),
+        (spiral(800), "spiral", 1.05),
+        (trochoid(2000), "trochoid", 1.15),
     ],
-    ids=["circle r 20", "circle r 4", "rosette 244", "rosette 545", "rosette 2433", "spiral"],
+    ids=["circle r 20", "circle r 4", "rosette 244", "rosette 545", "rosette 2433", "spiral", "trochoid"],
 )
-def test_a_path_of_lines_takes_little_longer_than_the_fastest_motion_along_its_curve(program, curve, length, most):
-    least_s = duration_s(curve, length, 0.1, LIMITS, cells=300)
-    assert 0.99 * least_s < smooth(program).duration_s < most * least_s
+def test_a_path_of_lines_takes_little_longer_than_the_fastest_motion_along_its_curve(program, name, most):
+    assert 0.99 * LEAST_S[name] < smooth(program).duration_s < most * LEAST_S[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "curve", "turns", "cells"),
+    [
+        ("circle r 20", circle_curve(0.02), 1, 300),
+        ("circle r 4", circle_curve(0.004), 1, 300),
+        ("rosette", rosette_curve, 1, 300),
+        ("spiral", spiral_curve, 3, 300),
+        ("trochoid", trochoid_curve, 10, 600),
+    ],
+)
+def test_the_least_times_of_the_bench_are_those_of_the_reference(name, curve, turns, cells):
+    assert duration_s(curve, turns * TURN, 0.1, LIMITS, cells) == pytest.approx(LEAST_S[name], rel=0.004)
 
 
 def test_the_reference_knows_the_least_time_of_a_straight_line():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur bench`: speed of simulation and streaming on this machine, and load of the bus."""
+"""`kontur bench`: speed of simulation, streaming and planning on this machine, and load of the bus."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NAMES = {"contour_mean_um": "estimated_mean_um", "contour_max_um": "estimated_m
 
 @click.group(name="bench")
 def command() -> None:
-    """Measure the speed of simulation and streaming on this machine."""
+    """Measure the speed of simulation, streaming and planning on this machine."""
 
 
 @command.command(name="sim")
@@ -113,3 +113,34 @@ def bus_command(*, bitrate: int, as_json: bool) -> None:
         }
     )
     print_table(rows, title=f"{bitrate:,} bit/s, worst case of stuffing")
+
+
+@command.command(name="plan")
+@click.option(
+    "--lines",
+    type=click.IntRange(1000, 1_000_000),
+    default=100_000,
+    show_default=True,
+    help="Lines of the file that is read and planned.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def plan_command(*, lines: int, as_json: bool) -> None:
+    """Plan paths of short lines, and compare their times with the least ones; read and plan a long file.
+
+    The limits are those of Table 1 at 100 mm/s, the tolerance is 10 µm. The least times are those of the smooth curves
+    that the lines stand for, or of exact stops where corners are true.
+    """
+    from kontur.experiments.bench_plan import bench
+
+    with progress_bar("planning") as progress:
+        result = bench(lines, progress)
+    if as_json:
+        print_json(result)
+        return
+    headings = {"duration_s": "s", "least_s": "least s", "deviation_um": "off µm"}
+    print_table(result["paths"], title="Times of paths", headings=headings)
+    click.echo(
+        f"{result['lines']} lines: read in {result['read_s']:.1f} s, planned in {result['plan_s']:.1f} s, "
+        f"{result['us_per_line']:.0f} µs a line; the motion takes {result['motion_s']:.1f} s; "
+        f"{result['peak_MiB']:.0f} MiB at most"
+    )

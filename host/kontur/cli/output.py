@@ -48,9 +48,9 @@ def print_table(rows: Sequence[Mapping[str, Any]], title: str = "", headings: Ma
     from rich.table import Table
     from rich.text import Text
 
-    from kontur.runs.summary import SUMMARY
+    from kontur.runs.summary import SUMMARY, TRACKING
 
-    headings = SUMMARY if headings is None else headings
+    headings = SUMMARY | TRACKING if headings is None else headings
     table = Table(title=Text(visible(title), "bold") if title else None, title_justify="left")
     for key in rows[0]:
         number = any(isinstance(row[key], (int, float)) for row in rows)

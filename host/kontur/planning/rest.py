@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -43,8 +43,8 @@ def rest(trajectory: Trajectory, from_ms: int, stop_time_ms: float) -> Rest:
     s_m = np.maximum.accumulate(np.clip(s_m, trajectory.path_s_m[from_ms], trajectory.path_s_m[-1]))
     position_m = positions(trajectory.driven, s_m)
     knots_nm = knots.to_nm(knots.control_points(position_m))
-    left = Trajectory(trajectory.program, knots_nm, position_m, s_m, knots.digest(knots_nm), trajectory.driven)
-    return Rest(left, path_ms)
+    left = replace(trajectory, knots_nm=knots_nm, position_m=position_m, path_s_m=s_m, digest=knots.digest(knots_nm))
+    return Rest(replace(left, feed=None), path_ms)
 
 
 def rest_of_length(trajectory: Trajectory, count: int, stop_time_ms: float) -> Rest | None:

@@ -22,7 +22,7 @@ from kontur.report import figures
 from kontur.report.figures import Entry, number
 from kontur.report.sheet import document, pictured
 from kontur.runs.log import RunLog
-from kontur.runs.summary import ALIKE_PERCENT, Summary, summarise
+from kontur.runs.summary import ALIKE_PERCENT, TRACKING, Summary, summarise, tracking
 
 _COLUMNS = (  # key of Summary, heading, unit
     ("mean_um", "mean", "µm"),
@@ -337,6 +337,7 @@ def _measured(entries: Sequence[Entry], command: str | None) -> str:
         ("program", _meta(entries, "program")),
         ("feed", _meta(entries, "feed")),
         ("path", _meta(entries, "smoothing")),
+        ("of the error, tracking", "; ".join(filter(None, map(_tracking, entries)))),
         ("trajectory", _meta(entries, "trajectory")),
         ("machine", _meta(entries, "machine")),
         ("the drive was told", _told(entries)),
@@ -359,6 +360,15 @@ def _measured(entries: Sequence[Entry], command: str | None) -> str:
     tables = "".join(_differences(entries, key, text) for key, text in
                      (("plant", "Machine"), ("parameters", "Parameters of the drive")))  # fmt: skip
     return f'<section><h2>What was measured</h2><dl class="facts">{facts}</dl>{tables}</section>'
+
+
+def _tracking(entry: Entry) -> str:
+    """The error against the smoothed path, in words; empty where the path is not smoothed."""
+    of = tracking(entry.log)
+    if not of:
+        return ""
+    mean, rms, most = (f"{of[name]:.3g}" for name in TRACKING)
+    return f"{entry.label}: mean {mean}, rms {rms}, max {most} µm off the smoothed path"
 
 
 def _meta(entries: Sequence[Entry], key: str) -> str:

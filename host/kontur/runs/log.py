@@ -108,6 +108,7 @@ META = {
     "resumed_at_s": "path time at which a path that had been stopped was gone on with",
     "path": "length of the path, and what of it was covered (kontur.runs.coverage)",
     "score": "kontur.runs.scoring.Score of the run at the control rate, by field",
+    "tracking_score": "where the path is smoothed: the same, by the distance to the smoothed path instead",
     "force_max_N": "greatest force of an axis at the control rate",
     "force_step_N": "mean change of force from one control period to the next",
 }
@@ -124,6 +125,7 @@ KNOWN_AT_THE_END = (
     "dropped",
     "path",
     "score",
+    "tracking_score",
     "force_max_N",
     "force_step_N",
 )

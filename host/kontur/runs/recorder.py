@@ -98,6 +98,9 @@ class Recorder:
         self._telemetry = TelemetryStream(start_nm)
         self._rapids = Rapids(program)
         self._scorer = Scorer(program, from_s) if self._sim is not None else None
+        self._tracking: Scorer | None = None
+        if self._sim is not None and trajectory.deviation_m > 0.0:
+            self._tracking = Scorer(dataclasses.replace(program, items=trajectory.driven), from_s)
         self._coverage = Coverage(program, from_s)
         if self._watch is None:
             self._link.record_telemetry(self._take)
@@ -171,6 +174,10 @@ class Recorder:
                 "force_step_N": force_step_N,
             }
 
+        tracking = self._tracking.score() if self._tracking is not None else None
+        if tracking is not None:
+            self.meta["tracking_score"] = dataclasses.asdict(tracking)
+
     def _finish_file(self) -> None:
         if self.growing is None:
             return
@@ -236,6 +243,8 @@ class Recorder:
         time_s = np.arange(first, first + len(truth.pos_m)) / clock.control_hz
         path_s_m = along(self._trajectory.path_s_m, clock.path_time(time_s))
         error = self._scorer.add(time_s, truth.pos_m, path_s_m, truth.force_N)
+        if self._tracking is not None:
+            self._tracking.add(time_s, truth.pos_m, path_s_m, truth.force_N)
         if self._whole:
             self._truth.append(truth)
         if self._true is None:

@@ -22,6 +22,7 @@ from scipy.interpolate import PchipInterpolator
 
 from kontur.errors import PathError
 from kontur.path.geometry import Curve, Program
+from kontur.path.smoothing import SmoothPath
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -201,7 +202,12 @@ class _Pieces:
         self.tangent_in = np.concatenate([segment.tangent(start) for segment in self.segments])
         self.tangent_out = np.concatenate([segment.tangent(np.array([segment.length_m])) for segment in self.segments])
         self.bend = np.concatenate([segment.curvature(start) for segment in self.segments])
-        self.curves = {i: _FastCurve(curve) for i, curve in enumerate(self.segments) if isinstance(curve, Curve)}
+        self.curves: dict[int, _FastCurve] = {}
+        for i, segment in enumerate(self.segments):
+            if isinstance(segment, Curve):
+                self.curves[i] = _FastCurve(segment)
+            elif isinstance(segment, SmoothPath):
+                self.curves[i] = _SmoothCurve(segment)
         self.bend[list(self.curves)] = 0.0
 
     def error(self, position_m: Array, path_s_m: Array) -> ContourError:
@@ -274,9 +280,10 @@ class _FastCurve:
 
     def __init__(self, curve: Curve) -> None:
         self.formula = curve.formula
-        self._curve = curve
+        self._curve: Curve | SmoothPath = curve
         self._ends = curve.parameter(np.array([0.0, curve.length_m]))
         self._nodes = max(_TABLE_MIN, int(curve.length_m / _TABLE_M))
+        self._arc_length = curve.arc_length
         self._edge_s = curve.arc_length(self._node(np.arange(_PART, self._nodes, _PART)))  # between two parts
         self._part = functools.lru_cache(_PARTS)(self._table)
 
@@ -307,7 +314,7 @@ class _FastCurve:
         """The table of a part; a few nodes more on either side make it the same as that of the whole curve."""
         last = min((part + 1) * _PART + _MARGIN, self._nodes)
         u = self._node(np.arange(max(0, part * _PART - _MARGIN), last))
-        s, first = np.unique(self._curve.arc_length(u), return_index=True)
+        s, first = np.unique(self._arc_length(u), return_index=True)
         return PchipInterpolator(s, u[first])
 
     def _node(self, number: Index) -> Array:
@@ -337,6 +344,17 @@ class _FastCurve:
             active = active[np.abs(new - now) > _NEWTON_M]
             if not active.size:
                 break
+        return s
+
+
+class _SmoothCurve(_FastCurve):
+    """A smoothed path, by the distance along the file's path, which is nearly its own arc length."""
+
+    def __init__(self, path: SmoothPath) -> None:
+        self.formula = path.derivative
+        self._curve = path
+
+    def _parameter(self, s: Array) -> Array:
         return s
 
 

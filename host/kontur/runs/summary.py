@@ -26,6 +26,13 @@ SUMMARY = {
 }
 """The figures of a run that are printed and saved, with the headings of their columns."""
 
+TRACKING = {
+    "tracking_mean_um": "tracking mean µm",
+    "tracking_rms_um": "rms",
+    "tracking_max_um": "max",
+}
+"""Where the path is smoothed within a tolerance: the same by the distance to the smoothed path, after the others."""
+
 _SCORES = ("mean_um", "rms_um", "max_um", "tangential_mean_um")  # as in the `score` of a log
 NOT_MOVED = "the axes did not move along the path"
 _MOVED_MM = 1e-3  # axes that went less of the path did not move along it
@@ -130,9 +137,15 @@ def summarise(run: RunLog) -> Summary:
 
 
 def summary(log: RunLog) -> dict[str, Any]:
-    """The figures of SUMMARY of a run, name to value; None where not known."""
+    """The figures of SUMMARY of a run, name to value, and those of TRACKING where it has them; None where not known."""
     values = summarise(log)
-    return {name: getattr(values, name) for name in SUMMARY}
+    return {name: getattr(values, name) for name in SUMMARY} | tracking(log)
+
+
+def tracking(log: RunLog) -> dict[str, float]:
+    """The figures of TRACKING of a run, name to value; empty where it has none."""
+    score = log.meta.get("tracking_score")
+    return {name: score[name.removeprefix("tracking_")] for name in TRACKING} if score else {}
 
 
 def heading(meta: Mapping[str, Any], truth: bool) -> str:

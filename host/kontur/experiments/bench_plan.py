@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur bench plan`: what the planner makes of paths of short lines, against the least time, and how fast it is."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import resource
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kontur.path import gcode, shapes
+from kontur.path.geometry import FloatArray, Line, Move, Program
+from kontur.path.smoothing import TOLERANCE_M
+from kontur.planning.bounds import Limits
+from kontur.planning.planner import plan
+
+FEED_MPS = 0.1
+LIMITS = Limits()
+_ROW_M, _STEP_M = 0.08, 1e-4
+_TURN = 2.0 * math.pi
+
+LEAST_S = {"circle r 20": 1.319, "circle r 4": 0.3198, "rosette": 1.912, "spiral": 2.425, "trochoid": 1.368}
+"""Least times at FEED_MPS within LIMITS, by tests/host/time_optimum.py, which a test compares."""
+
+CurveFormula = Callable[[FloatArray, int], FloatArray]
+"""A curve by its parameter (n,), or its derivative of some order: (n, 2) in m."""
+
+
+def circle_curve(radius_m: float) -> CurveFormula:
+    """The circle by its angle."""
+    return lambda u, order: radius_m * np.stack([np.cos(u + order * np.pi / 2), np.sin(u + order * np.pi / 2)], axis=1)
+
+
+def rosette_curve(u: FloatArray, order: int) -> FloatArray:
+    """Radius 20 mm (1 + 0.3 cos 5u)."""
+    parts = ((0.02, 1j), (0.003, 6j), (0.003, -4j))
+    return _plane(sum((size * turns**order * np.exp(turns * u) for size, turns in parts), np.zeros(len(u))))
+
+
+def spiral_curve(u: FloatArray, order: int) -> FloatArray:
+    """From a radius of 5 mm, by 5 mm a turn."""
+    growth = 0.005 / _TURN
+    lag = order * growth * 1j ** max(order - 1, 0)
+    return _plane(np.exp(1j * u) * (1j**order * (0.005 + growth * u) + lag))
+
+
+def trochoid_curve(u: FloatArray, order: int) -> FloatArray:
+    """Radius 1 mm, by 0.3 mm a turn."""
+    forward = 3e-4 / _TURN * (u if order == 0 else np.full(len(u), float(order == 1)))
+    return _plane(1e-3 * 1j**order * np.exp(1j * u) + forward)
+
+
+def _plane(z: Any) -> FloatArray:
+    return np.stack([z.real, z.imag], axis=1)
+
+
+def lines(points_m: FloatArray, feed_mps: float = FEED_MPS, digits: int = 9) -> Program:
+    """A program of lines through points (n, 2), rounded to so many digits of a metre."""
+    points = [(float(x), float(y)) for x, y in np.round(points_m, digits)]
+    pairs = [(a, b) for a, b in itertools.pairwise(points) if a != b]
+    return Program("lines", tuple(Move(Line(a, b), feed_mps, line=i + 1) for i, (a, b) in enumerate(pairs)), points[0])
+
+
+def of_curve(curve: CurveFormula, end_u: float, count: int, feed_mps: float = FEED_MPS) -> Program:
+    """A curve from 0 to `end_u` in so many lines, whose points are rounded to 0.1 um."""
+    return lines(curve(np.linspace(0.0, end_u, count + 1), 0), feed_mps, digits=7)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A path, and the least time of the smooth curve that it stands for, by the reference of the tests
+    (tests/host/time_optimum.py), or with exact stops at its corners."""
+
+    name: str
+    program: Program
+    least_s: float
+
+
+def _line_s(length_m: float) -> float:
+    """Least time of a line along an axis that reaches FEED_MPS."""
+    return length_m / FEED_MPS + 2.0 * math.sqrt(FEED_MPS / LIMITS.jerk_mps3[0])
+
+
+def cases() -> Iterator[Case]:
+    """The paths, with the limits of Table 1 at 100 mm/s."""
+    of = {
+        "circle r 20": (circle_curve(0.020), _TURN, (90, 360, 1000, 4000, 20_000), LEAST_S["circle r 20"]),
+        "circle r 4": (circle_curve(0.004), _TURN, (360,), LEAST_S["circle r 4"]),
+        "rosette": (rosette_curve, _TURN, (244, 545, 2433), LEAST_S["rosette"]),
+        "spiral": (spiral_curve, 3.0 * _TURN, (800,), LEAST_S["spiral"]),
+        "trochoid": (trochoid_curve, 10.0 * _TURN, (2000,), LEAST_S["trochoid"]),
+    }
+    for name, (curve, end_u, counts, least_s) in of.items():
+        for count in counts:
+            yield Case(f"{name}, {count} lines", of_curve(curve, end_u, count), least_s)
+    yield Case("circle r 20, one arc", shapes.circle(0.020, FEED_MPS), LEAST_S["circle r 20"])
+    yield Case("circle r 4, one arc", shapes.circle(0.004, FEED_MPS), LEAST_S["circle r 4"])
+    yield Case("line of 40 mm, 4000 pieces", lines(np.linspace([0.0, 0.0], [0.04, 0.0], 4001)), _line_s(0.04))
+    yield Case("square of 40 mm, stops", shapes.square(0.04, 0.0, FEED_MPS), 4.0 * _line_s(0.04))
+
+
+def waves(count: int) -> str:
+    """G-code of rows of waves in `count` lines of 0.1 mm, without a true corner but at the ends of the rows."""
+    x = np.arange(count + 1) * _STEP_M
+    along = np.abs((x + _ROW_M) % (2.0 * _ROW_M) - _ROW_M)
+    across = 5e-4 * np.floor(x / _ROW_M) + 1e-3 * np.sin(300.0 * along)
+    rows = [f"X{a:.3f}Y{b:.3f}" for a, b in 1e3 * np.stack([along, across], axis=1)]
+    return "\n".join([f"G21 G90 G1 F{FEED_MPS * 6e4:g}", *rows, ""])
+
+
+def bench(count: int, progress: Callable[[float], None]) -> dict[str, Any]:
+    """The ratios of all cases, and the time to read and plan `count` lines."""
+    found = []
+    for case in cases():
+        trajectory = plan(case.program, LIMITS, tolerance_m=TOLERANCE_M)
+        found.append(
+            {
+                "path": case.name,
+                "lines": len(case.program.moves),
+                "duration_s": trajectory.duration_s,
+                "least_s": case.least_s,
+                "ratio": trajectory.duration_s / case.least_s,
+                "deviation_um": trajectory.deviation_m * 1e6,
+            }
+        )
+    text = waves(count)
+    started, cpu = time.perf_counter(), time.process_time()
+    program = gcode.parse(text, "waves")
+    read = time.perf_counter()
+    trajectory = plan(program, LIMITS, progress, tolerance_m=TOLERANCE_M)
+    planned, cpu = time.perf_counter(), time.process_time() - cpu
+    return {
+        "tolerance_um": TOLERANCE_M * 1e6,
+        "paths": found,
+        "lines": len(program.moves),
+        "read_s": read - started,
+        "plan_s": planned - read,
+        "total_s": planned - started,
+        "first_knots_s": planned - started,
+        "cpu_s": cpu,
+        "us_per_line": (planned - started) / len(program.moves) * 1e6,
+        "motion_s": trajectory.duration_s,
+        "peak_MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+    }
