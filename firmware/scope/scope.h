@@ -22,7 +22,7 @@
 #include "od/od.h"
 #include "scope/signal_gen.h"
 
-enum { SCOPE_SAMPLES = 4096, SCOPE_CHANNELS = 8, SCOPE_HEADER = 32, SCOPE_VERSION = 1 };
+enum { SCOPE_SAMPLES = 6144, SCOPE_CHANNELS = 8, SCOPE_HEADER = 32, SCOPE_VERSION = 1 };
 
 enum scope_state { SCOPE_OFF, SCOPE_WAITING, SCOPE_TRIGGERED, SCOPE_DONE };              /* 2300h:2 */
 enum scope_trigger { SCOPE_NOW, SCOPE_FAULT, SCOPE_RISING, SCOPE_FALLING };              /* 2300h:4 */

@@ -118,13 +118,13 @@ def test_nothing_built_is_an_error_that_says_what_to_do(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["all", "crash"])
-def test_stack_that_is_more_than_its_reserve_is_a_finding(
+def test_stack_that_leaves_less_than_15_percent_of_its_reserve_is_a_finding(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     baseline = tmp_path / "cost.json"
     baseline.write_text(json.dumps(BEFORE))
     monkeypatch.setattr(cost, "BASELINE", baseline)
-    result = {"cost": one_cost(1), "stack": {"all": 1000, "crash": 50}, "reserve": {"all": 1000, "crash": 50}}
+    result = {"cost": one_cost(1), "stack": {"all": 850, "crash": 51}, "reserve": {"all": 1000, "crash": 60}}
     assert cost.check(result) == []
     result["reserve"][name] -= 1
     (finding,) = cost.check(result)

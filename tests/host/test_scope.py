@@ -108,12 +108,12 @@ def test_capture_is_what_the_servo_did_period_by_period(bus: KonturBus, device: 
     names = ("force_x", "force_y", "position_x", "position_y")
     scope.arm(device, Setup(names, Trigger("<", "position_x", 19.9), pre=0.5))
     device.axes.controlwords(RUN_PATH, RUN_PATH)
-    stream.advance(0.4)
+    stream.advance(0.5)
     assert scope.wait(device, 0.0)
     capture = scope.read(device)
     truth = bus.sim.truth()
     rows = capture.first_period - first + np.arange(len(capture.values))
-    assert len(rows) == 1024
+    assert len(rows) == 1536
     force_N = np.column_stack([capture["force_x"], capture["force_y"]])
     assert np.abs(force_N - truth.force_N[rows]).max() <= 0.0006  # the plant is told whole mN
     assert np.abs(truth.force_N[rows]).max() > 20.0
@@ -121,7 +121,7 @@ def test_capture_is_what_the_servo_did_period_by_period(bus: KonturBus, device: 
     assert np.abs(position_m - truth.pos_m[rows]).max() < 0.5e-6
     # where the trigger is: the first period of the observed position below the level, in the middle
     below = np.flatnonzero(capture["position_x"] < 19.9)
-    assert capture.trigger_frame == below[0] == 512
+    assert capture.trigger_frame == below[0] == 768
     assert capture.trigger_period == capture.first_period + below[0]
     assert capture.time_s[capture.trigger_frame] == 0.0
 
@@ -148,8 +148,8 @@ def test_decimated_capture_spans_as_much_more_time(device: Device) -> None:
     scope.arm(device, Setup(tuple(scope.RECORDED)[:8], Trigger("now"), divider=7))
     assert scope.wait(device, 1.0)
     capture = scope.read(device)
-    assert capture.values.shape == (512, 8)
-    assert capture.values.size >= 4000
+    assert capture.values.shape == (768, 8)
+    assert capture.values.size >= 6000
     assert np.allclose(np.diff(capture.time_s), 7e-4)
 
 
@@ -236,7 +236,7 @@ def test_capture_comes_whole_over_a_bad_bus() -> None:
             scope.arm(device, Setup(("encoder_count_x", "position_x", "path_time"), Trigger("now")))
             assert scope.wait(device, 1.0)
             captures.append(scope.read(device))
-    assert captures[0].values.shape == captures[1].values.shape == (1365, 3)
+    assert captures[0].values.shape == captures[1].values.shape == (2048, 3)
     assert np.abs(captures[0].values - captures[1].values)[:, 0].max() <= 2  # other periods of the same rest
 
 
@@ -308,7 +308,7 @@ def test_command_records_at_once_and_saves(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, args)
     assert result.exit_code == 0, result.output
     told = json.loads(result.output)
-    assert told["frames"] == 2048
+    assert told["frames"] == 3072
     assert [row["signal"] for row in told["signals"]] == ["contour_error", "encoder_count_x"]
     assert len((tmp_path / "c.csv").read_text().splitlines()) > 2048
 
@@ -374,8 +374,8 @@ def test_last_capture_outlives_the_master_that_was_there_at_the_fault(tmp_path: 
             assert result.exit_code == 0, result.output
             told = json.loads(result.output)
             assert [row["signal"] for row in told["signals"]] == ["contour_error", "force_x", "force_y"]
-            assert (told["fault"], told["interval_s"], told["frames"]) == ("8400h", 1e-4, 1365)
-            assert told["trigger_frame"] == 341
+            assert (told["fault"], told["interval_s"], told["frames"]) == ("8400h", 1e-4, 2048)
+            assert told["trigger_frame"] == 512
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
@@ -397,8 +397,8 @@ def test_run_records_around_a_level(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
     values = np.genfromtxt(lines, delimiter=",", names=True)
-    assert np.flatnonzero(values["velocity_y_mm_per_s"] > 50.0)[0] == 512
-    assert values["time_s"][512] == 0.0
+    assert np.flatnonzero(values["velocity_y_mm_per_s"] > 50.0)[0] == 768
+    assert values["time_s"][768] == 0.0
 
 
 def test_scope_changes_nothing_of_the_run() -> None:
