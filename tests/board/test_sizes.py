@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Each image within the sizes of the chip, with a reserve (RM0090 2.3: 1 MiB of flash, 112 + 16 KiB of RAM in one piece)."""
+"""Each image within the chip, with a reserve (RM0090 2.3: 1 MiB of flash, 112 + 16 KiB of RAM in one piece)."""
 
 import subprocess
 
