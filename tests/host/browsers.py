@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import html
 import json
 import os
-import re
 import select
 import shlex
 import shutil
@@ -18,14 +16,11 @@ from typing import Any
 
 import pytest
 
-_PROBE = """<script>addEventListener("load", () => {
-  const images = [...document.images];
-  document.body.dataset.probe = JSON.stringify({
-    pictures: images.map(i => [i.complete, i.naturalWidth, i.clientWidth, i.alt.length]),
-    requests: performance.getEntriesByType("resource").filter(r => !r.name.startsWith("data:")).map(r => r.name),
-    overflow: document.documentElement.scrollWidth - innerWidth,
-  });
-});</script></body>"""
+_PROBE = """({
+  pictures: [...document.images].map(i => [i.complete, i.naturalWidth, i.clientWidth, i.alt.length]),
+  requests: performance.getEntriesByType("resource").filter(r => !r.name.startsWith("data:")).map(r => r.name),
+  overflow: document.documentElement.scrollWidth - innerWidth,
+})"""
 
 
 def browser() -> str:
@@ -124,15 +119,12 @@ class Tab:
 
 def problems_of(page: str, folder: Path, width: int, pictures: int) -> list[str]:
     """What is wrong with `page` in a browser of that `width`: errors, requests, pictures that are not shown."""
-    (folder / "probed.html").write_text(page.replace("</body>", _PROBE))
-    command = [browser(), *options_of(folder, width), "--enable-logging=stderr", "--dump-dom"]
-    command.append((folder / "probed.html").as_uri())
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    found = re.search(r'data-probe="([^"]*)"', done.stdout)
-    if found is None:
-        return [f"the page did not load: {done.stderr}"]
-    probe = json.loads(html.unescape(found[1]))
-    problems = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    (folder / "probed.html").write_text(page)
+    with Tab(folder, width) as tab:
+        tab.open((folder / "probed.html").as_uri())
+        tab.wait("document.readyState === 'complete' && location.protocol === 'file:'")
+        probe = tab.value(_PROBE)
+        problems = list(tab.log)
     problems += [f"it asks for {request}" for request in probe["requests"]]
     if len(probe["pictures"]) != pictures:
         problems.append(f"{len(probe['pictures'])} pictures in place of {pictures}")

@@ -34,7 +34,8 @@ def five_runs() -> list[RunLog]:
 
 
 def text_of(page: str) -> str:
-    return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", re.sub(r"<style>.*?</style>", "", page, flags=re.S))).split())
+    text = re.sub(r"<(style|script).*?</\1>", "", page, flags=re.S)
+    return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", text)).split())
 
 
 def report_of(tmp_path: Path, runs: list[RunLog], command: str | None = None) -> str:

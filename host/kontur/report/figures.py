@@ -335,10 +335,10 @@ def overview(entries: Sequence[Entry]) -> Figure:
     return figure
 
 
-def thinned(time_s: Array, values: Array) -> NDArray[np.intp]:
+def thinned(time_s: Array, values: Array, stretches: int = _STRETCHES) -> NDArray[np.intp]:
     """Rows to draw: the smallest and the greatest value of each stretch of time, in order; a stretch without a known
     value keeps one row, so that a gap stays a gap."""
-    edges = np.linspace(time_s[0], time_s[-1], _STRETCHES + 1)[1:-1]
+    edges = np.linspace(time_s[0], time_s[-1], stretches + 1)[1:-1]
     starts = np.unique(np.concatenate([[0], np.searchsorted(time_s, edges)]))
     starts = starts[starts < len(time_s)]
     keep = [0, len(time_s) - 1]

@@ -19,6 +19,7 @@ import numpy as np
 from kontur.errors import LogError, visible
 from kontur.files import write_atomically
 from kontur.report import figures
+from kontur.report.closer import closer, script_hash
 from kontur.report.figures import Entry, number
 from kontur.report.sheet import document, pictured
 from kontur.runs.log import RunLog
@@ -126,7 +127,10 @@ def _labels(runs: Sequence[RunLog], controllers: Sequence[str]) -> list[str]:
 def _page(entries: Sequence[Entry], title: str, command: str | None) -> str:
     with figures.style():
         pictures = "\n".join(_pictures(entries))
-    return document(title, _answer(entries), f"{_table(entries)}\n{pictures}\n{_measured(entries, command)}")
+    scored = [entry for entry in entries if entry.summary.scored]
+    look = closer(scored) if scored and _has_path(scored) else ""
+    content = f"{_table(entries)}\n{look}\n{pictures}\n{_measured(entries, command)}"
+    return document(title, _answer(entries), content, script_hash())
 
 
 def _comparable(entries: Sequence[Entry]) -> list[Entry]:

@@ -10,13 +10,19 @@ from html import escape
 from matplotlib.figure import Figure
 
 
-def document(title: str, answer: str, content: str) -> str:
-    """The HTML page. `answer`, HTML that stands on top, and `content` are escaped already; `title` is not."""
+def document(title: str, answer: str, content: str, script: str = "") -> str:
+    """The HTML page. `answer`, HTML that stands on top, and `content` are escaped already; `title` is not.
+
+    The page loads nothing, and runs the one script whose hash is `script`, or none.
+    """
+    allowed = f"'{script}'" if script else "'none'"
     return f"""<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline';
+ script-src {allowed}">
 <title>{escape(title)}</title>
 <link rel="icon" href="data:,">
 <style>{CSS}</style>
@@ -88,9 +94,15 @@ summary { cursor: pointer; font-weight: 600; }
 .values { margin: 8px 0 0; font-size: 13px; }
 .values th, .values td { padding: 2px 14px 2px 0; text-align: right; border-bottom: 1px solid var(--line); }
 .values th[scope=row] { text-align: left; font-weight: 400; }
+.look { display: flex; flex-wrap: wrap; align-items: center; gap: 6px 18px; margin: 10px 0; font-size: 14px; }
+.look label { margin-right: 12px; white-space: nowrap; }
+canvas { display: block; width: 100%; cursor: crosshair; touch-action: pan-y; }
+#closer-time { height: 230px; }
+#closer-path { height: 380px; }
 @media (max-width: 640px) { main { padding: 20px 14px 40px; } .answer { font-size: 16px; }
   .facts { grid-template-columns: 1fr; } .facts dd { margin-bottom: 8px; } }
-@media print { main { max-width: none; padding: 0; } .pair { grid-template-columns: 1fr 1fr; }
+@media print { .look, #closer > .note { display: none; }
+  main { max-width: none; padding: 0; } .pair { grid-template-columns: 1fr 1fr; }
   .answer, tr.best > *, .badge { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
   details::details-content { content-visibility: visible; }
   body { font-size: 11px; } .scores th, .scores td { padding: 4px 5px; } }
