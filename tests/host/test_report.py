@@ -254,7 +254,7 @@ def test_report_command_writes_html_or_a_picture_and_says_how_to_do_it_again(tmp
 @pytest.mark.parametrize(
     ("output", "exit_code", "message"),
     [
-        ("r.pdf", 1, "r.pdf: must end in .html or .png"),
+        ("r.gif", 1, "r.gif: must end in .html or .png or .svg or .pdf"),
         (".", 2, "'.' is a directory"),
         ("no/r.html", 1, "the folder no does not exist"),
     ],

@@ -85,7 +85,7 @@ def command(
     A drive that is simulated in this process gives two sets of figures: by the true position, and by the position that
     the drive reports. On a bus there are the latter alone, which do not see what the encoders do not see.
     """
-    check_output(report, ".html")
+    check_output(report, ".html", ".svg", ".pdf")
     check_output(save, ".json")
     from kontur.experiments.circle_test import Setup
     from kontur.planning.bounds import limits

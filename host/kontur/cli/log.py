@@ -60,10 +60,15 @@ def show(file: str, as_json: bool) -> None:
 @click.argument("source", type=click.Path())
 @click.argument("target", type=click.Path())
 def convert(source: str, target: str) -> None:
-    """Write the log SOURCE as TARGET; both are .csv or .mf4."""
+    """Write the log SOURCE as TARGET; both are .csv or .mf4, and TARGET also .mat for MATLAB."""
     from kontur.runs import log
 
-    log.convert(source, target)
+    if target.lower().endswith(".mat"):
+        from kontur.runs import mat
+
+        mat.write(log.read(source), target)
+    else:
+        log.convert(source, target)
 
 
 def _range(total: Total) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from kontur.errors import visible
 from kontur.files import write_atomically
+from kontur.report.column import COLUMN_M, as_file, column, column_style
 from kontur.report.figures import FAINT, INK, nice, number, style
 from kontur.report.sheet import document, pictured
 from kontur.runs.circle_record import (
@@ -39,7 +40,14 @@ _LEAST_UM = 1e-3
 
 
 def write_circle_report(path: Path, test: CircleTest, before: CircleTest | None = None) -> None:
-    """Write the report of `test`, beside an earlier test of the same radius. Raises FileError."""
+    """Write the report of `test`, beside an earlier test of the same radius. Raises FileError.
+
+    The suffix .svg or .pdf asks for the polar plot of the worst circle alone, as wide as a column of a paper.
+    """
+    if (form := path.suffix.lower()[1:]) != "html":
+        with column_style():
+            write_atomically(path, as_file(_for_column(test, before), form))
+        return
     title = f"Circular test: radius {test.radius_mm:g} mm, {test.conditions.get('controller', '')}"
     with style():
         pictures = "\n".join(_pictures(test, one, before) for one in test.circles)
@@ -59,6 +67,15 @@ def polar(name: str, found: Trace, before: Trace | None, radius_mm: float) -> Fi
     """A polar plot whose radial scale stands in it. The traces of the test `before` are grey."""
     figure = Figure(figsize=(5.6, 6.0), layout="constrained")
     _polar_panel(figure.add_subplot(), name, found, before, radius_mm)
+    return figure
+
+
+def _for_column(test: CircleTest, before: CircleTest | None) -> Figure:
+    worst = max(test.circles, key=lambda one: one.best.figures.g_both_um)
+    earlier = before.at(worst.feed_mmps) if before is not None else None
+    by, found = next(iter(worst.traces.items()))
+    figure = column(COLUMN_M * 1.07)
+    _polar_panel(figure.add_subplot(), _NAMES[by], found, earlier.traces.get(by) if earlier else None, test.radius_mm)
     return figure
 
 

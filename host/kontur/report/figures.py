@@ -127,28 +127,28 @@ def sizes(entries: Sequence[Entry]) -> Figure:
     bars, shares = 0.5 * len(entries) + 0.2, max(1.5, 4.0 - 0.5 * len(entries))
     figure = Figure(figsize=(5.6, bars + shares + 0.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(bars, shares))
-    _draw_sizes(upper, entries)
+    draw_sizes(upper, entries)
     for entry in entries:
         error = np.sort(np.maximum(_sizes(entry), _LEAST_UM))
         few = np.unique(np.linspace(0, len(error) - 1, _STRETCHES).astype(int))
         lower.plot(error[few], 100.0 * (few + 1) / len(error), color=entry.colour, lw=1.4)
     lower.set_ylim(0.0, 100.0)
     lower.set_ylabel("% of the time below")
-    lower.set_xlabel(f"{_error_name(entries)} |e|, µm (logarithmic)")
+    lower.set_xlabel(f"{error_name(entries)} |e|, µm (logarithmic)")
     return figure
 
 
-def _draw_sizes(axes: Any, entries: Sequence[Entry]) -> None:
+def draw_sizes(axes: Any, entries: Sequence[Entry], mark: float = 1.0) -> None:
     axes.set_xscale("log")
     for row, entry in enumerate(entries):
         error = _sizes(entry)
         mean, p95, greatest = (max(v, _LEAST_UM) for v in (entry.mean_um, np.percentile(error, 95.0), entry.max_um))
-        axes.plot([mean, greatest], [row, row], color=entry.colour, alpha=0.35, lw=5.0,
+        axes.plot([mean, greatest], [row, row], color=entry.colour, alpha=0.35, lw=5.0 * mark,
                   solid_capstyle="butt")  # fmt: skip
-        axes.plot(mean, row, entry.marker, color=entry.colour, ms=9)
-        axes.plot(p95, row, "|", color=entry.colour, ms=13, mew=2.0)
-        axes.plot(greatest, row, ">", color=entry.colour, ms=7)
-        axes.annotate(number(entry.mean_um), (mean, row), (0, 8), textcoords="offset points",
+        axes.plot(mean, row, entry.marker, color=entry.colour, ms=9 * mark)
+        axes.plot(p95, row, "|", color=entry.colour, ms=13 * mark, mew=2.0 * mark)
+        axes.plot(greatest, row, ">", color=entry.colour, ms=7 * mark)
+        axes.annotate(number(entry.mean_um), (mean, row), (0, 8 * mark), textcoords="offset points",
                       ha="center", weight="bold")  # fmt: skip
         axes.annotate(number(entry.max_um), (greatest, row), (7, -3), textcoords="offset points")
     axes.set_yticks(range(len(entries)), [entry.label for entry in entries], weight="bold")
@@ -216,7 +216,7 @@ def over_time(entries: Sequence[Entry]) -> Figure:
         axes.set_title(f"{entry.label}, {text}" if text == titles[0] and text else
                        f"{entry.label}: mean {number(entry.mean_um)}, max {number(entry.max_um)} µm "
                        f"at {summary.worst_time_s:.2f} s", pad=3.0, weight="bold")  # fmt: skip
-    _time_axes(panels[-1], entries)
+    time_axes(panels[-1], entries)
     return figure
 
 
@@ -234,7 +234,7 @@ def _error_panel(axes: Any, entry: Entry, limit: float) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(4, symmetric=True))
 
 
-def _time_axes(panels: Any, entries: Sequence[Entry]) -> None:
+def time_axes(panels: Any, entries: Sequence[Entry]) -> None:
     first = min(float(entry.log.columns["time_s"][0]) for entry in entries)
     last = max(float(entry.log.columns["time_s"][-1]) for entry in entries)
     beside = 0.005 * max(last - first, 1e-3)
@@ -255,7 +255,7 @@ def forces(entries: Sequence[Entry]) -> Figure | None:
             _signal(axes, entry, f"force_{axis}_N", lw=0.6)
             axes.set_title(f"{entry.label}, {axis}", pad=2.0)
         row[0].set_ylabel("N")
-    _time_axes(panels[-1], entries)
+    time_axes(panels[-1], entries)
     return figure
 
 
@@ -281,7 +281,7 @@ def gains(entries: Sequence[Entry]) -> Figure | None:
             axes.set_title(f"{text.split(',')[0]} {direction}", pad=2.0)
         row[0].set_ylabel(text)
         row[1].legend(loc="upper right", ncols=len(adapting))
-    _time_axes(panels[-1], entries)
+    time_axes(panels[-1], entries)
     return figure
 
 
@@ -298,7 +298,7 @@ def energy(entries: Sequence[Entry]) -> Figure | None:
         few = np.unique(np.linspace(0, len(known) - 1, 2 * _STRETCHES).astype(int))
         left.plot(entry.log.columns["time_s"][known][few], (joule - joule[0])[few], color=entry.colour,
                   label=entry.label)  # fmt: skip
-    _time_axes([left], entries)
+    time_axes([left], entries)
     left.set_ylabel("energy, J")
     left.legend(loc="upper left")
     totals = np.array([entry.summary.energy_J for entry in entries], dtype=float)
@@ -328,8 +328,8 @@ def overview(entries: Sequence[Entry]) -> Figure:
     scale = _scale(shown, _extent(longest))
     figure = Figure(figsize=(11.2, 3.6), layout="constrained")
     panels = figure.subplots(1, 1 + len(shown), width_ratios=[1.2, *([1.0] * len(shown))])
-    _draw_sizes(panels[0], entries)
-    panels[0].set_xlabel(f"{_error_name(entries)}, µm (log): marker mean, bar 95 %, tip max")
+    draw_sizes(panels[0], entries)
+    panels[0].set_xlabel(f"{error_name(entries)}, µm (log): marker mean, bar 95 %, tip max")
     for axes, entry in zip(panels[1:], shown, strict=True):
         _magnified_panel(axes, entry, longest, scale)
     return figure
@@ -415,7 +415,7 @@ def _sizes(entry: Entry) -> Array:
     return np.abs(_scored(entry, entry.error_um if even is None else np.where(even, entry.error_um, np.nan)))
 
 
-def _error_name(entries: Sequence[Entry]) -> str:
+def error_name(entries: Sequence[Entry]) -> str:
     return "true contour error" if all(entry.summary.truth for entry in entries) else "contour error (estimate)"
 
 

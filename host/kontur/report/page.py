@@ -18,7 +18,7 @@ import numpy as np
 
 from kontur.errors import LogError, visible
 from kontur.files import write_atomically
-from kontur.report import figures
+from kontur.report import column, figures
 from kontur.report.closer import closer, script_hash
 from kontur.report.figures import Entry, number
 from kontur.report.sheet import document, pictured
@@ -56,13 +56,19 @@ def commands_of(runs: Sequence[RunLog]) -> list[str]:
 
 
 def picture(path: str | Path, runs: Sequence[RunLog]) -> None:
-    """Write one PNG that shows the answer of a report: how large the errors are, and the error drawn on the path.
+    """Write one picture that shows the answer of a report.
 
-    Raises LogError: no run, runs of different trajectories; FileError.
+    PNG: how large the errors are, and the error drawn on the path. SVG and PDF: the errors over time and their sizes,
+    in the size of a column of a paper. Raises LogError: no run, runs of different trajectories; FileError.
     """
     entries = [entry for entry in _entries(runs) if entry.summary.scored]
     if not entries:
         raise LogError("no axis has moved along the path in these logs, so there is no error to draw")
+    form = Path(path).suffix.lower()[1:]
+    if form != "png":
+        with column.column_style():
+            write_atomically(Path(path), column.as_file(column.for_column(entries), form))
+        return
     if not _has_path(entries):
         raise LogError("the logs do not have the path (reference_x_mm, reference_y_mm), so there is nothing to draw on")
     with figures.style():

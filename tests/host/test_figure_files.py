@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures for papers, and logs for MATLAB: their size, that they need nothing else, and that they are made alike."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+from click.testing import CliRunner
+from made_runs import made_run
+
+from kontur.cli import main
+from kontur.runs import log
+
+_POINTS_PER_M = 72.0 / 0.0254
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> list[str]:
+    files = []
+    for run in (made_run("ccu", 0.05, 1.9), made_run("cascade", 0.5, -17.6)):
+        files.append(str(tmp_path / f"{run.meta['controller']}.csv"))
+        log.write(run, files[-1])
+    return files
+
+
+def made(tmp_path: Path, words: list[str], name: str) -> bytes:
+    """The file `name` that a command writes, which is the same when it is written again."""
+    contents = []
+    for _ in range(2):
+        result = CliRunner().invoke(main, [*words, str(tmp_path / name)])
+        assert result.exit_code == 0, result.output
+        contents.append((tmp_path / name).read_bytes())
+    assert contents[0] == contents[1]
+    return contents[0]
+
+
+def check_pdf(content: bytes) -> None:
+    """A column wide, with TrueType fonts in it."""
+    size = re.search(rb"/MediaBox \[ ?0 0 ([0-9.]+) ([0-9.]+) ?\]", content)
+    assert size
+    assert float(size[1]) == pytest.approx(0.088 * _POINTS_PER_M, abs=0.1)
+    assert b"/FontFile2" in content
+    assert b"/Type3" not in content
+    assert b"CreationDate" not in content
+
+
+def check_svg(content: bytes) -> None:
+    """A column wide, with text as outlines, and nothing to load."""
+    text = content.decode()
+    size = re.search(r'width="([0-9.]+)pt"', text)
+    assert size
+    assert float(size[1]) == pytest.approx(0.088 * _POINTS_PER_M, abs=0.1)
+    assert "<text" not in text
+    assert set(re.findall(r'href="(.)', text)) == {"#"}
+
+
+def test_report_for_a_column_as_pdf(tmp_path: Path, logs: list[str]) -> None:
+    check_pdf(made(tmp_path, ["report", *logs, "-o"], "r.pdf"))
+
+
+def test_report_for_a_column_as_svg(tmp_path: Path, logs: list[str]) -> None:
+    check_svg(made(tmp_path, ["report", *logs, "-o"], "r.svg"))
+
+
+@pytest.mark.parametrize(("name", "check"), [("c.pdf", check_pdf), ("c.svg", check_svg)])
+def test_circular_test_for_a_column(tmp_path: Path, name: str, check: object) -> None:
+    words = ["circle-test", "--radius", "2", "--feed", "20", "--report"]
+    assert callable(check)
+    check(made(tmp_path, words, name))
+
+
+def test_log_for_matlab_has_all_columns_and_what_was_run(tmp_path: Path, logs: list[str]) -> None:
+    made(tmp_path, ["log", "convert", logs[0]], "r.mat")
+    run, found = log.read(logs[0]), scipy.io.loadmat(tmp_path / "r.mat")
+    for name, values in run.columns.items():
+        np.testing.assert_array_equal(found[name], values[:, None], err_msg=name)
+    assert json.loads(found["meta"][0]) == run.meta
