@@ -13,7 +13,7 @@ export CTEST_PARALLEL_LEVEL ?= $(shell nproc)
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-c test-target test-board test-host test-hil test-install lint lib firmware flash flash-dfu \
+.PHONY: help demo test docs test-c test-target test-board test-host test-hil test-install lint lib firmware flash flash-dfu \
   fuzz mutants setup clean
 
 # Configure, build and, where it has tests, run each of these presets.
@@ -71,6 +71,9 @@ lint: setup
 	.venv/bin/ruff format --check
 	.venv/bin/mypy host/kontur
 	@$(call workflow,lint)
+
+docs: setup  ## the documentation as a site, links checked: build/site/index.html
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet
 
 lib: setup  ## the simulated drive: a library for each numeric back end, and the process kontur-sim
 	@$(call workflow,host-f32 host-fix host-chk)
