@@ -166,10 +166,12 @@ static void on_rpdo(void *ctx, unsigned number)
     static const uint16_t set_points[] = {OBJ_MODE_X, OBJ_MODE_Y, OBJ_TARGET_VELOCITY_X, OBJ_TARGET_VELOCITY_Y};
     const unsigned received = (co_rpdo_carries(&device->node, number, OBJ_CONTROLWORD_X) ? 1u : 0u) |
                               (co_rpdo_carries(&device->node, number, OBJ_CONTROLWORD_Y) ? 2u : 0u);
-    static const uint16_t cyclic[2] = {OBJ_TARGET_POSITION_X, OBJ_TARGET_POSITION_Y};
+    static const uint16_t cyclic[2][2] = {{OBJ_TARGET_POSITION_X, OBJ_TARGET_VELOCITY_X},
+                                          {OBJ_TARGET_POSITION_Y, OBJ_TARGET_VELOCITY_Y}};
     bool commands = received != 0;
     for (int i = 0; i < 2; i++) {
-        if (co_rpdo_carries(&device->node, number, cyclic[i])) {
+        if (co_rpdo_carries(&device->node, number, cyclic[i][0]) ||
+            co_rpdo_carries(&device->node, number, cyclic[i][1])) {
             drive_set_point(&device->drive, i);
         }
     }

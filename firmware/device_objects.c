@@ -193,10 +193,19 @@ static uint32_t check_mode(const struct device_objects *d, const struct od_entry
     return value == 0 || axis_modes_known(value) ? SDO_OK : SDO_ABORT_VALUE;
 }
 
-/* 607Ah */
+/* 607Ah, 60FFh */
 static void set_point_written(const struct device_objects *d, const struct od_entry *entry)
 {
     drive_set_point(d->drive, axis_of(entry));
+}
+
+/* 608Fh: 1 m is 10^14 times 10 fm. */
+static void report_resolution(const struct device_objects *d, const struct od_entry *entry)
+{
+    struct od_axis *axis = &d->od->axis[axis_of(entry)];
+    const uint64_t length = axis->plant.encoder;
+    const uint64_t counts = (100000000000000u + length / 2u) / length;
+    axis->encoder_resolution.increments = (uint32_t)(counts < UINT32_MAX ? counts : UINT32_MAX);
 }
 
 /* 6098h */
@@ -268,7 +277,8 @@ static const struct object {
     {OBJ_POSITION_LIMIT_X, ANY_SUB, .both_axes = true, .check = check_limit},
     {OBJ_MODE_X, ANY_SUB, .both_axes = true, .step = true, .check = check_mode},
     {OBJ_HOMING_METHOD_X, ANY_SUB, .both_axes = true, .check = check_homing_method},
-    {OBJ_TARGET_VELOCITY_X, ANY_SUB, .both_axes = true, .step = true},
+    {OBJ_TARGET_VELOCITY_X, ANY_SUB, .both_axes = true, .step = true, .written = set_point_written},
+    {OBJ_ENCODER_RESOLUTION_X, ANY_SUB, .both_axes = true, .refresh = report_resolution},
     {OBJ_TARGET_POSITION_X, ANY_SUB, .both_axes = true, .written = set_point_written},
     {OBJ_IP_RECORD_Y, ANY_SUB, .command = record},
     {OBJ_IP_PERIOD_X, ANY_SUB, .both_axes = true, .check = check_period},

@@ -16,7 +16,7 @@ void axis_modes_reset(struct axis_modes *m)
 bool axis_modes_known(int64_t mode)
 {
     return mode == MODE_PROFILE_POSITION || mode == MODE_PROFILE_VELOCITY || mode == MODE_HOMING ||
-           mode == MODE_INTERPOLATED_POSITION || mode == MODE_CYCLIC_POSITION;
+           mode == MODE_INTERPOLATED_POSITION || mode == MODE_CYCLIC_POSITION || mode == MODE_CYCLIC_VELOCITY;
 }
 
 bool axis_modes_follow_stream(const struct axis_modes *m)
@@ -27,7 +27,7 @@ bool axis_modes_follow_stream(const struct axis_modes *m)
 
 static bool cyclic_mode(const struct axis_mode *a)
 {
-    return a->mode == MODE_CYCLIC_POSITION;
+    return a->mode == MODE_CYCLIC_POSITION || a->mode == MODE_CYCLIC_VELOCITY;
 }
 
 /* Whether an axis stands by its own knots. */
@@ -117,8 +117,12 @@ void axis_modes_sync(struct axis_modes *m, const struct od_data *od, uint32_t no
             .max_nm = settings->max_nm,
             .stop_umps2 = settings->down_umps2,
         };
-        if (cyclic_mode(&m->axis[i])) {
+        if (m->axis[i].mode == MODE_CYCLIC_POSITION) {
             cyclic_take(&m->cyclic, i, od->axis[i].target_position, &limits);
+        }
+        if (m->axis[i].mode == MODE_CYCLIC_VELOCITY) {
+            const int64_t umps = (int64_t)od->axis[i].target_velocity + od->axis[i].velocity_offset;
+            cyclic_take_velocity(&m->cyclic, i, umps, &limits);
         }
     }
 }

@@ -16,7 +16,8 @@ enum {
     MODE_PROFILE_VELOCITY = 3,
     MODE_HOMING = 6,
     MODE_INTERPOLATED_POSITION = 7,
-    MODE_CYCLIC_POSITION = 8
+    MODE_CYCLIC_POSITION = 8,
+    MODE_CYCLIC_VELOCITY = 9
 };
 
 /* Bits of the controlword 6040h whose meaning depends on the mode */

@@ -4,9 +4,12 @@
 #include "motion/moving_average.h"
 
 enum {
-    FINE = 256 /* in a nm */,
-    U_ONE = 0x100000 /* a whole cycle */,
-    SETTLE_MS = 30 /* of a profile, until its ramp shows */
+    FINE = 256,            /* in a nm */
+    U_ONE = 0x40000,       /* a whole cycle, */
+    U_FINE = 0x4000000,    /* finer */
+    SETTLE_MS = 30,        /* of a profile, until its ramp shows */
+    STEP_MAX = 0x4000000,  /* nm in a cycle, 3.3 m/s or more, and per cycle squared, 42 m/s2 or more: with these no */
+    CHANGE_MAX = 0x1000000 /* polynomial leaves int64, however far it extrapolates */
 };
 
 void cyclic_reset(struct cyclic *c)
@@ -74,30 +77,46 @@ static bool leaves(const struct cyclic *c, int64_t nm, int64_t d1, const struct 
     return (d1 > 0 && nm + way + stop > limits->max_nm) || (d1 < 0 && nm + way - stop < limits->min_nm);
 }
 
+/* Put those that are lost before this cycle in their places. */
+static void bridge(struct cyclic_axis *a, uint32_t cycle)
+{
+    while ((int32_t)(cycle - a->latest) > 1) {
+        const int64_t lost = state_at(a, a->latest + 1u).pos;
+        store(a, a->latest + 1u, (int32_t)moving_average_round(lost, FINE));
+    }
+}
+
+/* All set-points up to this cycle are the same. */
+static void fill(struct cyclic_axis *a, uint32_t cycle, int32_t nm)
+{
+    for (int i = 0; i < CYCLIC_PAST; i++) {
+        a->past[i] = nm;
+    }
+    a->known = true;
+    a->moved = false;
+    a->latest = cycle;
+    a->rest = cycle;
+}
+
 static enum cyclic_result take(struct cyclic *c, int axis, int32_t nm, const struct cyclic_limits *limits)
 {
     struct cyclic_axis *a = &c->axis[axis];
     const uint32_t cycle = c->clock.cycle;
     const uint32_t gap = cycle - a->latest;
-    if (!a->known || gap >= CYCLIC_PAST) {
-        for (int i = 0; i < CYCLIC_PAST; i++) {
-            a->past[i] = nm;
-        }
-        a->known = true;
-        a->moved = false;
-        a->latest = cycle;
-        a->rest = cycle;
+    if (!a->known) {
+        fill(a, cycle, nm);
         return CYCLIC_TAKEN;
     }
-    for (uint32_t i = 1; i < gap; i++) { /* those that are lost */
-        const int64_t lost = state_at(a, a->latest + 1u).pos;
-        store(a, a->latest + 1u, (int32_t)moving_average_round(lost, FINE));
+    if (gap >= CYCLIC_PAST) { /* where it is on its way, it is too late for that */
+        fill(a, cycle - 1u, newest(a));
     }
+    bridge(a, cycle);
     const int64_t before = set_point(a, cycle - 1u);
     const int64_t d1 = nm - before;
     const int64_t d2 = d1 - before + set_point(a, cycle - 2u);
-    const int64_t most = limits->max_nmpms2 * c->ms * c->ms * (gap > 1u ? (int64_t)gap : 1);
-    if (leaves(c, nm, d1, limits)) {
+    const int64_t allowed = limits->max_nmpms2 * c->ms * c->ms * (gap > 1u ? (int64_t)gap : 1);
+    const int64_t most = allowed < CHANGE_MAX ? allowed : CHANGE_MAX;
+    if (d1 > STEP_MAX || d1 < -STEP_MAX || leaves(c, nm, d1, limits)) {
         return CYCLIC_RANGE;
     }
     if (d2 > most || d2 < -most) {
@@ -126,6 +145,22 @@ void cyclic_take(struct cyclic *c, int axis, int32_t nm, const struct cyclic_lim
         a->refused = result == CYCLIC_TAKEN ? a->refused : result;
     }
     a->fresh = false;
+}
+
+static int32_t clamp_nm(int64_t nm)
+{
+    return nm > INT32_MAX ? INT32_MAX : nm < -INT32_MAX ? -INT32_MAX : (int32_t)nm;
+}
+
+void cyclic_take_velocity(struct cyclic *c, int axis, int64_t umps, const struct cyclic_limits *limits)
+{
+    const struct cyclic_axis *a = &c->axis[axis];
+    const uint32_t cycle = c->clock.cycle;
+    int64_t nm = a->at_nm; /* until it follows, wherever it stands */
+    if (a->follows) {
+        nm = state_at(a, cycle - 1u).pos / FINE + umps * c->ms;
+    }
+    cyclic_take(c, axis, clamp_nm(nm), limits);
 }
 
 /* Whether the set-points of an axis on its way have not come for longer than is bridged. */
@@ -197,6 +232,7 @@ bool cyclic_update(struct cyclic *c, int axis, const struct cyclic_in *in)
         a->refused = CYCLIC_MISSED;
     }
     a->refused = in->enabled ? a->refused : CYCLIC_TAKEN;
+    a->at_nm = a->follows ? a->at_nm : in->at_nm;
     const bool may_follow = in->enabled && !in->halt && a->refused == CYCLIC_TAKEN;
     if (!may_follow) {
         leave(c, axis);
@@ -257,7 +293,7 @@ static int64_t scaled(int64_t a, int64_t u)
 
 /* Where the way is that takes over from->vel and from->acc, less the sixth of its second difference that a cubic B-spline
  * adds to its knots (a quasi-interpolant; C. de Boor, A Practical Guide to Splines, XII). */
-static int32_t knot_of(const struct cyclic *c, const struct cyclic_axis *a)
+static int64_t knot_of(const struct cyclic *c, const struct cyclic_axis *a)
 {
     const int64_t u = c->within / (SYNC_CYCLE / U_ONE);
     const int64_t d = a->to.pos - a->from.pos - a->from.vel - a->from.acc / 2;
@@ -267,27 +303,27 @@ static int32_t knot_of(const struct cyclic *c, const struct cyclic_axis *a)
     const int64_t c4 = -15 * d + 7 * v - w;
     const int64_t c5 = 6 * d - 3 * v + w / 2;
     const int64_t u3 = scaled(c3 + scaled(c4 + scaled(c5, u), u), u);
-    const int64_t pos = a->from.pos + scaled(a->from.vel + scaled(a->from.acc / 2 + u3, u), u);
-    const int64_t acc = a->from.acc + scaled(6 * c3 + scaled(12 * c4 + scaled(20 * c5, u), u), u);
+    const int64_t linear = a->from.vel * (c->within / (SYNC_CYCLE / U_FINE)) / U_FINE;
+    const int64_t pos = a->from.pos + linear + scaled(scaled(a->from.acc / 2 + u3, u), u);
+    const int64_t bend = scaled(6 * (c3 / 16) + scaled(12 * (c4 / 16) + scaled(20 * (c5 / 16), u), u), u);
     const int64_t sixth = 6 * (int64_t)c->ms * c->ms;
-    return (int32_t)moving_average_round(pos * sixth - acc, FINE * sixth);
+    return moving_average_round(pos * sixth - a->from.acc - 16 * bend, FINE * sixth);
 }
 
 int32_t cyclic_knot(struct cyclic *c, int axis)
 {
     struct cyclic_axis *a = &c->axis[axis];
-    int32_t knot = knot_of(c, a);
+    int64_t knot = knot_of(c, a);
     if (a->blended < CYCLIC_BLEND) {
         const int64_t k = a->blended;
         const int64_t whole = (int64_t)CYCLIC_BLEND * CYCLIC_BLEND * CYCLIC_BLEND;
-        knot +=
-            (int32_t)moving_average_round(a->offset_nm * (whole - ((int64_t)3 * CYCLIC_BLEND - 2 * k) * k * k), whole);
+        knot += moving_average_round(a->offset_nm * (whole - ((int64_t)3 * CYCLIC_BLEND - 2 * k) * k * k), whole);
         a->blended++;
     }
-    a->step_nm = knot - a->knot_nm;
-    a->knot_nm = knot;
+    a->step_nm = clamp_nm(knot - a->knot_nm);
+    a->knot_nm = clamp_nm(knot);
     a->same = (uint8_t)(a->step_nm != 0 ? 0u : a->same + (a->same < UINT8_MAX ? 1u : 0u));
-    return knot;
+    return a->knot_nm;
 }
 
 bool cyclic_stands(const struct cyclic *c, int axis)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* motion/cyclic.h: set-points that come with each SYNC, made into knots: cyclic synchronous position of CiA 402-2.
+/* motion/cyclic.h: set-points that come with each SYNC, made into knots: cyclic synchronous position and velocity
+ * of CiA 402-2. A velocity set-point adds to the position of the one before.
  *
  * Set-point i is where the axis is to be at SYNC i. Between two of them the way is a polynomial of degree 5, which takes
  * over position, velocity and acceleration of the one before: it is C2, and the knots give the law its tangent and
@@ -48,6 +49,7 @@ struct cyclic_axis {
     bool follows;               /* the axis is where the set-points are, or on their way */
     struct cyclic_state from;   /* at the begin */
     struct cyclic_state to;     /* and at the end of the present cycle of the way */
+    int32_t at_nm;              /* where it stood when it began to */
     int32_t offset_nm;          /* distance of the axis from its first set-point, */
     uint8_t blended;            /* made up for since so many knots */
     uint8_t same;               /* knots since the last one that differed */
@@ -87,6 +89,8 @@ void cyclic_sync(struct cyclic *c, uint32_t now, uint32_t per_ms, uint8_t ms);
 void cyclic_told(struct cyclic *c, int axis);
 /* Take the set-point `nm` of an axis for the latest SYNC, if one has come. */
 void cyclic_take(struct cyclic *c, int axis, int32_t nm, const struct cyclic_limits *limits);
+/* The same for a velocity, which is that of the cycle before this SYNC: 1 um/s is 1 nm each ms. */
+void cyclic_take_velocity(struct cyclic *c, int axis, int64_t umps, const struct cyclic_limits *limits);
 /* Let an axis begin or cease to follow its set-points. Returns whether these ask it to move. */
 bool cyclic_update(struct cyclic *c, int axis, const struct cyclic_in *in);
 /* The axis follows its set-points no longer. The next one that counts comes after this. */
