@@ -271,7 +271,8 @@ static uint8_t load(void *ctx, bool communication_only)
 static bool store_node(void *ctx)
 {
     struct device *device = ctx;
-    return !drive_powered(&device->drive) && settings_store_node(&device->settings, device->node.config.node_id);
+    return !drive_powered(&device->drive) && !device_objects_foreign(&device->objects) &&
+           settings_store_node(&device->settings, device->node.config.node_id);
 }
 
 static void on_heartbeat_lost(void *ctx)

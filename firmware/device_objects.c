@@ -8,6 +8,11 @@
 
 enum { ANY_SUB = 0xFF, AXIS_STEP = OBJ_CONTROLWORD_Y - OBJ_CONTROLWORD_X };
 
+bool device_objects_foreign(const struct device_objects *d)
+{
+    return d->drive->command_guard.holder != 0 && co_has_second_sdo(d->node) && !co_by_second_sdo(d->node);
+}
+
 static int axis_of(const struct od_entry *entry)
 {
     return entry->index >= OBJ_ERROR_CODE_Y ? 1 : 0;
@@ -47,6 +52,13 @@ static void report_errors(const struct device_objects *d, const struct od_entry 
     }
 }
 
+/* Another master was refused what is the holder's. */
+static void tell_holder(const struct device_objects *d)
+{
+    d->od->master.refused = (uint16_t)(d->od->master.refused + (d->od->master.refused < UINT16_MAX ? 1u : 0u));
+    fault_monitor_event(&d->drive->fault_monitor, FAULT_SECOND_MASTER);
+}
+
 /* 2140h: a master holds the drive by a heartbeat, which is watched meanwhile. */
 static uint32_t check_claim(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
@@ -62,12 +74,15 @@ static uint32_t claim(const struct device_objects *d, const struct od_entry *ent
     const uint8_t before = guard->holder;
     (void)entry;
     if (!command_guard_claim(guard, id, (uint32_t)value >> 8, drive_powered(d->drive))) {
-        d->od->master.refused = (uint16_t)(d->od->master.refused + (d->od->master.refused < UINT16_MAX ? 1u : 0u));
-        fault_monitor_event(&d->drive->fault_monitor, FAULT_SECOND_MASTER);
+        tell_holder(d);
         return SDO_ABORT_STATE;
     }
     if (id != before) {
         co_watch_heartbeat(d->node, id);
+        if (id != 0 && !co_by_second_sdo(d->node)) { /* the second channel was another master's */
+            d->od->sdo_server_2.cob_id_request = od_defaults.sdo_server_2.cob_id_request;
+            d->od->sdo_server_2.cob_id_response = od_defaults.sdo_server_2.cob_id_response;
+        }
     }
     return SDO_OK;
 }
@@ -87,7 +102,9 @@ static void report_holder(const struct device_objects *d, const struct od_entry 
 static void draw_ticket(const struct device_objects *d, const struct od_entry *entry)
 {
     (void)entry;
-    d->od->master.ticket = command_guard_draw(&d->drive->command_guard, drive_now(d->drive));
+    if (!device_objects_foreign(d)) { /* nobody else makes the holder's ticket void */
+        d->od->master.ticket = command_guard_draw(&d->drive->command_guard, drive_now(d->drive));
+    }
 }
 
 /* 2200h, 60C4h */
@@ -335,9 +352,26 @@ uint32_t device_objects_check(const struct device_objects *d, const struct od_en
     return o->check != NULL ? o->check(d, entry, value) : SDO_OK;
 }
 
+/* A controlword that can only stop: anybody may write it. */
+static bool is_stop(uint32_t controlword)
+{
+    const uint32_t enable = CW_SWITCH_ON | CW_ENABLE_VOLTAGE | CW_QUICK_STOP | CW_ENABLE_OPERATION;
+    return (controlword & CW_FAULT_RESET) == 0 && ((controlword & enable) != enable || (controlword & CW_HALT) != 0);
+}
+
+/* What is not the holder's alone: a stop, and a claim, which has its own answer. */
+static bool is_open_to_all(const struct object *o, int64_t value)
+{
+    return (o->index == OBJ_CONTROLWORD_X && is_stop((uint32_t)value)) || o->command == claim;
+}
+
 uint32_t device_objects_before_write(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
     const struct object *o = object_of(entry);
+    if (device_objects_foreign(d) && !is_open_to_all(o, value)) {
+        tell_holder(d);
+        return SDO_ABORT_LOCAL;
+    }
     if (o->without_power && drive_powered(d->drive)) {
         return refuse_with_power(d);
     }

@@ -20,6 +20,9 @@ struct device_objects {
     struct settings *settings;
 };
 
+/* Whether what is handled now came from another master than the one that holds the drive, and has a channel of its own
+ * (1201h). */
+bool device_objects_foreign(const struct device_objects *d);
 /* Before a write: check `value`, which is in the object's range, and carry out the command that the write is. Returns SDO_OK,
  * or the abort code with which the write is refused. */
 uint32_t device_objects_before_write(const struct device_objects *d, const struct od_entry *entry, int64_t value);

@@ -24,6 +24,12 @@ static uint32_t check_cob_id(uint32_t now, uint32_t value, uint32_t flags)
     return SDO_OK;
 }
 
+static uint32_t check_server_2(const struct od_data *od, const struct od_entry *entry, uint32_t value)
+{
+    const bool is_id = entry->sub != SUB_SDO_SERVER_2_CLIENT;
+    return is_id ? check_cob_id((uint32_t)od_read(od, entry), value, 0) : SDO_OK;
+}
+
 /* Bit 31 of the SYNC's COB-ID has no meaning; bit 30 would make this node its producer. */
 static uint32_t check_sync_cob_id(uint32_t value)
 {
@@ -103,6 +109,7 @@ uint32_t co_check_write(const struct od_data *od, bool operational, const struct
     case OBJ_ERROR_HISTORY: return value == 0 ? SDO_OK : SDO_ABORT_VALUE;
     case OBJ_SYNC_COB_ID: return check_sync_cob_id((uint32_t)value);
     case OBJ_EMCY_COB_ID: return check_cob_id(od->emcy_cob_id, (uint32_t)value, 0);
+    case OBJ_SDO_SERVER_2: return check_server_2(od, entry, (uint32_t)value);
     case OBJ_SYNC_OVERFLOW: return check_sync_overflow(od, value);
     default: break;
     }

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* check.h: whether an SDO may write a communication object, beyond the object's range (CiA 301, 7.5.2).
  *
- * It checks 1003h, 1005h, 1014h, 1019h, and the objects of PDOs, 1400h to 1BFFh. Those change while the node is not
+ * It checks 1003h, 1005h, 1014h, 1019h, 1201h, and the objects of PDOs, 1400h to 1BFFh. Those change while the node is not
  * operational only, so that a PDO in use never has half of an old and half of a new description.
  *
  * The function is pure. node.c calls it before each write by SDO, in the background loop.

@@ -113,6 +113,7 @@ static void boot(struct co_node *node)
 {
     co_nmt_reset(&node->nmt, node->config.node_id);
     co_sdo_reset(&node->sdo);
+    co_sdo_reset(&node->second_sdo);
     co_emcy_refresh(&node->emcy);
     co_pdo_refresh(&node->pdo);
     co_lss_reset(&node->lss, node->config.node_id);
@@ -188,6 +189,7 @@ void co_init(struct co_node *node, const struct co_config *config)
     co_bus_state_init(&node->bus_state, od, config->hal, &node->emcy);
     co_pdo_init(&node->pdo, od, &node->tx, &node->emcy, &pdo_hooks);
     co_sdo_init(&node->sdo, od, &node->tx, &sdo_hooks);
+    co_sdo_init(&node->second_sdo, od, &node->tx, &sdo_hooks);
     co_lss_init(&node->lss, od, &node->tx, config->hal, &lss_hooks);
     boot(node);
 }
@@ -200,13 +202,27 @@ static void receive_sync(struct co_node *node, const struct can_frame *frame)
     }
 }
 
+static void receive_sdo(struct co_node *node, const struct can_frame *frame, bool by_second)
+{
+    const struct od_data *od = node->config.od;
+    node->by_second = by_second;
+    if (by_second) {
+        co_sdo_receive(&node->second_sdo, frame, (uint16_t)od->sdo_server_2.cob_id_response);
+    } else {
+        co_sdo_receive(&node->sdo, frame, (uint16_t)od->sdo_server.cob_id_response);
+    }
+    node->by_second = false;
+}
+
 /* Services that a node in pre-operational, operational or stopped has (CiA 301, 7.3.2). */
 static void receive(struct co_node *node, const struct can_frame *frame)
 {
     const enum co_state state = node->nmt.state;
-    if (frame->id == CO_SDO_REQUEST_ID + node->config.node_id) {
+    const struct od_data *od = node->config.od;
+    const bool by_second = co_has_second_sdo(node) && frame->id == od->sdo_server_2.cob_id_request;
+    if (by_second || frame->id == CO_SDO_REQUEST_ID + node->config.node_id) {
         if (state != CO_STOPPED) {
-            co_sdo_receive(&node->sdo, frame);
+            receive_sdo(node, frame, by_second);
         }
     } else if ((frame->id & SERVICE_MASK) == CO_HEARTBEAT_ID) {
         co_nmt_heartbeat(&node->nmt, frame);
@@ -253,8 +269,10 @@ void co_tick_ms(struct co_node *node)
     }
     if (node->nmt.state == CO_STOPPED) { /* a node that is stopped has no SDOs */
         co_sdo_reset(&node->sdo);
+        co_sdo_reset(&node->second_sdo);
     } else {
         co_sdo_tick_ms(&node->sdo);
+        co_sdo_tick_ms(&node->second_sdo);
     }
 }
 
@@ -312,6 +330,17 @@ bool co_emcy_of_node(const struct co_node *node)
         }
     }
     return false;
+}
+
+bool co_has_second_sdo(const struct co_node *node)
+{
+    const struct od_sdo_server_2 *server = &node->config.od->sdo_server_2;
+    return ((server->cob_id_request | server->cob_id_response) & COB_UNUSED) == 0;
+}
+
+bool co_by_second_sdo(const struct co_node *node)
+{
+    return node->by_second;
 }
 
 bool co_tpdo_send(struct co_node *node, unsigned number)

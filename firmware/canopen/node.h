@@ -82,7 +82,8 @@ struct co_node {
     struct co_emcy emcy;
     struct co_bus_state bus_state;
     struct co_pdo pdo;
-    struct co_sdo sdo;
+    struct co_sdo sdo, second_sdo; /* 1200h, 1201h */
+    bool by_second;                /* what is handled now is a request to the second one */
     struct co_lss lss;
 };
 
@@ -108,6 +109,10 @@ void co_emcy_reset(struct co_node *node, uint16_t code);
 uint16_t co_emcy_code(const struct co_node *node, unsigned i);
 /* Whether an error that the node raises itself is in effect. */
 bool co_emcy_of_node(const struct co_node *node);
+
+/* Whether a master has opened the second SDO channel (1201h), and whether what a hook is called for came by it. */
+bool co_has_second_sdo(const struct co_node *node);
+bool co_by_second_sdo(const struct co_node *node);
 
 /* An event has happened that TPDO `number` (1...) reports (co_pdo_send). false: it was not sent now. */
 bool co_tpdo_send(struct co_node *node, unsigned number);

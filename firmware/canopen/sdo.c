@@ -158,7 +158,7 @@ static void initiate(struct co_sdo *sdo, unsigned command, const uint8_t *reques
     }
 }
 
-void co_sdo_receive(struct co_sdo *sdo, const struct can_frame *frame)
+void co_sdo_receive(struct co_sdo *sdo, const struct can_frame *frame, uint16_t response_id)
 {
     const uint8_t *request = frame->data;
     const unsigned command = request[0] >> 5;
@@ -166,6 +166,7 @@ void co_sdo_receive(struct co_sdo *sdo, const struct can_frame *frame)
         return;
     }
     sdo->silent_ms = 0;
+    sdo->response_id = response_id;
     if (co_sdo_block_segment(sdo, request)) {
         return;
     }

@@ -14,7 +14,7 @@ enum { CO_SDO_REQUEST_ID = 0x600, CO_SDO_TIMEOUT_MS = 2000 }; /* the identifier 
 void co_sdo_init(struct co_sdo *sdo, struct od_data *od, struct co_tx *tx, const struct co_sdo_hooks *hooks);
 /* End the transfer under way without an answer to the client. */
 void co_sdo_reset(struct co_sdo *sdo);
-/* Handle a frame with the identifier of requests. */
-void co_sdo_receive(struct co_sdo *sdo, const struct can_frame *frame);
+/* Handle a frame with the identifier of requests. Answers go to response_id. */
+void co_sdo_receive(struct co_sdo *sdo, const struct can_frame *frame, uint16_t response_id);
 void co_sdo_tick_ms(struct co_sdo *sdo);
 #endif

@@ -8,7 +8,7 @@
 
 struct can_frame co_sdo_response(const struct co_sdo *sdo, unsigned command)
 {
-    struct can_frame frame = {.id = (uint16_t)sdo->od->sdo_server.cob_id_response, .len = 8};
+    struct can_frame frame = {.id = sdo->response_id, .len = 8};
     frame.data[0] = (uint8_t)command;
     return frame;
 }

@@ -84,7 +84,8 @@ struct co_sdo {
     struct od_data *od;
     struct co_tx *tx;
     struct co_sdo_hooks hooks;
-    uint16_t silent_ms; /* since the last step of the transfer */
+    uint16_t response_id; /* of the latest request */
+    uint16_t silent_ms;   /* since the last step of the transfer */
     struct co_sdo_transfer transfer;
 };
 

@@ -97,7 +97,7 @@ static unsigned area_of(const struct od_entry *entry)
         return STORE_WEAR;
     }
     if ((entry->flags & both) != both || entry->index == OBJ_ERROR_HISTORY || entry->index == OBJ_STORE ||
-        entry->index == OBJ_RESTORE) {
+        entry->index == OBJ_RESTORE || entry->index == OBJ_SDO_SERVER_2) {
         return 0;
     }
     if (entry->index <= OD_COMMUNICATION_LAST) {

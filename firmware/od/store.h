@@ -28,7 +28,7 @@
 #define STORE_END 0xED000000u
 
 /* Areas of values, to be combined with |. Of 1000h to 1FFFh all that can be read and written is stored, but for the
- * error history and the commands 1010h and 1011h. Of the other objects the parameters and 2001h are stored. STORE_WEAR is the number of
+ * error history, the commands 1010h and 1011h, and 1201h. Of the other objects the parameters and 2001h are stored. STORE_WEAR is the number of
  * erasures (2170h:1), which is in every set. */
 enum store_area { STORE_COMMUNICATION = 1, STORE_APPLICATION = 2, STORE_NODE = 4, STORE_WEAR = 8 };
 

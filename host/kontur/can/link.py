@@ -43,7 +43,8 @@ RESEND_S = 0.05
 DROPPED = ("foreign", "length", "status", "line")
 """Why what was received is not used. foreign: a drive sends no 29-bit identifiers, CAN FD, or remote frames.
 length: it is corrupted. status: a TPDO1 whose count of knots cannot be. line: text in slcan that is no frame."""
-_EMCY, _SDO_RESPONSE = 0x80, 0x580
+_EMCY, _SDO_RESPONSE, _SDO_REQUEST = 0x80, 0x580, 0x600
+_BOOT_UP = 0
 _DOWNLOAD, _UPLOAD = 1, 2
 _REQUESTS_BY_NAME = (_DOWNLOAD, _UPLOAD)  # command specifiers whose answers name their object
 _HEARTBEAT_OPERATIONAL = b"\x05"
@@ -110,6 +111,7 @@ class Link:
         self.node = _PolledNode(self, node_id, str(eds))
         self._network.add_node(self.node)
         self._network.subscribe(wire.TPDO1 + node_id, self._on_status)
+        self._network.subscribe(wire.HEARTBEAT + node_id, self._on_heartbeat)
         self.node.emcy.add_callback(self._on_emergency)
 
     @property
@@ -169,6 +171,27 @@ class Link:
                 if self.answer_time_s > end_s:
                     raise BusError(_queue_full(str(self.bus.channel_info))) from error
             self._receive(_QUEUE_POLL_S)
+
+    @property
+    def has_own_channel(self) -> bool:
+        """Whether SDO requests go by a channel that is this host's alone (1201h)."""
+        return bool(self.node.sdo.rx_cobid != _SDO_REQUEST + self.node_id)
+
+    def use_channel(self, request: int, response: int) -> None:
+        """Send SDO requests with this identifier from now on, and take the answers with the other one."""
+        sdo = self.node.sdo
+        self._network.unsubscribe(sdo.tx_cobid, sdo.on_response)
+        sdo.rx_cobid, sdo.tx_cobid = request, response
+        self._network.subscribe(response, sdo.on_response)
+        self._lengths[response] = 8
+
+    def use_default_channel(self) -> None:
+        """Send SDO requests by the channel that every master has."""
+        self.use_channel(_SDO_REQUEST + self.node_id, _SDO_RESPONSE + self.node_id)
+
+    def _on_heartbeat(self, _cob_id: int, data: bytearray, _time: float) -> None:
+        if data[0] == _BOOT_UP:  # the drive has forgotten its holder
+            self.use_default_channel()
 
     def send_heartbeat(self) -> None:
         """Send the host's heartbeat now, and in poll() every HEARTBEAT_S until stop_heartbeat(). Raises BusError.

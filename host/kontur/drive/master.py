@@ -18,6 +18,9 @@ from kontur.errors import DeviceError, HeldError, KonturError, NoAnswerError
 
 _HEARTBEAT_TIMEOUT_MS = 500  # of the drive, for the heartbeat of the master that holds it
 _KEY_BITS = 24
+_CHANNELS, _CHANNEL_COUNT = 0x6A0, 32  # pairs of identifiers that no service of CiA 301 has
+_UNUSED = 1 << 31
+_ATTEMPTS = 5
 _STOP_TIMEOUT_S = 5.0  # limits.path_stop_time is at most 1 s
 
 
@@ -50,6 +53,7 @@ class Master:
             if not self._nested:
                 with suppress(KonturError):  # the first error is the one to report
                     self.release()
+                self._objects.link.use_default_channel()
                 self._objects.link.stop_heartbeat()  # this ends the claim even if the release is lost
 
     def claim(self) -> None:
@@ -65,15 +69,31 @@ class Master:
                 raise self._held_by(int(self._objects.read("master.holder"))) from error
             if self._objects.read("master.holder") == wire.HOST_NODE_ID:
                 link.send_heartbeat()
+                if not link.has_own_channel:
+                    self._open_channel()
                 return
             if link.time_s > end_s:  # a corrupted request has claimed it for a node that does not exist
                 raise DeviceError("the drive cannot be claimed: master.holder reads differently from what was written")
             link.wait(lambda: False, RESEND_S)
 
+    def _open_channel(self) -> None:
+        """Let the drive take SDO writes by a channel that is this host's alone, so that it refuses those of others."""
+        request = _CHANNELS + 2 * (self._key % _CHANNEL_COUNT)
+        for _ in range(_ATTEMPTS):
+            with suppress(DeviceError):  # refused: the answer was lost, and the channel is open
+                self._objects.write("sdo_server_2.cob_id_response", request + 1)
+                self._objects.write("sdo_server_2.cob_id_request", request)
+            ids = [int(self._objects.read_stable(f"sdo_server_2.cob_id_{way}")) for way in ("request", "response")]
+            if max(ids) < _UNUSED:
+                self._objects.link.use_channel(*ids)
+                return
+        raise DeviceError("the drive opens no SDO channel (1201h) for the master that holds it")
+
     def release(self) -> None:
         """Hold the drive no longer, and send no heartbeat. Raises DeviceError while an axis is enabled."""
         self._objects.link.wait(lambda: not self._is_stopping(), _STOP_TIMEOUT_S)
         self._objects.write("master.claim", self._key << 8)
+        self._objects.link.use_default_channel()
         self._objects.link.stop_heartbeat()
 
     def allow_enabling(self) -> None:
