@@ -103,6 +103,10 @@ static void draw_ticket(const struct device_objects *d, const struct od_entry *e
 {
     (void)entry;
     if (!device_objects_foreign(d)) { /* nobody else makes the holder's ticket void */
+        const struct hal *hal = d->node->config.hal;
+        if (hal->entropy != NULL) {
+            command_guard_stir(&d->drive->command_guard, hal->entropy(hal->ctx));
+        }
         d->od->master.ticket = command_guard_draw(&d->drive->command_guard, drive_now(d->drive));
     }
 }

@@ -134,6 +134,8 @@ void ks_power_on_with(ks *s, const void *flash);
 /* Set 2020h:4, by which the drive reports that its time passes
  * with SYNC. The caller then lets time pass after each SYNC. */
 void ks_set_paced(ks *s, int by_sync);
+/* Set what tickets (2140h:3) are drawn with, so that they are no other run's. Without it each run draws the same ones. */
+void ks_set_entropy(ks *s, uint32_t noise);
 /* Identifier of SYNC (1005h), and its period in us (1006h). */
 uint32_t ks_sync_id(const ks *s);
 uint32_t ks_sync_us(const ks *s);

@@ -28,6 +28,7 @@ struct ks {
     struct sim_flash flash;
     struct hal_can_status can;
     uint8_t node_id;
+    uint32_t entropy;
     double force_N[2];
     struct fifo to_device, to_host;
     uint64_t tick;
@@ -156,6 +157,12 @@ static bool flash_write(void *ctx, unsigned sector, uint32_t offset, const void 
     return flash_ready(s) && sim_flash_write(&s->flash, sector, offset, data, bytes);
 }
 
+static uint32_t entropy(void *ctx)
+{
+    const ks *s = ctx;
+    return s->entropy;
+}
+
 /* ---- the interface ---- */
 
 const char *ks_check(const struct ks_machine *machine)
@@ -182,7 +189,8 @@ ks *ks_new(const struct ks_machine *machine, uint64_t seed, uint8_t node_id)
                           .can_bitrate = can_bitrate,
                           .flash_read = flash_read,
                           .flash_erase = flash_erase,
-                          .flash_write = flash_write};
+                          .flash_write = flash_write,
+                          .entropy = entropy};
     s->node_id = node_id;
     sim_flash_init(&s->flash, seed);
     plant_init(&s->plant, machine, seed, 1.0 / CONTROL_HZ);
@@ -341,6 +349,11 @@ void ks_power_on_with(ks *s, const void *flash)
     s->to_host.count = 0;
     wiring_init(&s->wiring);
     device_init(&s->device, &s->hal, s->node_id);
+}
+
+void ks_set_entropy(ks *s, uint32_t noise)
+{
+    s->entropy = noise;
 }
 
 void ks_set_paced(ks *s, int by_sync)

@@ -130,6 +130,9 @@ struct hal {
      * takes, so they are called only without power on an axis. false: the flash reports an error. */
     bool (*flash_erase)(void *ctx, unsigned sector);
     bool (*flash_write)(void *ctx, unsigned sector, uint32_t offset, const void *data, uint32_t bytes);
+    /* A number that cannot be foretold, such as the place of a fast counter: tickets are drawn with it. May be NULL:
+     * the drive's time alone tells them apart. */
+    uint32_t (*entropy)(void *ctx);
     /* The health of the controller itself. May be NULL: it has no faults. */
     void (*health)(void *ctx, struct hal_health *health);
 };

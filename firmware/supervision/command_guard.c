@@ -3,7 +3,7 @@
 
 void command_guard_reset(struct command_guard *g)
 {
-    *g = (struct command_guard){0};
+    *g = (struct command_guard){.noise = g->noise};
 }
 
 static void hold(struct command_guard *g, uint8_t id, uint32_t key)
@@ -47,11 +47,26 @@ bool command_guard_expire(struct command_guard *g, bool powered, uint32_t now)
     return true;
 }
 
+/* Each bit of x changes about half of the bits of the result (Wellons, hash-prospector, lowbias32). */
+static uint32_t scramble(uint32_t x)
+{
+    uint32_t y = x;
+    y = (y ^ (y >> 16)) * 0x7FEB352Du;
+    y = (y ^ (y >> 15)) * 0x846CA68Bu;
+    return y ^ (y >> 16);
+}
+
+void command_guard_stir(struct command_guard *g, uint32_t noise)
+{
+    g->noise = scramble(g->noise + noise);
+}
+
 uint32_t command_guard_draw(struct command_guard *g, uint32_t now)
 {
-    g->ticket = now;
+    g->noise = scramble(g->noise + now + 1u);
+    g->ticket = g->noise;
     g->drawn = true;
-    return now;
+    return g->ticket;
 }
 
 bool command_guard_arm(struct command_guard *g, uint32_t ticket, uint32_t now)

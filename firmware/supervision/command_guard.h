@@ -32,6 +32,7 @@ struct command_guard {
     bool drawn;     /* a ticket has been read, */
     bool armed;     /* and written back */
     uint32_t ticket;
+    uint32_t noise;    /* all that tickets were drawn with, also before a reset */
     uint32_t armed_at; /* servo periods */
     struct command_guard_axis {
         uint32_t sent;     /* cia402.changes of the statusword sent last, */
@@ -40,7 +41,7 @@ struct command_guard {
     } axis[2];
 };
 
-/* Initialise: nobody holds the drive, and no statusword has been sent. */
+/* Initialise all but `noise`: nobody holds the drive, and no statusword has been sent. */
 void command_guard_reset(struct command_guard *g);
 /* 2140h claim: 1..127 claims the drive, 0 releases it with the same key. false: refused; always so while an axis has power.
  * The holder may repeat its claim if it has a key, since an answer may have been lost. */
@@ -49,6 +50,8 @@ bool command_guard_claim(struct command_guard *g, uint8_t id, uint32_t key, bool
 void command_guard_holder_silent(struct command_guard *g);
 /* Once a millisecond: end a ticket whose time is over. Returns true if the claim of a silent holder has ended. */
 bool command_guard_expire(struct command_guard *g, bool powered, uint32_t now);
+/* The tickets from now on depend on `noise`, too, which nobody can foretell. */
+void command_guard_stir(struct command_guard *g, uint32_t noise);
 /* Draw a new ticket, for a read of 2140h ticket. */
 uint32_t command_guard_draw(struct command_guard *g, uint32_t now);
 /* A ticket has been written to 2140h arm. Returns false if it is another one, or if nobody holds the drive. The same ticket may come again until it is used or

@@ -75,7 +75,7 @@ def expected(name: str, entry: objects.Entry, value: int) -> int:
     """What writing `value`, which is in range, to a fresh drive is answered with."""
     if name in ("store", "restore") and entry.sub:
         return STORE  # no signature
-    if entry.name == "cob_id" or name in ("sync_cob_id", "emcy_cob_id"):
+    if entry.name.startswith("cob_id") or name in ("sync_cob_id", "emcy_cob_id"):
         return VALUE  # neither 0 nor FFFFFFFFh is an identifier of 11 bits
     if name == "rpdo4_map":
         return OK if value == 0 else NO_OBJECT  # not in use; its third entry is empty

@@ -469,7 +469,7 @@ static void test_same_ticket_again_is_right_and_prolongs_nothing(void)
 
 static void test_ticket_is_good_for_nothing_from_the_moment_in_which_its_holder_is_lost(void)
 {
-    struct command_guard command_guard;
+    struct command_guard command_guard = {0};
     command_guard_reset(&command_guard);
     TEST_ASSERT_TRUE(command_guard_claim(&command_guard, 127, 0, false));
     TEST_ASSERT_TRUE(command_guard_arm(&command_guard, command_guard_draw(&command_guard, 1000), 1000));
@@ -529,6 +529,53 @@ static void test_anybody_may_stop_a_held_drive(void)
     expect_power(false);
 }
 
+static uint32_t noise_is;
+
+static uint32_t noise(void *ctx)
+{
+    (void)ctx;
+    return noise_is;
+}
+
+/* The tickets of a drive since power-on, read at the same times */
+static void draw_tickets(uint32_t ticket[3])
+{
+    setUp();
+    rig.hal.entropy = noise;
+    hold();
+    for (unsigned i = 0; i < 3; i++) {
+        ticket[i] = read(TICKET);
+        rig_ms(&rig, i);
+    }
+}
+
+static void test_tickets_of_a_replay_in_its_own_time_are_others(void)
+{
+    uint32_t first[3], same[3], other[3];
+    draw_tickets(first);
+    draw_tickets(same);
+    TEST_ASSERT_EQUAL_UINT32_ARRAY(first, same, 3);                 /* a simulation that is the same each time */
+    TEST_ASSERT_TRUE(first[0] != first[1] && first[1] != first[2]); /* the first two in the same period */
+    noise_is = 1;
+    draw_tickets(other);
+    noise_is = 0;
+    for (unsigned i = 0; i < 3; i++) {
+        TEST_ASSERT_NOT_EQUAL_UINT32(first[i], other[i]);
+    }
+    setUp();
+    hold();
+    TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, arm(first[0]));
+}
+
+static void test_tickets_after_a_reset_are_no_earlier_ones(void)
+{
+    hold();
+    const uint32_t before = read(TICKET);
+    rig_nmt(&rig, 129);
+    const uint32_t state = rig.device.drive.command_guard.noise;
+    TEST_ASSERT_EQUAL_HEX32(before, state);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -561,5 +608,7 @@ int main(void)
     RUN_TEST(test_drive_can_be_set_to_serve_only_who_holds_it);
     RUN_TEST(test_anybody_may_stop_a_held_drive);
     RUN_TEST(test_ticket_is_good_for_nothing_from_the_moment_in_which_its_holder_is_lost);
+    RUN_TEST(test_tickets_of_a_replay_in_its_own_time_are_others);
+    RUN_TEST(test_tickets_after_a_reset_are_no_earlier_ones);
     return UNITY_END();
 }

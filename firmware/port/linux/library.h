@@ -23,6 +23,7 @@
     F(ks_on_flash) \
     F(ks_power_on_with) \
     F(ks_set_paced) \
+    F(ks_set_entropy) \
     F(ks_sync_id) \
     F(ks_sync_us) \
     F(ks_record) \

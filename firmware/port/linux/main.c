@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
+#include <sys/random.h>
 #include <sys/signalfd.h>
 #include <sys/timerfd.h>
 #include <time.h>
@@ -326,6 +327,16 @@ static bool write_record(const struct sim *s, const char *path)
     return ok;
 }
 
+/* Tickets are no other run's. */
+static void draw_entropy(struct sim *s)
+{
+    uint32_t noise = 0;
+    if (getrandom(&noise, sizeof noise, GRND_NONBLOCK) != (ssize_t)sizeof noise) {
+        noise = (uint32_t)now_ns();
+    }
+    s->lib.ks_set_entropy(s->ks, noise);
+}
+
 int main(int argc, char **argv)
 {
     static struct sim s;
@@ -356,6 +367,9 @@ int main(int argc, char **argv)
     }
     s.sync = options.sync;
     s.lib.ks_set_paced(s.ks, s.sync);
+    if (!s.sync) { /* every run by SYNC is the same */
+        draw_entropy(&s);
+    }
     if (options.can != NULL) {
         bus_open_socketcan(&s.bus, options.can);
     } else if (options.slcan_pty) {

@@ -10,6 +10,7 @@ passes with SYNC alone, like that of `kontur sim --pace sync` and of the image i
 from __future__ import annotations
 
 import math
+import secrets
 import threading
 import time
 from pathlib import Path
@@ -69,6 +70,8 @@ class KonturBus(SimulatedBus):
         while on_for_ms and self.sim.recv() is not None:  # frames of the time before the bus was opened
             pass
         self.sim.set_paced(self._by_sync)
+        if self.by_clock:  # other runs are the same each time
+            self.sim.set_entropy(secrets.randbits(32))
         super().__init__(channel=channel, can_filters=can_filters)
 
     @property

@@ -123,6 +123,10 @@ class Sim:
         """Set `clock.pace` of the drive: whether its time passes with SYNC. The caller then runs it at each SYNC."""
         self._lib.ks_set_paced(self._ks, by_sync)
 
+    def set_entropy(self, noise: int) -> None:
+        """What tickets are drawn with (32 bits), so that they are no other run's."""
+        self._lib.ks_set_entropy(self._ks, noise)
+
     def periods_of(self, can_id: int) -> int:
         """Control periods that pass after a frame of this identifier, where time passes with SYNC."""
         if can_id != self._lib.ks_sync_id(self._ks):
