@@ -20,7 +20,7 @@ def device() -> Iterator[Device]:
 
 
 def test_parameter_is_read_and_written_in_its_unit(device: Device) -> None:
-    assert device.read("smc.lambda") == 20.0
+    assert device.read("smc.lambda") == 22.0
     device.write("smc.lambda", 150.5)
     assert device.read("smc.lambda") == 150.5
     assert device.link.node.sdo.upload(0x2110, 1) == (150500).to_bytes(4, "little")
@@ -87,7 +87,7 @@ def reset(device: Device) -> None:
 def test_saved_parameters_are_there_after_a_reset(device: Device) -> None:
     device.write("smc.lambda", 150.0)
     reset(device)
-    assert device.read("smc.lambda") == 20.0
+    assert device.read("smc.lambda") == 22.0
     device.write("smc.lambda", 150.0)
     device.parameters.save()
     device.write("smc.lambda", 160.0)
@@ -101,7 +101,7 @@ def test_restored_defaults_are_there_after_a_reset(device: Device) -> None:
     device.parameters.restore()
     assert device.read("smc.lambda") == 150.0
     reset(device)
-    assert device.read("smc.lambda") == 20.0
+    assert device.read("smc.lambda") == 22.0
 
 
 def test_communication_objects_are_saved_when_requested(device: Device) -> None:

@@ -185,4 +185,4 @@ def test_commands_that_write_or_move_are_refused_and_those_that_read_are_not(
         assert "Traceback" not in result.stderr
     with connected(open_bus({"interface": "slcan", "channel": held_drive[3]}), 1) as device:
         assert dataclasses.astuple(device.info())[6] == ("switch on disabled", "switch on disabled")
-        assert device.read("smc.lambda") == 20.0
+        assert device.read("smc.lambda") == 22.0

@@ -121,7 +121,7 @@ def test_what_is_stored_is_there_at_the_next_power_on(tmp_path: Path) -> None:
     with start(slcan_tcp="0", store=store) as sim, connected(open_bus(sim.options()), 1) as device:
         assert device.read("smc.lambda") == 150.0
     with start(slcan_tcp="0") as sim, connected(open_bus(sim.options()), 1) as device:
-        assert device.read("smc.lambda") == 20.0
+        assert device.read("smc.lambda") == 22.0
 
 
 def test_store_that_is_none_is_refused(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ def test_drive_refuses_to_save_while_the_store_cannot_be_written_and_goes_on(tmp
                     device.parameters.save()
             device.link.node.nmt.send_command(129)
             device.link.wait(lambda: False, 0.5)
-            assert device.read("smc.lambda") == 20.0
+            assert device.read("smc.lambda") == 22.0
             device.write("smc.lambda", 150.0)
             store.parent.mkdir()
             device.parameters.save()
