@@ -129,3 +129,31 @@ def test_stack_that_leaves_less_than_15_percent_of_its_reserve_is_a_finding(
     result["reserve"][name] -= 1
     (finding,) = cost.check(result)
     assert finding.startswith(f"stack, {name}: ")
+
+
+@pytest.mark.parametrize(
+    ("mnemonic", "operands", "cycles"),
+    [
+        ("adds", "r0, #1", 1),
+        ("vadd.f32", "s0, s1, s2", 1),
+        ("ldr.w", "r0, [r1, #4]", 2),
+        ("vldr", "s0, [r0]", 2),
+        ("ldrd", "r0, r1, [r2]", 3),
+        ("push", "{r4, r5, lr}", 4),
+        ("stmdb", "sp!, {r4-r7, lr}", 6),
+        ("vpush", "{d8-d15}", 9),
+        ("vfma.f32", "s0, s1, s2", 3),
+        ("vdiv.f32", "s0, s1, s2", 14),
+        ("udiv", "r0, r1, r2", 12),
+        ("beq.n", "8000100", 1),
+    ],
+)
+def test_cycles_of_an_instruction_are_those_of_the_cortex_m4(mnemonic: str, operands: str, cycles: int) -> None:
+    assert cost.cycles_of(mnemonic, operands) == cycles
+
+
+def test_the_model_of_cycles_is_shown_and_not_held() -> None:
+    estimated = {"m4-f32": {"ccu": {"mean": 1, "worst": 1, "model_mean": 3520, "model_worst": 4033}}}
+    before = {"m4-f32": {"ccu": {"mean": 1, "worst": 1}}}
+    assert cost.findings(estimated, before, "# C\n\n## 1\n") == []
+    assert cost.lower(estimated, before) == before
