@@ -106,7 +106,7 @@ def test_capture_is_what_the_servo_did_period_by_period(bus: KonturBus, device: 
     first = bus.sim.tick
     bus.sim.record(True)
     names = ("force_x", "force_y", "position_x", "position_y")
-    scope.arm(device, Setup(names, Trigger("<", "position_x", 19.9), pre=0.5))
+    scope.arm(device, Setup(names, Trigger("<", "position_x", 19.0), pre=0.5))
     device.axes.controlwords(RUN_PATH, RUN_PATH)
     stream.advance(0.5)
     assert scope.wait(device, 0.0)
@@ -120,7 +120,7 @@ def test_capture_is_what_the_servo_did_period_by_period(bus: KonturBus, device: 
     position_m = np.column_stack([capture["position_x"], capture["position_y"]]) * 1e-3
     assert np.abs(position_m - truth.pos_m[rows]).max() < 0.5e-6
     # where the trigger is: the first period of the observed position below the level, in the middle
-    below = np.flatnonzero(capture["position_x"] < 19.9)
+    below = np.flatnonzero(capture["position_x"] < 19.0)
     assert capture.trigger_frame == below[0] == 768
     assert capture.trigger_period == capture.first_period + below[0]
     assert capture.time_s[capture.trigger_frame] == 0.0
