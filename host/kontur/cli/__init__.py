@@ -25,6 +25,8 @@ _VERBS = {
     "home": "Home an axis, so that positions count from its home point.",
     "sim": "Simulate a drive on a bus, until Ctrl-C.",
     "design": "Find parameters for a machine, under margins.",
+    "commission": "Identify, tune, prove and store: from an unknown machine to a proven one.",
+    "identify": "Measure mass, friction, first mode and lag of both axes.",
     "bode": "Measure the frequency response of an axis: machine, loop, margins.",
     "sweep": "Run many inputs on simulated machines, into one table.",
     "experiment": "Run a defined experiment on the simulated drive.",

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur identify`: mass, friction, first mode, lag and cogging of both axes, measured by their drive."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from kontur.cli.options import NumberRange, check_output, drive_of, interruptible, target_options
+from kontur.cli.output import print_json, print_table
+from kontur.drive.axes import AXES
+from kontur.files import write_atomically
+
+if TYPE_CHECKING:
+    from kontur.commissioning.identify import Identified
+    from kontur.drive.target import Target
+
+FORCE_SHARE = 0.5  # of the force limit, where no force is given
+
+
+@click.command(name="identify")
+@click.option("--axis", "only", type=click.Choice(AXES), help="One axis alone.  [default: x, then y]")
+@click.option("--force", "force_N", type=NumberRange(1.0, 3000.0), metavar="N",
+              help="Largest force.  [default: half of the force limit]")  # fmt: skip
+@click.option("--speed", type=NumberRange(5.0, 1000.0), default=200.0, show_default=True, metavar="MM_PER_S",
+              help="Largest speed.")  # fmt: skip
+@click.option("-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="MACHINE.toml",
+              help="Write the machine file of what was found here, of both axes.")  # fmt: skip
+@click.option("--params", type=click.Path(dir_okay=False, path_type=Path), metavar="PARAMS.toml",
+              help="Write the parameters of the drive for it here.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@target_options
+def command(
+    *,
+    target: Target,
+    only: str | None,
+    force_N: float | None,
+    speed: float,
+    out: Path | None,
+    params: Path | None,
+    as_json: bool,
+) -> None:
+    """Measure both axes with their own drive, one after the other, within their soft limits.
+
+    A slow ramp of the force finds the direction first, and stops the axis within a millimetre where it is wrong. The
+    drive keeps its parameters. Ctrl-C stops.
+    """
+    check_output(out, ".toml")
+    check_output(params, ".toml")
+    if only is not None and (out or params):
+        raise click.UsageError("--axis: a machine file has both axes; leave out --axis, or -o and --params")
+    from kontur.commissioning import machine_file
+    from kontur.commissioning.session import identify_axes
+    from kontur.drive import parameter_file
+
+    with drive_of(target) as device, interruptible() as stop_requested:
+        try:
+            found = identify_axes(
+                device, (only,) if only else AXES, force_N, FORCE_SHARE, speed * 1e-3, _say(as_json), stop_requested
+            )
+        except KeyboardInterrupt:
+            click.echo("Interrupted: the axes have slowed down, and the parameters are as they were.", err=True)
+            sys.exit(stop_requested.exit_code)
+        declared = device.declared
+    if out is not None or params is not None:
+        machine = machine_file.machine(target.machine, found)
+        if out is not None:
+            write_atomically(out, machine_file.text(machine).encode())
+        if params is not None:
+            values = machine.parameters() | machine_file.parameters(found)
+            write_atomically(params, parameter_file.text(values, declared).encode())
+    if as_json:
+        print_json({"axes": {name: machine_file.as_json(one) for name, one in found.items()}})
+    else:
+        show(found)
+
+
+def _say(as_json: bool) -> Callable[[str], None]:
+    return (lambda text: None) if as_json else (lambda text: click.echo(f"{text}.", err=True))
+
+
+def show(found: dict[str, Identified]) -> None:
+    """A table with a row a quantity, and a column an axis."""
+    from kontur.commissioning import machine_file
+
+    of = {name: machine_file.as_json(one) for name, one in found.items()}
+    rows: list[dict[str, Any]] = []
+    for key, value in next(iter(of.values())).items():
+        if value is None or isinstance(value, dict):
+            rows.append({"what": key, **{name: _text(one[key]) for name, one in of.items()}})
+    print_table(rows, "Identified", {"what": ""})
+    for name, one in of.items():
+        click.echo(f"{name}: not seen: {', '.join(one['not_seen'])}")
+
+
+def _text(value: dict[str, float] | None) -> str:
+    return "-" if value is None else f"{value['value']:.4g} ± {value['uncertainty']:.2g}"

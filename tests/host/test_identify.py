@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Identification: the fits against what made the data, and a drive against the simulated machine."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from kontur.can.simulated import simulated
+from kontur.cli import main
+from kontur.commissioning import fit
+from kontur.commissioning.identify import Agreed, Diagnosis, identify
+from kontur.commissioning.response import Response
+from kontur.design import loop
+from kontur.drive.target import Target, open_drive
+from kontur.machine import LENGTHS, MACHINES, Axis, Machine, load
+
+BALL_SCREW = load(MACHINES / "ball_screw.toml")
+HZ = np.unique(np.round(np.geomspace(8.0, 900.0, 48)))
+
+
+def response_of(axis: Axis, delay: int, noise: float, seed: int = 1) -> Response:
+    """What the equations of the axis give, with so much relative noise."""
+    plant = loop.plant(loop.Grid.at(HZ, 10_000), axis, delay, ((1.0, 1.0),)).force[0]
+    rng = np.random.default_rng(seed)
+    plant = plant * (1.0 + noise * (rng.standard_normal(plant.shape) + 1j * rng.standard_normal(plant.shape)))
+    sigma = noise * np.abs(plant)
+    if axis.scale_m == 0.0:
+        plant[1] = 0.0
+    ones = np.ones(len(HZ))
+    return Response(HZ, plant, sigma, ones.astype(complex), 0.01 * ones, ones)
+
+
+def inside(value: fit.Value, true: float) -> bool:
+    return abs(value.value - true) <= value.uncertainty
+
+
+@pytest.mark.parametrize("machine", ["stiff_scale", "ball_screw", "lead_screw", "long_axis"])
+def test_machine_is_found_in_its_frequency_response(machine: str) -> None:
+    whole = load(MACHINES / f"{machine}.toml")
+    for axis in whole.axes:
+        measured = response_of(axis, whole.delay_periods, 0.02)
+        base = replace(axis, mass_kg=1.0, resonance_Hz=0.0, resonance_damping=0.1, motor_share=0.5, current_lag_s=0.0)
+        found = fit.dynamics(measured, 10_000, base)
+        assert found.mass_kg.value == pytest.approx(axis.mass_kg, rel=0.02)
+        assert found.resonance_Hz.value == pytest.approx(axis.resonance_Hz, rel=0.01)
+        assert found.motor_share.value == pytest.approx(axis.motor_share, abs=0.05)
+        true_s = axis.current_lag_s + 1e-4 * whole.delay_periods
+        assert found.lag_delay_s.value == pytest.approx(true_s, abs=5e-5)
+        assert inside(found.mass_kg, axis.mass_kg)
+        assert inside(found.resonance_Hz, axis.resonance_Hz)
+        assert inside(found.lag_delay_s, true_s)
+        assert found.encoder_at == axis.encoder_at
+
+
+def test_rigid_machine_is_found_to_be_rigid() -> None:
+    axis = replace(BALL_SCREW.x, resonance_Hz=0.0)
+    found = fit.dynamics(response_of(axis, 1, 0.02), 10_000, axis)
+    assert found.resonance_Hz.value == 0.0
+    assert found.mass_kg.value == pytest.approx(axis.mass_kg, rel=0.02)
+
+
+def test_encoder_at_the_table_is_told_from_one_at_the_motor() -> None:
+    axis = replace(BALL_SCREW.x, encoder_at="table")
+    found = fit.dynamics(response_of(axis, 1, 0.02), 10_000, axis)
+    assert found.encoder_at == "table"
+    assert found.resonance_Hz.value == pytest.approx(axis.resonance_Hz, rel=0.01)
+
+
+def test_friction_curve_is_found_with_its_uncertainty() -> None:
+    v = np.array([0.0015, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2])
+    force = 60.0 * (1.0 + 0.25 * np.exp(-v / 0.004)) + 600.0 * v
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        noisy = force + 0.5 * rng.standard_normal(len(v))
+        found = fit.friction(list(v), list(noisy), [0.5] * len(v))
+        assert inside(found.coulomb_N, 60.0)
+        assert inside(found.viscous_Nspm, 600.0)
+        assert found.coulomb_N.uncertainty < 9.0
+        assert found.viscous_Nspm.uncertainty < 90.0
+        assert inside(found.breakaway, 1.25)
+
+
+def cogging_run(lead_m: float, velocity_mps: float, seed: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Positions and demands of an axis of 80 kg that cogging of 3 N a turn shakes while it moves."""
+    time = np.arange(0.0, 4.0, 0.01)
+    even = velocity_mps * time
+    omega = 2.0 * np.pi * velocity_mps / lead_m
+    swing_m = 40e-6 * np.cos(omega * time + 0.3)
+    position = even + swing_m
+    cogging = 3.0 * np.sin(2.0 * np.pi * position / lead_m + 0.5)
+    noise = 0.3 * np.random.default_rng(seed).standard_normal(len(time))
+    return position, 80.0 * -(omega**2) * swing_m - cogging + 40.0 * np.sign(velocity_mps) + noise, velocity_mps
+
+
+def test_cogging_is_found_at_the_lead_that_it_has() -> None:
+    runs = [cogging_run(0.01, 0.02, 1), cogging_run(0.01, -0.02, 2)]
+    found = fit.cogging(runs, 80.0, (0.004, 0.005, 0.01, 0.016))
+    assert found is not None
+    assert found.lead_m == 0.01
+    assert complex(found.sin_N[0], found.cos_N[0]) == pytest.approx(3.0 * np.exp(0.5j), abs=0.15)
+    assert found.peak_N == pytest.approx(3.0, abs=0.4)
+
+
+def test_force_without_cogging_has_none() -> None:
+    rng = np.random.default_rng(1)
+    position = np.linspace(0.0, 0.08, 400)
+    assert fit.cogging([(position, 40.0 + rng.standard_normal(400), 0.02)], 80.0, (0.005, 0.01)) is None
+
+
+def test_presliding_is_found_in_reversals_behind_a_gap() -> None:
+    distance = np.linspace(0.0, 1.2e-4, 60)
+    k = np.arange(1, 11)[:, None]
+
+    def slip(d: np.ndarray) -> np.ndarray:
+        return np.mean(np.minimum(20.0 * np.maximum(d, 0.0) / (k * 25e-6), 2.0), axis=0) - 1.0
+
+    found = fit.presliding([(distance, 0.5 * (slip(distance) + slip(distance - 10e-6)))] * 2)
+    assert found is not None
+    assert found.value == pytest.approx(25e-6, rel=0.1)
+    assert fit.presliding([(distance, np.sin(5e5 * distance))] * 2) is None
+    assert fit.presliding([(distance[:5], distance[:5])]) is None
+
+
+def moved_m(machine: Machine, axis: str) -> float:
+    """How far an identification of a drive that knows nothing, which must fail, moves the axis."""
+    with open_drive(Target(machine=machine, told=LENGTHS)) as device:
+        drive = simulated(device.link.bus)
+        assert drive is not None
+        drive.take_truth()
+        with pytest.raises(Diagnosis) as caught:
+            identify(device, axis, Agreed(300.0))
+        moved_m.kind = caught.value.kind  # type: ignore[attr-defined]
+        position_m = drive.take_truth().pos_m[:, "xy".index(axis)]
+        return float(np.ptp(position_m))
+
+
+@pytest.mark.parametrize("what", ["force_inverted", "encoder_inverted"])
+def test_wrong_direction_is_found_within_a_millimetre(what: str) -> None:
+    machine = replace(BALL_SCREW, x=replace(BALL_SCREW.x, **{what: True}))  # type: ignore[arg-type]
+    assert moved_m(machine, "x") < 1e-3
+    assert moved_m.kind == "polarity"  # type: ignore[attr-defined]
+
+
+def test_jammed_axis_is_said_to_be_jammed() -> None:
+    machine = replace(BALL_SCREW, y=replace(BALL_SCREW.y, coulomb_N=2000.0))
+    assert moved_m(machine, "y") < 1e-3
+    assert moved_m.kind == "jammed"  # type: ignore[attr-defined]
+
+
+def test_command_finds_the_machine_and_leaves_the_drive_as_it_was(tmp_path: Path) -> None:
+    """One axis of the four; the other machines and axes are what `kontur commission` is measured with."""
+    result = CliRunner().invoke(
+        main, ["identify", "--axis", "x", "--machine", str(MACHINES / "ball_screw.toml"), "--untold", "--json"]
+    )
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)["axes"]["x"]
+    true = BALL_SCREW.x
+    for name, expected, share in (
+        ("mass_kg", true.mass_kg, 0.05),
+        ("viscous_Nspm", true.viscous_Nspm, 0.15),
+        ("coulomb_N", true.coulomb_N, 0.15),
+        ("resonance_Hz", true.resonance_Hz, 0.05),
+        ("lag_delay_s", true.current_lag_s + 1e-4, 0.25),
+    ):
+        assert found[name]["value"] == pytest.approx(expected, rel=share), name
+        assert abs(found[name]["value"] - expected) <= found[name]["uncertainty"], name
+    assert found["screw_m"] == true.screw_m
+    assert found["cogging_N"]["value"] == pytest.approx(true.cogging_N, rel=0.2)
