@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`kontur commission`: what it writes, when it stores, and what it says where something is wrong."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from kontur.cli import main
+from kontur.cli.commission import _problem
+from kontur.commissioning import machine_file
+from kontur.commissioning.fit import Cogging, Dynamics, Friction, Value
+from kontur.commissioning.identify import Identified
+from kontur.commissioning.prove import Proof
+from kontur.commissioning.response import Response
+from kontur.machine import MACHINES, load
+
+BALL_SCREW = load(MACHINES / "ball_screw.toml")
+
+
+def found(delay: int = 1, elastic: bool = True) -> Identified:
+    empty = np.zeros(1)
+    return Identified(
+        breakaway_N=70.0,
+        friction=Friction(Value(60.0, 2.0), Value(600.0, 30.0), Value(1.25, 0.1), Value(0.004, 0.002)),
+        dynamics=Dynamics(
+            mass_kg=Value(100.0, 2.0),
+            resonance_Hz=Value(90.0 if elastic else 0.0, 1.0),
+            resonance_damping=Value(0.03, 0.01),
+            motor_share=Value(0.5, 0.02),
+            lag_delay_s=Value(4e-4, 3e-5),
+            current_lag_s=4e-4 - delay * 1e-4,
+            delay_periods=delay,
+            encoder_at="motor",
+            misfit=0.5,
+        ),
+        cogging=Cogging(0.01, (1.0, 0.0, 0.5), (0.0, 0.5, 0.0), 0.2),
+        noise_N=0.5,
+        presliding_m=Value(2e-5, 1.2e-5),
+        response=Response(empty, np.zeros((2, 1), complex), np.zeros((2, 1)), empty.astype(complex), empty, empty),
+        speeds=(),
+    )
+
+
+def test_machine_file_is_one_and_says_what_was_found(tmp_path: Path) -> None:
+    machine = machine_file.machine(BALL_SCREW, {"x": found(), "y": found(2, elastic=False)})
+    file = tmp_path / "machine.toml"
+    file.write_text(machine_file.text(machine))
+    read = load(file)
+    assert read == machine
+    assert read.x.mass_kg == 100.0
+    assert read.x.resonance_Hz == 90.0
+    assert read.y.resonance_Hz == 0.0
+    assert read.delay_periods == 2
+    assert read.x.current_lag_s + 2e-4 == pytest.approx(4e-4)
+    assert read.x.presliding_m == 2e-5
+    assert read.x.soft_limit_m == BALL_SCREW.x.soft_limit_m
+    assert read.x.lead_error == 0.0
+
+
+def test_json_has_each_figure_with_its_uncertainty_and_what_was_not_seen() -> None:
+    found_x = machine_file.as_json(found(elastic=False))
+    assert found_x["mass_kg"] == {"value": 100.0, "uncertainty": 2.0}
+    assert found_x["resonance_Hz"] is None
+    assert "resonance_Hz" in found_x["not_seen"]
+    assert "lead_error" in found_x["not_seen"]
+    assert "mass_kg" not in found_x["not_seen"]
+    json.dumps(found_x)
+
+
+def test_phases_of_cogging_are_told_to_the_drive() -> None:
+    values = machine_file.parameters({"x": found()})
+    assert values["screw_x.lead"] == 10_000.0
+    assert values["screw_x.cogging_cos_1"] == 1.0
+    assert values["screw_x.cogging_sin_2"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({}, ""),
+        ({"ms_measured": 2.3}, "exceeds 2.2"),
+        ({"after_um": None}, "stopped on"),
+        ({"after_um": 5.5}, "no better: 3.25 µm after, 3.00 before"),
+        ({"after_um": 4.5}, ""),
+        ({"before_um": None}, ""),
+        ({"controller": "cascade", "ms_measured": 9.0}, ""),  # the comparison is not what is stored
+    ],
+)
+def test_design_is_kept_only_where_the_proof_holds(change: dict[str, float], words: str) -> None:
+    good = Proof("r20@100 ccw", "ccu", 3.0, 1.0, 1.9, 2.0)
+    assert (_problem([good, replace(good, **change)]) == "") == (words == "")  # type: ignore[arg-type]
+    assert words in _problem([good, replace(good, **change)])  # type: ignore[arg-type]
+
+
+def test_wrong_direction_is_said_in_words_and_nothing_is_saved(tmp_path: Path) -> None:
+    machine = tmp_path / "wrong.toml"
+    text = (MACHINES / "ball_screw.toml").read_text()
+    machine.write_text(text.replace("[x]\n", "[x]\nforce_inverted = true\n"))
+    out = tmp_path / "out"
+    result = CliRunner().invoke(
+        main, ["commission", "--machine", str(machine), "--untold", "--yes", "--json", "--out", str(out)]
+    )
+    assert result.exit_code == 1
+    assert "opposite directions" in result.stderr
+    printed = json.loads(result.stdout)
+    assert printed == json.loads((out / "commission.json").read_text())
+    assert printed["saved"] is False
+    assert printed["diagnosis"]["kind"] == "polarity"
+    assert "wiring_x.invert_force" in printed["diagnosis"]["text"]
+    assert set(printed) >= {"axes", "design", "proof", "saved"}
+
+
+def test_each_step_is_explained_and_asked_for(tmp_path: Path) -> None:
+    result = CliRunner().invoke(main, ["commission", "--out", str(tmp_path / "out")], input="n\n")
+    assert result.exit_code == 1
+    assert "identify: Each axis moves within its soft limits" in result.stderr
+    assert "Go on?" in result.stderr
