@@ -27,6 +27,7 @@ def found(delay: int = 1, elastic: bool = True) -> Identified:
     empty = np.zeros(1)
     return Identified(
         breakaway_N=70.0,
+        encoder_m=76.29e-9,
         friction=Friction(Value(60.0, 2.0), Value(600.0, 30.0), Value(1.25, 0.1), Value(0.004, 0.002)),
         dynamics=Dynamics(
             mass_kg=Value(100.0, 2.0),
@@ -121,3 +122,10 @@ def test_each_step_is_explained_and_asked_for(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert "identify: Each axis moves within its soft limits" in result.stderr
     assert "Go on?" in result.stderr
+
+
+@pytest.mark.parametrize("verb", [["commission", "--out", "unused"], ["identify"]])
+def test_without_a_known_length_the_distance_of_index_pulses_is_needed(verb: list[str]) -> None:
+    result = CliRunner().invoke(main, [*verb, "--untold", "all"])
+    assert result.exit_code == 2
+    assert "--index-distance" in result.stderr

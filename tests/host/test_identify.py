@@ -13,10 +13,11 @@ from click.testing import CliRunner
 
 from kontur.can.simulated import simulated
 from kontur.cli import main
-from kontur.commissioning import fit
+from kontur.commissioning import encoder, fit
 from kontur.commissioning.identify import Agreed, Diagnosis, identify
 from kontur.commissioning.response import Response
 from kontur.design import loop
+from kontur.drive.axes import METHODS
 from kontur.drive.target import Target, open_drive
 from kontur.machine import LENGTHS, MACHINES, Axis, Machine, load
 
@@ -172,3 +173,25 @@ def test_command_finds_the_machine_and_leaves_the_drive_as_it_was(tmp_path: Path
         assert abs(found[name]["value"] - expected) <= found[name]["uncertainty"], name
     assert found["screw_m"] == true.screw_m
     assert found["cogging_N"]["value"] == pytest.approx(true.cogging_N, rel=0.2)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_length_of_a_count_is_found_by_index_pulses(direction: float) -> None:
+    with open_drive(Target(machine=BALL_SCREW, told=LENGTHS)) as device:
+        device.parameters.set(
+            {"plant_x.encoder": 0.02, "homing_method_x": METHODS["index+" if direction > 0.0 else "index-"]}
+            | {"cascade.position_gain": 20.0, "cascade.velocity_gain": 30.0, "cascade.integral_gain": 5.0}
+            | {"observer.bandwidth": 2000.0}
+        )
+        device.select_controller("cascade")
+        with device.axes.enabled():
+            found_m = encoder.length_m(device, "x", BALL_SCREW.x.index_m)
+    assert found_m == pytest.approx(BALL_SCREW.x.encoder_m, rel=1e-3)
+
+
+def test_wrong_length_of_a_count_is_said_with_its_factor() -> None:
+    with open_drive(Target(machine=BALL_SCREW, told=LENGTHS)) as device:
+        device.parameters.set({"plant_x.encoder": round(BALL_SCREW.x.encoder_m * 1e6 / 2.0, 8)})
+        with pytest.raises(Diagnosis, match=r"wrong by a factor of 2.*plant_x.encoder=0.0762") as caught:
+            identify(device, "x", Agreed(300.0, index_m=0.01))
+    assert caught.value.kind == "encoder"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from kontur.cli.identify import FORCE_SHARE, show
+from kontur.cli.identify import FORCE_SHARE, encoder_known, require_length, show
 from kontur.cli.options import NumberRange, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.drive.axes import AXES
@@ -56,16 +56,27 @@ _HEADINGS = {
 @click.option("--speed", type=NumberRange(5.0, 1000.0), default=200.0, show_default=True, metavar="MM_PER_S",
               help="Largest speed of the identification.")  # fmt: skip
 @click.option("--yes", is_flag=True, help="Do not ask before each step.")
+@click.option("--index-distance", "index_mm", type=NumberRange(0.1, 1000.0), metavar="MM",
+              help="Distance of the index pulses: the length of an encoder count is checked by it.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(
-    *, target: Target, out: Path, aim: str, force_N: float | None, speed: float, yes: bool, as_json: bool
+    *,
+    target: Target,
+    out: Path,
+    aim: str,
+    force_N: float | None,
+    speed: float,
+    yes: bool,
+    index_mm: float | None,
+    as_json: bool,
 ) -> None:
     """Bring an axis pair from unknown to proven: identify, tune, prove, store.
 
     The travel is that of the soft limits; force limit and motion limits are those of --machine. The new parameters are
     stored in the drive only if the proof holds. Ctrl-C stops on the spot and leaves the drive as it was.
     """
+    require_length(target, index_mm)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -74,7 +85,19 @@ def command(
     result: dict[str, Any] = {"axes": {}, "design": {}, "proof": [], "saved": False}
     try:
         with interruptible() as stop_requested:
-            _commission(target, out, aim, force_N, speed * 1e-3, yes, as_json, say, stop_requested, result)
+            _commission(
+                target,
+                out,
+                aim,
+                force_N,
+                speed * 1e-3,
+                (index_mm or 0.0) * 1e-3,
+                yes,
+                as_json,
+                say,
+                stop_requested,
+                result,
+            )
     except KeyboardInterrupt:
         click.echo("Interrupted: the axes have slowed down, and the parameters are as they were.", err=True)
         sys.exit(stop_requested.exit_code)
@@ -95,6 +118,7 @@ def _commission(
     aim: str,
     force_N: float | None,
     speed_mps: float,
+    index_m: float,
     yes: bool,
     as_json: bool,
     say: Callable[[str], None],
@@ -112,7 +136,9 @@ def _commission(
         declared = device.declared
         device.parameters.set(_ratings(target.machine))
         try:
-            found = identify_axes(device, AXES, force_N, FORCE_SHARE, speed_mps, say, stop_requested)
+            found = identify_axes(
+                device, AXES, force_N, FORCE_SHARE, speed_mps, index_m, encoder_known(target), say, stop_requested
+            )
         finally:
             device.parameters.set(before)
     result["axes"] = {name: machine_file.as_json(one) for name, one in found.items()}

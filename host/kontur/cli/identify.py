@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from kontur import machine as machines
 from kontur.cli.options import NumberRange, check_output, drive_of, interruptible, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.drive.axes import AXES
@@ -32,6 +33,8 @@ FORCE_SHARE = 0.5  # of the force limit, where no force is given
               help="Write the machine file of what was found here, of both axes.")  # fmt: skip
 @click.option("--params", type=click.Path(dir_okay=False, path_type=Path), metavar="PARAMS.toml",
               help="Write the parameters of the drive for it here.")  # fmt: skip
+@click.option("--index-distance", "index_mm", type=NumberRange(0.1, 1000.0), metavar="MM",
+              help="Distance of the index pulses: the length of an encoder count is checked by it.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(
@@ -40,6 +43,7 @@ def command(
     only: str | None,
     force_N: float | None,
     speed: float,
+    index_mm: float | None,
     out: Path | None,
     params: Path | None,
     as_json: bool,
@@ -53,6 +57,7 @@ def command(
     check_output(params, ".toml")
     if only is not None and (out or params):
         raise click.UsageError("--axis: a machine file has both axes; leave out --axis, or -o and --params")
+    require_length(target, index_mm)
     from kontur.commissioning import machine_file
     from kontur.commissioning.session import identify_axes
     from kontur.drive import parameter_file
@@ -60,7 +65,15 @@ def command(
     with drive_of(target) as device, interruptible() as stop_requested:
         try:
             found = identify_axes(
-                device, (only,) if only else AXES, force_N, FORCE_SHARE, speed * 1e-3, _say(as_json), stop_requested
+                device,
+                (only,) if only else AXES,
+                force_N,
+                FORCE_SHARE,
+                speed * 1e-3,
+                (index_mm or 0.0) * 1e-3,
+                encoder_known(target),
+                _say(as_json),
+                stop_requested,
             )
         except KeyboardInterrupt:
             click.echo("Interrupted: the axes have slowed down, and the parameters are as they were.", err=True)
@@ -77,6 +90,20 @@ def command(
         print_json({"axes": {name: machine_file.as_json(one) for name, one in found.items()}})
     else:
         show(found)
+
+
+def encoder_known(target: Target) -> bool:
+    """Whether the drive is told the lengths of its encoders, or has them."""
+    return not target.in_process or target.told != machines.NOTHING
+
+
+def require_length(target: Target, index_mm: float | None) -> None:
+    """Raise UsageError where nothing says how long a count of the encoder is."""
+    if index_mm is None and not encoder_known(target):
+        raise click.UsageError(
+            "--untold all: nothing says how long a count of the encoder is; give the distance of its index pulses with "
+            "--index-distance MM"
+        )
 
 
 def _say(as_json: bool) -> Callable[[str], None]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kontur.commissioning import fit, response
+from kontur.commissioning import encoder, fit, response
 from kontur.commissioning.bias import Mover
 from kontur.commissioning.fit import Cogging, Dynamics, Friction, Value
 from kontur.commissioning.recording import Recorder, record
@@ -31,6 +31,7 @@ _SEEN_M, _SEEN_COUNTS = 6e-6, 4  # a movement this large shows the direction
 _BROKEN_M = 1.2e-4  # beyond presliding
 _RAMP_S = 2.0
 _WATCH_S = 0.002
+_LENGTH_ERROR = 0.005  # of a count, relative, that may be
 _ROUGH_HZ = 8.0
 _SPEEDS_MPS = (0.0015, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2)
 _LEADS_M = (0.002, 0.0025, 0.004, 0.005, 0.006, 0.008, 0.01, 0.012, 0.016, 0.02, 0.025, 0.03, 0.032, 0.04)
@@ -50,20 +51,27 @@ class Diagnosis(DeviceError):
 
 @dataclass(frozen=True)
 class Agreed:
-    """What was agreed: the largest force and speed. The travel is that of the drive's soft limits."""
+    """What was agreed: the largest force and speed. The travel is that of the drive's soft limits.
+
+    `index_m`: distance of index pulses, 0: not known. By it the length of a count is checked, or found where it is not
+    `encoder_known`.
+    """
 
     force_N: float
     speed_mps: float = 0.2
+    index_m: float = 0.0
+    encoder_known: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
     """What was found of an axis. `cogging` and `presliding_m` are None where none was seen.
 
-    `noise_N`: scatter of the force demand. `speeds`: rows of speed and friction.
+    `encoder_m`: length of a count. `noise_N`: scatter of the force demand. `speeds`: rows of speed and friction.
     """
 
     breakaway_N: float
+    encoder_m: float
     friction: Friction
     dynamics: Dynamics
     cogging: Cogging | None
@@ -96,6 +104,10 @@ def identify(
         {f"plant_{axis}.mass": round(mass_kg, 3), f"plant_{axis}.coulomb": round(0.8 * coulomb_N, 3)}
         | _FIRM | {f"following_window_{axis}": _MEASURE_NM}
     )  # fmt: skip
+    if agreed.index_m > 0.0:
+        say(f"{axis}: from one index pulse to the next: length of an encoder count")
+        mass_kg *= _check_encoder(device, axis, agreed, stop_requested)
+        device.parameters.set({f"plant_{axis}.mass": round(mass_kg, 3)})
     say(f"{axis}: constant speeds both ways: friction, cogging")
     with _moving(device, axis, stop_requested) as mover:
         steps, runs, noise_N = _speeds(mover, agreed)
@@ -112,6 +124,7 @@ def identify(
         cogging = fit.cogging(runs, dynamics.mass_kg.value, (cogging.lead_m,))
     return Identified(
         breakaway_N=breakaway_N,
+        encoder_m=base.encoder_m,
         friction=found,
         dynamics=dynamics,
         cogging=cogging,
@@ -127,7 +140,8 @@ def _prepare(device: Device, axis: str) -> None:
     """No knowledge of the axis, and gains that hold it softly whatever its mass is."""
     device.parameters.set(
         _CAREFUL
-        | {"observer.bandwidth": 3300.0, f"plant_{axis}.coulomb": 0.0, f"plant_{axis}.viscous": 0.0,
+        | {"observer.bandwidth": 3300.0, f"plant_{axis}.mass": 30.0, f"plant_{axis}.coulomb": 0.0,
+           f"plant_{axis}.viscous": 0.0,
            f"following_window_{axis}": _RUNAWAY_NM, f"following_timeout_{axis}": 0}
     )  # fmt: skip
 
@@ -229,6 +243,32 @@ def _rough(device: Device, axis: str, force_N: float, stop_requested: Callable[[
             "no mass does: is a coupling loose, or the length of an encoder count wrong?",
         )
     return mass_kg, max(0.0, ratio.imag * abs(position) * np.pi / 4.0)
+
+
+# --- length of a count ------------------------------------------------------------------------------------------------
+def _check_encoder(device: Device, axis: str, agreed: Agreed, stop_requested: Callable[[], bool]) -> float:
+    """What the mass is to be multiplied with, by the length of a count as it is now."""
+    before_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
+    device.parameters.set({f"homing_method_{axis}": encoder.method_of(device, axis)})
+    with device.axes.enabled():
+        found_m = encoder.length_m(device, axis, agreed.index_m, stop_requested)
+    if found_m is None:
+        raise Diagnosis(
+            "index",
+            f"axis {axis} has found no two index pulses; leave out the index distance, or check the index input",
+        )
+    factor = found_m / before_m
+    if abs(factor - 1.0) < _LENGTH_ERROR:
+        return 1.0
+    if agreed.encoder_known:
+        raise Diagnosis(
+            "encoder",
+            f"axis {axis}: the length of an encoder count is wrong by a factor of {factor:.4g}: index pulses are "
+            f"{agreed.index_m * 1e3:g} mm apart, the drive counts {agreed.index_m / factor * 1e3:.4g} mm. Set "
+            f"plant_{axis}.encoder={found_m * 1e6:.6g}",
+        )
+    device.parameters.set({f"plant_{axis}.encoder": round(found_m * 1e6, 8)})
+    return 1.0 / factor
 
 
 # --- friction and cogging ---------------------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ def axis(known: Axis, found: Identified) -> Axis:
         "current_lag_s": d.current_lag_s,
         "force_noise_N": 0.0,
         "encoder_at": d.encoder_at,
+        "encoder_m": found.encoder_m,
     }
     if d.resonance_Hz.value > 0.0:
         values |= {
@@ -116,6 +117,7 @@ def as_json(found: Identified) -> dict[str, Any]:
     }
     return result | {
         "encoder_at": d.encoder_at,
+        "encoder_m": found.encoder_m,
         "screw_m": found.cogging.lead_m if found.cogging else None,
         "breakaway_N": found.breakaway_N,
         "force_noise_N": found.noise_N,

@@ -31,14 +31,17 @@ def identify_axes(
     force_N: float | None,
     share: float,
     speed_mps: float,
+    index_m: float,
+    encoder_known: bool,
     say: Callable[[str], None],
     stop_requested: Callable[[], bool],
 ) -> dict[str, Identified]:
-    """Identify each of `axes`. `force_N`: the largest force; without it `share` of the force limit."""
+    """Identify each of `axes`. `force_N`: the largest force; without it `share` of the force limit.
+    `index_m`, `encoder_known`: as in Agreed."""
     found: dict[str, Identified] = {}
     with parameters_kept(device):
         for axis in axes:
             limit_N = float(device.read(f"plant_{axis}.force_limit"))
-            agreed = Agreed(min(force_N or share * limit_N, limit_N), speed_mps)
+            agreed = Agreed(min(force_N or share * limit_N, limit_N), speed_mps, index_m, encoder_known)
             found[axis] = identify(device, axis, agreed, say, stop_requested)
     return found

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The length of an encoder count, by two index pulses whose distance is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from kontur.can import wire
+from kontur.drive import scope
+from kontur.drive.axes import METHODS
+from kontur.drive.device import Device
+from kontur.drive.single_axis import home
+from kontur.errors import DeviceError
+
+
+def length_m(
+    device: Device, axis: str, index_m: float, stop_requested: Callable[[], bool] = lambda: False
+) -> float | None:
+    """The length of a count, where index pulses are `index_m` apart; None where there are none.
+
+    Homes the axis to one pulse and then to the next one, by its homing method, one of method_of(). The drive, which
+    must be enabled, counts its positions from the second one afterwards.
+    """
+    pulses = []
+    for _ in range(2):
+        try:
+            if not home(device, axis, stop_requested):
+                raise KeyboardInterrupt
+        except DeviceError:
+            device.faults.check()
+            return None
+        counts = _counts(device, axis)
+        offset_m = float(device.read(f"position_actual_{axis}")) * wire.M_PER_NM
+        pulses.append(counts - offset_m / (float(device.read(f"plant_{axis}.encoder")) * 1e-6))
+    return index_m / abs(pulses[1] - pulses[0])
+
+
+def _counts(device: Device, axis: str) -> float:
+    """What the encoder counts now, in the mean of a moment."""
+    scope.arm(device, scope.Setup((f"encoder_count_{axis}",), scope.trigger("now"), 0.0))
+    if not scope.wait(device, 5.0):
+        raise DeviceError("the scope of the drive records nothing")
+    return float(np.mean(scope.read(device)[f"encoder_count_{axis}"]))
+
+
+def method_of(device: Device, axis: str) -> int:
+    """The homing method (6098h) that goes where there is more room."""
+    at_m = float(device.read(f"position_actual_{axis}")) * wire.M_PER_NM
+    low, high = (float(device.read(f"position_limit_{axis}.{end}")) * wire.M_PER_NM for end in ("min", "max"))
+    return METHODS["index+" if at_m - low < high - at_m else "index-"]
