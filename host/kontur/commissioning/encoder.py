@@ -21,8 +21,10 @@ def length_m(
     """The length of a count, where index pulses are `index_m` apart; None where there are none.
 
     Homes the axis to one pulse and then to the next one, by its homing method, one of method_of(). The drive, which
-    must be enabled, counts its positions from the second one afterwards.
+    must be enabled, has its zero where it was, afterwards.
     """
+    count_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
+    zero = _counts(device, axis) - float(device.read(f"position_actual_{axis}")) * wire.M_PER_NM / count_m
     pulses = []
     for _ in range(2):
         try:
@@ -33,7 +35,10 @@ def length_m(
             return None
         counts = _counts(device, axis)
         offset_m = float(device.read(f"position_actual_{axis}")) * wire.M_PER_NM
-        pulses.append(counts - offset_m / (float(device.read(f"plant_{axis}.encoder")) * 1e-6))
+        pulses.append(counts - offset_m / count_m)
+    device.write(f"home_offset_{axis}", round((counts - zero) * count_m / wire.M_PER_NM))
+    device.write(f"homing_method_{axis}", METHODS["here"])
+    home(device, axis)
     return index_m / abs(pulses[1] - pulses[0])
 
 

@@ -20,6 +20,7 @@ from kontur.commissioning.fit import Cogging, Dynamics, Friction, Value
 from kontur.commissioning.recording import Recorder, record
 from kontur.commissioning.response import Floats, Response, Setup
 from kontur.drive.device import Device
+from kontur.drive.single_axis import jog
 from kontur.errors import DeviceError, EmcyError
 from kontur.machine import Axis
 
@@ -31,6 +32,7 @@ _SEEN_M, _SEEN_COUNTS = 6e-6, 4  # a movement this large shows the direction
 _BROKEN_M = 1.2e-4  # beyond presliding
 _RAMP_S = 2.0
 _WATCH_S = 0.002
+_TRAVEL_MPS, _OFF_SWITCH_M = 0.03, 3e-3
 _LENGTH_ERROR = 0.005  # of a count, relative, that may be
 _ROUGH_HZ = 8.0
 _SPEEDS_MPS = (0.0015, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2)
@@ -108,6 +110,9 @@ def identify(
         say(f"{axis}: from one index pulse to the next: length of an encoder count")
         mass_kg *= _check_encoder(device, axis, agreed, stop_requested)
         device.parameters.set({f"plant_{axis}.mass": round(mass_kg, 3)})
+    if not agreed.encoder_known:
+        say(f"{axis}: to the limit switches: free travel")
+        _find_travel(device, axis, agreed, stop_requested)
     say(f"{axis}: constant speeds both ways: friction, cogging")
     with _moving(device, axis, stop_requested) as mover:
         steps, runs, noise_N = _speeds(mover, agreed)
@@ -269,6 +274,24 @@ def _check_encoder(device: Device, axis: str, agreed: Agreed, stop_requested: Ca
         )
     device.parameters.set({f"plant_{axis}.encoder": round(found_m * 1e6, 8)})
     return 1.0 / factor
+
+
+def _find_travel(device: Device, axis: str, agreed: Agreed, stop_requested: Callable[[], bool]) -> None:
+    """Set the soft limits within the limit switches, where these come before them."""
+    speed_mps = min(_TRAVEL_MPS, agreed.speed_mps)
+    for end, sign in (("max", 1.0), ("min", -1.0)):
+        with device.axes.enabled():
+            limits_m = [float(device.read(f"position_limit_{axis}.{name}")) * _NM for name in ("min", "max")]
+            longest_s = (limits_m[1] - limits_m[0]) / speed_mps + 2.0
+            jog(device, {axis: sign * speed_mps}, longest_s, stop_requested)
+            if stop_requested():
+                raise KeyboardInterrupt
+            on_switch = int(device.read(f"digital_inputs_{axis}")) & 3 != 0
+            here_m = float(device.read(f"position_actual_{axis}")) * _NM
+            if on_switch:  # off it again, so that nothing stops there any more
+                jog(device, {axis: -sign * speed_mps}, 2.0 * _OFF_SWITCH_M / speed_mps, stop_requested)
+        if on_switch:
+            device.parameters.set({f"position_limit_{axis}.{end}": round((here_m - sign * _OFF_SWITCH_M) / _NM)})
 
 
 # --- friction and cogging ---------------------------------------------------------------------------------------------
