@@ -12,10 +12,12 @@ from time_optimum import duration_s
 
 from kontur.experiments.bench_plan import LEAST_S, circle_curve, lines, rosette_curve, spiral_curve, trochoid_curve
 from kontur.machine import MACHINES, load
+from kontur.path import gcode, shapes
 from kontur.path.geometry import Dwell, Program
+from kontur.path.line_arc import LineArcPath
 from kontur.path.smoothing import TOLERANCE_M
 from kontur.planning.bounds import limits
-from kontur.planning.planner import Limits, plan
+from kontur.planning.planner import Limits, plan, positions
 
 LIMITS = Limits()
 UNEVEN = Limits((0.08, 0.2), (2.0, 8.0), (300.0, 60.0))
@@ -77,6 +79,30 @@ def test_a_path_of_lines_takes_little_longer_than_the_fastest_motion_along_its_c
 )
 def test_the_least_times_of_the_bench_are_those_of_the_reference(name, curve, turns, cells):
     assert duration_s(curve, turns * TURN, 0.1, LIMITS, cells) == pytest.approx(LEAST_S[name], rel=0.004)
+
+
+@pytest.mark.parametrize(("radius_m", "name"), [(0.02, "circle r 20"), (0.004, "circle r 4")])
+def test_a_true_circle_stays_exact_and_takes_little_longer_than_the_fastest_motion(radius_m, name):
+    trajectory = smooth(shapes.circle(radius_m, 0.1))
+    assert LEAST_S[name] < trajectory.duration_s < 1.05 * LEAST_S[name]
+    assert trajectory.deviation_m == 0.0
+    assert np.max(np.abs(np.hypot(*trajectory.position_m.T) - radius_m)) < 1e-12
+    assert_within(trajectory, LIMITS)
+
+
+def test_arcs_and_lines_between_corners_keep_their_limits_and_stop_there():
+    program = gcode.parse("G1 F6000 X10\nG2 X14 Y4 I0 J4\nG1 X10\nG3 X10 Y4 I-3 J0\nG4 P0.05\nG1 Y0\nX0", "p.ngc")
+    trajectory = smooth(program)
+    assert_within(trajectory, LIMITS)
+    for corner in ((14_000_000, 4_000_000), (10_000_000, 4_000_000), (10_000_000, 0)):
+        assert np.sum(np.all(trajectory.knots_nm == corner, axis=1)) >= 3
+    line_arc = LineArcPath(program.moves)
+    s = np.linspace(0.0, line_arc.length_m, 500)
+    np.testing.assert_allclose(line_arc.point(s), positions(program.moves, s), atol=1e-12)
+    for order in (1, 2, 3):
+        slope = (line_arc.derivative(s + 1e-7, order - 1) - line_arc.derivative(s - 1e-7, order - 1)) / 2e-7
+        away = np.min(np.abs(s[:, None] - line_arc.stops_m), axis=1) > 1e-6
+        np.testing.assert_allclose(line_arc.derivative(s, order)[away], slope[away], rtol=1e-4, atol=1e-2)
 
 
 def test_the_reference_knows_the_least_time_of_a_straight_line():

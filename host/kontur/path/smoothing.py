@@ -25,7 +25,8 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 
-from kontur.path.geometry import Dwell, FloatArray, Line, Move, Program
+from kontur.path.geometry import Arc, Dwell, FloatArray, Line, Move, Program
+from kontur.path.line_arc import LineArcPath
 
 TOLERANCE_M = 10e-6
 """How far a smoothed path may be from the file's, unless something else is said."""
@@ -104,10 +105,11 @@ class Exact:
 
 @dataclass(frozen=True)
 class Smooth:
-    """Moves of a program that are driven along `path`, with a dwell of `dwell_s` (k + 1,) at each of its stops."""
+    """Moves of a program that are driven along `path`, smoothed or exact, with a dwell of `dwell_s` (k + 1,) at each of
+    its stops."""
 
     moves: tuple[Move, ...]
-    path: SmoothPath
+    path: SmoothPath | LineArcPath
     dwell_s: FloatArray
 
 
@@ -132,15 +134,14 @@ def parts(program: Program, tolerance_m: float) -> list[Exact | Smooth]:
     out: list[Exact | Smooth] = []
     for batch in _batches(stretches):
         if not batch[0].smooth:
-            _add_exact(out, moves, batch)
+            _add_unsmoothed(out, moves, batch)
             continue
         fit, good = _smoothed(polyline, batch)
         for run in _runs(batch, good):
             if good[run[0]]:
                 begin, end = run[0], run[-1] + 1
-                dwell = [sum(one.duration_s for one in batch[i].before) for i in run]
                 chosen = moves[batch[begin].first : batch[end - 1].last + 1]
-                out.append(Smooth(chosen, fit.path(begin, end), np.array([*dwell, 0.0])))
+                out.append(Smooth(chosen, fit.path(begin, end), _dwells(batch[begin:end])))
             else:
                 _add_exact(out, moves, [batch[i] for i in run])
     if after:
@@ -154,6 +155,24 @@ def parts(program: Program, tolerance_m: float) -> list[Exact | Smooth]:
 
 def _tolerance(move: Move, otherwise_m: float) -> float:
     return otherwise_m if move.tolerance_m is None else move.tolerance_m
+
+
+def _dwells(batch: list[_Stretch]) -> FloatArray:
+    return np.array([*(sum(one.duration_s for one in stretch.before) for stretch in batch), 0.0])
+
+
+def _add_unsmoothed(out: list[Exact | Smooth], moves: tuple[Move, ...], batch: list[_Stretch]) -> None:
+    """Add stretches that are not smoothed. Arcs that stand alone between stops are optimised, with the lines there."""
+    alone = np.array(
+        [s.tolerance_m > 0.0 and s.first == s.last and isinstance(moves[s.first].segment, (Line, Arc)) for s in batch]
+    )
+    for run in _runs(batch, alone):
+        chosen = [batch[i] for i in run]
+        part = moves[chosen[0].first : chosen[-1].last + 1]
+        if alone[run[0]] and any(isinstance(move.segment, Arc) for move in part):
+            out.append(Smooth(part, LineArcPath(part), _dwells(chosen)))
+        else:
+            _add_exact(out, moves, chosen)
 
 
 def _add_exact(out: list[Exact | Smooth], moves: tuple[Move, ...], batch: list[_Stretch]) -> None:

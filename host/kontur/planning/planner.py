@@ -34,7 +34,7 @@ from scipy.optimize import brentq
 from kontur.errors import KonturError, PathError, shown
 from kontur.path import smoothing
 from kontur.path.geometry import DURATION_MAX_S, KNOT_S, Arc, Curve, FloatArray, Line, Move, Program
-from kontur.path.smoothing import Exact
+from kontur.path.smoothing import Exact, SmoothPath
 from kontur.planning import knots, time_law
 from kontur.planning.bounds import Limits, Piece, pieces_of, planned, sampled
 from kontur.planning.feed import Feed, reached
@@ -153,7 +153,10 @@ def _planned(
             found = time_law.pieces(part.path, feed, ends, inside)
             law = time_law.distances(part.path, part.dwell_s, feed, ends, inside, limits, share)
             control.append(start_m + np.pad(law, 1, mode="edge"))
-            driven.append(Move(part.path, math.inf, line=part.moves[0].line))
+            if isinstance(part.path, SmoothPath):
+                driven.append(Move(part.path, math.inf, line=part.moves[0].line))
+            else:
+                driven += part.moves
             deviation_m = max(deviation_m, part.path.deviation_m)
         pieces += found
         start_m += math.fsum(move.segment.length_m for move in part.moves)

@@ -13,7 +13,7 @@ needed there: the first motion starts with a constant jerk.
 The first motion keeps velocity, centripetal acceleration and a tangential acceleration, averaged over the time in which
 the jerk builds it up. Each pass starts from the result of the one before, so that its samples become those of the
 drive: one a millisecond. The last result is averaged over a few milliseconds, checked as the spline that the drive
-follows, and slowed where it exceeds a limit.
+follows, and slowed around where it exceeds a limit.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d
 
 from kontur.path.geometry import KNOT_S, FloatArray
+from kontur.path.line_arc import LineArcPath
 from kontur.path.smoothing import SmoothPath
 from kontur.planning import knots
 from kontur.planning.bounds import AXIS_SPEED, BEND_LIMITS, Limits, Piece
@@ -40,18 +41,21 @@ _AVERAGE_S = 2.0 * KNOT_S  # of the result
 _TANGENTIAL_SHARE = 0.6  # of the acceleration, for the first motion
 _START, _DROP = 0.05, 0.05  # weight of the barrier at first, and from round to round
 _GAP = 0.01  # share of the duration that the result may be above the least one
+_LAST_GAP = 0.004  # of the last pass
 _NEWTON_MAX = 25  # steps of a round
-_AT_REST = 3  # equal control points before and behind a stretch
+_REST = 3  # equal control points at a stop
 _NEAR = 11  # ms around an excess in which a limit is lowered
-_SLOWING = 6  # rounds
+_SLOWING = 8  # rounds
+_AROUND = 24  # ms
 _TINY = 1e-10  # m, nearer than this to a stop is at rest
 _WINDOW = 4000  # samples that are solved for at once, up to the next stop
 
+DrivenPath = SmoothPath | LineArcPath
 _Index = npt.NDArray[np.intp]
 
 
 def distances(
-    path: SmoothPath,
+    path: DrivenPath,
     dwell_s: FloatArray,
     feed_mps: FloatArray,
     ends_m: FloatArray,
@@ -73,15 +77,15 @@ def distances(
         shares = law.shares(s, rests) if step == _STEPS_S[-2] else np.ones((len(s), 2))
     out = law.slowed(law.stretches(s, rests))
     holds = np.ceil(dwell_s / KNOT_S - 1e-9).astype(int)
-    rows = [np.full(holds[0], out[0][0])]
+    rows = [np.full(_REST - 1 + holds[0], out[0][0])]
     for one, hold in zip(out, holds[1:], strict=True):
         rows += [one, np.full(hold, one[-1])]
-    return np.concatenate(rows)
+    return np.concatenate([*rows, out[-1][-1:]])
 
 
 @dataclass
 class _Law:
-    path: SmoothPath
+    path: DrivenPath
     feed_mps: FloatArray
     ends_m: FloatArray
     limits: Limits
@@ -123,13 +127,14 @@ class _Law:
         `shares` (n, 2) of the limits of acceleration and jerk are allowed.
         """
         position, feed = self.path.point(s), self.feed(s)
+        gap = _LAST_GAP if step == _STEPS_S[-1] else _GAP
         out = np.empty(len(s))
         first = 0
         while first < len(s):
             later = rests[rests >= first + _WINDOW]
             last = int(later[0]) if later.size and later[0] < rests[-1] else len(s)
             rows = slice(first, last)
-            out[rows] = _Barrier(position[rows], step, feed[rows], self.limits, shares[rows]).solve()
+            out[rows] = _Barrier(position[rows], step, feed[rows], self.limits, shares[rows]).solve(gap)
             first = last
         return out
 
@@ -147,7 +152,7 @@ class _Law:
             part = _averaged(np.pad(part, width // 2 + 1, mode="edge"), width)
             moving = np.flatnonzero((part > low + _TINY) & (part < high - _TINY))
             part = part[moving[0] : moving[-1] + 1]
-            out.append(np.concatenate([np.full(_AT_REST, low), part, np.full(_AT_REST, high)]))
+            out.append(np.concatenate([[low], part, np.full(_REST - 1, high)]))
         return out
 
     def _ratios(self, stretches: list[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -172,15 +177,15 @@ class _Law:
         return np.stack([1.0 / np.maximum(1.0, 1.01 * one[np.minimum(at, len(one) - 1)]) for one in excess], axis=1)
 
     def slowed(self, stretches: list[FloatArray]) -> list[FloatArray]:
-        """The stretches, each slowed as a whole until it keeps the limits."""
+        """The stretches, slowed around where they exceed the limits until they keep them."""
         for _ in range(_SLOWING):
             speed, acceleration, jerk = self._ratios(stretches)
-            factor = np.maximum(np.maximum(speed, np.sqrt(acceleration)), np.cbrt(jerk))
-            first = np.append(0, np.cumsum([len(one) for one in stretches]))[:-1]
-            worst = np.maximum.reduceat(factor, first)
-            if np.max(worst) <= 1.0:
+            excess = np.maximum(np.maximum(speed, np.sqrt(acceleration)), np.cbrt(jerk))
+            if np.max(excess) <= 1.0:
                 break
-            stretches = [_slower(one, 1.001 * w) if w > 1.0 else one for one, w in zip(stretches, worst, strict=True)]
+            ends = np.cumsum([len(one) for one in stretches])[:-1]
+            of_each = np.split(excess, ends)
+            stretches = [_slower(one, e) if np.max(e) > 1.0 else one for one, e in zip(stretches, of_each, strict=True)]
         return stretches
 
 
@@ -190,7 +195,7 @@ def samples(grid_m: FloatArray) -> FloatArray:
     return np.append((grid_m[:-1, None] + np.diff(grid_m)[:, None] * parts).ravel(), grid_m[-1])
 
 
-def caps(path: SmoothPath, feed_mps: FloatArray, limits: Limits, s: FloatArray) -> tuple[FloatArray, _Index]:
+def caps(path: DrivenPath, feed_mps: FloatArray, limits: Limits, s: FloatArray) -> tuple[FloatArray, _Index]:
     """Greatest constant rate (n,) of the distance at `s` (n,), and what it is by: 0 the feed, 1 the speed of an axis, 2
     the acceleration, 3 the jerk."""
     first, second, third = (np.abs(path.derivative(s, order)) for order in (1, 2, 3))
@@ -206,7 +211,7 @@ def caps(path: SmoothPath, feed_mps: FloatArray, limits: Limits, s: FloatArray) 
     return np.min(choices, axis=0), np.argmin(choices, axis=0)
 
 
-def pieces(path: SmoothPath, feed_mps: FloatArray, ends_m: FloatArray, limits: Limits) -> list[Piece]:
+def pieces(path: DrivenPath, feed_mps: FloatArray, ends_m: FloatArray, limits: Limits) -> list[Piece]:
     """What bounds the speed along the path: a piece for each span of its grid."""
     middle = 0.5 * (path.grid_m[1:] + path.grid_m[:-1])
     feed = feed_mps[np.minimum(np.searchsorted(ends_m, middle), len(ends_m) - 1)]
@@ -230,13 +235,16 @@ def _spline_values(control: FloatArray) -> FloatArray:
     return np.asarray((padded[:-2] + 4.0 * padded[1:-1] + padded[2:]) / 6.0)
 
 
-def _slower(control: FloatArray, factor: float) -> FloatArray:
-    """The same motion, which takes `factor` times as long."""
-    count = math.ceil((len(control) - 1) * factor)
-    at = np.minimum(np.arange(count + 1) / factor, len(control) - 1.0)
-    slow = np.asarray(CubicSpline(np.arange(len(control)), control, bc_type="clamped")(at))
+def _slower(control: FloatArray, excess: FloatArray) -> FloatArray:
+    """The same motion, slowed smoothly around the rows where `excess` (n,) is above 1."""
+    needed = np.where(excess > 1.0, 1.002 * excess, 1.0)
+    factor = _averaged(_averaged(maximum_filter1d(needed, 2 * _AROUND + 1), _AROUND), _AROUND)
+    time = np.append(0.0, np.cumsum(0.5 * (factor[1:] + factor[:-1])))
+    rows = np.arange(len(control), dtype=np.float64)
+    at = np.interp(np.arange(math.ceil(time[-1]) + 1), time, rows)
+    slow = np.asarray(CubicSpline(rows, control, bc_type="clamped")(at))
     slow = np.maximum.accumulate(np.clip(slow, control[0], control[-1]))
-    return np.concatenate([np.full(_AT_REST, control[0]), slow, np.full(_AT_REST, control[-1])])
+    return np.concatenate([control[:1], slow, control[-1:]])
 
 
 def _resampled(s: FloatArray, rests: _Index, b: FloatArray, step: float, new_step: float) -> tuple[FloatArray, _Index]:
@@ -289,8 +297,8 @@ class _Barrier:
         self._b = np.full(len(position), 0.5 / least)
         self._slack = self._slacks(self._b)
 
-    def solve(self) -> FloatArray:
-        """The fastest b (n,), nearly."""
+    def solve(self, gap: float) -> FloatArray:
+        """The fastest b (n,), whose duration is less than about a share `gap` above the least one."""
         count = len(self._b)
         weight = _START * self._step * float(np.mean(self._b**-0.5))
         while True:
@@ -298,7 +306,7 @@ class _Barrier:
                 gain = self._newton(weight)
                 if gain < 0.3 * weight * max(1.0, 3e-3 * count):
                     break
-            if weight * count <= _GAP * self._step * float(np.sum(self._b**-0.5)):
+            if weight * count <= gap * self._step * float(np.sum(self._b**-0.5)):
                 return self._b
             weight *= _DROP
 
