@@ -97,7 +97,7 @@ def test_run_without_a_feed_still_reports_what_is_wrong() -> None:
 
 def test_run_tells_of_a_clipped_feed_in_table_json_log_and_report(tmp_path: Path) -> None:
     command = ("run", "circle", "--radius", "4", "--feed", "1000")
-    said = "feed 1000 mm/s is not reached: 102.1 mm/s, limited by the jerk in the bend (jerk_mps3, --jerk)"
+    said = "feed 1000 mm/s is not reached: 117.8 mm/s, limited by the jerk in the bend (jerk_mps3, --jerk)"
     files = ("--log", str(tmp_path / "a.csv"), "--report", str(tmp_path / "a.html"))
     table = kontur(*command, "--override", "50", *files)
     assert f"The {said}; 50 % of that by --override." in table.stdout
@@ -105,7 +105,7 @@ def test_run_tells_of_a_clipped_feed_in_table_json_log_and_report(tmp_path: Path
     assert said in (tmp_path / "a.html").read_text()
     found = json.loads(kontur(*command, "--jerk", "1e6", "--json").stdout)
     assert found["feed"]["asked_mps"] == 1.0
-    assert found["feed"]["reached_mps"] == pytest.approx(0.1252, abs=1e-3)
+    assert found["feed"]["reached_mps"] == pytest.approx(0.1505, abs=1e-3)
     assert found["feed"]["by"].startswith("the centripetal acceleration")
     assert found["notes"][0].startswith("A jerk of 1225 m/s³ is planned instead of 1e+06")
 

@@ -90,6 +90,13 @@ def test_a_true_circle_stays_exact_and_takes_little_longer_than_the_fastest_moti
     assert_within(trajectory, LIMITS)
 
 
+def test_a_circle_that_takes_long_is_planned_at_once_as_ever():
+    program = shapes.circle(0.02, 0.01, laps=100)
+    started = time.process_time()
+    assert smooth(program).digest == plan(program, LIMITS).digest
+    assert time.process_time() - started < 10.0
+
+
 def test_arcs_and_lines_between_corners_keep_their_limits_and_stop_there():
     program = gcode.parse("G1 F6000 X10\nG2 X14 Y4 I0 J4\nG1 X10\nG3 X10 Y4 I-3 J0\nG4 P0.05\nG1 Y0\nX0", "p.ngc")
     trajectory = smooth(program)

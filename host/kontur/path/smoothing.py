@@ -48,6 +48,7 @@ _WEIGHT_RANGE = (1e-4, 1e4)
 _WEIGHT_RATIO = 4.0  # from span to span
 _MOVES = 20_000  # about as many are smoothed at once, to bound memory
 _TURN_STEP_RAD = 0.05
+_SHORT_S = 3.0
 
 _Index = npt.NDArray[np.intp]
 
@@ -163,9 +164,7 @@ def _dwells(batch: list[_Stretch]) -> FloatArray:
 
 def _add_unsmoothed(out: list[Exact | Smooth], moves: tuple[Move, ...], batch: list[_Stretch]) -> None:
     """Add stretches that are not smoothed. Arcs that stand alone between stops are optimised, with the lines there."""
-    alone = np.array(
-        [s.tolerance_m > 0.0 and s.first == s.last and isinstance(moves[s.first].segment, (Line, Arc)) for s in batch]
-    )
+    alone = np.array([s.tolerance_m > 0.0 and s.first == s.last and _short(moves[s.first]) for s in batch])
     for run in _runs(batch, alone):
         chosen = [batch[i] for i in run]
         part = moves[chosen[0].first : chosen[-1].last + 1]
@@ -173,6 +172,11 @@ def _add_unsmoothed(out: list[Exact | Smooth], moves: tuple[Move, ...], batch: l
             out.append(Smooth(part, LineArcPath(part), _dwells(chosen)))
         else:
             _add_exact(out, moves, chosen)
+
+
+def _short(move: Move) -> bool:
+    """Whether it is worth while to optimise a line or an arc: not where it goes at its feed for a long time."""
+    return isinstance(move.segment, (Line, Arc)) and move.segment.length_m <= _SHORT_S * min(move.feed_mps, 1.0)
 
 
 def _add_exact(out: list[Exact | Smooth], moves: tuple[Move, ...], batch: list[_Stretch]) -> None:

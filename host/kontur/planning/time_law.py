@@ -45,6 +45,7 @@ _LAST_GAP = 0.004  # of the last pass
 _NEWTON_MAX = 25  # steps of a round
 _REST = 3  # equal control points at a stop
 _NEAR = 11  # ms around an excess in which a limit is lowered
+_NEAR_CAP = 0.88
 _SLOWING = 8  # rounds
 _AROUND = 24  # ms
 _TINY = 1e-10  # m, nearer than this to a stop is at rest
@@ -212,13 +213,16 @@ def caps(path: DrivenPath, feed_mps: FloatArray, limits: Limits, s: FloatArray) 
 
 
 def pieces(path: DrivenPath, feed_mps: FloatArray, ends_m: FloatArray, limits: Limits) -> list[Piece]:
-    """What bounds the speed along the path: a piece for each span of its grid."""
+    """What bounds the speed along the path: a piece for each span of its grid.
+
+    Where the path bends the speed swings about what a constant one could be; _NEAR_CAP of that counts as bounded by it.
+    """
     middle = 0.5 * (path.grid_m[1:] + path.grid_m[:-1])
     feed = feed_mps[np.minimum(np.searchsorted(ends_m, middle), len(ends_m) - 1)]
     cap, by = caps(path, feed, limits, middle)
     names = ("", AXIS_SPEED, BEND_LIMITS[0], BEND_LIMITS[1])
     return [
-        Piece(length, v, 1.0, 1.0, names[i])
+        Piece(length, v * (_NEAR_CAP if i > 1 else 1.0), 1.0, 1.0, names[i])
         for length, v, i in zip(np.diff(path.grid_m).tolist(), cap.tolist(), by.tolist(), strict=True)
     ]
 
