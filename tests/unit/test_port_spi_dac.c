@@ -120,6 +120,37 @@ static void test_safe_outputs_set_both_channels_to_no_force_by_one_frame(void)
     TEST_ASSERT_TRUE(chip_pin('C', 11));
 }
 
+static uint32_t tail; /* the latest bytes */
+
+static bool keep_tail(const reg *r, uint32_t mask, uint32_t value)
+{
+    (void)value;
+    tail = r == &chip.spi3.SR && mask == SPI_SR_TXE ? tail << 8 | (chip.spi3.DR & 0xFFu) : tail;
+    return true;
+}
+
+static bool interrupt(const reg *r, uint32_t mask, uint32_t value)
+{
+    (void)r, (void)mask, (void)value;
+    chip_waits = keep_tail;
+    output_safe();
+    return true;
+}
+
+/* A crystal that stops while a write is on its way: what follows of the write changes nothing. */
+static void test_an_interrupt_that_makes_the_outputs_safe_has_the_last_word(void)
+{
+    configure(HAL_OUTPUT_SPI_DAC, HAL_OUTPUT_SPI_DAC);
+    write_forces(0, 0, false);
+    chip_waits = interrupt;
+    write_forces(FULL_mN, FULL_mN, true);
+    TEST_ASSERT_FALSE(chip_pin('B', 12) || chip_pin('C', 8));
+    TEST_ASSERT_EQUAL_HEX32(0x178000, tail & 0xFFFFFF);
+    const struct hal_drive_out y_alone = {.enable = {false, true}};
+    output_write(&y_alone);
+    TEST_ASSERT_FALSE(chip_pin('C', 8)); /* the safe state ends when neither axis is to be enabled */
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -127,5 +158,6 @@ int main(void)
     RUN_TEST(test_it_is_configured_and_written_when_an_axis_uses_it_and_else_not);
     RUN_TEST(test_force_is_a_share_of_full_scale_in_16_bits_and_saturates);
     RUN_TEST(test_safe_outputs_set_both_channels_to_no_force_by_one_frame);
+    RUN_TEST(test_an_interrupt_that_makes_the_outputs_safe_has_the_last_word);
     return UNITY_END();
 }

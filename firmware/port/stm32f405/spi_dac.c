@@ -7,7 +7,7 @@
 
 /* Command (C2 to C0) and address (A2 to A0) of a frame: SLAS719E, table 17 */
 enum {
-    WRITE_A = 0 << 3 | 0,
+    WRITE_A = 0,
     WRITE_B_UPDATE_ALL = 2 << 3 | 1,
     WRITE_BOTH_UPDATE_ALL = 2 << 3 | 7,
     RESET = 5 << 3,
