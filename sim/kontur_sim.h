@@ -140,6 +140,11 @@ void ks_set_entropy(ks *s, uint32_t noise);
 uint32_t ks_sync_id(const ks *s);
 uint32_t ks_sync_us(const ks *s);
 
+/* Let `step` be the machine from now on, in place of the one of ks_new(). It is called with `ctx` once a control period:
+ * from the force demand of the firmware it makes the true positions at the end of the period. pos_m holds those before.
+ * Encoders, switches and index pulses stay those of ks_new(). */
+void ks_set_plant(ks *s, void (*step)(void *ctx, const double *force_N, double *pos_m), void *ctx);
+
 /* Start the friction schedule at the present time. */
 void ks_start_schedule(ks *s);
 /* Record a struct ks_truth in each period from now on, in memory of this object. 0 ends the recording. */

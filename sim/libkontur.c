@@ -38,6 +38,8 @@ struct ks {
     int recording;
     int (*flash_ready)(void *ctx);
     void *flash_ready_ctx;
+    void (*plant_step)(void *ctx, const double *force_N, double *pos_m); /* NULL: plant_step() of plant.h */
+    void *plant_ctx;
 };
 
 static int push(struct fifo *f, const struct ks_frame *frame)
@@ -262,7 +264,13 @@ static void period(ks *s)
     s->tick++;
     device_poll(&s->device);
     s->plant.cutting = s->device.od.stream.state == STREAM_RUNNING;
-    plant_step(&s->plant, s->force_N);
+    if (s->plant_step == NULL) {
+        plant_step(&s->plant, s->force_N);
+    } else {
+        double pos_m[2] = {s->plant.pos_m[0], s->plant.pos_m[1]};
+        s->plant_step(s->plant_ctx, s->force_N, pos_m);
+        plant_follow(&s->plant, pos_m);
+    }
     if (s->recording) {
         struct ks_truth *row = &s->truth[s->truth_count - 1];
         memcpy(row->force_N, s->force_N, sizeof row->force_N);
@@ -374,6 +382,12 @@ uint32_t ks_sync_us(const ks *s)
 void ks_start_schedule(ks *s)
 {
     s->plant.schedule_start = s->plant.period;
+}
+
+void ks_set_plant(ks *s, void (*step)(void *ctx, const double *force_N, double *pos_m), void *ctx)
+{
+    s->plant_step = step;
+    s->plant_ctx = ctx;
 }
 
 void ks_record(ks *s, int on)

@@ -499,3 +499,15 @@ void plant_step(struct plant *p, const double force_N[2])
     }
     p->period++;
 }
+
+void plant_follow(struct plant *p, const double pos_m[2])
+{
+    for (int i = 0; i < 2; i++) {
+        const double before_m = encoder_m(p, i), before_mps = p->vel_mps[i];
+        p->vel_mps[i] = p->motor_vel_mps[i] = (pos_m[i] - p->pos_m[i]) / p->period_s;
+        p->pos_m[i] = p->motor_pos_m[i] = pos_m[i];
+        p->accel_mps2[i] = (p->vel_mps[i] - before_mps) / p->period_s;
+        pass_index(p, i, before_m);
+    }
+    p->period++;
+}

@@ -68,5 +68,7 @@ void plant_scales(const struct plant *p, int32_t count[2]);
 void plant_tool(const struct plant *p, double pos_m[2]);
 /* Let one control period pass. force_N is the force demand from the encoder reading at its start. */
 void plant_step(struct plant *p, const double force_N[2]);
+/* Let one control period pass in which the axes go to pos_m, whatever the machine says. */
+void plant_follow(struct plant *p, const double pos_m[2]);
 /* CDEF-END */
 #endif

@@ -8,7 +8,9 @@ without importing a simulator. A real drive's bus is no SimulatedBus, and then t
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Protocol, TypeAlias
 
 import can
 import numpy as np
@@ -27,6 +29,17 @@ class Truth:
     vel_mps: NDArray[np.float64]
     force_N: NDArray[np.float64]
     friction_N: NDArray[np.float64]
+
+
+class Plant(Protocol):
+    """A machine in Python that the simulated drive moves (docs/own-plant.md)."""
+
+    def step(self, force_N: tuple[float, float]) -> Iterable[float]:
+        """Let one control period pass under the drive's force demand; returns the positions (x, y) at its end, m."""
+
+
+MakePlant: TypeAlias = Callable[[tuple[float, float], float], Plant]
+"""Makes a plant at rest at a position in m, with a control period in s."""
 
 
 class SimulatedBus(can.BusABC):

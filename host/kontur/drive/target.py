@@ -10,7 +10,7 @@ from typing import Any
 
 from kontur.can.bad_bus import BusFaults
 from kontur.can.bus import open_bus
-from kontur.can.simulated import simulated
+from kontur.can.simulated import MakePlant, simulated
 from kontur.drive.device import Device, connected
 from kontur.machine import ALL, FULL, Machine, load
 
@@ -30,6 +30,8 @@ class Target:
     What a machine is and what its drive is told are two things. `told` and `compensation` say what a drive that is
     simulated in this process is told of `machine` (kontur.machine.TOLD, COMPENSATIONS). A drive on a bus is told
     nothing: it keeps its parameters.
+
+    `plant` makes a machine in Python that a drive in this process moves, in place of the simulator's.
     """
 
     machine: Machine = field(default_factory=load)
@@ -42,6 +44,7 @@ class Target:
     set_pdos: bool = False
     told: str = ALL
     compensation: str = FULL
+    plant: MakePlant | None = None
 
     @property
     def in_process(self) -> bool:
@@ -58,6 +61,7 @@ class Target:
         options = dict(self.bus) if self.bus is not None else {"interface": SIMULATED, "channel": "sim"}
         if options.get("interface") == SIMULATED:
             options |= {"machine": self.machine, "seed": self.seed, "node_id": self.node_id, "num": self.num}
+            options |= {"plant": self.plant} if self.plant is not None else {}
         if self.faults is not None:
             options |= {"interface": BAD_BUS, "inner": options["interface"], "faults": self.faults}
         return options

@@ -19,7 +19,7 @@ from typing import Any
 import can
 
 from kontur import machine as machines
-from kontur.can.simulated import SimulatedBus, Truth
+from kontur.can.simulated import MakePlant, SimulatedBus, Truth
 from kontur.errors import KonturError
 from kontur.machine import Machine
 from kontur.sim.library import Sim
@@ -35,6 +35,8 @@ _WIRE_S = 2e-4  # that a frame and its answer take at 1 Mbit/s
 
 class KonturBus(SimulatedBus):
     """A bus to a simulated drive. `machine` is a Machine or the name of a file; `sim` is the simulated drive itself.
+
+    `plant` makes the machine that is moved, in place of the simulator's (docs/own-plant.md).
 
     The drive has been on for `on_for_ms` when the bus is opened.
 
@@ -52,16 +54,20 @@ class KonturBus(SimulatedBus):
         num: str = "f32",
         pace: str = "lockstep",
         on_for_ms: int = 0,
+        plant: MakePlant | None = None,
         **_: object,
     ) -> None:
         if pace not in PACES:
             raise can.CanInitializationError(f"pace must be one of {', '.join(PACES)}, is {pace!r}")
         try:
-            plant = machine if isinstance(machine, Machine) else machines.load(machine)
-            self.sim = Sim(plant, int(seed), int(node_id), num)
+            simulated = machine if isinstance(machine, Machine) else machines.load(machine)
+            self.sim = Sim(simulated, int(seed), int(node_id), num)
+            if plant is not None:
+                start_m = (simulated.x.start_m, simulated.y.start_m)
+                self.sim.set_plant(plant(start_m, 1.0 / self.sim.control_hz))
         except (KonturError, ValueError, OverflowError) as error:
             raise can.CanInitializationError(str(error)) from error
-        self.channel_info = f"kontur simulated drive, machine {plant.name!r}, seed {seed}, node {node_id}"
+        self.channel_info = f"kontur simulated drive, machine {simulated.name!r}, seed {seed}, node {node_id}"
         self._lock = threading.Lock()
         self._clock_start_s = time.monotonic() if pace == "clock" else None
         self._wire_free_s = 0.0

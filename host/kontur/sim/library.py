@@ -7,6 +7,7 @@ kontur.sim.bus makes a python-can bus of it. Experiments that need no bus use it
 from __future__ import annotations
 
 import functools
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +18,8 @@ import numpy as np
 from cffi import FFI
 from numpy.typing import NDArray
 
-from kontur.can.simulated import Truth
-from kontur.errors import LibraryError, MachineError
+from kontur.can.simulated import Plant, Truth
+from kontur.errors import LibraryError, MachineError, SimulatorError
 from kontur.machine import Machine
 
 Floats = NDArray[np.float64]
@@ -82,6 +83,8 @@ class Sim:
         self._frame = self._ffi.new("struct ks_frame *")
         self._data = self._ffi.buffer(self._ffi.addressof(self._frame, "data"), 8)
         self.machine = machine
+        self._plant: Any = None  # what C calls must live as long as the drive
+        self._failed: BaseException | None = None
         self.control_hz: int = self._lib.ks_control_hz(self._ks)
         self.build: str = self._text(self._lib.ks_build(self._ks))
         self.num: str = self._text(self._lib.ks_num(self._ks))
@@ -113,11 +116,35 @@ class Sim:
     def step(self, periods: int) -> int:
         """Let at most `periods` control periods pass, fewer when a frame comes; returns how many passed."""
         passed: int = self._lib.ks_step(self._ks, periods)
+        self._check_plant()
         return passed
 
     def run(self, periods: int) -> None:
         """Let `periods` control periods pass."""
         self._lib.ks_run(self._ks, periods)
+        self._check_plant()
+
+    def set_plant(self, plant: Plant) -> None:
+        """Let `plant` be the machine from now on. What it raises, step() and run() raise as SimulatorError."""
+
+        def step(_ctx: Any, force_N: Any, pos_m: Any) -> None:
+            if self._failed is None:
+                x, y = (float(value) for value in plant.step((force_N[0], force_N[1])))
+                if not (math.isfinite(x) and math.isfinite(y)):
+                    raise ValueError(f"the position became {x:g}, {y:g} m; it must be two finite numbers")
+                pos_m[0], pos_m[1] = x, y
+
+        def failed(_kind: Any, error: BaseException, _traceback: Any) -> None:
+            self._failed = self._failed or error
+
+        self._plant = self._ffi.callback("void(void *, const double *, double *)", step, onerror=failed)
+        self._lib.ks_set_plant(self._ks, self._plant, self._ffi.NULL)
+
+    def _check_plant(self) -> None:
+        if self._failed is not None:
+            raise SimulatorError(
+                f"the plant in Python failed: {type(self._failed).__name__}: {self._failed}"
+            ) from self._failed
 
     def set_paced(self, by_sync: bool) -> None:
         """Set `clock.pace` of the drive: whether its time passes with SYNC. The caller then runs it at each SYNC."""
