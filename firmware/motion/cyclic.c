@@ -98,10 +98,9 @@ static void fill(struct cyclic_axis *a, uint32_t cycle, int32_t nm)
     a->rest = cycle;
 }
 
-static enum cyclic_result take(struct cyclic *c, int axis, int32_t nm, const struct cyclic_limits *limits)
+static enum cyclic_result take(struct cyclic *c, int axis, uint32_t cycle, int32_t nm)
 {
     struct cyclic_axis *a = &c->axis[axis];
-    const uint32_t cycle = c->clock.cycle;
     const uint32_t gap = cycle - a->latest;
     if (!a->known) {
         fill(a, cycle, nm);
@@ -114,13 +113,16 @@ static enum cyclic_result take(struct cyclic *c, int axis, int32_t nm, const str
     const int64_t before = set_point(a, cycle - 1u);
     const int64_t d1 = nm - before;
     const int64_t d2 = d1 - before + set_point(a, cycle - 2u);
-    const int64_t allowed = limits->max_nmpms2 * c->ms * c->ms * (gap > 1u ? (int64_t)gap : 1);
+    const int64_t allowed = a->limits.max_nmpms2 * c->ms * c->ms * (gap > 1u ? (int64_t)gap : 1);
     const int64_t most = allowed < CHANGE_MAX ? allowed : CHANGE_MAX;
-    if (d1 > STEP_MAX || d1 < -STEP_MAX || leaves(c, nm, d1, limits)) {
+    if (d1 > STEP_MAX || d1 < -STEP_MAX) {
         return CYCLIC_RANGE;
     }
     if (d2 > most || d2 < -most) {
         return CYCLIC_ACCELERATION;
+    }
+    if (leaves(c, nm, d1, &a->limits)) {
+        return CYCLIC_RANGE;
     }
     store(a, cycle, nm);
     const bool rest = rests(a);
@@ -134,15 +136,31 @@ void cyclic_told(struct cyclic *c, int axis)
     c->axis[axis].fresh = true;
 }
 
+/* Take what has come with the latest SYNC, for which there may be another one within the ms: of a burst only the last
+ * counts, since all of it belongs to one cycle. */
+static void take_told(struct cyclic *c, int axis)
+{
+    struct cyclic_axis *a = &c->axis[axis];
+    if (a->told) {
+        a->told = false;
+        a->known = a->known && a->follows; /* what was not followed is no way */
+        const enum cyclic_result result = take(c, axis, a->told_cycle, a->told_nm);
+        a->refused = result == CYCLIC_TAKEN ? a->refused : result;
+    }
+}
+
 void cyclic_take(struct cyclic *c, int axis, int32_t nm, const struct cyclic_limits *limits)
 {
     struct cyclic_axis *a = &c->axis[axis];
-    const bool repeats = a->known && !a->moved; /* a master at rest need not send its set-point again */
+    if (a->told_cycle != c->clock.cycle) {
+        take_told(c, axis);
+    }
+    const bool repeats = a->known && !a->moved && !a->told; /* a master at rest need not send its set-point again */
     if (a->fresh || repeats) {
-        const int32_t taken = a->fresh ? nm : newest(a);
-        a->known = a->known && a->follows; /* what was not followed is no way */
-        const enum cyclic_result result = take(c, axis, taken, limits);
-        a->refused = result == CYCLIC_TAKEN ? a->refused : result;
+        a->told = true;
+        a->told_nm = a->fresh ? nm : newest(a);
+        a->told_cycle = c->clock.cycle;
+        a->limits = *limits;
     }
     a->fresh = false;
 }
@@ -156,6 +174,7 @@ void cyclic_take_velocity(struct cyclic *c, int axis, int64_t umps, const struct
 {
     const struct cyclic_axis *a = &c->axis[axis];
     const uint32_t cycle = c->clock.cycle;
+    take_told(c, axis);
     int64_t nm = a->at_nm; /* until it follows, wherever it stands */
     if (a->follows) {
         nm = state_at(a, cycle - 1u).pos / FINE + umps * c->ms;
@@ -228,6 +247,7 @@ static void enter(struct cyclic *c, int axis, const struct cyclic_in *in)
 bool cyclic_update(struct cyclic *c, int axis, const struct cyclic_in *in)
 {
     struct cyclic_axis *a = &c->axis[axis];
+    take_told(c, axis);
     if (a->follows && missing(c, axis, in->now)) {
         a->refused = CYCLIC_MISSED;
     }

@@ -38,22 +38,33 @@ struct cyclic_state {
     int64_t pos, vel, acc;
 };
 
+/* What a set-point must keep to, and where the first one must be. */
+struct cyclic_limits {
+    int64_t max_nmpms2;     /* second difference in time */
+    int64_t min_nm, max_nm; /* an axis stays inside or, from outside, moves back */
+    uint32_t stop_umps2;    /* with which an axis stops before these */
+};
+
 struct cyclic_axis {
-    bool fresh;                 /* a set-point has come since the latest SYNC */
-    bool known;                 /* there is a set-point */
-    uint32_t latest;            /* cycle of the newest one, */
-    int32_t past[CYCLIC_PAST];  /* which is past[latest % CYCLIC_PAST]; the cycles before go backwards from there */
-    bool moved;                 /* these set-points differ; */
-    uint32_t rest;              /* up to this cycle they were the same */
-    enum cyclic_result refused; /* why set-points are no longer followed, until the axis is enabled anew */
-    bool follows;               /* the axis is where the set-points are, or on their way */
-    struct cyclic_state from;   /* at the begin */
-    struct cyclic_state to;     /* and at the end of the present cycle of the way */
-    int32_t at_nm;              /* where it stood when it began to */
-    int32_t offset_nm;          /* distance of the axis from its first set-point, */
-    uint8_t blended;            /* made up for since so many knots */
-    uint8_t same;               /* knots since the last one that differed */
-    int32_t knot_nm, step_nm;   /* the latest knot, and its difference to the one before */
+    bool fresh;                  /* a set-point has come since the latest SYNC */
+    bool told;                   /* one has come with the latest SYNC, */
+    int32_t told_nm;             /* this one, */
+    uint32_t told_cycle;         /* for this cycle, */
+    struct cyclic_limits limits; /* with these limits */
+    bool known;                  /* there is a set-point */
+    uint32_t latest;             /* cycle of the newest one, */
+    int32_t past[CYCLIC_PAST];   /* which is past[latest % CYCLIC_PAST]; the cycles before go backwards from there */
+    bool moved;                  /* these set-points differ; */
+    uint32_t rest;               /* up to this cycle they were the same */
+    enum cyclic_result refused;  /* why set-points are no longer followed, until the axis is enabled anew */
+    bool follows;                /* the axis is where the set-points are, or on their way */
+    struct cyclic_state from;    /* at the begin */
+    struct cyclic_state to;      /* and at the end of the present cycle of the way */
+    int32_t at_nm;               /* where it stood when it began to */
+    int32_t offset_nm;           /* distance of the axis from its first set-point, */
+    uint8_t blended;             /* made up for since so many knots */
+    uint8_t same;                /* knots since the last one that differed */
+    int32_t knot_nm, step_nm;    /* the latest knot, and its difference to the one before */
 };
 
 struct cyclic {
@@ -64,13 +75,6 @@ struct cyclic {
     int64_t within; /* how much of it is over, 0..SYNC_CYCLE - 1, */
     int64_t rate;   /* cycles in a ms */
     struct cyclic_axis axis[2];
-};
-
-/* What a set-point must keep to, and where the first one must be. */
-struct cyclic_limits {
-    int64_t max_nmpms2;     /* second difference in time */
-    int64_t min_nm, max_nm; /* an axis stays inside or, from outside, moves back */
-    uint32_t stop_umps2;    /* with which an axis stops before these */
 };
 
 struct cyclic_in {

@@ -266,7 +266,51 @@ static void test_burst_that_a_gateway_held_back_is_followed(void)
     expect_no_fault();
 }
 
+/* The master's computer was busy for three cycles, and sends all that it owes at once. */
+static void test_burst_of_several_cycles_is_followed(void)
+{
+    static const unsigned periods[] = {2, 4, 10};
+    for (int p = 0; p < 3; p++) {
+        setUp();
+        start_master(periods[p], 0, 0);
+        master.at = circle;
+        work(900 / periods[p]);
+        rig_ms(&rig, 3 * periods[p]);
+        const uint64_t begin = master.begin;
+        master.begin -= 30 * periods[p];
+        work(2);
+        master.begin = begin;
+        work(1000 / periods[p]);
+        expect_no_fault();
+    }
+}
+
 /* ---- what is no set-point that can be followed ---- */
+
+/* The drive's own time stood still meanwhile, or its bus. */
+static void test_flood_of_set_points_from_the_future_is_a_stop_along_the_tangent(void)
+{
+    static const unsigned periods[] = {1, 2, 4, 10};
+    for (int p = 0; p < 4; p++) {
+        for (unsigned ms = 40; ms < 160; ms += 20) { /* less may be within 2130h acceleration */
+            setUp();
+            start_master(periods[p], 0, 0);
+            master.at = circle;
+            work(900 / periods[p]);
+            master.begin -= 10 * ms;
+            work(ms / periods[p]);
+            double fastest = 0;
+            for (int k = 0; k < 300; k++) {
+                rig_ms(&rig, 1);
+                fastest = fmax(fastest, hypot(mmps(0), mmps(1)));
+            }
+            rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
+            TEST_ASSERT_TRUE(rig.emcy[0] == ACCELERATION || rig.emcy[0] == UNDERRUN || rig.emcy[0] == RANGE);
+            TEST_ASSERT_TRUE(fastest < 200);
+            TEST_ASSERT_DOUBLE_WITHIN(1e-2, 0, hypot(mmps(0), mmps(1)));
+        }
+    }
+}
 
 static void test_master_that_falls_silent_on_its_way_is_an_underrun(void)
 {
@@ -354,6 +398,23 @@ static void jump(double s, double nm[2])
 {
     nm[0] = s < 0.2 ? 0 : jump_nm;
     nm[1] = 0;
+}
+
+static void test_second_sync_within_a_cycle_loses_no_set_point(void)
+{
+    start_master(4, 0, 0);
+    work(20);
+    send_set_points(3000, 0);
+    rig_send(&rig, 0x80, 0, no_data);
+    rig_send(&rig, 0x80, 0, no_data);
+    TEST_ASSERT_EQUAL_INT32(3000, rig.device.drive.path.modes.cyclic.axis[0].told_nm);
+    jump_nm = 3000;
+    master.at = jump;
+    master.cycle = 60; /* after its jump */
+    master.begin = rig.plant.period - 59 * 40;
+    work(30);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-4, 3e-3, mm(0));
+    expect_no_fault();
 }
 
 static void test_jump_is_a_fault_by_its_acceleration(void)
@@ -627,6 +688,9 @@ int main(void)
     RUN_TEST(test_lag_is_two_cycles_at_most);
     RUN_TEST(test_lost_set_points_and_a_lost_sync_are_bridged);
     RUN_TEST(test_burst_that_a_gateway_held_back_is_followed);
+    RUN_TEST(test_burst_of_several_cycles_is_followed);
+    RUN_TEST(test_second_sync_within_a_cycle_loses_no_set_point);
+    RUN_TEST(test_flood_of_set_points_from_the_future_is_a_stop_along_the_tangent);
     RUN_TEST(test_master_that_falls_silent_on_its_way_is_an_underrun);
     RUN_TEST(test_master_that_falls_silent_at_rest_is_none);
     RUN_TEST(test_syncs_that_cease_for_eight_cycles_at_rest_matter_nothing);

@@ -196,7 +196,7 @@ static void test_every_stop_is_obeyed_within_two_periods_in_every_mode_among_any
         for (unsigned k = draw(10); k > 0; k--, sent++) {
             nonsense();
             rig_run(&rig, draw(8));
-            TEST_ASSERT_TRUE(hypot(mmps(0), mmps(1)) < speed + 15); /* friction may give the way */
+            TEST_ASSERT_TRUE(hypot(mmps(0), mmps(1)) < speed + 80); /* knots that are made may have 3 ms of 20 m/s2 */
         }
         moved += speed > 5 ? 1 : 0;
         given++;
