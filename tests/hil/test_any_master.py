@@ -153,7 +153,7 @@ def test_value_that_is_refused_is_refused_alone_and_told_once(rig: Rig) -> None:
     master = _jogging(rig)
     rejected = master.read(0x2200, 20)
     for _ in range(5):  # x goes on and asks for a mode that there is not, y stops
-        rig.link.send(0x400 + master.node_id, bytes([0x0F, 0, 9, 0, 0, 0]))
+        rig.link.send(0x400 + master.node_id, bytes([0x0F, 0, 5, 0, 0, 0]))
         rig.link.wait(lambda: False, 0.01)
     assert master.codes() == [EMCY_OF_VALUE]
     assert master.read(0x2200, 20) == rejected + 5
