@@ -372,6 +372,7 @@ void device_poll(struct device *device)
         settings_tick_ms(&device->settings);
         report_of_node(device, CO_EMCY_FLASH_WORN, settings_worn(&device->settings));
         report_of_node(device, CO_EMCY_SAVE_REFUSED, settings_refused(&device->settings));
+        report_of_node(device, CO_EMCY_QUEUE_FULL, device->drive.path.overflow);
         report_of_node(device, CO_EMCY_ONE_AXIS, waits_for_other_axis(device));
         step(device, 0);
         if (command_guard_expire(&device->drive.command_guard, drive_powered(&device->drive),

@@ -31,12 +31,13 @@ enum {
     CO_EMCY_PDO_LONG = 0x8220,
     CO_EMCY_SYNC_LENGTH = 0x8240,
     CO_EMCY_PDO_LATE = 0x8250,
-    /* raised by the application: about the store of the dictionary, and about records for one axis */
+    /* raised by the application: about the store of the dictionary, and about records, for one axis or too many */
     CO_EMCY_FLASH_WORN = 0xFF31,
     CO_EMCY_SAVE_REFUSED = 0xFF32,
     CO_EMCY_ONE_AXIS = 0xFF33,
+    CO_EMCY_QUEUE_FULL = 0xFF34,
 };
-#define CO_ERRORS_OF_NODE 11
+#define CO_ERRORS_OF_NODE 12
 
 #define CO_ERRORS 48       /* most codes that can be in effect; the application's and the node's must fit */
 #define CO_EMCY_WAITING 52 /* more than CO_ERRORS, so that there is always one to leave out */

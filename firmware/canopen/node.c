@@ -320,10 +320,10 @@ uint16_t co_emcy_code(const struct co_node *node, unsigned i)
 
 bool co_emcy_of_node(const struct co_node *node)
 {
-    static const uint16_t codes[CO_ERRORS_OF_NODE] = {CO_EMCY_OVERRUN,    CO_EMCY_PASSIVE,     CO_EMCY_WAS_OFF,
-                                                      CO_EMCY_PDO_VALUE,  CO_EMCY_PDO_SHORT,   CO_EMCY_PDO_LATE,
-                                                      CO_EMCY_ONE_AXIS,   CO_EMCY_PDO_LONG,    CO_EMCY_SYNC_LENGTH,
-                                                      CO_EMCY_FLASH_WORN, CO_EMCY_SAVE_REFUSED};
+    static const uint16_t codes[CO_ERRORS_OF_NODE] = {CO_EMCY_OVERRUN,    CO_EMCY_PASSIVE,      CO_EMCY_WAS_OFF,
+                                                      CO_EMCY_PDO_VALUE,  CO_EMCY_PDO_SHORT,    CO_EMCY_PDO_LATE,
+                                                      CO_EMCY_ONE_AXIS,   CO_EMCY_PDO_LONG,     CO_EMCY_SYNC_LENGTH,
+                                                      CO_EMCY_FLASH_WORN, CO_EMCY_SAVE_REFUSED, CO_EMCY_QUEUE_FULL};
     for (unsigned i = 0; i < CO_ERRORS_OF_NODE; i++) {
         if (co_emcy_in_effect(&node->emcy, codes[i])) {
             return true;

@@ -362,7 +362,7 @@ static void write_command(struct drive *d)
     for (int i = 0; i < 2; i++) {
         atomic_store(&c->powered[i], amplifier_word(&d->amplifier[i]));
     }
-    atomic_store(&c->rate, d->path.modes.generating ? 1000u : d->od->feed_override);
+    atomic_store(&c->rate, path_rate(&d->path, d->od));
     atomic_store(&c->run, may_run(d));
     if (atomic_load(&c->excite) == SERVO_LOOP_EXCITE && !may_excite(d, d->loop.excitation.cfg.axis % 2u)) {
         excite_end(&d->loop);

@@ -52,6 +52,7 @@ static void restart(struct path *p)
     atomic_store(&c->complete, false);
     atomic_store(&c->may_end, false);
     p->stream++;
+    p->overflow = false;
     atomic_store(&c->stream, p->stream);
     p->progress.current = false;
 }
@@ -134,7 +135,7 @@ bool path_may_run(const struct path *p, const struct od_data *od, const struct p
         }
     }
     return axis_modes_follow_stream(&p->modes) && p->queue.stream->state != STREAM_IDLE && !p->queue.suspended &&
-           axis_modes_enough_knots(&p->modes, &p->queue, od->limits.path_stop_time);
+           !p->overflow && axis_modes_enough_knots(&p->modes, &p->queue, od->limits.path_stop_time);
 }
 
 bool path_follow(struct path *p, bool may_run, bool powered)
@@ -304,12 +305,13 @@ uint32_t path_record(struct path *p, const struct od_data *od, const struct path
 {
     struct od_stream *s = p->queue.stream;
     const bool open = p->queue.open && s->state != STREAM_DONE;
-    if ((!open && !begin_by_record(p, od, axis, record)) || p->modes.generating || p->modes.by_frame) {
+    if (p->overflow || (!open && !begin_by_record(p, od, axis, record)) || p->modes.generating || p->modes.by_frame) {
         s->rejected_state++;
         return SDO_ABORT_STATE;
     }
     if (s->free < p->modes.record.ms) {
         s->rejected_full++;
+        p->overflow = true;
         return SDO_ABORT_STATE;
     }
     for (unsigned k = 0; k < p->modes.record.ms; k++) {
@@ -318,4 +320,33 @@ uint32_t path_record(struct path *p, const struct od_data *od, const struct path
         }
     }
     return SDO_OK;
+}
+
+/* ---- the clock of a master that sends records ---- */
+
+enum { WAITING = 4096 }; /* counts a knot */
+#define FOLLOW_MS 512u   /* time over which the number of waiting knots is averaged */
+
+/* With 1/1000 for each knot more than at the start that waits, the loop is damped: it takes 1 s, the average half of it.
+ * Whatever bit flips, it ends at once, and within PATH_FOLLOW_MAX. */
+static int32_t follow(struct path *p, const struct od_data *od)
+{
+    const struct od_stream *s = p->queue.stream;
+    const int32_t waiting = (int32_t)((s->accepted - s->executed) % SPLINE_RING) * WAITING;
+    const int32_t passed_ms = (int32_t)((servo(p)->ms - p->follow_ms) % FOLLOW_MS);
+    p->follow_ms = servo(p)->ms;
+    if (!p->modes.by_record || s->state != STREAM_RUNNING || od->feed_override != od_defaults.feed_override) {
+        p->waiting = waiting;
+        p->waiting_wanted = waiting;
+        return 0;
+    }
+    p->waiting += (int32_t)(((int64_t)waiting - p->waiting) * passed_ms / (int32_t)FOLLOW_MS);
+    const int64_t more = ((int64_t)p->waiting - p->waiting_wanted) / WAITING;
+    return more > PATH_FOLLOW_MAX ? PATH_FOLLOW_MAX : more < -PATH_FOLLOW_MAX ? -PATH_FOLLOW_MAX : (int32_t)more;
+}
+
+uint16_t path_rate(struct path *p, const struct od_data *od)
+{
+    const int32_t more = follow(p, od);
+    return p->modes.generating ? 1000u : (uint16_t)((int32_t)od->feed_override + more);
 }

@@ -14,13 +14,18 @@
 #include "motion/path_clock.h"
 #include "motion/queue.h"
 
+#define PATH_FOLLOW_MAX 5 /* 1/1000 */
+
 struct path {
     struct queue queue;
     struct axis_modes modes;
     struct servo_loop *loop;
-    struct path_progress progress; /* as read last */
-    uint32_t stream;               /* loop->command.stream as it is to be */
-    struct knot suspended_at;      /* where a suspended path stands */
+    struct path_progress progress;   /* as read last */
+    uint32_t stream;                 /* loop->command.stream as it is to be */
+    struct knot suspended_at;        /* where a suspended path stands */
+    bool overflow;                   /* a record was lost because the queue was full: the path goes no further */
+    uint32_t follow_ms;              /* of the last snapshot by which path time has followed the records' clock */
+    int32_t waiting, waiting_wanted; /* knots of records that wait, averaged, and as at the start; 1/4096 */
 };
 
 /* What the CiA 402 state machine says of an axis. */
@@ -71,4 +76,7 @@ uint32_t path_record(struct path *p, const struct od_data *od, const struct path
 /* Measured positions of the axes, and where they are to be: user's positions in nm. */
 struct knot path_position(const struct path *p);
 struct knot path_reference(const struct path *p);
+/* The rate of path time to go to, 1/1000: the feed override. Records of 60C1h come by the clock of their master, and so path
+ * time goes by up to PATH_FOLLOW_MAX faster or slower, that neither more nor fewer of them wait as time goes by. Once a step. */
+uint16_t path_rate(struct path *p, const struct od_data *od);
 #endif

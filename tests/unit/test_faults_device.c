@@ -484,6 +484,22 @@ static void test_one_axis_has_records_and_the_other_none(void)
     TEST_ASSERT_EQUAL_HEX16(0, rig.emcy[rig.emcy_count - 1]);
 }
 
+static void test_queue_full_of_records_is_told_until_the_stream_is_discarded(void)
+{
+    const uint8_t at_rest[8] = {0};
+    rig_nmt(&rig, 1);
+    rig_enable(&rig);
+    for (unsigned i = 0; i < 992; i++) {
+        rig_send(&rig, 0x401, 8, at_rest);
+    }
+    rig_ms(&rig, 5);
+    TEST_ASSERT_FALSE(rig_had_emcy(&rig, 0xFF34));
+    rig_send(&rig, 0x401, 8, at_rest);
+    expect_reaction(ROW_QUEUE_FULL);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x60C4, 6, 1, 0));
+    expect_clearing(ROW_QUEUE_FULL, 5);
+}
+
 static void test_flash_worn_is_a_warning_that_stays(void)
 {
     rig_nmt(&rig, 1);
@@ -596,6 +612,7 @@ int main(void)
     RUN_TEST(test_pdo_late_is_told_and_stops_on_the_path_as_a_lost_heartbeat_does);
     RUN_TEST(test_one_axis_in_mode_7_is_told_after_a_second);
     RUN_TEST(test_one_axis_has_records_and_the_other_none);
+    RUN_TEST(test_queue_full_of_records_is_told_until_the_stream_is_discarded);
     RUN_TEST(test_flash_worn_is_a_warning_that_stays);
     RUN_TEST(test_save_refused_is_a_warning_until_the_next_save_is_possible);
     RUN_TEST(test_of_two_faults_within_a_millisecond_603Fh_and_the_first_emcy_tell_the_first);
