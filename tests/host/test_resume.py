@@ -17,6 +17,7 @@ from kontur.drive.stream import Operator, stream
 from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, EmcyError, StreamError
 from kontur.path import shapes
+from kontur.path.smoothing import TOLERANCE_M
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
 from kontur.runs import log, resume
@@ -26,7 +27,7 @@ from kontur.runs.summary import summarise
 from kontur.sim import process as sim_process
 
 MACHINE = machine.load()
-CIRCLE = plan(shapes.circle(0.02, 0.1), limits(MACHINE))
+CIRCLE = plan(shapes.circle(0.02, 0.1), limits(MACHINE), tolerance_m=TOLERANCE_M)
 COMMAND = ("run", "circle", "--radius", "20", "--feed", "100", "--resume")
 
 
