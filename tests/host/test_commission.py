@@ -12,12 +12,13 @@ import pytest
 from click.testing import CliRunner
 
 from kontur.cli import main
-from kontur.cli.commission import _problem
+from kontur.cli.commission import AIMS, _problem
 from kontur.commissioning import machine_file
 from kontur.commissioning.fit import Cogging, Dynamics, Friction, Value
 from kontur.commissioning.identify import Identified
 from kontur.commissioning.prove import Proof
 from kontur.commissioning.response import Response
+from kontur.errors import MachineError
 from kontur.machine import MACHINES, load
 
 BALL_SCREW = load(MACHINES / "ball_screw.toml")
@@ -129,3 +130,18 @@ def test_without_a_known_length_the_distance_of_index_pulses_is_needed(verb: lis
     result = CliRunner().invoke(main, [*verb, "--untold", "all"])
     assert result.exit_code == 2
     assert "--index-distance" in result.stderr
+
+
+@pytest.mark.parametrize("aim", list(AIMS))
+def test_tune_designs_with_the_limits_of_its_aim(aim: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked = []
+
+    def design(machine: object, controller: str, compensation: str, ms: float, force_step_N: float, _: object) -> None:
+        asked.append((controller, compensation, ms, force_step_N))
+        raise MachineError("no gains")
+
+    monkeypatch.setattr("kontur.design.search.design", design)
+    file = str(MACHINES / "ball_screw.toml")
+    result = CliRunner().invoke(main, ["tune", file, "--for", aim, "-o", str(tmp_path / "p.toml")])
+    assert result.exit_code == 1
+    assert asked == [("ccu", "full", *AIMS[aim])]
