@@ -91,9 +91,7 @@ def test_command_sequence_of_two_channels_by_the_example_bus_configuration(
     rig: Rig, configuration: list[tuple[int, int, bytes]]
 ) -> None:
     if not rig.drive.simulated or (rig.drive.stepped and rig.link._sync_ms):
-        pytest.skip(
-            "needs SYNC that paces nothing, and room to move: use --target inproc"
-        )
+        pytest.skip("needs SYNC that paces nothing, and room to move: use --target inproc")
     rig.nmt(PRE_OPERATIONAL)
     for index, sub, data in configuration:
         try:
