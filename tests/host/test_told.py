@@ -135,3 +135,12 @@ def test_what_is_simulated_on_the_chip_is_simulated_whatever_the_drive_is_told()
     on_chip = machines.load(machines.MACHINES / "table1_on_chip.toml")
     for told in machines.TOLD:
         assert on_chip.parameters(told=told)["onchip_plant.simulated"] == 1
+
+
+def test_a_drive_that_does_not_know_its_mass_says_so_where_the_axis_lags() -> None:
+    command = ("run", "circle", "--radius", "4", "--feed", "100", "--controller", "track", "--untold")
+    result = CliRunner().invoke(main, [*command, "--machine", str(machines.MACHINES / "long_axis.toml")])
+    assert result.exit_code == 1
+    assert "8611h" in result.stderr
+    assert "mass or friction are not those of the axis" in result.stderr
+    assert "set plant_x and plant_y as the machine is" in result.stderr
