@@ -91,8 +91,14 @@ def test_drive_answers_on_a_pseudo_terminal_and_again_after_it_was_closed() -> N
 
 
 def test_node_seed_back_end_and_machine_arrive(machine: Machine) -> None:
+    # noise moves an axis without power, by as much as the test is late
+    quiet = dataclasses.replace(
+        machine,
+        x=dataclasses.replace(machine.x, force_noise_N=0.0),
+        y=dataclasses.replace(machine.y, force_noise_N=0.0),
+    )
     with (
-        start(slcan_tcp="0", node_id=7, num="fix", machine=machine.starting_at((0.01, -0.02))) as sim,
+        start(slcan_tcp="0", node_id=7, num="fix", machine=quiet.starting_at((0.01, -0.02))) as sim,
         connected(open_bus(sim.options()), 7) as device,
     ):
         assert device.info().num == "fix"
