@@ -39,7 +39,8 @@ static void power_on(void)
 static bool is_stored(const struct od_entry *e)
 {
     const unsigned both = OD_READ | OD_WRITE;
-    const bool communication = e->index < 0x2000 && e->index != 0x1003 && e->index != 0x1010 && e->index != 0x1011;
+    const bool communication =
+        e->index < 0x2000 && e->index != 0x1003 && e->index != 0x1010 && e->index != 0x1011 && e->index != 0x1201;
     return (e->flags & both) == both && (communication || e->index == 0x2001 || (e->flags & OD_CONFIG) != 0);
 }
 
