@@ -154,6 +154,17 @@ def test_jammed_axis_is_said_to_be_jammed() -> None:
     assert moved_m.kind == "jammed"  # type: ignore[attr-defined]
 
 
+def test_axis_that_takes_most_of_the_force_to_move_is_not_jammed() -> None:
+    machine = replace(BALL_SCREW, y=replace(BALL_SCREW.y, coulomb_N=180.0, breakaway=1.0))
+    said: list[str] = []
+    with (
+        open_drive(Target(machine=machine, told=LENGTHS)) as device,
+        pytest.raises(KeyboardInterrupt),
+    ):
+        identify(device, "y", Agreed(300.0), said.append, lambda: len(said) > 1)
+    assert "mass, roughly" in said[1]
+
+
 def test_command_finds_the_machine_and_leaves_the_drive_as_it_was(tmp_path: Path) -> None:
     """One axis of the four; the other machines and axes are what `kontur commission` is measured with."""
     result = CliRunner().invoke(

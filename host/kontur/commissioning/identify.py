@@ -27,7 +27,7 @@ from kontur.machine import Axis
 _CAREFUL = {"cascade.position_gain": 10.0, "cascade.velocity_gain": 15.0, "cascade.integral_gain": 1.0}
 _FIRM = {"cascade.position_gain": 25.0, "cascade.velocity_gain": 60.0, "cascade.integral_gain": 15.0}
 _RUNAWAY_NM, _ROUGH_NM, _MEASURE_NM = 500_000, 5_000_000, 3_000_000  # following window of each step
-_SHARES = (0.05, 0.15, 0.45)  # of the force that is allowed, for the ramp, one after the other
+_SHARES = (0.05, 0.15, 0.45, 1.0)  # of the force that is allowed, for the ramp, one after the other
 _SEEN_M, _SEEN_COUNTS = 6e-6, 4  # a movement this large shows the direction
 _BROKEN_M = 1.2e-4  # beyond presliding
 _RAMP_S = 2.0
