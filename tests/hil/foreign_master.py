@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""A master of cyclic modes that needs nothing of this project: python-canopen's primitives alone.
+"""A master of cyclic modes that needs nothing of this project: python-canopen's primitives alone. Only what the
+command line starts uses kontur, to give the simulated drive the gains of its machine.
 
 test_cyclic_modes.py uses it. By itself it drives circles for as long as it is told, and prints how far off they were:
 
@@ -21,6 +22,10 @@ from collections.abc import Callable
 import can
 import canopen
 import numpy as np
+
+from kontur import machine
+from kontur.can.link import Link
+from kontur.drive.device import Device
 
 Y = 0x800  # from an object of axis x to that of axis y
 CYCLIC_POSITION = 8
@@ -171,6 +176,7 @@ def main() -> int:
     parser.add_argument("--ppm", type=float, default=500.0, help="by which the master's clock is slow")
     args = parser.parse_args()
     with can.Bus(interface="kontur", channel="sim", seed=1) as bus:
+        Device(Link(bus, 1)).parameters.set(machine.load().parameters())  # as `kontur param load` does
         master = ForeignMaster(bus)
         master.set_up(args.cycle_ms, CYCLIC_POSITION, 0x607A0020, 0x687A0020)
         master.enable()

@@ -15,6 +15,8 @@ from foreign_master import CYCLIC_POSITION, ENABLED, RADIUS_M, SPEED_MPS, STATE,
 from targets import MACHINE, InProcess, Target
 
 import kontur
+from kontur.can.link import Link
+from kontur.drive.device import Device
 
 pytestmark = pytest.mark.motion
 
@@ -29,6 +31,7 @@ def bus(target: Target) -> Iterator[can.BusABC]:
         pytest.skip("SYNC within 0.1 ms needs a drive whose time is the master's: use --target inproc")
     with target.power_on() as drive:
         assert drive.bus is not None
+        Device(Link(drive.bus, drive.node_id)).parameters.set(drive.parameters)  # as `kontur param load` does
         yield drive.bus
 
 

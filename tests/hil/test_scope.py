@@ -18,7 +18,7 @@ def test_capture_at_once_is_read_whole(rig: Rig) -> None:
     assert scope.wait(rig.device, 5.0)
     shares: list[float] = []
     capture = scope.read(rig.device, shares.append)
-    assert capture.values.shape == (2048, 2)
+    assert capture.values.shape == (3072, 2)
     assert np.all(np.abs(np.diff(capture.values, axis=0)) < 100)
     assert np.allclose(np.diff(capture.time_s), 2.0 / capture.control_hz)
     assert shares == sorted(shares)

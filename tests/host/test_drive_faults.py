@@ -162,7 +162,7 @@ def test_stop_leaves_the_circle_no_further_than_the_run_without_it(
     ("frozen_ms", "message"),
     [
         (20, r"7320h: an encoder stood still while .* Remedy: check .* moves freely"),
-        (0, r"8611h: an axis was further from its reference .* Remedy: lower feed"),
+        (0, r"8611h: an axis was further from its reference .* Remedy: set plant_x and plant_y as the machine is"),
     ],
 )
 def test_blocked_axis_is_reported_with_its_remedy(frozen_ms: int, message: str) -> None:

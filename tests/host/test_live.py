@@ -177,7 +177,7 @@ def test_fault_is_shown_with_its_remedy(tmp_path: Path, page: tuple[View, str]) 
         assert tab.value("document.getElementById('title').textContent") == "<img src=x onerror=alert(1)>"
         assert tab.value("document.images.length") == 0
     assert text.startswith("8611h an axis was further from its reference than following_window.")
-    assert "Remedy: lower feed or acceleration" in text
+    assert "Remedy: set plant_x and plant_y as the machine is, lower feed or acceleration" in text
 
 
 # --- who may not ------------------------------------------------------------------------------------------------------

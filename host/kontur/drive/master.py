@@ -18,7 +18,8 @@ from kontur.errors import DeviceError, HeldError, KonturError, NoAnswerError
 
 _HEARTBEAT_TIMEOUT_MS = 500  # of the drive, for the heartbeat of the master that holds it
 _KEY_BITS = 24
-_CHANNELS, _CHANNEL_COUNT = 0x6A0, 32  # pairs of identifiers that no service of CiA 301 has
+CHANNELS = range(0x6A0, 0x6E0, 2)
+"""Requests of a holder's own SDO channel; the answers have the next identifier. No service of CiA 301 has these."""
 _UNUSED = 1 << 31
 _ATTEMPTS = 5
 _STOP_TIMEOUT_S = 5.0  # limits.path_stop_time is at most 1 s
@@ -78,7 +79,7 @@ class Master:
 
     def _open_channel(self) -> None:
         """Let the drive take SDO writes by a channel that is this host's alone, so that it refuses those of others."""
-        request = _CHANNELS + 2 * (self._key % _CHANNEL_COUNT)
+        request = CHANNELS[self._key % len(CHANNELS)]
         for _ in range(_ATTEMPTS):
             with suppress(DeviceError):  # refused: the answer was lost, and the channel is open
                 self._objects.write("sdo_server_2.cob_id_response", request + 1)
