@@ -111,6 +111,7 @@ def test_command_shows_saves_and_prints_json(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "Ms" in result.output
     assert files[0].read_text().startswith("<?xml")
+    assert "math" not in files[0].read_text()  # the decades are numbers
     with files[1].open() as file:
         table = list(csv.DictReader(file))
     found = json.loads(bode(*common, *band, "--json").stdout)

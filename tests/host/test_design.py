@@ -140,6 +140,7 @@ def test_a_design_keeps_its_limits_and_runs_quietly(tmp_path: Path, monkeypatch:
     assert found["force_step_N"] <= 2.005
     assert "resonance" in found["limit"]
     assert file.with_suffix(".svg").read_text().startswith("<?xml")
+    assert "math" not in file.with_suffix(".svg").read_text()  # the decades are numbers
     values = parameter_file.read(file)
     plain = load(machine)
     again = predicted(Problem(plain, "cascade", "full", 2.0, 2.0), values)

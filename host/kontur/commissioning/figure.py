@@ -7,9 +7,10 @@ import io
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from kontur.commissioning.response import Response
-from kontur.report.figures import FAINT, INK, style
+from kontur.report.figures import FAINT, INK, plain_decades, style
 
 _FIRST, _SECOND = "#0072B2", "#D55E00"
 
@@ -44,6 +45,8 @@ def draw(response: Response, title: str) -> Figure:
     )
     sensitivity.axhline(1.0, color=FAINT, lw=0.6)
     sensitivity.set(xscale="log", yscale="log", xlabel="frequency, Hz", ylabel="|S|")
+    plain_decades(size.xaxis, size.yaxis, phase.xaxis, sensitivity.xaxis, sensitivity.yaxis)
+    sensitivity.yaxis.set_minor_formatter(FuncFormatter(lambda y, _: f"{y:.1g}" if f"{y:.0e}"[0] in "26" else ""))
     nyquist.plot(response.open_loop.real, response.open_loop.imag, ".-", color=_FIRST, lw=0.8, ms=3)
     nyquist.plot([-1.0], [0.0], "+", color=INK)
     nyquist.set(xlim=(-2.6, 1.1), ylim=(-2.2, 1.5), aspect="equal", xlabel="Re L", ylabel="Im L")

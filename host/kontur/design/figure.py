@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 
 from kontur.design import loop
 from kontur.design.search import Design
-from kontur.report.figures import FAINT, INK, style
+from kontur.report.figures import FAINT, INK, plain_decades, style
 
 _COLOURS = ("#0072B2", "#D55E00")
 
@@ -42,6 +42,7 @@ def draw(design: Design, ms: float) -> Figure:
             sensitivity.loglog(axis.hz, 1.0 / np.abs(1.0 + open_loop), **look)
     nyquist.set(xlim=(-2.6, 1.1), ylim=(-2.2, 1.5), aspect="equal", xlabel="Re L", ylabel="Im L")
     sensitivity.set(xlabel="frequency, Hz", ylabel="|S|", xlim=(loop.LEAST_HZ, design.axes[0].hz[-1]), ylim=(1e-3, 4.0))
+    plain_decades(sensitivity.xaxis, sensitivity.yaxis)
     sensitivity.legend(loc="lower right")
     figure.suptitle(f"{design.machine}: {design.controller}", color=FAINT)
     return figure

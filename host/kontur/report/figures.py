@@ -15,7 +15,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from kontur.drive.controllers import DESCRIPTIONS
@@ -138,6 +138,13 @@ def sizes(entries: Sequence[Entry]) -> Figure:
     return figure
 
 
+def plain_decades(*logarithmic: Any) -> None:
+    """Label the decades of logarithmic axes with numbers: matplotlib's own labels need "text.parse_math"."""
+    for axis in logarithmic:
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
 def draw_sizes(axes: Any, entries: Sequence[Entry], mark: float = 1.0) -> None:
     axes.set_xscale("log")
     for row, entry in enumerate(entries):
@@ -155,7 +162,7 @@ def draw_sizes(axes: Any, entries: Sequence[Entry], mark: float = 1.0) -> None:
     axes.set_ylim(len(entries) - 0.5, -0.7)
     low, high = min(e.mean_um for e in entries), max(e.max_um for e in entries)
     axes.set_xlim(max(low, _LEAST_UM) / 3.0, max(high, _LEAST_UM) * 2.5)
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    plain_decades(axes.xaxis)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="y", visible=False)
 
