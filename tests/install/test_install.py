@@ -126,8 +126,12 @@ def test_wheel_has_the_tag_of_its_platform_and_everything_that_is_needed(built: 
     wheel = zipfile.ZipFile(built[".whl"])
     assert "py3-none-linux_" in built[".whl"].name
     assert {name for name in wheel.namelist() if name.startswith("kontur/lib/")} == LIBRARIES
-    assert {f"kontur/examples/{file.name}" for file in (ROOT / "examples").iterdir()} <= set(wheel.namelist())
-    assert {"kontur/kontur.eds", "kontur/py.typed", "kontur/machines/table1.toml"} <= set(wheel.namelist())
+    examples = (file for file in (ROOT / "examples").rglob("*") if file.is_file() and file.suffix != ".pyc")
+    assert {f"kontur/{file.relative_to(ROOT)}" for file in examples} <= set(wheel.namelist())
+    assert {
+        "kontur/kontur.eds", "kontur/kontur-units.eds", "kontur/py.typed", "kontur/machines/table1.toml",
+        "kontur/live/page.html", "kontur/report/closer.js",
+    } <= set(wheel.namelist())  # fmt: skip
 
 
 def test_wheel_has_no_multiply_add_which_older_processors_lack(built: dict[str, Path], tmp_path: Path) -> None:
