@@ -41,7 +41,8 @@ bool axis_modes_stands(const struct axis_modes *m, int axis, bool standing)
     return standing || (m->generating && own_stands(m, axis));
 }
 
-bool axis_modes_cyclic(const struct axis_modes *m)
+/* Whether an axis follows the set-points of a cyclic mode. */
+static bool is_cyclic(const struct axis_modes *m)
 {
     return m->cyclic.axis[0].follows || m->cyclic.axis[1].follows;
 }
@@ -222,7 +223,7 @@ static int32_t next_knot(struct axis_modes *m, int i)
 static void step_cyclic(struct axis_modes *m, const struct od_stream *s, uint32_t now)
 {
     const unsigned ahead_ms = s->accepted - s->executed; /* path time has just come to `executed` */
-    if (!axis_modes_cyclic(m)) {
+    if (!is_cyclic(m)) {
         m->cyclic.runs = false;
     } else if (m->cyclic.runs) {
         cyclic_step(&m->cyclic, now, ahead_ms);
@@ -235,7 +236,7 @@ static void step_cyclic(struct axis_modes *m, const struct od_stream *s, uint32_
 void axis_modes_generate(struct axis_modes *m, struct queue *q, uint32_t now)
 {
     const struct od_stream *s = q->stream;
-    const uint32_t ahead = axis_modes_cyclic(m) ? CYCLIC_AHEAD : PROFILE_AHEAD;
+    const uint32_t ahead = is_cyclic(m) ? CYCLIC_AHEAD : PROFILE_AHEAD;
     for (int i = 0; i < 2; i++) {
         if (m->axis[i].mode == MODE_HOMING) {
             queue_unlimited(q, i);

@@ -78,8 +78,6 @@ void axis_modes_begin_stream(struct axis_modes *m, uint8_t record_ms, struct kno
  * many as come late from a master whose records come two periods and RECORD_JITTER late. */
 bool axis_modes_enough_knots(const struct axis_modes *m, const struct queue *q, uint32_t stop_time);
 
-/* Whether an axis follows the set-points of a cyclic mode. */
-bool axis_modes_cyclic(const struct axis_modes *m);
 /* Whether a stream or set-points of the master may move the axis. */
 bool axis_modes_led(const struct axis_modes *m, int axis);
 

@@ -535,12 +535,17 @@ static void test_halt_ends_where_the_master_takes_the_axes_up_again(void)
     TEST_ASSERT_TRUE(status(0, FOLLOWS) && status(1, FOLLOWS));
 }
 
-static void test_halt_that_ends_elsewhere_is_a_fault(void)
+static void halt_on_a_circle(void)
 {
     start_master(4, 0, 0);
     master.at = circle;
     work(200);
     rig_controlwords(&rig, RUN | HALT, RUN | HALT);
+}
+
+static void test_halt_that_ends_elsewhere_is_a_fault(void)
+{
+    halt_on_a_circle();
     work(100);
     rig_controlwords(&rig, ENABLE, ENABLE);
     work(2);
@@ -549,10 +554,7 @@ static void test_halt_that_ends_elsewhere_is_a_fault(void)
 
 static void test_halt_that_ends_before_the_axes_stand_waits_for_this(void)
 {
-    start_master(4, 0, 0);
-    master.at = circle;
-    work(200);
-    rig_controlwords(&rig, RUN | HALT, RUN | HALT);
+    halt_on_a_circle();
     work(2);
     rig_controlwords(&rig, ENABLE, ENABLE);
     work(10);
