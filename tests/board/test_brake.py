@@ -53,7 +53,7 @@ def test_a_brake_is_released_when_the_amplifier_is_live_and_the_axis_may_move_la
 @pytest.mark.parametrize("word", [7, 6, 2], ids=["disable operation", "shutdown", "quick stop"])
 def test_the_law_holds_the_axis_until_its_brake_is_engaged(board: Board, word: int) -> None:
     _enabled(board)
-    getattr(board, board.wiring.encoders[0]).move(3)
+    getattr(board, board.wiring.encoders[0]).move(50)
     board.run(2)
     board.command(word, ENGAGE_MS / 2)
     assert board.released() == (False, False)

@@ -102,9 +102,11 @@ def test_in_locked_antiphase_no_force_is_half_the_time_and_there_is_no_direction
     _with_pwm(board, mode=1)
     assert all(abs(d - 0.5) < 0.01 for duties in _duties(board) for d in duties)
     board.gpio("B").edges.clear()
-    board.tim2.move(20)  # the force is against it
-    board.tim5.move(-20)
-    assert all(x < 0.5 < y for x, y in _duties(board)[2:])
+    for _ in range(5):
+        board.tim2.move(100)  # the force is against it
+        board.tim5.move(-100)
+        ((x, y), _) = _duties(board, 1)
+        assert x < 0.49 < 0.51 < y
     assert not [e for e in board.gpio("B").edges if e[1] in (14, 15)]
     board.command(0)
     assert (board.tim8.duty(1), board.tim8.duty(2)) == (0.5, 0.5)
@@ -116,8 +118,8 @@ def test_the_duty_stays_between_the_least_and_the_greatest(board: Board, mode: i
     _with_pwm(board, mode=mode, least=100, most=900)
     least = 0.1 if mode == 0 else 0.5
     assert all(abs(d - least) < 0.02 for duties in _duties(board) for d in duties)
-    board.tim2.move(400)  # 30 um: more than the amplifier can do
-    board.tim5.move(-400)
+    board.tim2.move(2000)  # 150 um: more than the amplifier can do
+    board.tim5.move(-2000)
     reached = [d for duties in _duties(board, 10) for d in duties]
     assert all(0.0999 <= d <= 0.9001 for d in reached)
     assert max(reached) > 0.89
