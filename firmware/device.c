@@ -159,6 +159,21 @@ static uint32_t check_rpdo(void *ctx, const struct od_entry *entry, int64_t valu
     return device_objects_check(&device->objects, entry, value);
 }
 
+/* Set-points of the cyclic modes, which count from the next SYNC on */
+static void take_set_points(struct device *device, unsigned number)
+{
+    static const uint16_t objects[][2] = {{OBJ_TARGET_POSITION_X, OBJ_TARGET_POSITION_Y},
+                                          {OBJ_TARGET_VELOCITY_X, OBJ_TARGET_VELOCITY_Y},
+                                          {OBJ_TARGET_TORQUE_X, OBJ_TARGET_TORQUE_Y}};
+    for (unsigned k = 0; k < sizeof objects / sizeof objects[0]; k++) {
+        for (int i = 0; i < 2; i++) {
+            if (co_rpdo_carries(&device->node, number, objects[k][i])) {
+                drive_set_point(&device->drive, i);
+            }
+        }
+    }
+}
+
 static void on_rpdo(void *ctx, unsigned number)
 {
     struct device *device = ctx;
@@ -166,15 +181,8 @@ static void on_rpdo(void *ctx, unsigned number)
     static const uint16_t set_points[] = {OBJ_MODE_X, OBJ_MODE_Y, OBJ_TARGET_VELOCITY_X, OBJ_TARGET_VELOCITY_Y};
     const unsigned received = (co_rpdo_carries(&device->node, number, OBJ_CONTROLWORD_X) ? 1u : 0u) |
                               (co_rpdo_carries(&device->node, number, OBJ_CONTROLWORD_Y) ? 2u : 0u);
-    static const uint16_t cyclic[2][2] = {{OBJ_TARGET_POSITION_X, OBJ_TARGET_VELOCITY_X},
-                                          {OBJ_TARGET_POSITION_Y, OBJ_TARGET_VELOCITY_Y}};
     bool commands = received != 0;
-    for (int i = 0; i < 2; i++) {
-        if (co_rpdo_carries(&device->node, number, cyclic[i][0]) ||
-            co_rpdo_carries(&device->node, number, cyclic[i][1])) {
-            drive_set_point(&device->drive, i);
-        }
-    }
+    take_set_points(device, number);
     for (unsigned i = 0; i < sizeof set_points / sizeof set_points[0]; i++) {
         commands = commands || co_rpdo_carries(&device->node, number, set_points[i]);
     }
@@ -291,6 +299,8 @@ static void set_build(struct od_data *od)
     od->software_version = KONTUR_VERSION;
     od->build_id = KONTUR_BUILD_ID;
     od->num_backend = NUM_NAME;
+    od->axis[0].motor_catalogue_number = "-";
+    od->axis[1].motor_catalogue_number = "-";
     od->clock.control_hz = CONTROL_HZ;
 }
 

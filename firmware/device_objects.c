@@ -214,7 +214,7 @@ static uint32_t check_mode(const struct device_objects *d, const struct od_entry
     return value == 0 || axis_modes_known(value) ? SDO_OK : SDO_ABORT_VALUE;
 }
 
-/* 607Ah, 60FFh */
+/* 607Ah, 60FFh, 6071h */
 static void set_point_written(const struct device_objects *d, const struct od_entry *entry)
 {
     drive_set_point(d->drive, axis_of(entry));
@@ -227,6 +227,13 @@ static void report_resolution(const struct device_objects *d, const struct od_en
     const uint64_t length = axis->plant.encoder;
     const uint64_t counts = (100000000000000u + length / 2u) / length;
     axis->encoder_resolution.increments = (uint32_t)(counts < UINT32_MAX ? counts : UINT32_MAX);
+}
+
+/* 6076h */
+static void report_rated_torque(const struct device_objects *d, const struct od_entry *entry)
+{
+    struct od_axis *axis = &d->od->axis[axis_of(entry)];
+    axis->rated_torque = axis->plant.force_limit;
 }
 
 /* 6098h */
@@ -301,6 +308,8 @@ static const struct object {
     {OBJ_TARGET_VELOCITY_X, ANY_SUB, .both_axes = true, .step = true, .written = set_point_written},
     {OBJ_ENCODER_RESOLUTION_X, ANY_SUB, .both_axes = true, .refresh = report_resolution},
     {OBJ_TARGET_POSITION_X, ANY_SUB, .both_axes = true, .written = set_point_written},
+    {OBJ_TARGET_TORQUE_X, ANY_SUB, .both_axes = true, .written = set_point_written},
+    {OBJ_RATED_TORQUE_X, ANY_SUB, .both_axes = true, .refresh = report_rated_torque},
     {OBJ_IP_RECORD_Y, ANY_SUB, .command = record},
     {OBJ_IP_PERIOD_X, ANY_SUB, .both_axes = true, .check = check_period},
     {OBJ_IP_BUFFER_X, SUB_IP_BUFFER_CLEAR, .both_axes = true, .command = clear_buffer},

@@ -17,7 +17,9 @@
  *
  * Change of the controller in operation: the difference between the last force and the new law's first force becomes
  * an offset that decays with cfg.blend, so that the force does not jump. The reference model gets the offset, too. The
- * same happens where the watch for oscillation lowers the gains.
+ * same happens where the watch for oscillation lowers the gains, and where the force of an axis becomes the law's again.
+ *
+ * An axis whose force is given from outside has no errors: it is where it is to be. Limits and watch are as for the law's.
  */
 #ifndef KONTUR_SERVO_H
 #define KONTUR_SERVO_H
@@ -78,6 +80,9 @@ struct servo_in {
     pos_t measured[2]; /* encoder positions */
     bool enabled[2];   /* of each axis; false: the axis is observed only, and its force is 0 */
     enum controller controller;
+    uint32_t
+        forced; /* bit 0, 1: the force of axis 0, 1 is `force` and not the law's; then the controller couples no axes */
+    vec2 force; /* N; counts where `forced` has the bit */
     struct path_state path;
     const struct spline_ring *ring;
     const struct servo_table_in *table;
@@ -99,6 +104,7 @@ struct servo_state {
     bool enabled[2];
     bool extras; /* one at least of force_limit, geometry, screw, force_filter and friction is on */
     enum controller controller;
+    uint32_t forced;    /* servo_in.forced of the last period */
     bool saturated;     /* in the last period */
     bool disagree;      /* two encoders of an axis are further apart than their tolerance */
     bool blending;      /* the offset is not 0 */

@@ -232,7 +232,7 @@ static uint32_t find_refused(const struct drive *d)
                                                      [CYCLIC_ACCELERATION] = FAULT_BIT(FAULT_KNOT_ACCELERATION),
                                                      [CYCLIC_RANGE] = FAULT_BIT(FAULT_KNOT_RANGE),
                                                      [CYCLIC_MISSED] = FAULT_BIT(FAULT_UNDERRUN)};
-    return bits[d->path.modes.cyclic.axis[0].refused] | bits[d->path.modes.cyclic.axis[1].refused];
+    return bits[axis_modes_refused(&d->path.modes, 0)] | bits[axis_modes_refused(&d->path.modes, 1)];
 }
 
 /* FAULT_BIT()s of what is wrong now, whatever the reaction. */

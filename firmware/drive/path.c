@@ -161,6 +161,21 @@ static struct axis_mode_in axis_mode_in(const struct path *p, const struct path_
     };
 }
 
+/* The forces of mode 10, before the word by which they act. */
+static void write_forces(struct path *p)
+{
+    struct servo_loop_command *c = &p->loop->command;
+    uint32_t forced = 0;
+    for (int i = 0; i < 2; i++) {
+        const struct cyclic_torque *t = &p->modes.torque[i];
+        if (t->acts) {
+            atomic_store(&c->force_mN[i], t->force_mN);
+            forced |= i == 0 ? SERVO_LOOP_FORCED_X : SERVO_LOOP_FORCED_Y;
+        }
+    }
+    atomic_store(&c->forced, forced);
+}
+
 void path_step_modes(struct path *p, struct od_data *od, const struct path_axis axis[2], bool may_run)
 {
     const bool powered[2] = {axis[0].powered, axis[1].powered};
@@ -178,7 +193,7 @@ void path_step_modes(struct path *p, struct od_data *od, const struct path_axis 
         begin(p, path_reference(p), 0);
     }
     if (p->modes.generating) {
-        axis_modes_generate(&p->modes, &p->queue, in.now);
+        axis_modes_generate(&p->modes, &p->queue, od, in.now);
         atomic_store(&p->loop->command.complete, true); /* at any time: the path stands at its last knots */
     }
     for (int i = 0; i < 2; i++) {
@@ -186,6 +201,7 @@ void path_step_modes(struct path *p, struct od_data *od, const struct path_axis 
             set_origin(p, od, i, out.origin_nm[i]);
         }
     }
+    write_forces(p);
 }
 
 void path_sync(struct path *p, const struct od_data *od)

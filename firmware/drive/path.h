@@ -3,7 +3,7 @@
  *
  * The knots of a path come from the master, as knot frames (2201h) or interpolation data records (60C1h), or from the
  * profiles of the modes of operation (motion/axis_modes.h). This module begins, suspends and ends the path, and writes the
- * command words of the tick that belong to it: stream, complete, may_end, origin_nm.
+ * command words of the tick that belong to it: stream, complete, may_end, origin_nm, and the forces of mode 10.
  *
  * Context: background. drive.c calls it in drive_step() and for requests of the master; device.c hands knots over.
  */

@@ -311,6 +311,29 @@ __attribute__((noinline)) static void excite(struct servo_loop *loop, const stru
     }
 }
 
+/* The law that couples no axes, of the same kind */
+static enum controller uncoupled(enum controller c)
+{
+    return c == CONTROLLER_CASCADE || c == CONTROLLER_CCC ? CONTROLLER_CASCADE : CONTROLLER_TRACK;
+}
+
+/* The forces of axes that the master gives (mode 10). A fault that stops the axes ends that at once. There is none where the
+ * path stands: at rest, and where the background makes no more knots. */
+SELDOM static void take_forces(const struct servo_loop *loop, uint32_t forced, struct servo_in *servo)
+{
+    if ((LOAD(loop->faults) & loop->cfg_in_use->stop) != 0) {
+        return;
+    }
+    const bool runs = !LOAD(loop->standing);
+    servo->forced |= (forced & SERVO_LOOP_FORCED_X) == SERVO_LOOP_FORCED_X ? 1u : 0u;
+    servo->forced |= (forced & SERVO_LOOP_FORCED_Y) == SERVO_LOOP_FORCED_Y ? 2u : 0u;
+    servo->force = v2(n_ratio(runs ? LOAD(loop->command.force_mN[0]) : 0, 1000),
+                      n_ratio(runs ? LOAD(loop->command.force_mN[1]) : 0, 1000));
+    if (servo->forced != 0u) {
+        servo->controller = uncoupled(servo->controller);
+    }
+}
+
 /* Publish the record, and switch to the next one. */
 static inline void publish(struct servo_loop *loop)
 {
@@ -369,6 +392,11 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
         on[i] = servo.enabled[i] || (!cut && powered == SERVO_LOOP_STARTING);
     }
     servo.controller = (enum controller)LOAD(loop->command.controller);
+    servo.forced = 0u;
+    const uint32_t forced = LOAD(loop->command.forced);
+    if (forced != 0u) {
+        take_forces(loop, forced, &servo);
+    }
     servo.path = loop->path.at;
     servo.ring = loop->ring;
     servo.table = &table;

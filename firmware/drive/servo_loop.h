@@ -52,6 +52,11 @@ struct servo_loop_cfg {
 /* An axis is excited; no single flipped bit makes it of 0. */
 #define SERVO_LOOP_EXCITE 0x3CA50F96u
 
+/* Axes whose force is command.force_mN; 0: none. Any two differ in 16 bits or more, and one with a bit that has flipped is
+ * taken for none of the axis. */
+#define SERVO_LOOP_FORCED_X 0x0000FFFFu
+#define SERVO_LOOP_FORCED_Y 0xFFFF0000u
+
 struct servo_loop_command {
     /* SERVO_LOOP_ON: power stage on, law active, brake released; BRAKED: the same with the brake engaged; STARTING: power
      * stage on, no force, brake engaged; else off. A value that is none of these and not OFF is an error. */
@@ -66,6 +71,8 @@ struct servo_loop_command {
     _Atomic bool energy_reset;      /* the tick clears it */
     _Atomic bool oscillation_reset; /* the tick clears it */
     _Atomic int32_t origin_nm[2];   /* user's position less the servo's: for the limits and the geometry */
+    _Atomic uint32_t forced;        /* SERVO_LOOP_FORCED_X, _Y or both: the force is not the law's but */
+    _Atomic int32_t force_mN[2];    /* this one, within the limits; not while a fault stops the axes */
     _Atomic uint32_t excite;        /* SERVO_LOOP_EXCITE, else not; the tick clears it at the end */
 };
 

@@ -72,6 +72,13 @@ static uint32_t digital_inputs(uint8_t inputs)
     return (inputs & 0x0Fu) | (uint32_t)(inputs >> 4) << 16;
 }
 
+/* 6077h: 0.1 N in 1/1000 of the force limit, mN */
+static int16_t permille(int32_t force_dN, uint32_t limit_mN)
+{
+    const int64_t permille = (int64_t)force_dN * 100000 / limit_mN;
+    return (int16_t)(permille > INT16_MAX ? INT16_MAX : permille < INT16_MIN ? INT16_MIN : permille);
+}
+
 void telemetry_report(struct od_data *od, const struct servo_snapshot *s, const int32_t position_nm[2])
 {
     telemetry_report_signals(od, s, position_nm);
@@ -83,5 +90,6 @@ void telemetry_report(struct od_data *od, const struct servo_snapshot *s, const 
     od->estimated_contour_error.mean = s->contour_statistics.samples == 0 ? 0u : mean_pm(&s->contour_statistics);
     for (int i = 0; i < 2; i++) {
         od->axis[i].digital_inputs = digital_inputs(s->inputs[i]);
+        od->axis[i].torque_actual = permille(s->force_dN[i], od->axis[i].plant.force_limit);
     }
 }

@@ -9,14 +9,17 @@ void axis_modes_reset(struct axis_modes *m)
 {
     m->generating = false;
     cyclic_reset(&m->cyclic);
-    axis_target_reset(&m->axis[0]);
-    axis_target_reset(&m->axis[1]);
+    for (int i = 0; i < 2; i++) {
+        m->torque[i] = (struct cyclic_torque){0};
+        axis_target_reset(&m->axis[i]);
+    }
 }
 
 bool axis_modes_known(int64_t mode)
 {
     return mode == MODE_PROFILE_POSITION || mode == MODE_PROFILE_VELOCITY || mode == MODE_HOMING ||
-           mode == MODE_INTERPOLATED_POSITION || mode == MODE_CYCLIC_POSITION || mode == MODE_CYCLIC_VELOCITY;
+           mode == MODE_INTERPOLATED_POSITION || mode == MODE_CYCLIC_POSITION || mode == MODE_CYCLIC_VELOCITY ||
+           mode == MODE_CYCLIC_TORQUE;
 }
 
 bool axis_modes_follow_stream(const struct axis_modes *m)
@@ -30,9 +33,18 @@ static bool cyclic_mode(const struct axis_mode *a)
     return a->mode == MODE_CYCLIC_POSITION || a->mode == MODE_CYCLIC_VELOCITY;
 }
 
+/* Whether set-points of the axis come with SYNC. */
+static bool by_sync(const struct axis_mode *a)
+{
+    return cyclic_mode(a) || a->mode == MODE_CYCLIC_TORQUE;
+}
+
 /* Whether an axis stands by its own knots. */
 static bool own_stands(const struct axis_modes *m, int i)
 {
+    if (m->torque[i].follows) {
+        return cyclic_torque_stands(&m->torque[i]);
+    }
     return m->cyclic.axis[i].follows ? cyclic_stands(&m->cyclic, i) : profile_stands(&m->axis[i].profile);
 }
 
@@ -41,15 +53,26 @@ bool axis_modes_stands(const struct axis_modes *m, int axis, bool standing)
     return standing || (m->generating && own_stands(m, axis));
 }
 
-/* Whether an axis follows the set-points of a cyclic mode. */
+/* Whether an axis follows the set-points of mode 8 or 9. */
 static bool is_cyclic(const struct axis_modes *m)
 {
     return m->cyclic.axis[0].follows || m->cyclic.axis[1].follows;
 }
 
+static bool follows(const struct axis_modes *m, int axis)
+{
+    return m->cyclic.axis[axis].follows || m->torque[axis].follows;
+}
+
 bool axis_modes_led(const struct axis_modes *m, int axis)
 {
-    return axis_modes_follow_stream(m) || m->cyclic.axis[axis].follows;
+    return axis_modes_follow_stream(m) || follows(m, axis);
+}
+
+enum cyclic_result axis_modes_refused(const struct axis_modes *m, int axis)
+{
+    const enum cyclic_result refused = m->cyclic.axis[axis].refused;
+    return refused != CYCLIC_TAKEN ? refused : m->torque[axis].refused;
 }
 
 /* Whether the flags of path time belong to the queue as it is: the tick uses this queue, and this step has discarded or
@@ -105,8 +128,8 @@ void axis_modes_set_point(struct axis_modes *m, int axis)
 
 void axis_modes_sync(struct axis_modes *m, const struct od_data *od, uint32_t now)
 {
-    const int first = cyclic_mode(&m->axis[0]) ? 0 : 1;
-    if (!cyclic_mode(&m->axis[first])) {
+    const int first = by_sync(&m->axis[0]) ? 0 : 1;
+    if (!by_sync(&m->axis[first])) {
         return;
     }
     cyclic_sync(&m->cyclic, now, CONTROL_HZ / 1000u, od->axis[first].ip_period.value);
@@ -125,6 +148,9 @@ void axis_modes_sync(struct axis_modes *m, const struct od_data *od, uint32_t no
             const int64_t umps = (int64_t)od->axis[i].target_velocity + od->axis[i].velocity_offset;
             cyclic_take_velocity(&m->cyclic, i, umps, &limits);
         }
+        if (m->axis[i].mode == MODE_CYCLIC_TORQUE) {
+            cyclic_torque_take(&m->torque[i], &m->cyclic, i, &od->axis[i]);
+        }
     }
 }
 
@@ -132,6 +158,24 @@ void axis_modes_interrupt(struct axis_modes *m)
 {
     m->generating = false;
     m->cyclic.runs = false;
+}
+
+static bool follow_torque(struct axis_modes *m, int i, const struct axis_modes_in *in, const struct cyclic_in *cyclic)
+{
+    struct axis_mode *a = &m->axis[i];
+    struct cyclic_torque *t = &m->torque[i];
+    const struct cyclic_torque_in torque = {
+        .enabled = in->axis[i].enabled && a->mode == MODE_CYCLIC_TORQUE,
+        .cyclic = cyclic,
+        .od = &in->od->axis[i],
+        .limits = {.min_nm = a->settings.min_nm, .max_nm = a->settings.max_nm, .stop_umps2 = a->settings.down_umps2},
+    };
+    const bool followed = t->follows;
+    const bool wanted = cyclic_torque_update(t, &m->cyclic, &torque);
+    if (followed && !t->follows && m->generating) {
+        profile_go_on(&a->profile, t->knot_nm, t->step_nm);
+    }
+    return wanted;
 }
 
 /* Let an axis begin or cease to follow its set-points. When it ceases on its way, a profile takes over. */
@@ -152,7 +196,7 @@ static bool follow(struct axis_modes *m, int i, const struct axis_modes_in *in, 
     if (followed && !c->follows && m->generating) {
         profile_go_on(&a->profile, c->knot_nm, c->step_nm);
     }
-    return wanted;
+    return follow_torque(m, i, in, &cyclic) || wanted;
 }
 
 static void step_target(struct axis_modes *m, int i, const struct axis_modes_in *in)
@@ -182,6 +226,7 @@ void axis_modes_step(struct axis_modes *m, const struct axis_modes_in *in, struc
         m->cyclic.runs = false;
         for (int i = 0; i < 2; i++) {
             profile_start(&m->axis[i].profile, in->axis[i].reference_nm);
+            cyclic_torque_join(&m->torque[i], in->axis[i].reference_nm);
         }
     }
     for (int i = 0; i < 2; i++) {
@@ -210,12 +255,18 @@ static bool ends(const struct axis_modes *m, int i)
     if (c->follows) {
         return !c->moved && c->same >= CYCLIC_END;
     }
+    if (m->torque[i].follows) {
+        return m->torque[i].force_mN == 0 && m->torque[i].rest >= CYCLIC_END;
+    }
     return m->axis[i].target.target_umps == 0 && profile_stands(&m->axis[i].profile);
 }
 
-static int32_t next_knot(struct axis_modes *m, int i)
+static int32_t next_knot(struct axis_modes *m, int i, const struct od_data *od)
 {
     struct axis_mode *a = &m->axis[i];
+    if (m->torque[i].follows) {
+        return cyclic_torque_knot(&m->torque[i], &od->axis[i], od->stream.accepted - od->stream.executed);
+    }
     return m->cyclic.axis[i].follows ? cyclic_knot(&m->cyclic, i) : profile_step(&a->profile, &a->target);
 }
 
@@ -233,18 +284,18 @@ static void step_cyclic(struct axis_modes *m, const struct od_stream *s, uint32_
     }
 }
 
-void axis_modes_generate(struct axis_modes *m, struct queue *q, uint32_t now)
+void axis_modes_generate(struct axis_modes *m, struct queue *q, const struct od_data *od, uint32_t now)
 {
     const struct od_stream *s = q->stream;
-    const uint32_t ahead = is_cyclic(m) ? CYCLIC_AHEAD : PROFILE_AHEAD;
+    const uint32_t ahead = follows(m, 0) || follows(m, 1) ? CYCLIC_AHEAD : PROFILE_AHEAD;
     for (int i = 0; i < 2; i++) {
-        if (m->axis[i].mode == MODE_HOMING) {
+        if (m->axis[i].mode == MODE_HOMING || m->torque[i].follows) { /* knots follow the axis, wherever it is */
             queue_unlimited(q, i);
         }
     }
     while (!m->ending && s->accepted - s->executed < ahead) {
         step_cyclic(m, s, now);
-        const struct knot knot = {{next_knot(m, 0), next_knot(m, 1)}};
+        const struct knot knot = {{next_knot(m, 0, od), next_knot(m, 1, od)}};
         if (queue_push(q, knot) != QUEUE_ACCEPTED) {
             break; /* outside the limits, which is FAULT_KNOT_RANGE */
         }
@@ -266,6 +317,9 @@ uint16_t axis_modes_status(const struct axis_modes *m, int axis, uint8_t stream_
     }
     if (cyclic_mode(a)) {
         return m->cyclic.axis[axis].follows ? SW_FOLLOWS : 0u;
+    }
+    if (a->mode == MODE_CYCLIC_TORQUE) {
+        return (uint16_t)cyclic_torque_status(&m->torque[axis]);
     }
     if (!axis_modes_follow_stream(m)) {
         return 0;

@@ -8,6 +8,8 @@
  *   law, with the same limits, faults and stop on the path. An axis in mode 7 beside one in mode 3 or 6 is held in place.
  * - Cyclic synchronous position (8): knots of the same path are made of the set-points that come with SYNC
  *   (motion/cyclic.h), fewer milliseconds ahead. At a stop a profile takes over where the set-points have brought the axis.
+ * - Cyclic synchronous torque (10): the master's force acts in place of the law's, and the knots follow the axis
+ *   (motion/cyclic_torque.h).
  *
  * An axis takes over another mode when it stands and its homing is not running; a stream that waits is discarded then.
  *
@@ -17,7 +19,7 @@
 #ifndef KONTUR_AXIS_MODES_H
 #define KONTUR_AXIS_MODES_H
 #include "motion/axis_target.h"
-#include "motion/cyclic.h"
+#include "motion/cyclic_torque.h"
 #include "motion/ip_record.h"
 #include "motion/path_clock.h"
 #include "motion/queue.h"
@@ -26,6 +28,7 @@
 struct axis_modes {
     struct axis_mode axis[2];
     struct cyclic cyclic;
+    struct cyclic_torque torque[2];
     bool generating; /* the path in the queue is that of the profiles and of the set-points of cyclic modes */
     bool ending;     /* these stand, and the queue has all their knots */
     struct ip_record record;
@@ -57,7 +60,7 @@ bool axis_modes_end(struct axis_modes *m, struct queue *q, const struct path_pro
 /* Change to the modes of 6060h where the axes stand, and compute the target velocities of this step. */
 void axis_modes_step(struct axis_modes *m, const struct axis_modes_in *in, struct axis_modes_out *out);
 /* While `generating`: put knots into the queue, up to PROFILE_AHEAD milliseconds ahead of path time, or CYCLIC_AHEAD. */
-void axis_modes_generate(struct axis_modes *m, struct queue *q, uint32_t now);
+void axis_modes_generate(struct axis_modes *m, struct queue *q, const struct od_data *od, uint32_t now);
 /* A set-point of a cyclic mode has come for this axis. It is that of the next SYNC. */
 void axis_modes_set_point(struct axis_modes *m, int axis);
 /* A SYNC has come in control period `now`, with the set-points in `od`. */
@@ -80,6 +83,9 @@ bool axis_modes_enough_knots(const struct axis_modes *m, const struct queue *q, 
 
 /* Whether a stream or set-points of the master may move the axis. */
 bool axis_modes_led(const struct axis_modes *m, int axis);
+
+/* Why set-points of an axis are not followed, which is a fault. */
+enum cyclic_result axis_modes_refused(const struct axis_modes *m, int axis);
 
 /* Whether a value of 6060h is one of the modes above. */
 bool axis_modes_known(int64_t mode);

@@ -17,7 +17,8 @@ enum {
     MODE_HOMING = 6,
     MODE_INTERPOLATED_POSITION = 7,
     MODE_CYCLIC_POSITION = 8,
-    MODE_CYCLIC_VELOCITY = 9
+    MODE_CYCLIC_VELOCITY = 9,
+    MODE_CYCLIC_TORQUE = 10
 };
 
 /* Bits of the controlword 6040h whose meaning depends on the mode */

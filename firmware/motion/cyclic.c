@@ -69,11 +69,10 @@ void cyclic_sync(struct cyclic *c, uint32_t now, uint32_t per_ms, uint8_t ms)
     sync_clock_sync(&c->clock, now, per_ms * ms);
 }
 
-/* Whether an axis whose set-points change by d1 in a cycle could not stop inside its limits. */
-static bool leaves(const struct cyclic *c, int64_t nm, int64_t d1, const struct cyclic_limits *limits)
+bool cyclic_leaves(const struct cyclic_limits *limits, int64_t nm, int64_t d1, unsigned ms)
 {
-    const int64_t way = d1 * SETTLE_MS / c->ms;
-    const int64_t stop = d1 * d1 * 500 / ((int64_t)c->ms * c->ms * limits->stop_umps2);
+    const int64_t way = d1 * SETTLE_MS / (int64_t)ms;
+    const int64_t stop = d1 * d1 * 500 / ((int64_t)ms * (int64_t)ms * limits->stop_umps2);
     return (d1 > 0 && nm + way + stop > limits->max_nm) || (d1 < 0 && nm + way - stop < limits->min_nm);
 }
 
@@ -121,7 +120,7 @@ static enum cyclic_result take(struct cyclic *c, int axis, uint32_t cycle, int32
     if (d2 > most || d2 < -most) {
         return CYCLIC_ACCELERATION;
     }
-    if (leaves(c, nm, d1, &a->limits)) {
+    if (cyclic_leaves(&a->limits, nm, d1, c->ms)) {
         return CYCLIC_RANGE;
     }
     store(a, cycle, nm);
@@ -182,12 +181,10 @@ void cyclic_take_velocity(struct cyclic *c, int axis, int64_t umps, const struct
     cyclic_take(c, axis, clamp_nm(nm), limits);
 }
 
-/* Whether the set-points of an axis on its way have not come for longer than is bridged. */
-static bool missing(const struct cyclic *c, int axis, uint32_t now)
+bool cyclic_missing(const struct cyclic *c, uint32_t latest, uint32_t now)
 {
-    const struct cyclic_axis *a = &c->axis[axis];
-    const int64_t since = sync_clock_since(&c->clock, now) + (int64_t)(c->clock.cycle - a->latest) * SYNC_CYCLE;
-    return a->moved && since > CYCLIC_MISSING * SYNC_CYCLE && since > CYCLIC_MISSING_MS * SYNC_CYCLE / c->ms;
+    const int64_t since = sync_clock_since(&c->clock, now) + (int64_t)(c->clock.cycle - latest) * SYNC_CYCLE;
+    return since > CYCLIC_MISSING * SYNC_CYCLE && since > CYCLIC_MISSING_MS * SYNC_CYCLE / c->ms;
 }
 
 /* ---- the way ---- */
@@ -248,7 +245,7 @@ bool cyclic_update(struct cyclic *c, int axis, const struct cyclic_in *in)
 {
     struct cyclic_axis *a = &c->axis[axis];
     take_told(c, axis);
-    if (a->follows && missing(c, axis, in->now)) {
+    if (a->follows && a->moved && cyclic_missing(c, a->latest, in->now)) {
         a->refused = CYCLIC_MISSED;
     }
     a->refused = in->enabled ? a->refused : CYCLIC_TAKEN;

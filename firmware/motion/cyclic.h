@@ -97,7 +97,10 @@ void cyclic_take(struct cyclic *c, int axis, int32_t nm, const struct cyclic_lim
 void cyclic_take_velocity(struct cyclic *c, int axis, int64_t umps, const struct cyclic_limits *limits);
 /* Let an axis begin or cease to follow its set-points. Returns whether these ask it to move. */
 bool cyclic_update(struct cyclic *c, int axis, const struct cyclic_in *in);
-/* The axis follows its set-points no longer. The next one that counts comes after this. */
+/* Whether set-points of an axis whose newest one is that of cycle `latest` have not come for longer than is bridged. */
+bool cyclic_missing(const struct cyclic *c, uint32_t latest, uint32_t now);
+/* Whether an axis at `nm` that moves by d1 in `ms` could not stop inside its limits. */
+bool cyclic_leaves(const struct cyclic_limits *limits, int64_t nm, int64_t d1, unsigned ms);
 /* The way begins, for the axes that follow and stand at `at_nm`. ahead_ms: from now to its first knot. */
 void cyclic_begin(struct cyclic *c, uint32_t now, unsigned ahead_ms, const int32_t at_nm[2]);
 /* Go on by a ms, to the knot `ahead_ms` from now. */

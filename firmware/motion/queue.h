@@ -47,7 +47,8 @@ void queue_init(struct queue *q, struct od_stream *stream);
 void queue_hold(struct queue *q, struct knot start);
 /* Open the queue for a stream of `total` knots (0: open-ended) from `start`. */
 void queue_begin(struct queue *q, struct knot start, uint32_t total);
-/* Let the open stream accept knots of this axis beyond the soft limits, for homing. */
+/* Let the open stream accept knots of this axis beyond the soft limits, for homing and for a path that follows the
+ * axis. */
 void queue_unlimited(struct queue *q, int axis);
 /* Let the open stream refuse a knot whose second difference is larger, and a last knot that a larger step leads to.
  * 1 nm/ms2 is 1 mm/s2. */

@@ -20,7 +20,7 @@ static void test_modes_that_there_are_not_are_refused(void)
 {
     TEST_ASSERT_EQUAL_HEX32(ABORT_VALUE, rig_write(&rig, 0x6060, 0, 1, 4));
     TEST_ASSERT_EQUAL_HEX32(ABORT_VALUE, rig_write(&rig, 0x6860, 0, 1, 5));
-    TEST_ASSERT_EQUAL_HEX32(0x1E5, rig_read(&rig, 0x6502, 0));
+    TEST_ASSERT_EQUAL_HEX32(0x3E5, rig_read(&rig, 0x6502, 0));
     TEST_ASSERT_EQUAL_HEX32(ABORT_VALUE, rig_write(&rig, 0x605A, 0, 2, 3));
     TEST_ASSERT_EQUAL_HEX32(ABORT_VALUE, rig_write(&rig, 0x685A, 0, 2, 4));
     TEST_ASSERT_EQUAL_HEX32(ABORT_VALUE, rig_write(&rig, 0x6098, 0, 1, 3));

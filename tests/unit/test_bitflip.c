@@ -95,6 +95,9 @@ static const struct variable variables[] = {
     LOOP(command.configured),
     LOOP(command.origin_nm[0]),
     LOOP(command.origin_nm[1]),
+    LOOP(command.forced),
+    LOOP(command.force_mN[0]),
+    LOOP(command.force_mN[1]),
     LOOP(command.excite),
     LOOP(excitation.cfg.axis),
     /* what the tick tells the background */
@@ -125,6 +128,7 @@ static const struct variable variables[] = {
     LOOP(servo.observer[0].vel),
     LOOP(servo.observer[0].acc),
     LOOP(servo.controller),
+    LOOP(servo.forced),
     LOOP(servo.offset),
     LOOP(servo.slot),
     LOOP(servo.demand),

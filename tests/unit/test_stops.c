@@ -8,11 +8,11 @@
 #include "test_axis_modes.h"
 
 enum { FRAMES = 100000, SLICE = 60 /* frames between a begin and its stop, at most */ };
-enum { BEGINS = 8 };
+enum { BEGINS = 9 };
 
 static const uint8_t no_data[1];
 static struct rig begins[BEGINS];
-static const int8_t begin_modes[BEGINS] = {1, 3, 6, 7, 7, 8, 9, 8};
+static const int8_t begin_modes[BEGINS] = {1, 3, 6, 7, 7, 8, 9, 8, 10};
 static uint64_t random_state;
 
 static uint32_t draw(uint32_t below)
@@ -48,7 +48,9 @@ static void send_pair(uint16_t id, int32_t x, int32_t y)
 static void begin(unsigned n)
 {
     setUp();
-    map(3, n == 6 ? 0x60FF0020 : 0x607A0020, n == 6 ? 0x68FF0020 : 0x687A0020, 1);
+    static const uint32_t entries[BEGINS] = {[6] = 0x60FF0020, [8] = 0x60710010};
+    const uint32_t entry = entries[n] != 0 ? entries[n] : 0x607A0020;
+    map(3, entry, entry + 0x08000000u, 1);
     map(2, 0x60600008, 0x68600008, 254);
     rig_enable(&rig);
     if (n == 3) {
@@ -84,6 +86,14 @@ static void begin(unsigned n)
             rig_ms(&rig, 1);
         }
         break;
+    case 8:
+        for (int i = 0; i < 300; i++) {
+            static const uint8_t force[4] = {110, 0, 0x80, 0xFF}; /* 66 and -77 N, hardly more than friction */
+            rig_send(&rig, 0x401, 4, force);
+            rig_send(&rig, 0x80, 0, no_data);
+            rig_ms(&rig, 1);
+        }
+        break;
     default:
         for (int i = 0; i < 300; i++) {
             const int32_t nm = i < 100 ? i * i * 100 : 1000000 + (i - 100) * 20000;
@@ -102,8 +112,9 @@ static void begin(unsigned n)
 static void nonsense(void)
 {
     static const uint16_t ids[] = {0x301, 0x401, 0x601, 0x601, 0x601, 0x080, 0x77F, 0x7E5};
-    static const uint16_t objects[] = {0x6060, 0x607A, 0x60FF, 0x6081, 0x6083, 0x6085, 0x605A, 0x605D, 0x60C1, 0x60C2,
-                                       0x60B1, 0x607D, 0x6065, 0x2131, 0x2200, 0x6098, 0x607F, 0x6067, 0x2000, 0x1006};
+    static const uint16_t objects[] = {0x6060, 0x607A, 0x60FF, 0x6081, 0x6083, 0x6085, 0x605A, 0x605D,
+                                       0x60C1, 0x60C2, 0x60B1, 0x607D, 0x6065, 0x2131, 0x2200, 0x6098,
+                                       0x607F, 0x6067, 0x2000, 0x1006, 0x6071, 0x60B2};
     uint8_t data[8];
     for (int i = 0; i < 8; i++) {
         data[i] = (uint8_t)draw(256);
@@ -111,13 +122,18 @@ static void nonsense(void)
     const uint16_t id = ids[draw(8)];
     uint8_t len = (uint8_t)(draw(4) == 0 ? draw(9) : 8);
     if (id == 0x601 && draw(4) != 0) {
-        const uint16_t index = (uint16_t)(objects[draw(20)] + (draw(2) != 0 ? 0x800u : 0u));
+        const uint16_t index = (uint16_t)(objects[draw(22)] + (draw(2) != 0 ? 0x800u : 0u));
         const uint8_t size = (uint8_t)(1u << draw(3));
         data[0] = (uint8_t)(draw(3) == 0 ? 0x40 : 0x23 | (4 - size) << 2);
         co_put(&data[1], index, 2);
         data[3] = (uint8_t)draw(3);
         co_put(&data[4], draw(2) == 0 ? draw(12) : draw(UINT32_MAX), 4);
         len = 8;
+    }
+    if (id == 0x401 && draw(3) == 0) { /* forces */
+        co_put(&data[0], draw(400) - 200u, 2);
+        co_put(&data[2], draw(400) - 200u, 2);
+        len = 4;
     }
     if (id == 0x401 && draw(2) == 0) { /* a set-point that might be true */
         co_put(&data[0], 5000000u + draw(200000), 4);
@@ -147,9 +163,10 @@ static void expect_stopping(const struct stop *stop)
     for (int i = 0; i < 2; i++) {
         const bool halted = (stop->word & HALT) != 0;
         TEST_ASSERT_TRUE(halted || !cia402_enabled(&d->axis[i]));
-        TEST_ASSERT_FALSE(d->path.modes.cyclic.axis[i].follows);
+        TEST_ASSERT_FALSE(d->path.modes.cyclic.axis[i].follows || d->path.modes.torque[i].follows);
         TEST_ASSERT_TRUE(!d->path.modes.generating || d->path.modes.axis[i].target.target_umps == 0);
     }
+    TEST_ASSERT_EQUAL_HEX32(0, atomic_load(&d->loop.command.forced));
     TEST_ASSERT_TRUE(d->path.modes.generating || !atomic_load(&d->loop.command.run));
 }
 
