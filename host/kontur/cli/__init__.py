@@ -32,6 +32,7 @@ _VERBS = {
     "sweep": "Run many inputs on simulated machines, into one table.",
     "experiment": "Run a defined experiment on the simulated drive.",
     "info": "Show the drive that answers, and its state.",
+    "doctor": "Look for what is wrong with bus, drive and wiring; nothing moves.",
     "param": "List, read, set and store parameters.",
     "scope": "Record signals of the servo tick.",
     "log": "Show or convert a log of a run.",
