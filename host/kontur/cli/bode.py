@@ -64,7 +64,8 @@ _HEADINGS = {
 @parameter_option
 @params_option
 @click.option("-o", "--output", "outputs", multiple=True, type=click.Path(dir_okay=False, path_type=Path),
-              help="Save as picture (.svg, .png) or table (.csv). Can be repeated.")  # fmt: skip
+              help="Save as table (.csv), as picture (.png), or as one for a column of a paper (.svg, .pdf). "
+              "Can be repeated.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(
@@ -90,7 +91,7 @@ def command(
     stops it.
     """
     for file in outputs:
-        check_output(file, ".svg", ".png", ".csv")
+        check_output(file, ".svg", ".pdf", ".png", ".csv")
     if low_hz >= high_hz:
         raise click.UsageError(f"--from {low_hz:g} must be below --to {high_hz:g}")
     if controller == "all":
@@ -126,7 +127,8 @@ def _show(found: Response, setup: Setup, axis: str, controller: str, as_json: bo
             from kontur.commissioning import figure
 
             form = file.suffix.lower().removeprefix(".")
-            write_atomically(file, figure.picture(found, f"axis {axis}, {controller}", form))
+            draw = figure.picture if form == "png" else figure.for_column
+            write_atomically(file, draw(found, f"axis {axis}, {controller}", form))
     if as_json:
         result: dict[str, Any] = {
             "axis": axis,

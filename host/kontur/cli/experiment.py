@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -12,6 +13,7 @@ from kontur import machine as machines
 from kontur.cli.options import (
     CONTROLLER,
     MACHINE,
+    check_output,
     parameter_option,
     parameter_values,
     progress_bar,
@@ -22,6 +24,7 @@ from kontur.cli.output import print_json, print_table
 from kontur.drive.controllers import CONTROLLERS, described
 from kontur.experiments import COMPARED, REFERENCE
 from kontur.experiments.circles import CASES, paper
+from kontur.files import write_atomically
 from kontur.machine import ALL, MACHINES, told_text
 
 if TYPE_CHECKING:
@@ -69,6 +72,8 @@ def command() -> None:
     "--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Number of seeds, from --seed on."
 )
 @parameter_option
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path),
+              help="Save mean and greatest errors as a picture for a column of a paper (.svg, .pdf).")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulated_target_options
 def paper_command(
@@ -77,10 +82,12 @@ def paper_command(
     controllers: tuple[str, ...],
     seeds: int,
     parameters: tuple[tuple[str, str], ...],
+    output: Path | None,
     as_json: bool,
     target: Target,
 ) -> None:
     """Run the paper's circles: 4.488 mm/s r 4 mm (low), 100 mm/s r 20 mm (high), 100 mm/s r 4 mm (high-tight)."""
+    check_output(output, ".svg", ".pdf")
     cases, controllers = cases or tuple(CASES), CONTROLLERS if "all" in controllers else controllers
     done = 0
     with progress_bar("experiment paper") as progress:
@@ -100,6 +107,11 @@ def paper_command(
                 one_more,
             )
         )
+    if output is not None:
+        from kontur.report import column
+
+        with column.column_style():
+            write_atomically(output, column.as_file(column.of_cases(rows), output.suffix.lower()[1:]))
     if as_json:
         print_json({"cases": rows})
     else:

@@ -10,24 +10,30 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from kontur.commissioning.response import Response
+from kontur.report.column import COLUMN_M, as_file, column, column_style
 from kontur.report.figures import FAINT, INK, plain_decades, style
 
 _FIRST, _SECOND = "#0072B2", "#D55E00"
 
 
+def for_column(response: Response, title: str, form: str) -> bytes:
+    """The figure as 'svg' or 'pdf', as wide as a column of a paper."""
+    with column_style():
+        return as_file(draw(column(COLUMN_M), response, title), form)
+
+
 def picture(response: Response, title: str, form: str) -> bytes:
-    """The figure as 'png' or 'svg'."""
+    """The figure as 'png' or 'svg', for a screen."""
     out = io.BytesIO()
     with style():
-        figure = draw(response, title)
+        figure = draw(Figure(figsize=(7.6, 6.2), layout="constrained"), response, title)
         metadata: dict[str, None] = {"Software": None} if form == "png" else {"Date": None, "Creator": None}
         figure.savefig(out, format=form, dpi=150, metadata=metadata)
     return out.getvalue()
 
 
-def draw(response: Response, title: str) -> Figure:
+def draw(figure: Figure, response: Response, title: str) -> Figure:
     """Above magnitude and phase of the machine, below |S| and L. Bars are one standard deviation."""
-    figure = Figure(figsize=(7.6, 6.2), layout="constrained")
     (size, sensitivity), (phase, nyquist) = figure.subplots(2, 2)
     hz = response.hz
     for name, colour, plant, sigma in zip(

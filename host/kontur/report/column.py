@@ -4,13 +4,25 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import matplotlib
 from matplotlib.figure import Figure
 
-from kontur.report.figures import Entry, draw_sizes, error_name, style, thinned, time_axes
+from kontur.errors import LogError
+from kontur.report.figures import (
+    Entry,
+    draw_size,
+    draw_sizes,
+    error_name,
+    looks,
+    plain_decades,
+    style,
+    thinned,
+    time_axes,
+)
 
 COLUMN_M = 0.088
 """Width of a column of a journal: 88 mm (IEEE, Elsevier)."""
@@ -59,4 +71,32 @@ def for_column(entries: Sequence[Entry]) -> Figure:
     upper.set_ylabel("contour error, µm")
     draw_sizes(lower, entries, mark=0.55)
     lower.set_xlabel(f"{error_name(entries)}, µm: mean, 95 %, max")
+    return figure
+
+
+def of_cases(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Mean and greatest true contour error of each controller, a panel for each case: `rows` of experiments.circles.
+
+    Of several seeds it is the mean of the means, and the greatest of all. Raises LogError: no run is scored.
+    """
+    known = [row for row in rows if row["mean_um"] is not None]
+    if not known:
+        raise LogError("no axis has moved along the circles, so there is no error to draw")
+    cases = list(dict.fromkeys(str(row["case"]) for row in known))
+    names = list(dict.fromkeys(str(row["controller"]) for row in known))
+    figure = column((0.012 + 0.006 * len(names)) * len(cases) + 0.006)
+    panels = figure.subplots(len(cases), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, case in zip(panels, cases, strict=True):
+        for place, (name, look) in enumerate(zip(names, looks(names), strict=True)):
+            if runs := [row for row in known if (row["case"], row["controller"]) == (case, name)]:
+                mean = sum(float(row["mean_um"]) for row in runs) / len(runs)
+                draw_size(axes, place, look, mean, max(float(row["max_um"]) for row in runs), mark=0.55)
+        axes.set_yticks(range(len(names)), names)
+        axes.set_ylim(len(names) - 0.5, -0.8)
+        axes.set_title(case)
+        axes.tick_params(axis="y", length=0)
+        axes.grid(axis="y", visible=False)
+    panels[-1].set(xscale="log", xlabel="true contour error, µm: marker mean, tip max")
+    panels[-1].set_xlim(min(row["mean_um"] for row in known) / 2.5, max(row["max_um"] for row in known) * 3.0)
+    plain_decades(panels[-1].xaxis)
     return figure

@@ -148,16 +148,8 @@ def plain_decades(*logarithmic: Any) -> None:
 def draw_sizes(axes: Any, entries: Sequence[Entry], mark: float = 1.0) -> None:
     axes.set_xscale("log")
     for row, entry in enumerate(entries):
-        error = _sizes(entry)
-        mean, p95, greatest = (max(v, _LEAST_UM) for v in (entry.mean_um, np.percentile(error, 95.0), entry.max_um))
-        axes.plot([mean, greatest], [row, row], color=entry.colour, alpha=0.35, lw=5.0 * mark,
-                  solid_capstyle="butt")  # fmt: skip
-        axes.plot(mean, row, entry.marker, color=entry.colour, ms=9 * mark)
-        axes.plot(p95, row, "|", color=entry.colour, ms=13 * mark, mew=2.0 * mark)
-        axes.plot(greatest, row, ">", color=entry.colour, ms=7 * mark)
-        axes.annotate(number(entry.mean_um), (mean, row), (0, 8 * mark), textcoords="offset points",
-                      ha="center", weight="bold")  # fmt: skip
-        axes.annotate(number(entry.max_um), (greatest, row), (7, -3), textcoords="offset points")
+        p95 = float(np.percentile(_sizes(entry), 95.0))
+        draw_size(axes, row, (entry.colour, entry.marker), entry.mean_um, entry.max_um, mark, p95)
     axes.set_yticks(range(len(entries)), [entry.label for entry in entries], weight="bold")
     axes.set_ylim(len(entries) - 0.5, -0.7)
     low, high = min(e.mean_um for e in entries), max(e.max_um for e in entries)
@@ -165,6 +157,27 @@ def draw_sizes(axes: Any, entries: Sequence[Entry], mark: float = 1.0) -> None:
     plain_decades(axes.xaxis)
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="y", visible=False)
+
+
+def draw_size(
+    axes: Any,
+    row: int,
+    look: tuple[str, str],
+    mean: float,
+    greatest: float,
+    mark: float = 1.0,
+    p95: float | None = None,
+) -> None:
+    """A row of a logarithmic picture of errors in um: marker mean, bar 95 %, tip max. `look`: colour and marker."""
+    colour, marker = look
+    left, right = max(mean, _LEAST_UM), max(greatest, _LEAST_UM)
+    axes.plot([left, right], [row, row], color=colour, alpha=0.35, lw=5.0 * mark, solid_capstyle="butt")
+    axes.plot(left, row, marker, color=colour, ms=9 * mark)
+    if p95 is not None:
+        axes.plot(max(p95, _LEAST_UM), row, "|", color=colour, ms=13 * mark, mew=2.0 * mark)
+    axes.plot(right, row, ">", color=colour, ms=7 * mark)
+    axes.annotate(number(mean), (left, row), (0, 8 * mark), textcoords="offset points", ha="center", weight="bold")
+    axes.annotate(number(greatest), (right, row), (7, -3), textcoords="offset points")
 
 
 def where(entries: Sequence[Entry]) -> Figure:
