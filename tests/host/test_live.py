@@ -26,6 +26,8 @@ import pytest
 from browsers import Tab
 
 from kontur.cli.live_page import Panel
+from kontur.drive.target import Target, open_drive
+from kontur.live.follow import following
 from kontur.live.view import View, Viewer
 from kontur.runs import log as logs
 
@@ -39,10 +41,10 @@ CIRCLE = ["run", "circle", "--radius", "20", "--feed", "40"]  # 3.5 s
 class Command:
     """A command with a live page, as a process."""
 
-    def __init__(self, *words: str | Path) -> None:
+    def __init__(self, *words: str | Path, cwd: Path | None = None) -> None:
         self.process = subprocess.Popen(
             [sys.executable, "-m", "kontur.cli", *map(str, words)],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=cwd,
         )  # fmt: skip
         assert self.process.stderr is not None
         self.before = []
@@ -60,8 +62,8 @@ class Command:
 
 
 @contextlib.contextmanager
-def command(*words: str | Path) -> Iterator[Command]:
-    running = Command(*words)
+def command(*words: str | Path, cwd: Path | None = None) -> Iterator[Command]:
+    running = Command(*words, cwd=cwd)
     try:
         yield running
     finally:
@@ -157,14 +159,36 @@ def test_buttons_hold_and_stop_the_drive_on_the_path(tmp_path: Path) -> None:
     assert json.loads(out)["runs"][0]["path_percent"] < 100
 
 
-def test_jog_has_a_page_with_stop_alone() -> None:
-    with command("live", "jog", "--x", "5", "--duration", "30", "--json") as running:
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["jog", "--x", "5", "--duration", "30"],
+        ["home", "x", "--method", "switch-"],
+        ["scope", "--trigger", "position_x>9", "--signals", "position_x"],
+        ["commission", "--yes", "--out", "."],
+    ],
+    ids=lambda words: words[0],
+)
+def test_page_beside_other_commands_has_stop_alone(tmp_path: Path, words: list[str]) -> None:
+    with command("live", *words, cwd=tmp_path) as running:
         assert ask(of(running.address, "/command"), {"do": "hold"}) == (409, "what runs now takes stop\n")
         assert ask(of(running.address, "/command"), {"do": "stop"})[0] == 200
-        code, out, _ = running.end()
-    assert code == 130
-    moved_m = np.subtract(json.loads(out)["to_m"], json.loads(out)["from_m"])
-    assert abs(moved_m[0]) < 0.15
+        code, _, err = running.end()
+    assert (code, "Interrupted: " in err) == (130, True)
+
+
+def test_page_gets_the_telemetry_that_a_command_records_itself() -> None:
+    """As `kontur identify` and `commission` do."""
+    view = View(Panel())
+    with open_drive(Target()) as device, following(device, view, "identify"), device.axes.enabled():
+        device.link.record_telemetry()
+        device.link.wait(lambda: False, 0.2)
+        recorded = device.link.recorded_telemetry(device.position_nm())
+        device.link.wait(lambda: False, 0.2)
+    shown = [tick for m in map(json.loads, view.news(Viewer())) if "rows" in m for tick in m["rows"]["tick"]]
+    assert len(recorded.tick) > 150
+    assert set(recorded.tick) < set(shown)
+    assert max(shown) > recorded.tick[-1] + 150
 
 
 def test_fault_is_shown_with_its_remedy(tmp_path: Path, page: tuple[View, str]) -> None:

@@ -20,7 +20,8 @@ import queue
 import re
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -97,11 +98,8 @@ class Link:
         self.frames = 0
         """Sent and received so far."""
         self._dropped = dict.fromkeys(DROPPED, 0)
-        self._recording = False
-        self._frames: list[tuple[int, bytearray]] = []
-        self._take: Callable[[NDArray[np.int64], NDArray[np.uint8]], None] | None = None
-        self._every_s = _TAKE_S
-        self._taken_s = 0.0  # wall clock; infinite where time is the drive's
+        self._recording: _Recording | None = None
+        self._watching: _Recording | None = None
         # Services and PDOs of fixed length; frames of another one are corrupted.
         self._lengths = {_SDO_RESPONSE + node_id: 8, _EMCY + node_id: 8, wire.HEARTBEAT + node_id: 1}
         self._lengths |= {cob + node_id: 8 for cob in (wire.TPDO1, *wire.TELEMETRY)}
@@ -219,9 +217,9 @@ class Link:
         return self._receive(min(timeout_s, self._next_heartbeat_s - now_s))
 
     def _receive(self, timeout_s: float) -> bool:
-        if self._take is not None and self._frames and self._is_due():
-            self._taken_s = max(self._taken_s, time.monotonic())
-            self._take(*self._recorded())
+        for recording in (self._recording, self._watching):
+            if recording is not None:
+                recording.hand_over_if_due()
         try:
             message = self.bus.recv(timeout_s)
         except can.CanError as error:
@@ -246,8 +244,9 @@ class Link:
         return True
 
     def _record(self, message: can.Message) -> None:
-        if self._recording:
-            self._frames.append((message.arbitration_id - self.node_id, message.data))
+        for recording in (self._recording, self._watching):
+            if recording is not None:
+                recording.frames.append((message.arbitration_id - self.node_id, message.data))
 
     def handle_pending(self) -> None:
         """Handle the frames that have arrived already: after a pause of the host, `status` is an old one until then."""
@@ -296,42 +295,35 @@ class Link:
             self._receive(left_s)
         return True
 
-    def record_telemetry(
-        self, take: Callable[[NDArray[np.int64], NDArray[np.uint8]], None] | None = None, every_s: float = _TAKE_S
-    ) -> None:
+    def record_telemetry(self, take: _Take | None = None, every_s: float = _TAKE_S) -> None:
         """Record all telemetry frames and TPDO1 from now on, and discard those recorded before.
 
         `take` is called with function (m,) and payload (m, 8) of those that have come in about `every_s`; without it
         they are kept for recorded_telemetry().
         """
-        self._frames = []
-        self._recording = True
-        self._take = take
-        self._every_s = every_s
-        self._taken_s = math.inf if self.by_device_time else time.monotonic()
+        self._recording = _Recording(take, every_s, self.by_device_time)
 
     def recorded_telemetry(self, start_nm: tuple[int, int]) -> Telemetry:
         """Stop recording and unpack the telemetry; `start_nm` is a position within 8 mm of the first one recorded."""
-        self._recording = False
-        return wire.unpack_telemetry(*self._recorded(), start_nm)
+        recording, self._recording = self._recording, None
+        frames = recording.taken() if recording is not None else _unpacked([])
+        return wire.unpack_telemetry(*frames, start_nm)
 
     def stop_recording(self) -> None:
         """Hand over what was recorded, and record no more."""
-        take, self._take = self._take, None
-        if self._recording and take is not None:
-            take(*self._recorded())
-        self._recording = False
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            recording.hand_over()
 
-    def _recorded(self) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-        frames, self._frames = self._frames, []
-        function = np.array([f for f, _ in frames], dtype=np.int64)
-        return function, np.frombuffer(b"".join(d for _, d in frames), dtype=np.uint8).reshape(-1, 8)
-
-    def _is_due(self) -> bool:
-        """Whether telemetry is to be handed over: by the number of frames alone where time is the drive's, so that
-        equal runs stay equal."""
-        frames = _TAKE_FRAMES * self._every_s / _TAKE_S
-        return len(self._frames) >= frames or time.monotonic() - self._taken_s >= self._every_s
+    @contextmanager
+    def telemetry_watched(self, take: _Take, every_s: float) -> Iterator[None]:
+        """Call `take` as record_telemetry() does, beside any recording; one at a time."""
+        watching = self._watching = _Recording(take, every_s, self.by_device_time)
+        try:
+            yield
+        finally:
+            self._watching = None
+            watching.hand_over()
 
     def _round(self) -> None:
         goal_ms = self._tick_ms + self._sync_ms
@@ -391,6 +383,44 @@ class Link:
         if before is not None and before.statusword == self.status.statusword:
             self.statuswords = self.status.statusword
             self._statuswords_count = self.status_count
+
+
+_Take = Callable[[NDArray[np.int64], NDArray[np.uint8]], None]
+
+
+class _Recording:
+    """Frames (function, payload) as they come; `take` gets them each `every_s`."""
+
+    def __init__(self, take: _Take | None, every_s: float, by_device_time: bool) -> None:
+        self.frames: list[tuple[int, bytearray]] = []
+        self._take, self._every_s = take, every_s
+        self._taken_s = math.inf if by_device_time else time.monotonic()  # wall clock
+
+    def hand_over_if_due(self) -> None:
+        """By the number of frames alone where time is the drive's, so that equal runs stay equal."""
+        if self._take is None or not self.frames:
+            return
+        if (
+            len(self.frames) >= _TAKE_FRAMES * self._every_s / _TAKE_S
+            or time.monotonic() - self._taken_s >= self._every_s
+        ):
+            self._taken_s = max(self._taken_s, time.monotonic())
+            self.hand_over()
+
+    def hand_over(self) -> None:
+        """Give all frames to `take`, also none."""
+        if self._take is not None:
+            self._take(*self.taken())
+
+    def taken(self) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+        """Function (m,) and payload (m, 8) of all frames, which are forgotten."""
+        frames, self.frames = self.frames, []
+        return _unpacked(frames)
+
+
+def _unpacked(frames: list[tuple[int, bytearray]]) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    function = np.array([f for f, _ in frames], dtype=np.int64)
+    return function, np.frombuffer(b"".join(d for _, d in frames), dtype=np.uint8).reshape(-1, 8)
 
 
 def _is_queue_full(error: can.CanError) -> bool:

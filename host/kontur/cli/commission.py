@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from kontur.cli.identify import FORCE_SHARE, encoder_known, require_length, show
+from kontur.cli.live_page import view
 from kontur.cli.options import NumberRange, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.drive.axes import AXES
@@ -160,7 +161,7 @@ def _commission(
 
     _explain("prove", yes, as_json)
     restored = before if not target.in_process else {}
-    proof = prove.prove(target, designs, restored, after, say)
+    proof = prove.prove(target, designs, restored, after, say, drive_of, view())
     result["proof"] = [one.as_json() for one in proof]
     if not as_json:
         print_table([one.as_json() for one in proof], "Proof", _HEADINGS)

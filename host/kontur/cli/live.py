@@ -30,8 +30,9 @@ _OWN = ("port", "wait", "words")
 def command(ctx: click.Context, /, *, port: int, wait: bool, words: tuple[str, ...], target: Target) -> None:
     """Serve a page that shows what the drive does, and print its address.
 
-    With a COMMAND (run, jog, home, scope, ...) and its options, it runs that, and the page has its buttons. Without
-    one it shows the drive on a bus (-i, -c) that another program commands, until Ctrl-C, and has no buttons then.
+    With a COMMAND (run, jog, home, commission, scope, ...) and its options, it runs that, and the page has its buttons.
+    Without one it shows the drive on a bus (-i, -c) that another program commands, until Ctrl-C, and has no buttons
+    then.
 
     The page is for browsers of this machine, and for who has its address, which holds a secret. It needs no network.
     """

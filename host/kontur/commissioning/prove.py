@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -12,12 +13,14 @@ import numpy as np
 from kontur.commissioning import response
 from kontur.commissioning.response import Setup
 from kontur.design.search import Design
+from kontur.drive.device import Device
 from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError
 from kontur.path.geometry import Arc, Move, Program
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs import summary
+from kontur.runs.recorder import Watcher
 from kontur.runs.runner import RunOptions, run
 
 MS_MAX = 2.2
@@ -51,20 +54,25 @@ def prove(
     before: Mapping[str, float],
     after: Mapping[str, Mapping[str, float]],
     say: Callable[[str], None],
+    opened: Callable[[Target], AbstractContextManager[Device]] = open_drive,
+    watch: Watcher | None = None,
 ) -> list[Proof]:
-    """Run all circles with the parameters `before`, and with those `after` of each controller."""
+    """Run all circles with the parameters `before`, and with those `after` of each controller.
+
+    `opened` opens the drive to measure its sensitivity; `watch` looks on at the circles.
+    """
     found = []
     for design in designs:
         say(f"{design.controller}: the sensitivity of both axes is measured")
-        measured = _sensitivity(target, design, after[design.controller])
+        measured = _sensitivity(target, design, after[design.controller], opened)
         for name, trajectory in _circles(target).items():
             say(f"{design.controller}: {name}, before and after")
             found.append(
                 Proof(
                     name,
                     design.controller,
-                    _error_um(target, trajectory, design.controller, before),
-                    _error_um(target, trajectory, design.controller, after[design.controller]),
+                    _error_um(target, trajectory, design.controller, before, watch),
+                    _error_um(target, trajectory, design.controller, after[design.controller], watch),
                     max(predicted(design)),
                     measured,
                 )
@@ -81,10 +89,15 @@ def predicted(design: Design) -> tuple[float, float]:
     return found[0], found[1]
 
 
-def _sensitivity(target: Target, design: Design, parameters: Mapping[str, float]) -> float:
+def _sensitivity(
+    target: Target,
+    design: Design,
+    parameters: Mapping[str, float],
+    opened: Callable[[Target], AbstractContextManager[Device]],
+) -> float:
     """The largest of both axes, at a band of lines and at those where it is predicted to be largest."""
     worst = 0.0
-    with open_drive(target) as device:
+    with opened(target) as device:
         device.parameters.set(parameters)
         device.select_controller(design.controller)
         with device.axes.enabled():
@@ -116,8 +129,10 @@ def _circles(target: Target) -> dict[str, Trajectory]:
     return found
 
 
-def _error_um(target: Target, trajectory: Trajectory, controller: str, parameters: Mapping[str, float]) -> float | None:
-    options = RunOptions(parameters=parameters, approach=limits(target.machine), score_from_s=_UNSCORED_S)
+def _error_um(
+    target: Target, trajectory: Trajectory, controller: str, parameters: Mapping[str, float], watch: Watcher | None
+) -> float | None:
+    options = RunOptions(parameters=parameters, approach=limits(target.machine), score_from_s=_UNSCORED_S, watch=watch)
     try:
         log = run(trajectory, controller, target, options).log
     except DeviceError:

@@ -40,9 +40,8 @@ def following(device: Device, view: View, title: str) -> Iterator[None]:
         view.add(np.column_stack([found[name] for name, _ in _COLUMNS]), link.reported)
 
     view.begin({"title": title, "machine": str(link.bus.channel_info)}, _COLUMNS, paced=link.by_device_time)
-    link.record_telemetry(take, WATCHED_S)
     try:
-        yield
+        with link.telemetry_watched(take, WATCHED_S):
+            yield
     finally:
-        link.stop_recording()
         take(np.empty(0, dtype=np.int64), np.empty((0, 8), dtype=np.uint8), last=True)
