@@ -14,12 +14,13 @@ from click.testing import CliRunner
 from kontur.can.simulated import simulated
 from kontur.cli import main
 from kontur.commissioning import encoder, fit
-from kontur.commissioning.identify import Agreed, Diagnosis, _find_travel, identify
+from kontur.commissioning.first_moves import Agreed, Diagnosis
+from kontur.commissioning.identify import identify
 from kontur.commissioning.response import Response
 from kontur.design import loop
 from kontur.drive.axes import METHODS
 from kontur.drive.target import Target, open_drive
-from kontur.machine import LENGTHS, MACHINES, NOTHING, Axis, Machine, load
+from kontur.machine import LENGTHS, MACHINES, Axis, Machine, load
 
 BALL_SCREW = load(MACHINES / "ball_screw.toml")
 HZ = np.unique(np.round(np.geomspace(8.0, 900.0, 48)))
@@ -209,17 +210,3 @@ def test_wrong_length_of_a_count_is_said_with_its_factor() -> None:
         with pytest.raises(Diagnosis, match=r"wrong by a factor of 2.*plant_x.encoder=0.0762") as caught:
             identify(device, "x", Agreed(300.0, index_m=0.01))
     assert caught.value.kind == "encoder"
-
-
-def test_free_travel_ends_before_the_limit_switches() -> None:
-    axis = replace(BALL_SCREW.x, travel_m=(-0.03, 0.02), soft_limit_m=(-0.025, 0.015))
-    with open_drive(Target(machine=replace(BALL_SCREW, x=axis), told=NOTHING)) as device:
-        device.parameters.set(
-            {"cascade.position_gain": 20.0, "cascade.velocity_gain": 30.0, "cascade.integral_gain": 5.0}
-            | {"observer.bandwidth": 2000.0}
-        )
-        device.select_controller("cascade")
-        _find_travel(device, "x", Agreed(300.0), lambda: False)
-        found_m = [device.read(f"position_limit_x.{end}") * 1e-9 for end in ("min", "max")]
-    assert -0.027 < found_m[0] < -0.024  # a switch closes 2 mm before the end stop
-    assert 0.014 < found_m[1] < 0.017

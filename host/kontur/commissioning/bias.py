@@ -22,7 +22,7 @@ class Mover:
     """One axis of an enabled drive. `low_m`, `high_m`: where it may be, which the soft limits hold it to."""
 
     def __init__(self, device: Device, axis: str, stop_requested: Callable[[], bool] = lambda: False) -> None:
-        self.device, self.axis, self._stop_requested = device, axis, stop_requested
+        self.device, self.axis, self.stop_requested = device, axis, stop_requested
         change_mode(device, (axis,), VELOCITY_MODE)
         limits = [float(device.read(f"position_limit_{axis}.{end}")) * wire.M_PER_NM for end in ("min", "max")]
         self.low_m, self.high_m = limits[0] + _CLEARANCE_M, limits[1] - _CLEARANCE_M
@@ -39,7 +39,7 @@ class Mover:
     def check(self) -> None:
         """Raise what the drive reports, and Interrupted (KeyboardInterrupt) where a stop is requested."""
         self.device.faults.check()
-        if self._stop_requested():
+        if self.stop_requested():
             raise KeyboardInterrupt
 
     def run(self, velocity_mps: float) -> None:

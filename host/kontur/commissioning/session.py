@@ -6,7 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
-from kontur.commissioning.identify import Agreed, Identified, identify
+from kontur.commissioning.first_moves import Agreed
+from kontur.commissioning.identify import Identified, identify
 from kontur.drive.device import Device
 from kontur.errors import KonturError
 

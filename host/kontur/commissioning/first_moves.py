@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first moves of an axis that nobody knows: direction, breakaway, rough mass, lost motion, length of an encoder
+count, free travel.
+
+Each is small at first, and checks before it goes on. What is wrong with the axis is said as a Diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from kontur.commissioning import encoder, response
+from kontur.commissioning.bias import Mover
+from kontur.commissioning.recording import Recorder
+from kontur.commissioning.response import Floats, Setup
+from kontur.drive.device import Device
+from kontur.drive.single_axis import jog
+from kontur.errors import DeviceError, EmcyError
+
+_CAREFUL = {"cascade.position_gain": 10.0, "cascade.velocity_gain": 15.0, "cascade.integral_gain": 1.0}
+FIRM = {"cascade.position_gain": 25.0, "cascade.velocity_gain": 60.0, "cascade.integral_gain": 15.0}
+_RUNAWAY_NM, _ROUGH_NM, MEASURE_NM = 500_000, 5_000_000, 3_000_000  # following window of each step
+_SHARES = (0.05, 0.15, 0.45, 1.0)  # of the force that is allowed, for the ramp, one after the other
+_SEEN_COUNTS = 4  # a movement this large shows the direction
+_BROKEN_M = 1.2e-4  # beyond presliding
+_RAMP_S = 2.0
+_WATCH_S = 0.002
+_TRAVEL_MPS, _OFF_SWITCH_M = 0.03, 3e-3
+_LENGTH_ERROR = 0.005  # of a count, relative, that may be
+_ROUGH_HZ = 8.0
+_REVERSALS, _LOST_MPS, _LOST_M, _SETTLE_S = 4, 4e-3, 3e-3, 0.3
+_STEP_M, _TAKEN_ALONG, _LOOSE_M = 1e-4, 0.8, 3e-4  # beyond presliding and the stretch of a stiff transmission
+_GAUGED_M, _GAUGED_MPS, _GAUGE_ERROR = 0.02, 0.01, 0.02
+_GENTLE, _GENTLE_N = 3.0, 20.0  # force on the way to a switch: times what the axis breaks away at, and least
+_ENDS = {"max": "upper", "min": "lower"}
+_NM = 1e-9
+
+
+class Diagnosis(DeviceError):
+    """What is wrong with an axis, in words; nothing was saved. `kind` is one word for it."""
+
+    def __init__(self, kind: str, text: str) -> None:
+        self.kind = kind
+        super().__init__(text)
+
+
+@dataclass(frozen=True)
+class Agreed:
+    """What was agreed: the largest force and speed. The travel is that of the drive's soft limits.
+
+    `index_m`: distance of index pulses, 0: not known. By it the length of a count is checked, or found where it is not
+    `encoder_known`. Without it `measured_m` may ask the user: it gets the axis and the distance that the drive has
+    counted, and returns the distance that a gauge shows. With neither the length is taken as it is.
+    """
+
+    force_N: float
+    speed_mps: float = 0.2
+    index_m: float = 0.0
+    encoder_known: bool = True
+    measured_m: Callable[[str, float], float] | None = None
+
+
+@contextmanager
+def explained(axis: str, what: str, say: Callable[[str], None]) -> Iterator[None]:
+    """Say `what` is done with the axis; a fault of the drive meanwhile becomes a Diagnosis that says so, too."""
+    say(f"{axis}: {what}")
+    try:
+        yield
+    except EmcyError as error:
+        raise Diagnosis(
+            "blocked",
+            f"axis {axis} has stopped at this step: {what}. Is it blocked on its way, did it meet an end stop whose "
+            f"switch does not close, or is a coupling loose? {error}",
+        ) from error
+
+
+def prepare(device: Device, axis: str) -> None:
+    """No knowledge of the axis, and gains that hold it softly whatever its mass is."""
+    device.parameters.set(
+        _CAREFUL
+        | {"observer.bandwidth": 3300.0, f"plant_{axis}.mass": 30.0, f"plant_{axis}.coulomb": 0.0,
+           f"plant_{axis}.viscous": 0.0,
+           f"following_window_{axis}": _RUNAWAY_NM, f"following_timeout_{axis}": 0}
+    )  # fmt: skip
+
+
+@contextmanager
+def moving(device: Device, axis: str, stop_requested: Callable[[], bool]) -> Iterator[Mover]:
+    with device.axes.enabled():
+        yield Mover(device, axis, stop_requested)
+
+
+# --- direction --------------------------------------------------------------------------------------------------------
+def direction(device: Device, axis: str, agreed: Agreed, stop_requested: Callable[[], bool]) -> float:
+    """The breakaway force. Raises Diagnosis."""
+    for share in _SHARES:
+        found = _ramp(device, axis, share * agreed.force_N, stop_requested)
+        if found is not None:
+            return found
+    raise Diagnosis(
+        "jammed",
+        f"axis {axis} does not move with {_SHARES[-1] * agreed.force_N:.0f} N: is it jammed or clamped, is its "
+        "amplifier on and its force output connected, is its coupling tight, does its encoder count?",
+    )
+
+
+def _ramp(device: Device, axis: str, force_N: float, stop_requested: Callable[[], bool]) -> float | None:
+    """Let the force swing slowly up to `force_N`; the force at which the axis broke away, None where it did not."""
+    count_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
+    i = "xy".index(axis)
+    work, largest_N = 0.0, 0.0
+    broke = False
+    try:
+        with moving(device, axis, stop_requested) as mover:
+            start_m = device.position_m()
+            _begin_ramp(device, axis, force_N)
+            end_s = device.link.time_s + _RAMP_S + 2.0
+            try:
+                while device.link.time_s < end_s and int(device.read("excitation.state")) == 1:
+                    now_m = device.position_m()
+                    now_N = float(device.read(f"telemetry.force_{axis}"))
+                    moved_m, other_m = now_m[i] - start_m[i], now_m[1 - i] - start_m[1 - i]
+                    largest_N = max(largest_N, abs(now_N))
+                    if abs(moved_m) > _SEEN_COUNTS * count_m:
+                        work += moved_m * now_N
+                    if abs(moved_m) > max(_BROKEN_M, 20.0 * count_m):
+                        broke = True
+                        break
+                    if abs(other_m) > 2.0 * _BROKEN_M:
+                        raise Diagnosis(
+                            "swapped",
+                            f"the force of axis {axis} moves the other axis: motors or encoders are swapped",
+                        )
+                    mover.pause(_WATCH_S)
+            finally:
+                device.write("excitation.command", 0)
+    except EmcyError as error:
+        if work == 0.0:
+            raise Diagnosis("unknown", f"axis {axis}: {error}") from error
+        broke = True
+    if broke and work < 0.0:
+        raise Diagnosis(
+            "polarity",
+            f"axis {axis} moves against its force: encoder and force have opposite directions. Set "
+            f"wiring_{axis}.invert_force=1, or wiring_{axis}.invert_encoder=1 if it counts down in the positive "
+            "direction",
+        )
+    return largest_N if broke else None
+
+
+def _begin_ramp(device: Device, axis: str, force_N: float) -> None:
+    for name, value in (
+        ("axis", "xy".index(axis)), ("amplitude", round(force_N, 3)), ("window", 5000),
+        ("settle", round(_RAMP_S * 1e3)), ("windows", 1),
+    ):  # fmt: skip
+        device.write(f"excitation.{name}", value)
+    for k in range(response.LINES):
+        device.write(f"excitation_periods.entry_{k + 1}", 1 if k == 0 else 0)
+    device.write("excitation.command", 1)
+
+
+# --- mass, roughly ----------------------------------------------------------------------------------------------------
+def rough(device: Device, axis: str, force_N: float, stop_requested: Callable[[], bool]) -> tuple[float, float]:
+    """Mass and Coulomb friction from one sine at rest: with Y the position and U the force, -Re(U/Y) / w^2 is the mass,
+    whatever the friction, and Im(U/Y) |Y| the friction's part, 4/pi of Coulomb friction."""
+    device.parameters.set({f"following_window_{axis}": _ROUGH_NM})
+    limit_N = 0.5 * float(device.read(f"plant_{axis}.force_limit"))
+    setup = Setup((_ROUGH_HZ,), min(force_N, limit_N), 0.0, 0.5, 2, 0.4)
+    control_hz = float(device.read("clock.control_hz"))
+    count_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
+    with moving(device, axis, stop_requested) as mover:
+        windows = response.excite(mover, setup.hz, setup.force_N, setup, setup.windows, False)
+    force, moved = np.mean(windows, axis=0)[:2, 0]
+    position = moved * count_m / (1.0 - np.exp(-2j * np.pi * _ROUGH_HZ / control_hz))
+    ratio = complex(force / position)
+    mass_kg = -ratio.real / (2.0 * np.pi * _ROUGH_HZ) ** 2
+    if not 0.3 < mass_kg < 1e5 or abs(position) < 5.0 * count_m:
+        raise Diagnosis(
+            "mass",
+            f"axis {axis} moves by {abs(position) * 1e6:.1f} µm under {setup.force_N:.0f} N at {_ROUGH_HZ:g} Hz, which "
+            "no mass does: is a coupling loose, or the length of an encoder count wrong?",
+        )
+    return mass_kg, max(0.0, ratio.imag * abs(position) * np.pi / 4.0)
+
+
+# --- lost motion ------------------------------------------------------------------------------------------------------
+def lost_motion(device: Device, axis: str, stop_requested: Callable[[], bool]) -> None:
+    """Reverse the axis some times. Raises Diagnosis where the motor moves far before it takes the table along.
+
+    Until then it has its own part of the friction alone, which shows in the force.
+    """
+    device.parameters.set({f"following_window_{axis}": _ROUGH_NM})
+    lost_m = []
+    with moving(device, axis, stop_requested) as mover:
+        for k in range(_REVERSALS):
+            sign = 1.0 if k % 2 == 0 else -1.0
+            recorder = Recorder(mover)
+            with mover.moving(-sign * _LOST_MPS, _SETTLE_S):
+                recorder.start()
+                mover.pause(_SETTLE_S)
+                mover.run(sign * _LOST_MPS)
+                mover.pause(_LOST_M / _LOST_MPS)
+                recording = recorder.stop()
+            lost_m.append(_lost_m(sign * recording.position_m, sign * recording.force_N))
+    if (lost := float(np.median(lost_m))) >= _LOOSE_M:
+        raise Diagnosis(
+            "coupling",
+            f"the motor of axis {axis} moves {lost * 1e3:.1f} mm before it takes the table along: a coupling, a belt "
+            "or the nut of the screw is loose",
+        )
+
+
+def _lost_m(position_m: Floats, force_N: Floats) -> float:
+    """How far the axis moves with a force well below that at the end, after the reversal at its least position."""
+    way_m = position_m - np.min(position_m)
+    way_m, force_N = way_m[np.argmin(way_m) :], force_N[np.argmin(way_m) :]
+    enough_N = _TAKEN_ALONG * float(np.mean(force_N[way_m > 0.7 * way_m[-1]]))
+    starts = np.arange(0.0, 0.7 * _LOST_M, _STEP_M)
+    steps = [force_N[(way_m >= start) & (way_m < start + _STEP_M)] for start in starts]
+    return _STEP_M * sum(len(step) > 0 and float(np.mean(step)) < enough_N for step in steps)
+
+
+# --- length of a count ------------------------------------------------------------------------------------------------
+def length_factor(device: Device, axis: str, agreed: Agreed, stop_requested: Callable[[], bool]) -> float:
+    """What the mass is to be multiplied with, by the length of a count as it is now."""
+    before_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
+    device.parameters.set({f"homing_method_{axis}": encoder.method_of(device, axis)})
+    with device.axes.enabled():
+        found_m = encoder.length_m(device, axis, agreed.index_m, stop_requested)
+    if found_m is None:
+        raise Diagnosis(
+            "index",
+            f"axis {axis} has found no two index pulses; check the index input. Without index pulses leave out "
+            "--index-distance, write index_m = 0 in the machine file, and measure a move with a gauge",
+        )
+    factor = found_m / before_m
+    if abs(factor - 1.0) < _LENGTH_ERROR:
+        return 1.0
+    if agreed.encoder_known:
+        raise Diagnosis(
+            "encoder",
+            f"axis {axis}: the length of an encoder count is wrong by a factor of {factor:.4g}: index pulses are "
+            f"{agreed.index_m * 1e3:g} mm apart, the drive counts {agreed.index_m / factor * 1e3:.4g} mm. Set "
+            f"plant_{axis}.encoder={found_m * 1e6:.6g}",
+        )
+    device.parameters.set({f"plant_{axis}.encoder": round(found_m * 1e6, 8)})
+    return 1.0 / factor
+
+
+def check_by_gauge(
+    device: Device, axis: str, measured_m: Callable[[str, float], float], stop_requested: Callable[[], bool]
+) -> None:
+    """Move slowly, and compare what the drive counts with what the user has measured. Raises Diagnosis."""
+    with moving(device, axis, stop_requested) as mover:
+        sign = 1.0 if mover.room_m(1.0) > mover.room_m(-1.0) else -1.0
+        way_m = min(_GAUGED_M, 0.5 * mover.room_m(sign))
+        start_m = mover.position_m()
+        with mover.moving(sign * _GAUGED_MPS, 0.0):
+            mover.pause(way_m / _GAUGED_MPS)
+        mover.pause(_SETTLE_S)
+        counted_m = abs(mover.position_m() - start_m)
+    found_m = measured_m(axis, counted_m)
+    factor = found_m / counted_m
+    if abs(factor - 1.0) > _GAUGE_ERROR:
+        length_um = float(device.read(f"plant_{axis}.encoder"))
+        raise Diagnosis(
+            "encoder",
+            f"axis {axis}: the length of an encoder count is wrong by a factor of {factor:.4g}: you have measured "
+            f"{found_m * 1e3:.4g} mm, the drive has counted {counted_m * 1e3:.4g} mm. Set "
+            f"plant_{axis}.encoder={length_um * factor:.6g}, and measure again",
+        )
+
+
+# --- travel -----------------------------------------------------------------------------------------------------------
+def find_travel(
+    device: Device, axis: str, agreed: Agreed, breakaway_N: float, stop_requested: Callable[[], bool]
+) -> None:
+    """Set the soft limits within the limit switches, where these come before them.
+
+    The force is held small, so that an axis that meets its end stop, since a switch does not close, pushes gently.
+    Raises Diagnosis then.
+    """
+    speed_mps = min(_TRAVEL_MPS, agreed.speed_mps)
+    name = f"plant_{axis}.force_limit"
+    limit_N = float(device.read(name))
+    device.parameters.set({name: round(min(limit_N, max(_GENTLE_N, _GENTLE * breakaway_N)), 3)})
+    for end, sign in (("max", 1.0), ("min", -1.0)):
+        try:
+            with device.axes.enabled():
+                limits_m = [float(device.read(f"position_limit_{axis}.{name}")) * _NM for name in ("min", "max")]
+                longest_s = (limits_m[1] - limits_m[0]) / speed_mps + 2.0
+                jog(device, {axis: sign * speed_mps}, longest_s, stop_requested)
+                if stop_requested():
+                    raise KeyboardInterrupt
+                on_switch = int(device.read(f"digital_inputs_{axis}")) & 3 != 0
+                here_m = float(device.read(f"position_actual_{axis}")) * _NM
+                if on_switch:  # off it again, so that nothing stops there any more
+                    jog(device, {axis: -sign * speed_mps}, 2.0 * _OFF_SWITCH_M / speed_mps, stop_requested)
+        except EmcyError as error:
+            here_m = float(device.read(f"position_actual_{axis}")) * _NM
+            raise Diagnosis(
+                "switch",
+                f"axis {axis} was stopped at {here_m * 1e3:.1f} mm on its way to the {_ENDS[end]} limit switch, and no "
+                "switch has closed: it has met its end stop, or something is in its way. Check the switch and its "
+                f"cable: digital_inputs_{axis} shows it ({error})",
+            ) from error
+        if on_switch:
+            device.parameters.set({f"position_limit_{axis}.{end}": round((here_m - sign * _OFF_SWITCH_M) / _NM)})
+    device.parameters.set({name: limit_N})
