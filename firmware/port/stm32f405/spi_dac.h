@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* spi_dac.h: a serial dual 16-bit DAC at the board's SPI: TI's DAC8563, which starts at mid-scale (SLAS719E; RM0090 28.3).
+/* spi_dac.h: a serial dual 16-bit DAC at the board's SPI: TI's DAC8563. RM0090 28.3; TI, SLAS719E: frame and commands 8.5
+ * and table 17, SCLK and SYNC 7.6, mid-scale at power-on 8.3.3.2, reset 8.4.3, reference and gain 8.4.4, LDAC 8.4.6.
  *
  * Its own reference, 2.5 V, and a gain of 2 make 0..5 V; the board makes -10..10 V of that. Both channels change with the
  * last bit of one frame, since the pin LDAC is made inactive: it may have any level. A write takes 3 us, which the
