@@ -174,6 +174,14 @@ static void take_set_points(struct device *device, unsigned number)
     }
 }
 
+/* A refused frame is answered at once: TPDO1 says which knot is expected next. */
+static void answer_knot(struct device *device, enum queue_result result)
+{
+    if (result != QUEUE_ACCEPTED && result != QUEUE_NOT_OPEN) {
+        co_tpdo_send(&device->node, 1);
+    }
+}
+
 static void on_rpdo(void *ctx, unsigned number)
 {
     struct device *device = ctx;
@@ -189,11 +197,11 @@ static void on_rpdo(void *ctx, unsigned number)
     if (commands) {
         step(device, received);
     }
+    if (co_rpdo_carries(&device->node, number, OBJ_KNOT_OUTPUTS)) {
+        answer_knot(device, path_outputs(&device->drive.path, &device->od.knot_outputs));
+    }
     if (co_rpdo_carries(&device->node, number, OBJ_KNOT)) {
-        const enum queue_result result = path_knot(&device->drive.path, &device->od.knot);
-        if (result != QUEUE_ACCEPTED && result != QUEUE_NOT_OPEN) {
-            co_tpdo_send(&device->node, 1); /* TPDO1 says which knot is expected next */
-        }
+        answer_knot(device, path_knot(&device->drive.path, &device->od.knot));
     }
     device->record_of_x = device->record_of_x || co_rpdo_carries(&device->node, number, OBJ_IP_RECORD_X);
     if (co_rpdo_carries(&device->node, number, OBJ_IP_RECORD_Y)) {

@@ -82,6 +82,8 @@ struct ks_truth {
     double vel_mps[2];
     double force_N[2];    /* force demand of the firmware in this period, before delay and noise */
     double friction_N[2]; /* friction force that acted */
+    double digital;       /* the outputs beside the axes, 0..4095, in this period */
+    double power;         /* 0..1 */
 };
 
 /* The state of the CAN controller, as the firmware sees it. */

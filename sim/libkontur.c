@@ -30,6 +30,7 @@ struct ks {
     uint8_t node_id;
     uint32_t entropy;
     double force_N[2];
+    uint16_t digital, power; /* outputs beside the axes */
     struct fifo to_device, to_host;
     uint64_t tick;
     uint32_t overflows;
@@ -85,6 +86,8 @@ static void drive_write(void *ctx, const struct hal_drive_out *out)
     for (int i = 0; i < 2; i++) {
         s->force_N[i] = wiring_force_N(&s->wiring, out, i);
     }
+    s->digital = out->digital;
+    s->power = out->power;
 }
 
 static void drive_wiring(void *ctx, const struct hal_axis_cfg cfg[AXES])
@@ -275,6 +278,8 @@ static void period(ks *s)
         struct ks_truth *row = &s->truth[s->truth_count - 1];
         memcpy(row->force_N, s->force_N, sizeof row->force_N);
         memcpy(row->friction_N, s->plant.friction_N, sizeof row->friction_N);
+        row->digital = s->digital;
+        row->power = s->power / 65535.0;
         for (int i = 0; servo_loop_simulated(&s->device.drive.loop) && i < 2; i++) {
             row->force_N[i] = (double)n_to_q32(s->device.drive.loop.onchip.plant.axis[i].force) * 0x1p-32;
             row->friction_N[i] = 0.0; /* this model does not output its friction */

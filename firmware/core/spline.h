@@ -26,10 +26,16 @@ struct knot {
     int32_t nm[2];
 };
 
+/* Outputs beside the axes from a knot on, in one word: digital ones in the low half, power (1/65535) in the high one. */
+#define KNOT_DIGITAL 0x0FFFu /* the digital outputs */
+#define KNOT_HOLD 0x4000u    /* the path is held at this knot until it is released */
+#define KNOT_BY_RATE 0x8000u /* the power goes with the rate of path time */
+
 struct spline_ring {
     struct knot start;             /* position before knot 0 */
     _Atomic uint32_t count;        /* knots accepted so far; written by the background loop only */
     struct knot knot[SPLINE_RING]; /* knot i in knot[i % SPLINE_RING] */
+    uint32_t outputs[SPLINE_RING]; /* likewise; 0: all off */
 };
 
 /* Path time is counted in knots times PATH_ONE. PATH_ONE is

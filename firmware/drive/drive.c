@@ -364,6 +364,7 @@ static void write_command(struct drive *d)
     }
     atomic_store(&c->rate, path_rate(&d->path, d->od));
     atomic_store(&c->run, may_run(d));
+    atomic_store(&c->kept, (uint16_t)(d->faults == 0 ? d->od->outputs_kept : 0u));
     if (atomic_load(&c->excite) == SERVO_LOOP_EXCITE && !may_excite(d, d->loop.excitation.cfg.axis % 2u)) {
         excite_end(&d->loop);
     }
@@ -389,12 +390,14 @@ static void report_status(struct drive *d)
 {
     enum { SET_BRAKE = 1 }; /* bit 0 of 60FEh:1 */
     const unsigned warning = d->warnings != 0 || d->node_warns ? SW_WARNING : 0u;
+    path_report_outputs(&d->path, &d->od->outputs);
     for (int i = 0; i < 2; i++) {
         const unsigned mode = axis_modes_status(&d->path.modes, i, d->od->stream.state, d->path.progress.standing) |
                               following_error(d, i);
         d->od->axis[i].mode_display = d->path.modes.axis[i].mode;
         d->od->axis[i].statusword = (uint16_t)(state_bits(d, i) | mode | warning);
-        d->od->axis[i].digital_outputs.physical = amplifier_released(&d->amplifier[i]) ? 0u : SET_BRAKE;
+        const uint32_t brake = amplifier_released(&d->amplifier[i]) ? 0u : SET_BRAKE;
+        d->od->axis[i].digital_outputs.physical = (uint32_t)d->od->outputs.digital << 16 | brake;
     }
 }
 

@@ -51,6 +51,7 @@ static void restart(struct path *p)
     struct servo_loop_command *c = &p->loop->command;
     atomic_store(&c->complete, false);
     atomic_store(&c->may_end, false);
+    atomic_store(&c->released, 0u);
     p->stream++;
     p->overflow = false;
     atomic_store(&c->stream, p->stream);
@@ -237,10 +238,41 @@ static bool resume_stream(struct path *p, const struct path_axis axis[2])
     return both_enabled(axis) && (bits & CW_ENABLE_IP) == 0 && queue_resume(&p->queue);
 }
 
+/* The knot, plus 1, at which the path is held; 0: it is not. */
+static uint32_t held(const struct path *p)
+{
+    const uint32_t at = atomic_load(&p->loop->hold);
+    return p->progress.current && at != atomic_load(&p->loop->command.released) ? at : 0u;
+}
+
+/* The path goes on from its hold, once it stands there. */
+static uint32_t release(struct path *p)
+{
+    const uint32_t at = held(p);
+    if (at == 0 || !p->progress.standing) {
+        return SDO_ABORT_STATE;
+    }
+    atomic_store(&p->loop->command.released, at);
+    return SDO_OK;
+}
+
+void path_report_outputs(const struct path *p, struct od_outputs *od)
+{
+    const uint32_t now = atomic_load(&p->loop->outputs);
+    od->digital = (uint16_t)now;
+    od->power = (uint16_t)(now >> 16);
+    od->changes = p->queue.outputs.changes;
+    od->checksum = p->queue.outputs.checksum;
+    od->hold = held(p);
+}
+
 uint32_t path_command(struct path *p, const struct od_data *od, const struct path_axis axis[2], uint8_t command)
 {
     const struct knot start = {{od->stream.start_x, od->stream.start_y}};
     const uint32_t total = od->stream.total;
+    if (command == STREAM_COMMAND_RELEASE) {
+        return release(p);
+    }
     if (!p->progress.standing || atomic_load(&p->loop->command.run)) {
         return SDO_ABORT_STATE;
     }
@@ -303,6 +335,15 @@ enum queue_result path_knot(struct path *p, const struct od_knot *frame)
         p->modes.by_frame = true;
     }
     return result;
+}
+
+enum queue_result path_outputs(struct path *p, const struct od_knot_outputs *frame)
+{
+    if (p->modes.generating) {
+        p->queue.stream->rejected_state++;
+        return QUEUE_NOT_OPEN;
+    }
+    return queue_outputs_frame(&p->queue, frame);
 }
 
 /* Open a stream at the reference, for the first record. */

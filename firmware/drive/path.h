@@ -36,7 +36,8 @@ struct path_axis {
     int16_t quick_stop; /* 605Ah while a quick stop is active, else NO_QUICK_STOP */
 };
 
-enum { STREAM_COMMAND_BEGIN = 1, STREAM_COMMAND_DISCARD, STREAM_COMMAND_RESUME }; /* 2200h:1 */
+/* 2200h:1 */
+enum { STREAM_COMMAND_BEGIN = 1, STREAM_COMMAND_DISCARD, STREAM_COMMAND_RESUME, STREAM_COMMAND_RELEASE };
 
 /* Initialise at power-on, without knots. The tick reads the knots of p->queue. */
 void path_init(struct path *p, struct servo_loop *loop, struct od_stream *stream);
@@ -67,11 +68,16 @@ uint32_t path_command(struct path *p, const struct od_data *od, const struct pat
 uint32_t path_total(struct path *p, uint32_t total);
 /* A knot frame (2201h) has come. */
 enum queue_result path_knot(struct path *p, const struct od_knot *frame);
+/* An outputs frame (2182h) has come, for the next knot. */
+enum queue_result path_outputs(struct path *p, const struct od_knot_outputs *frame);
 /* A knot has come by its absolute position. */
 enum queue_result path_push(struct path *p, struct knot knot);
 /* A record of 60C1h for both axes has come. The first one opens a stream if none is open. Returns SDO_OK, or the abort
  * code. */
 uint32_t path_record(struct path *p, const struct od_data *od, const struct path_axis axis[2], struct knot record);
+
+/* Write 2180h: the outputs as the tick has written them, those that path time has passed, and where it is held. */
+void path_report_outputs(const struct path *p, struct od_outputs *od);
 
 /* Measured positions of the axes, and where they are to be: user's positions in nm. */
 struct knot path_position(const struct path *p);

@@ -42,6 +42,11 @@ __attribute__((noinline)) static void change_path(struct servo_loop *loop, const
         path_clock_reset(&loop->path);
         loop->servo.spline_cache = (struct spline_cache){0};
         loop->contour_statistics = (struct contour_statistics){0};
+        STORE(loop->hold, 0u);
+        STORE(loop->outputs, 0u);
+    }
+    if (LOAD(loop->hold) == LOAD(loop->command.released)) {
+        STORE(loop->hold, 0u);
     }
     const struct path_clock_in in = {
         .complete = complete,
@@ -64,18 +69,62 @@ __attribute__((noinline)) static void change_path(struct servo_loop *loop, const
     STORE(loop->stream, stream);
 }
 
+/* Whether path time may run, as far as the tick knows. */
+static inline bool may_run(const struct servo_loop *loop, const struct servo_loop_cfg *cfg)
+{
+    return LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0 && LOAD(loop->hold) == 0u;
+}
+
 /* One control period of path time, with the flags `standing`, `at_end`, `starved` and `executed`. */
 static inline void step_path(struct servo_loop *loop, const struct servo_loop_cfg *cfg)
 {
     /* `complete` is read before the count, so that a count read too early is never the count of a complete stream. */
     const bool complete = LOAD(loop->command.complete);
-    const bool run = LOAD(loop->command.run) && (LOAD(loop->faults) & cfg->stop) == 0;
+    const bool run = may_run(loop, cfg);
     const bool on = run && LOAD(loop->command.rate) == 1000u && LOAD(loop->command.stream) == LOAD(loop->stream);
     if (on && path_clock_run_on(&loop->path, LOAD(loop->ring->count), complete, STEP)) {
         STORE(loop->executed, loop->path.at.knot + 1u);
     } else {
         change_path(loop, cfg, complete, run);
     }
+}
+
+/* The power of a knot, at the rate of path time where it goes with that. */
+static uint32_t power_of(const struct servo_loop *loop, uint32_t at)
+{
+    const uint32_t power = at >> 16;
+    if ((at & KNOT_BY_RATE) == 0) {
+        return power;
+    }
+    const uint32_t by_rate = power * (uint32_t)n_to_scaled(loop->path.at.rate, 1000) / 1000u;
+    return by_rate < UINT16_MAX ? by_rate : UINT16_MAX;
+}
+
+/* Where path time is at a knot with a hold it goes no further, unless this one has been released. */
+static bool hold_path(struct servo_loop *loop, uint32_t at)
+{
+    const uint32_t knot = loop->path.at.knot + 1u;
+    const bool holds = (at & KNOT_HOLD) != 0 && LOAD(loop->command.released) != knot;
+    if (holds) {
+        STORE(loop->hold, knot);
+    }
+    return holds;
+}
+
+/* Some output beside the axes is on, or the knot that path time is at switches it on. While the path stands or is to stop
+ * they are off, but for those that are kept. Without power on both axes, and with a fault that stops them, all are. */
+__attribute__((noinline)) static void switch_outputs(struct servo_loop *loop, const struct servo_loop_cfg *cfg,
+                                                     uint32_t at, struct hal_drive_out *out)
+{
+    uint32_t now = 0;
+    if (out->enable[0] && out->enable[1] && (LOAD(loop->faults) & cfg->stop) == 0) {
+        const bool runs = may_run(loop, cfg) && LOAD(loop->command.rate) != 0u && !LOAD(loop->standing);
+        const bool on = runs && !hold_path(loop, at);
+        now = on ? power_of(loop, at) << 16 | (at & KNOT_DIGITAL) : LOAD(loop->outputs) & LOAD(loop->command.kept);
+    }
+    out->digital = (uint16_t)now;
+    out->power = (uint16_t)(now >> 16);
+    STORE(loop->outputs, now);
 }
 
 SELDOM static void supervise_inputs(struct servo_loop *loop, unsigned inputs)
@@ -413,11 +462,15 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     }
 
     /* write */
-    const struct hal_drive_out drive = {
+    struct hal_drive_out drive = {
         .force_mN = {n_to_scaled(out->force.x, 1000), n_to_scaled(out->force.y, 1000)},
         .enable = {on[0], on[1]},
         .release = {release[0], release[1]},
     };
+    const uint32_t outputs = loop->ring->outputs[loop->path.at.knot % SPLINE_RING];
+    if ((outputs | LOAD(loop->outputs)) != 0) {
+        switch_outputs(loop, cfg, outputs, &drive);
+    }
     loop->io->drive_write(loop->io->ctx, &drive);
 
     /* scope */

@@ -66,6 +66,8 @@ struct servo_loop_command {
     _Atomic bool complete;          /* all knots of the stream are in the ring */
     _Atomic bool may_end;           /* the stream is open-ended, and its last knots are equal: it may end there */
     _Atomic uint8_t controller;     /* enum controller */
+    _Atomic uint16_t kept;          /* digital outputs that stay as they are while the path does not run */
+    _Atomic uint32_t released;      /* the knot, plus 1, at whose hold the path may go on; 0: none */
     _Atomic uint32_t stream;        /* number of the stream: path time starts from 0 when it changes */
     _Atomic uint32_t configured;    /* number of the configuration: the tick uses the new one when it changes */
     _Atomic bool energy_reset;      /* the tick clears it */
@@ -99,6 +101,8 @@ struct servo_loop {
     _Atomic bool at_end;        /* path time has reached the end of a stream that is complete or may end there */
     _Atomic bool starved;       /* path time is slowed because knots are missing */
     _Atomic uint32_t executed;  /* knots passed */
+    _Atomic uint32_t hold;      /* the knot, plus 1, at which path time is held; 0: it is not */
+    _Atomic uint32_t outputs;   /* those beside the axes as they were written: digital, and 65536 power */
     _Atomic uint32_t published; /* records so far, modulo 2^32: one a millisecond */
     _Atomic uint32_t ticks;     /* control periods since power-on, modulo 2^32 */
 

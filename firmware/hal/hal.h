@@ -48,6 +48,8 @@ struct hal_drive_out {
     int32_t force_mN[AXES]; /* force for the next control period, within the axis's force limit */
     bool enable[AXES];      /* power stage on */
     bool release[AXES];     /* brake released; never without `enable` */
+    uint16_t digital;       /* outputs beside the axes, bits 0 to 11; 0: all off */
+    uint16_t power;         /* analog output beside the axes, 1/65535 of its range; 0: off */
 };
 
 enum hal_can_state { HAL_CAN_ACTIVE, HAL_CAN_WARNING, HAL_CAN_PASSIVE, HAL_CAN_OFF };

@@ -1,20 +1,32 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "motion/queue.h"
 
-uint8_t queue_crc8(const struct od_knot *f)
+static uint8_t crc8(const uint8_t *bytes, unsigned count)
 {
-    const uint32_t dx = (uint32_t)f->dx;
-    const uint32_t dy = (uint32_t)f->dy;
-    const uint8_t bytes[7] = {f->sequence, (uint8_t)dx,        (uint8_t)(dx >> 8), (uint8_t)(dx >> 16),
-                              (uint8_t)dy, (uint8_t)(dy >> 8), (uint8_t)(dy >> 16)};
     uint8_t crc = 0xFF;
-    for (unsigned i = 0; i < sizeof bytes; i++) {
+    for (unsigned i = 0; i < count; i++) {
         crc ^= bytes[i];
         for (int bit = 0; bit < 8; bit++) {
             crc = (uint8_t)((crc & 0x80u) != 0 ? (crc << 1) ^ 0x2F : crc << 1);
         }
     }
     return crc ^ 0xFF;
+}
+
+uint8_t queue_crc8(const struct od_knot *f)
+{
+    const uint32_t dx = (uint32_t)f->dx;
+    const uint32_t dy = (uint32_t)f->dy;
+    const uint8_t bytes[7] = {f->sequence, (uint8_t)dx,        (uint8_t)(dx >> 8), (uint8_t)(dx >> 16),
+                              (uint8_t)dy, (uint8_t)(dy >> 8), (uint8_t)(dy >> 16)};
+    return crc8(bytes, sizeof bytes);
+}
+
+uint8_t queue_outputs_crc8(const struct od_knot_outputs *f)
+{
+    const uint8_t bytes[5] = {f->sequence, (uint8_t)f->digital, (uint8_t)(f->digital >> 8), (uint8_t)f->power,
+                              (uint8_t)(f->power >> 8)};
+    return crc8(bytes, sizeof bytes);
 }
 
 /* CRC-32 (IEEE 802.3) of one int32, little-endian; crc is the value without its final inversion */
@@ -76,6 +88,7 @@ void queue_hold(struct queue *q, struct knot start)
     q->open = q->outside = q->over_acceleration = q->suspended = false;
     q->step_nm[0] = q->step_nm[1] = 0;
     q->max_nmpms2 = INT64_MAX;
+    q->outputs = (struct queue_outputs){0};
     s->end_x = start.nm[0];
     s->end_y = start.nm[1];
     s->accepted = s->executed = s->checksum = 0;
@@ -196,6 +209,15 @@ static bool accepts_knots(struct queue *q)
     return accepting;
 }
 
+/* The outputs of the next knot: its own, or those of the one before. */
+static uint32_t take_outputs(struct queue_outputs *o)
+{
+    const uint32_t taken = o->chain != 0 ? o->next : o->accepted;
+    o->chain = 0;
+    o->accepted = taken & ~KNOT_HOLD; /* which is that knot's alone */
+    return taken;
+}
+
 static enum queue_result accept(struct queue *q, struct knot knot)
 {
     struct od_stream *s = q->stream;
@@ -223,6 +245,7 @@ static enum queue_result accept(struct queue *q, struct knot knot)
     q->step_nm[0] = step_nm[0];
     q->step_nm[1] = step_nm[1];
     q->ring.knot[s->accepted % SPLINE_RING] = to_servo(q, knot);
+    q->ring.outputs[s->accepted % SPLINE_RING] = take_outputs(&q->outputs);
     q->equal_knots = s->accepted > 0 && knot.nm[0] == s->end_x && knot.nm[1] == s->end_y ? q->equal_knots + 1u : 1u;
     s->end_x = knot.nm[0];
     s->end_y = knot.nm[1];
@@ -237,22 +260,53 @@ enum queue_result queue_push(struct queue *q, struct knot knot)
     return accepts_knots(q) ? accept(q, knot) : QUEUE_NOT_OPEN;
 }
 
-enum queue_result queue_frame(struct queue *q, const struct od_knot *frame)
+/* Whether a frame that has come is the next one; what it is refused for is counted. */
+static enum queue_result check_frame(struct queue *q, uint8_t sequence, bool sound)
 {
     struct od_stream *s = q->stream;
     if (!accepts_knots(q)) {
         return QUEUE_NOT_OPEN;
     }
-    if (frame->crc != queue_crc8(frame)) {
+    if (!sound) {
         s->rejected_crc++;
         return QUEUE_BAD_CRC;
     }
-    if (frame->sequence != (uint8_t)s->accepted) {
+    if (sequence != (uint8_t)s->accepted) {
         s->rejected_sequence++;
         return QUEUE_OUT_OF_SEQUENCE;
     }
+    return QUEUE_ACCEPTED;
+}
+
+enum queue_result queue_frame(struct queue *q, const struct od_knot *frame)
+{
+    const bool sound = frame->crc == (queue_crc8(frame) ^ q->outputs.chain);
+    const enum queue_result result = check_frame(q, frame->sequence, sound);
+    const struct od_stream *s = q->stream;
     const struct knot knot = {{add_nm(s->end_x, frame->dx), add_nm(s->end_y, frame->dy)}};
-    return accept(q, knot);
+    return result == QUEUE_ACCEPTED ? accept(q, knot) : result;
+}
+
+enum queue_result queue_outputs_frame(struct queue *q, const struct od_knot_outputs *frame)
+{
+    const enum queue_result result = check_frame(q, frame->sequence, frame->crc == queue_outputs_crc8(frame));
+    if (result == QUEUE_ACCEPTED) {
+        q->outputs.next = (uint32_t)frame->power << 16 | frame->digital;
+        q->outputs.chain = frame->crc | 1u; /* never 0 */
+    }
+    return result;
+}
+
+/* Path time has passed knot n: count what has changed with it. */
+static void outputs_executed(struct queue *q, uint32_t n)
+{
+    struct queue_outputs *o = &q->outputs;
+    const uint32_t now = q->ring.outputs[n % SPLINE_RING];
+    if (now != o->executed) {
+        o->changes++;
+        o->checksum = ~crc32_int(crc32_int(~o->checksum, (int32_t)n), (int32_t)now);
+        o->executed = now & ~KNOT_HOLD;
+    }
 }
 
 void queue_executed(struct queue *q, uint32_t n)
@@ -262,6 +316,7 @@ void queue_executed(struct queue *q, uint32_t n)
     for (; s->executed < n && s->executed < s->accepted; s->executed++) {
         const struct knot k = knot_at(q, s->executed);
         crc = crc32_int(crc32_int(crc, k.nm[0]), k.nm[1]);
+        outputs_executed(q, s->executed);
     }
     s->checksum = ~crc;
     update_free(q);

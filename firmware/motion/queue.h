@@ -17,6 +17,15 @@
 
 #define QUEUE_ROOM (SPLINE_RING - SPLINE_PAST) /* knots ahead of path time that fit */
 
+/* Each knot has its own outputs, or inherits those of the one before. */
+struct queue_outputs {
+    uint32_t accepted;          /* of the last knot accepted */
+    uint32_t executed;          /* of the last knot executed */
+    uint32_t next;              /* of the next knot, where `chain` is not 0 */
+    uint8_t chain;              /* the CRC of the next knot is changed by it, so that without `next` it is refused */
+    uint32_t changes, checksum; /* executed changes; CRC-32 over their knots and outputs */
+};
+
 enum stream_state { STREAM_IDLE, STREAM_FILLING, STREAM_RUNNING, STREAM_STOPPING, STREAM_DONE, STREAM_STOPPED };
 
 enum queue_result { QUEUE_ACCEPTED, QUEUE_BAD_CRC, QUEUE_OUT_OF_SEQUENCE, QUEUE_FULL, QUEUE_NOT_OPEN, QUEUE_OUTSIDE };
@@ -36,6 +45,7 @@ struct queue {
     bool over_acceleration;        /* a knot exceeded max_nmpms2: no more are accepted */
     int64_t max_nmpms2;            /* second difference of knots of this stream */
     int64_t step_nm[2];            /* the last knot less the one before */
+    struct queue_outputs outputs;
 };
 
 /* Knots of one stream. Path time counts in an int64, which would end after 39.8 days of knots. */
@@ -68,6 +78,8 @@ void queue_suspend(struct queue *q);
 bool queue_resume(struct queue *q);
 /* Check a knot frame as received, and accept or refuse its knot. */
 enum queue_result queue_frame(struct queue *q, const struct od_knot *frame);
+/* Check an outputs frame as received (docs/protocol.md, "Outputs tied to knots"), and keep it for the next knot. */
+enum queue_result queue_outputs_frame(struct queue *q, const struct od_knot_outputs *frame);
 /* Accept or refuse a knot by its absolute position, without sequence and CRC. */
 enum queue_result queue_push(struct queue *q, struct knot knot);
 /* Path time has passed the first n knots: free their slots, and add them to the checksum. */
@@ -79,4 +91,6 @@ void queue_follow(struct queue *q, const struct path_progress *path, bool may_ru
 bool queue_complete(const struct queue *q);
 /* CRC-8/AUTOSAR over sequence, dx, dy in the order of the wire. */
 uint8_t queue_crc8(const struct od_knot *frame);
+/* The same over sequence, digital, power. */
+uint8_t queue_outputs_crc8(const struct od_knot_outputs *frame);
 #endif

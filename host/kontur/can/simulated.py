@@ -19,16 +19,18 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Truth:
-    """What no encoder sees, one row a control period; each array (n, 2), x and y.
+    """What no encoder sees, one row a control period; each array (n, 2), x and y, but for the last two (n,).
 
     `pos_m`, `vel_mps` at the instant the encoders are read; `force_N` as asked for by the firmware in this period;
-    `friction_N` as it acted.
+    `friction_N` as it acted. `digital` and `power`, 0 to 1, are the outputs beside the axes (2180h).
     """
 
     pos_m: NDArray[np.float64]
     vel_mps: NDArray[np.float64]
     force_N: NDArray[np.float64]
     friction_N: NDArray[np.float64]
+    digital: NDArray[np.float64]
+    power: NDArray[np.float64]
 
 
 class Plant(Protocol):

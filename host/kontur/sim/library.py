@@ -24,14 +24,15 @@ from kontur.machine import Machine
 
 Floats = NDArray[np.float64]
 LIBRARIES = Path(__file__).parents[1] / "lib"
-_DOUBLES_PER_ROW = 8
+_DOUBLES_PER_ROW = 10
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
 def truth_of(rows: Any) -> Truth:
     """A copy of rows of struct ks_truth in memory (anything with the buffer protocol). Raises ValueError."""
     table = np.frombuffer(rows, dtype=np.float64).reshape(-1, _DOUBLES_PER_ROW).copy()
-    return Truth(*(table[:, 2 * i : 2 * i + 2] for i in range(4)))
+    pos_m, vel_mps, force_N, friction_N = (table[:, 2 * i : 2 * i + 2] for i in range(4))
+    return Truth(pos_m, vel_mps, force_N, friction_N, digital=table[:, 8], power=table[:, 9])
 
 
 @dataclass(frozen=True)
