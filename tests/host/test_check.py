@@ -115,9 +115,8 @@ def test_nothing_is_opened_that_could_move(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_run_tells_in_one_line_what_it_does_not_execute(tmp_path: Path) -> None:
     file = tmp_path / "a.ngc"
-    file.write_text("M3 S500\nG0 Z5\nG1 X1 F600\nM5\n")
+    file.write_text("T2\nM3 S500 T3\nG0 Z5\nG1 X1 F600\nM5\n")
     result = kontur("run", file)
     assert result.exit_code == 0, result.output
-    assert "Not executed, since the drive switches nothing: M3, S, Z, M5; first in line 1." not in result.stdout
-    assert "Not executed, since the drive switches nothing: S, M3, Z, M5; first in line 1." in result.stdout
+    assert "Not executed, since the machine has no such thing: T ×2; first in line 1.\n" in result.stdout
     assert kontur("run", file, "--z", "refuse").exit_code == 1

@@ -38,7 +38,7 @@ from kontur.cli.options import (
     target_options,
 )
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
-from kontur.cli.path_options import interpreter_option, z_option
+from kontur.cli.path_options import full_s_option, interpreter_option, laser_option, z_option
 from kontur.drive.controllers import CONTROLLERS, described
 from kontur.errors import FileError, KonturError
 from kontur.path.sizes import DEFAULT_FEED_MPS, SHAPES, shape
@@ -70,6 +70,8 @@ class Motion:
     override: float
     approach: bool
     resume: bool
+    laser: bool
+    full_s: float
 
 
 @dataclass(frozen=True)
@@ -192,6 +194,8 @@ _motion_options = grouped(
         help="Go on with this path where a fault, or Ctrl-C, stopped the drive on it. Axes that have crept go back, at "
         f"most {RETURN_MAX_M * 1e3:g} mm.",
     ),
+    laser_option,
+    full_s_option,
 )
 _scope_options = grouped(
     "recording",
@@ -369,6 +373,7 @@ def _plan(program: Program, motion: Motion, recording: Recording, target: Target
     """The trajectory, and the options that all runs of it have in common."""
     from kontur.path.smoothing import TOLERANCE_M, toleranced
     from kontur.planning.bounds import limits
+    from kontur.planning.outputs import Tool
     from kontur.planning.planner import plan
     from kontur.runs.runner import RunOptions
 
@@ -385,6 +390,7 @@ def _plan(program: Program, motion: Motion, recording: Recording, target: Target
         )
     return trajectory, RunOptions(
         parameters=values,
+        tool=Tool(motion.full_s, motion.laser),
         approach=bounds if motion.approach else None,
         raise_fault=False,
         scope=recording.setup,

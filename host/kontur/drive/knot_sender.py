@@ -16,7 +16,9 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
+from kontur.can import outputs as switched
 from kontur.can import wire
+from kontur.can.outputs import Outputs
 from kontur.drive.device import Device
 from kontur.errors import DeviceError, StreamError
 
@@ -102,17 +104,21 @@ def start_nm(knots_nm: NDArray[np.int32]) -> tuple[int, int]:
 
 
 class KnotSender:
-    """Keeps the drive's queue filled with `knots_nm` (N, 2), of a new stream or of one that is resumed.
+    """Keeps the drive's queue filled with `knots_nm` (N, 2) and `outputs`, of a new stream or of one that is resumed.
 
     `accepted`: knots that the drive is known to have accepted, of `total`; `retransmitted`: knot frames sent again.
     """
 
-    def __init__(self, device: Device, knots_nm: NDArray[np.int32], resume: bool = False) -> None:
+    def __init__(
+        self, device: Device, knots_nm: NDArray[np.int32], resume: bool = False, outputs: Outputs = switched.NONE
+    ) -> None:
         self.device = device
         self.accepted = resume_stream(device, knots_nm) if resume else 0
         self.retransmitted = 0
         self._knots_nm = knots_nm
-        self._frames = wire.pack_knots(knots_nm, start_nm(knots_nm))
+        self._frames = bytearray(wire.pack_knots(knots_nm, start_nm(knots_nm)))
+        self._outputs = outputs.frames()
+        switched.chained(self._frames, self._outputs)
         self.total = len(knots_nm)
         self._first = self.accepted
         self._sent = self._ever_sent = self.accepted  # the next knot to send, and the greatest one that was sent
@@ -120,6 +126,7 @@ class KnotSender:
         self._sent_once = self.accepted  # from this knot on, each was sent once only
         self._end_checked = False
         self._cob_id = wire.RPDO2 + device.link.node_id
+        self._outputs_cob_id = wire.RPDO5 + device.link.node_id
         if not resume:
             begin_stream(device, knots_nm)
         self._room = int(device.read_stable("stream.free"))
@@ -147,7 +154,9 @@ class KnotSender:
         link, device = self.device.link, self.device
         limit = min(self._credit, self.total)
         for i in range(self._sent, min(self._sent + _BURST, limit)):
-            link.send(self._cob_id, self._frames[8 * i : 8 * i + 8])  # which may wait
+            if (frame := self._outputs.get(i)) is not None:
+                link.send(self._outputs_cob_id, frame)
+            link.send(self._cob_id, bytes(self._frames[8 * i : 8 * i + 8]))  # which may wait
             self._sent_s[i % _NUMBERS] = link.time_s
             self._sent = i + 1
         self._ever_sent = max(self._ever_sent, self._sent)

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kontur.can import outputs as switched
 from kontur.can.link import RESEND_S
+from kontur.can.outputs import Outputs
 from kontur.drive.device import Device
 from kontur.drive.knot_sender import DONE, RUNNING, STOPPING, KnotSender
 from kontur.drive.state_machine import BIT_PATH_RUNS, BIT_TARGET_REACHED, ENABLE, RUN_PATH
@@ -79,12 +81,13 @@ def stream(
     knots_nm: NDArray[np.int32],
     operator: Operator = UNATTENDED,
     *,
+    outputs: Outputs = switched.NONE,
     before_start: Callable[[], None] = lambda: None,
     started: Callable[[Motion], None] = lambda motion: None,
     resume: bool = False,
     raise_fault: bool = True,
 ) -> StreamResult:
-    """Send `knots_nm` (N, 2) and let the drive follow them; returns when it stands still again.
+    """Send `knots_nm` (N, 2) and let the drive follow them and switch `outputs`; returns when it stands still again.
 
     The drive must be enabled and stand at the first knot. `before_start` is called when the queue is full and motion is
     about to start, `started` when it has; what it gets is kept up to date.
@@ -95,7 +98,7 @@ def stream(
     Raises StreamError, NoAnswerError, and EmcyError when the drive reports a fault; one during the motion is returned
     instead where `raise_fault` is False.
     """
-    sender = KnotSender(device, knots_nm, resume)
+    sender = KnotSender(device, knots_nm, resume, outputs)
     passed = int(device.read_stable("stream.executed")) if resume else 0
     sender.fill()
     rate = _first_rate(sender, operator)
@@ -128,7 +131,7 @@ def stream(
         passed=passed,
     )
     if result.completed:
-        _check_end(device, knots_nm)
+        _check_end(device, knots_nm, outputs)
     return result
 
 
@@ -187,8 +190,8 @@ def _stands(device: Device) -> bool:
     return device.axes.both(BIT_PATH_RUNS, False)
 
 
-def _check_end(device: Device, knots_nm: NDArray[np.int32]) -> None:
-    """Every knot was executed once and in order, or StreamError says what happened instead."""
+def _check_end(device: Device, knots_nm: NDArray[np.int32], outputs: Outputs) -> None:
+    """Every knot and its outputs were executed once and in order, or StreamError says what happened instead."""
     device.faults.check()
     executed = device.read_stable("stream.executed")
     if device.read_stable("stream.state") != DONE:
@@ -201,4 +204,10 @@ def _check_end(device: Device, knots_nm: NDArray[np.int32]) -> None:
         raise StreamError(
             f"the drive went through other knots than were sent: {executed} of {len(knots_nm)}, "
             f"checksum {got:08X}h, not {want:08X}h"
+        )
+    changes, checksum = (int(device.read_stable(f"outputs.{name}")) for name in ("changes", "checksum"))
+    if changes != len(outputs) or checksum != outputs.checksum:
+        raise StreamError(
+            f"the drive has switched other outputs than were sent: {changes} changes of {len(outputs)}, "
+            f"checksum {checksum:08X}h, not {outputs.checksum:08X}h"
         )

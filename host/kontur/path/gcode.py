@@ -34,9 +34,11 @@ _AXES = "XYZABC"
 _SYSTEMS = (540, 550, 560, 570, 580, 590, 591, 592, 593)
 _HOLDS = (0, 1, 6, 60)
 _END = (2, 30)
-_BELONGS = {  # words that have a meaning beside certain G codes only
-    "P": ((40, 100, 640), "P belongs to G4, G10 or G64"),
-    "Q": ((640,), "Q belongs to G64"),
+_PORTS, _ANALOG = (62, 63, 64, 65), (67, 68)
+_BELONGS = {  # words that have a meaning beside certain codes only: G codes as ten times their number, and M codes
+    "P": ((40, 100, 640, *_PORTS), "P belongs to G4, G10, G64 or M62 to M65"),
+    "Q": ((640, *_ANALOG), "Q belongs to G64, M67 or M68"),
+    "E": (_ANALOG, "E belongs to M67 and M68"),
     "L": ((100,), "L belongs to G10"),
     "H": ((430, 490), "H belongs to G43"),
     "D": ((), "D belongs to G41 and G42, and there is no cutter compensation"),
@@ -76,10 +78,11 @@ def read(
 def _notes(items: tuple[Move | Dwell, ...], events: tuple[Event, ...]) -> tuple[str, ...]:
     """What a user should know of a program that can be run."""
     notes = []
-    if events:
-        counts = Counter(event.kind for event in events)
+    ignored = [event for event in events if event.kind in "TABC"]
+    if ignored:
+        counts = Counter(event.kind for event in ignored)
         words = ", ".join(word if count == 1 else f"{word} ×{count}" for word, count in counts.items())
-        notes.append(f"Not executed, since the drive switches nothing: {words}; first in line {events[0].line}.")
+        notes.append(f"Not executed, since the machine has no such thing: {words}; first in line {ignored[0].line}.")
     long = [item for item in items if isinstance(item, Dwell) and item.duration_s > _LONG_DWELL_S]
     if long:
         how_many = "1 dwell waits" if len(long) == 1 else f"{len(long)} dwells wait"
@@ -137,7 +140,7 @@ class _Reader:
         """Carry out one block, in the order of RS274NGC: feed, events, dwell, modes, offsets, the move, a hold."""
         codes, values = block.codes, block.values
         for letter, (owners, what) in _BELONGS.items():
-            if letter in values and not any(code in owners for code in codes.values()):
+            if letter in values and not any(code in owners for code in (*codes.values(), *block.m)):
                 self._refuse(block, letter, f"{what}; remove it")
         if values.pop("K", 0.0) != 0.0:
             self._refuse(block, "K", "arcs lie in the plane of x and y: their centre is given by I and J")
@@ -194,6 +197,16 @@ class _Reader:
                 self._hold(block, m)
             elif m in (3, 4, 5, 7, 8, 9):
                 self._event(block, f"M{m}")
+            elif m in _PORTS:
+                if block.values.get("P", -1.0) not in (0.0, 1.0, 2.0, 3.0):
+                    self._refuse(block, "P", f"M{m} needs the number of an output, P0 to P3")
+                else:
+                    self._event(block, f"M{m} P{block.values['P']:g}")
+            elif m in _ANALOG:
+                if block.values.get("E", -1.0) != 0.0 or "Q" not in block.values:
+                    self._refuse(block, "E", f"M{m} needs the analog output and its value, like M{m} E0 Q500")
+                else:
+                    self._event(block, f"M{m} E0 Q{block.values['Q']:g}")
 
     def _event(self, block: Block, word: str) -> None:
         self.events.append(Event(word, len(self.items), block.line))

@@ -37,7 +37,7 @@ _GROUP = {
     970: "spindle mode",
     **dict.fromkeys((980, 990), "retract mode"),
 }
-KNOWN_M = frozenset((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 30, 48, 60))
+KNOWN_M = frozenset((0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 30, 48, 60, 62, 63, 64, 65, 67, 68))
 _INTERPRETER = "read the file by LinuxCNC's interpreter (--interpreter)"
 _COMPENSATION = f"there is no cutter compensation; {_INTERPRETER}, or let the CAM program offset the path"
 _CYCLE = f"drilling cycles move in z; {_INTERPRETER}, or let the CAM program write single moves"
@@ -52,7 +52,7 @@ _REFUSED_M = dict.fromkeys((98.0, 99.0), f"subroutines are not understood; {_INT
 _REFUSED_LETTER = {
     **dict.fromkeys("UVW", "the machine has two axes, x and y; remove the word"),
 }
-_LETTERS = frozenset("NXYZABCIJKRFPQSTHDL")
+_LETTERS = frozenset("NXYZABCIJKRFPQSTHDLE")
 
 
 @dataclass
@@ -120,7 +120,7 @@ def _block(code: str, line: int, refusals: Refusals) -> Block:
             refusals.add(_unreadable(code[at : at + 2]), line, code[at : at + 12])
             break
         at = match.end()
-        exponent = _EXPONENT.match(code, at)
+        exponent = None if match[1] in "Mm" else _EXPONENT.match(code, at)  # M67 E0
         if exponent is not None:
             what = "a number with an exponent; write it out, like X0.0015 in place of X1.5e-3"
             refusals.add(what, line, match[0] + exponent[0])

@@ -229,7 +229,7 @@ class Dwell:
 
 @dataclass(frozen=True)
 class Event:
-    """A word of the program that switches something beside the path, such as "M3", "S1000" or "Z-1" (a pen).
+    """A word of the program that switches something beside the path, such as "M3", "S1000", "M62 P0" or "Z-1" (a pen).
 
     It happens before item `before` of the program, or at its end. `line` is the line of the file.
     """
@@ -241,7 +241,7 @@ class Event:
     @property
     def kind(self) -> str:
         """The word of an M code; of the others, which have values, the letter."""
-        return self.word if self.word[0] == "M" else self.word[0]
+        return self.word.split()[0] if self.word[0] == "M" else self.word[0]
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ _SWITCHES = {
     "CHANGE_TOOL": "M6",
     "PROGRAM_END": "M2",
 }
+_OUTPUT = re.compile(r"(SET|CLEAR)_(MOTION|AUX)_OUTPUT_(BIT|VALUE)")  # M62 to M65, M67 and M68
 _OFF = {5: {3, 4}, 9: {7, 8}}  # M codes that switch off, and what
 # Calls that change nothing for two axes that go exactly on the path.
 _NOTHING = (
@@ -145,6 +146,11 @@ class _Calls:
             self.on = self.on - _OFF.get(block.m[0], set()) | {block.m[0]}
             if name == "CHANGE_TOOL":
                 self._say(block, "T", float(words[0]))
+        elif match := _OUTPUT.fullmatch(name):
+            at_once, analog = match[2] == "AUX", match[3] == "VALUE"
+            block.m.append((67 if analog else 62 if match[1] == "SET" else 63) + at_once * (1 if analog else 2))
+            for letter, value in zip("EQ" if analog else "P", words, strict=False):
+                self._say(block, letter, float(value))
         elif name == "SET_SPINDLE_SPEED":
             self._say(block, "S", float(words[-1]))
         elif name == "SET_FEED_RATE":

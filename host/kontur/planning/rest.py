@@ -15,7 +15,7 @@ from kontur.planning.path_time import PathTime
 from kontur.planning.planner import Trajectory, positions
 
 _STEPS = 10  # of path time in a millisecond, as the control periods of the drive
-_EQUAL = 2  # knots more at either end, so that the spline rests there
+EQUAL = 2  # knots more at either end, so that the spline rests there
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def rest_of_length(trajectory: Trajectory, count: int, stop_time_ms: float) -> R
     """The rest of `trajectory` that has `count` knots; None: there is none."""
     total = len(trajectory.knots_nm)
     gained_ms = _gained_ms(total, stop_time_ms)
-    lengths = np.searchsorted(gained_ms, np.arange(1, total)) + 1 + 2 * _EQUAL  # of 1, 2 ... ms of the trajectory
+    lengths = np.searchsorted(gained_ms, np.arange(1, total)) + 1 + 2 * EQUAL  # of 1, 2 ... ms of the trajectory
     left = np.flatnonzero(lengths == count)
     return rest(trajectory, total - 2 - int(left[0]), stop_time_ms) if left.size else None
 
@@ -68,4 +68,4 @@ def _path_ms(total: int, from_ms: int, stop_time_ms: float) -> FloatArray:
     left = total - 1 - from_ms
     gained_ms = _gained_ms(total, stop_time_ms)
     gained_ms = gained_ms[: int(np.searchsorted(gained_ms, left)) + 1]
-    return np.asarray(from_ms + np.pad(np.minimum(gained_ms, left), _EQUAL, mode="edge"))
+    return np.asarray(from_ms + np.pad(np.minimum(gained_ms, left), EQUAL, mode="edge"))

@@ -26,6 +26,7 @@ from kontur.errors import DeviceError, EmcyError, FileError, KonturError
 from kontur.machine import ALL
 from kontur.path.geometry import KNOT_S
 from kontur.planning.bounds import Limits, limits
+from kontur.planning.outputs import SPINDLE, Tool, of_rest, words
 from kontur.planning.planner import Trajectory
 from kontur.planning.rest import Rest, whole
 from kontur.runs import resume
@@ -37,10 +38,11 @@ from kontur.runs.recorder import Recorder, Watcher
 class RunOptions:
     """How a trajectory is run.
 
-    `parameters` are set before, by name, in their units. `approach`: a real drive that does not stand at the start goes
-    there first, in a straight line within these limits; without them the run is refused. `resume`: go on with this same
-    trajectory where the drive stopped on it; the log has the rest of the path. Axes that have crept go back to it, at
-    most resume.RETURN_MAX_M, or with `approach` as far as it is. `scope` is armed just before the start.
+    `parameters` are set before, by name, in their units. `tool` is what S of the program belongs to. `approach`: a real
+    drive that does not stand at the start goes there first, in a straight line within these limits; without them the
+    run is refused. `resume`: go on with this same trajectory where the drive stopped on it; the log has the rest of the
+    path. Axes that have crept go back to it, at most resume.RETURN_MAX_M, or with `approach` as far as it is. `scope`
+    is armed just before the start.
 
     `score_from_s`: the error is scored from this time on. `raise_fault`: a fault during the motion, or an error, is
     raised; else the log ends there. `command` is kept in the log: the command that makes the run again.
@@ -51,6 +53,7 @@ class RunOptions:
     """
 
     parameters: Mapping[str, float] = field(default_factory=dict)
+    tool: Tool = SPINDLE
     approach: Limits | None = None
     resume: bool = False
     scope: scopes.Setup | None = None
@@ -203,6 +206,7 @@ def _move(
         device,
         driven.trajectory.knots_nm,
         dataclasses.replace(operator, stop_requested=stop_requested),
+        outputs=of_rest(words(trajectory, options.tool), driven),
         before_start=before_start,
         started=recorder.started,
         resume=has_knots,

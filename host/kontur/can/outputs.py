@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Outputs beside the axes that are tied to knots, and their frames (docs/protocol.md, Outputs tied to knots)."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kontur.can.wire import crc8
+
+FULL_POWER = 65535
+HOLD, BY_RATE = 0x4000, 0x8000
+"""Bits beside those of digital outputs: the path is held at the knot; the power goes with the rate of path time."""
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Changes of the outputs: from `knot` (m,) on, which rises, they are `digital` (m,) and `power` (m,), 0 to
+    FULL_POWER. Before the first one all are off."""
+
+    knot: NDArray[np.int64]
+    digital: NDArray[np.uint16]
+    power: NDArray[np.uint16]
+
+    def __len__(self) -> int:
+        return len(self.knot)
+
+    @property
+    def checksum(self) -> int:
+        """CRC-32 of the changes, as the drive counts it (2180h:4)."""
+        return zlib.crc32(np.stack([self.knot, self._words()], axis=1).astype("<u4").tobytes())
+
+    def frames(self) -> dict[int, bytes]:
+        """The frame (RPDO5) that precedes each knot with a change."""
+        frames = np.empty((len(self), 6), dtype=np.uint8)
+        frames[:, 0] = self.knot & 0xFF
+        frames[:, 2:6] = self._words().astype("<u4").view(np.uint8).reshape(-1, 4)
+        frames[:, 1] = crc8(frames[:, [0, 2, 3, 4, 5]])
+        return {knot: frame.tobytes() for knot, frame in zip(self.knot.tolist(), frames, strict=True)}
+
+    def _words(self) -> NDArray[np.uint32]:
+        return self.digital.astype(np.uint32) | self.power.astype(np.uint32) << np.uint32(16)
+
+
+NONE = Outputs(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.uint16), np.empty(0, dtype=np.uint16))
+
+
+def chained(knots: bytearray, outputs: dict[int, bytes]) -> None:
+    """Change the CRC of the frames of `knots` that a frame of `outputs` precedes: they are refused without it."""
+    for knot, frame in outputs.items():
+        knots[8 * knot + 1] ^= frame[1] | 1
