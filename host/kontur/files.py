@@ -175,10 +175,14 @@ def read_text(path: Path) -> str:
         raise FileError(path, "is not a text file (UTF-8)") from error
 
 
-def text_lines(text: str) -> list[str]:
+def text_lines(text: str) -> Iterator[str]:
     """The lines of a text, without a byte order mark. Only CR, LF and CRLF end one, as for other programs; what str
     takes for an end besides, such as VT or U+2028, may stand in a comment."""
-    return re.split(r"\r\n|\r|\n", text.removeprefix("\ufeff"))
+    begin = len(text) - len(text.removeprefix("\ufeff"))
+    for end in re.finditer(r"\r\n|\r|\n", text):
+        yield text[begin : end.start()]
+        begin = end.end()
+    yield text[begin:]
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -10,3 +10,18 @@ def spline(knots, start=None):
     start = knots[0] if start is None else start
     control = np.vstack([[start], knots, knots[-1:]]).astype(float)
     return BSpline(np.arange(len(control) + 4) - 3.0, control, 3)
+
+
+ROUNDING = np.array([0.5e-6, 2e-3, 4.0])  # what knots rounded to 1 nm can add: m/s, m/s2, m/s3
+
+
+def assert_within(trajectory, of):
+    """Velocity, acceleration and jerk of both axes at all knots and between them."""
+    curve = spline(trajectory.knots_nm * 1e-9)
+    t = np.arange(0, (len(trajectory.knots_nm) - 1) * 4 + 1) / 4.0
+    middle = np.arange(len(trajectory.knots_nm) - 1) + 0.5
+    for order, limit, slack in zip(
+        (1, 2, 3), (of.velocity_mps, of.acceleration_mps2, of.jerk_mps3), ROUNDING, strict=True
+    ):
+        values = np.abs(curve(middle if order == 3 else t, order)) * 1e3**order
+        assert np.all(values <= np.array(limit) * (1.0 + 1e-3) + slack)

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from kontur.errors import FileError, PathError
 from kontur.experiments.bench_plan import lines
-from kontur.path import gcode, shapes, smoothing
+from kontur.path import gcode, shapes, spline_fit
 from kontur.path.geometry import Dwell, Program
 from kontur.path.smoothing import TOLERANCE_M, Exact, Smooth, parts, toleranced
 from kontur.planning.planner import Limits, plan
@@ -44,7 +44,7 @@ def distances(program, found, spacing_m=2e-6):
     ids=["circle 90", "circle 4000", "rosette", "trochoid", "staircase", "letters", "mixed"],
 )  # fmt: skip
 def test_neither_path_is_further_from_the_other_than_the_tolerance(program, tolerance_m):
-    found = parts(program, tolerance_m)
+    found = list(parts(program, tolerance_m))
     told = max(part.path.deviation_m for part in found if isinstance(part, Smooth))
     there, back = distances(program, found)
     assert max(there, back) <= np.hypot(told, 1.05e-6)  # the points are 2 um apart
@@ -69,7 +69,7 @@ def test_the_curve_of_a_circle_in_lines_is_a_circle():
 def test_parts_are_connected_and_hold_all_moves_and_dwells():
     program = letters(10)
     items = (*program.items[:20], Dwell(0.1), *program.items[20:], Dwell(0.2))
-    found = parts(replace(program, items=items), TOLERANCE_M)
+    found = list(parts(replace(program, items=items), TOLERANCE_M))
     assert sum(len(part.moves) for part in found) == len(program.moves)
     waits = sum(
         float(np.sum(part.dwell_s)) if isinstance(part, Smooth) else
@@ -106,7 +106,7 @@ def test_without_joints_of_short_lines_the_motion_is_the_exact_one_bit_for_bit(p
 
 def test_without_a_tolerance_all_is_exact():
     program = rosette(244)
-    assert parts(program, 0.0) == [Exact(program.items)]
+    assert list(parts(program, 0.0)) == [Exact(program.items)]
     trajectory = plan(program, LIMITS)
     assert trajectory.deviation_m == 0.0
     assert trajectory.smoothed == ""
@@ -130,7 +130,7 @@ def test_a_tolerance_from_outside_is_that_of_all_moves():
 def test_moves_of_exact_path_control_stop_at_each_corner():
     bends = [f"X{1 + i} Y{0.02 * i * i:.3f}" for i in range(8)]
     text = "\n".join(["G61", "G1 F3000 X1 Y0", *bends[1:4], "G64 P0.01", *bends[4:]])
-    found = parts(gcode.parse(text, "p.ngc"), TOLERANCE_M)
+    found = list(parts(gcode.parse(text, "p.ngc"), TOLERANCE_M))
     assert [type(part) for part in found] == [Exact, Smooth]
     assert [len(part.moves) for part in found] == [4, 4]
 
@@ -145,10 +145,10 @@ def test_a_curve_that_leaves_the_travel_is_refused_with_a_remedy():
 
 
 def test_a_stretch_that_cannot_be_fitted_stays_exact(monkeypatch):
-    monkeypatch.setattr(smoothing._Fit, "tighten", lambda self: None)
-    monkeypatch.setattr(smoothing._Fit, "late", lambda self: np.ones(len(self._knots), dtype=bool))
+    monkeypatch.setattr(spline_fit.Fit, "tighten", lambda self: None)
+    monkeypatch.setattr(spline_fit.Fit, "late", lambda self: np.ones(len(self._knots), dtype=bool))
     program = rosette(244)
-    assert parts(program, TOLERANCE_M) == [Exact(program.items)]
+    assert list(parts(program, TOLERANCE_M)) == [Exact(program.items)]
 
 
 def test_the_rest_of_a_smoothed_path_is_on_it():

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 from cam_paths import TURN, circle, letters, rosette, spiral, trochoid
-from knot_spline import spline
+from knot_spline import assert_within
 from time_optimum import duration_s
 
 from kontur.experiments.bench_plan import LEAST_S, circle_curve, lines, rosette_curve, spiral_curve, trochoid_curve
@@ -21,23 +21,10 @@ from kontur.planning.planner import Limits, plan, positions
 
 LIMITS = Limits()
 UNEVEN = Limits((0.08, 0.2), (2.0, 8.0), (300.0, 60.0))
-ROUNDING = np.array([0.5e-6, 2e-3, 4.0])  # what knots rounded to 1 nm can add: m/s, m/s2, m/s3
 
 
 def smooth(program, of=LIMITS):
     return plan(program, of, tolerance_m=TOLERANCE_M)
-
-
-def assert_within(trajectory, of):
-    """Velocity, acceleration and jerk of both axes at all knots and between them."""
-    curve = spline(trajectory.knots_nm * 1e-9)
-    t = np.arange(0, (len(trajectory.knots_nm) - 1) * 4 + 1) / 4.0
-    middle = np.arange(len(trajectory.knots_nm) - 1) + 0.5
-    for order, limit, slack in zip(
-        (1, 2, 3), (of.velocity_mps, of.acceleration_mps2, of.jerk_mps3), ROUNDING, strict=True
-    ):
-        values = np.abs(curve(middle if order == 3 else t, order)) * 1e3**order
-        assert np.all(values <= np.array(limit) * (1.0 + 1e-3) + slack)
 
 
 @pytest.mark.parametrize("of", [LIMITS, UNEVEN], ids=["even", "uneven"])

@@ -121,7 +121,7 @@ def bus_command(*, bitrate: int, as_json: bool) -> None:
     type=click.IntRange(1000, 1_000_000),
     default=100_000,
     show_default=True,
-    help="Lines of the file that is read and planned.",
+    help="Lines of the file that is read and planned; its first knots are timed from when it is read.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def plan_command(*, lines: int, as_json: bool) -> None:
@@ -141,6 +141,7 @@ def plan_command(*, lines: int, as_json: bool) -> None:
     print_table(result["paths"], title="Times of paths", headings=headings)
     click.echo(
         f"{result['lines']} lines: read in {result['read_s']:.1f} s, planned in {result['plan_s']:.1f} s, "
-        f"{result['us_per_line']:.0f} µs a line; the motion takes {result['motion_s']:.1f} s; "
+        f"the first knots after {result['first_knots_s']:.2f} s, {result['us_per_line']:.0f} µs a line; "
+        f"the motion takes {result['motion_s']:.1f} s; "
         f"{result['peak_MiB']:.0f} MiB at most"
     )

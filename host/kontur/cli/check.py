@@ -98,7 +98,8 @@ def _planned(
 ) -> Trajectory:
     """Plan the program; put what is known of it into `result` as soon as it is. Raises PathError."""
     from kontur.path.smoothing import TOLERANCE_M
-    from kontur.planning.planner import extent_m, plan
+    from kontur.planning.checks import extent_m
+    from kontur.planning.planner import plan
 
     least, greatest = extent_m(program) * 1e3
     result |= {

@@ -365,6 +365,9 @@ class _Reader:
         self.items.append(Dwell(0.0, block.line))
 
     def _add(self, block: Block, motion: int, here: Point, end: Point) -> None:
+        before = self.items[-1] if self.items else None
+        if isinstance(before, Move) and isinstance(before.segment, Line) and before.segment.end_m == here:
+            here = before.segment.end_m  # once in memory
         segment: Segment | None = Line(here, end) if motion < 20 else self._arc(block, here, end)
         if segment is None:
             return

@@ -39,14 +39,14 @@ class Segment(Protocol):
         """Signed curvatures (n,) in 1/m, positive where the path bends to the left."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Line:
     """A straight piece from `start_m` to `end_m`, which must differ."""
 
     start_m: Point
     end_m: Point
 
-    @cached_property
+    @property
     def length_m(self) -> float:
         return math.dist(self.start_m, self.end_m)
 
@@ -203,7 +203,7 @@ class Schedule:
     line: npt.NDArray[np.intp]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Move:
     """Follow `segment` at `feed_mps`, or as fast as the machine allows when `rapid` (the feed is then infinite).
 
@@ -257,9 +257,10 @@ class Program:
     notes: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
 
-    @property
+    @cached_property
     def moves(self) -> tuple[Move, ...]:
-        return tuple(item for item in self.items if isinstance(item, Move))
+        found = tuple(item for item in self.items if isinstance(item, Move))
+        return found if len(found) < len(self.items) else self.items  # type: ignore[return-value]
 
     @property
     def length_m(self) -> float:

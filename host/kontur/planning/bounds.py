@@ -94,7 +94,7 @@ def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: 
     )
 
 
-@dataclass
+@dataclass(slots=True)
 class Piece:
     """A length of path with bounds of speed, tangential acceleration and tangential jerk."""
 

@@ -18,7 +18,7 @@ from kontur.errors import PathError, shown
 from kontur.path.geometry import FloatArray
 
 ROWS = 1 << 17  # handled at once, to bound memory
-_OVERLAP = 128  # knots, after which the end of a part does not change a bit of what is inside
+OVERLAP = 128  # knots, after which the end of a part does not change a bit of what is inside
 _POSITION_MAX_NM = (1 << 31) - 1
 POSITION_RANGE_M = ((-2.147, 2.147), (-2.147, 2.147))  # what 32 bits can count
 
@@ -30,7 +30,7 @@ def control_points(position_m: FloatArray) -> FloatArray:
     """
     control = np.empty_like(position_m)
     for first in range(0, len(position_m), ROWS):
-        low, high = max(0, first - _OVERLAP), min(len(position_m), first + ROWS + _OVERLAP)
+        low, high = max(0, first - OVERLAP), min(len(position_m), first + ROWS + OVERLAP)
         part = _control_points(position_m[low:high])
         control[first : first + ROWS] = part[first - low : first - low + ROWS]
     return control
@@ -66,4 +66,4 @@ def to_nm(control_m: FloatArray) -> npt.NDArray[np.int32]:
 
 def digest(knots_nm: npt.NDArray[np.int32]) -> str:
     """SHA-256 of the knots as they go over the wire (x, y, x, y ... little-endian int32), in hexadecimal."""
-    return hashlib.sha256(np.ascontiguousarray(knots_nm, dtype="<i4").tobytes()).hexdigest()
+    return hashlib.sha256(np.ascontiguousarray(knots_nm, dtype="<i4").data).hexdigest()

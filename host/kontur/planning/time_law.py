@@ -31,7 +31,7 @@ from scipy.ndimage import maximum_filter1d
 
 from kontur.path.geometry import KNOT_S, FloatArray
 from kontur.path.line_arc import LineArcPath
-from kontur.path.smoothing import SmoothPath
+from kontur.path.spline_fit import SmoothPath
 from kontur.planning import knots
 from kontur.planning.bounds import AXIS_SPEED, BEND_LIMITS, Limits, Piece
 

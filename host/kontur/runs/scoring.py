@@ -22,7 +22,7 @@ from scipy.interpolate import PchipInterpolator
 
 from kontur.errors import PathError
 from kontur.path.geometry import Curve, Program
-from kontur.path.smoothing import SmoothPath
+from kontur.path.spline_fit import SmoothPath
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
