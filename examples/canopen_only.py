@@ -34,14 +34,6 @@ RESEND_S = 0.1
 TELEMETRY, NOT_VALID = (2, 3, 4, 5), 1 << 31  # TPDOs, and the bit of their COB-ID that switches them off
 STATE_S, MOTION_S = 5.0, 60.0  # longer than these nothing is waited for
 
-# Gains of the simulated machine, in counts of docs/objects.md, in an order in which each is allowed. Those from the
-# factory are careful ones, for first movements only.
-GAINS = {
-    "smc": {"lambda": 200_000, "k_max": 400_000, "k_0": 100_000, "zeta": 100_000},
-    "compensator": {"alpha": 60_000, "mu_max": 10_000_000, "mu_0": 6_000_000, "phi": 6_000_000, "dead_zone": 6_000_000},
-    "observer": {"bandwidth": 1_120_000},
-}
-
 ENABLE, ENABLE_IP = 0x0F, 0x1F  # controlwords; bit 4 lets the path run
 IP_ACTIVE, TARGET_REACHED = 1 << 12, 1 << 10  # bits of the statuswords
 
@@ -216,9 +208,6 @@ def drive(network, node_id, eds):
     for number in TELEMETRY:  # nobody reads it here
         cob_id = node.sdo[0x1800 + number - 1][1]
         cob_id.raw |= NOT_VALID
-    for name, values in GAINS.items():
-        for entry, counts in values.items():
-            node.sdo[name][entry].raw = counts
     progress = Progress(node.tpdo[1])
     node.nmt.state = "OPERATIONAL"
     progress.next()

@@ -202,7 +202,7 @@ def spline(knots_m: Array, start_m: Array, t_s: float) -> Point:
 
 @dataclass(frozen=True)
 class Contour:
-    """Output of contour_error(), SI; vectors (2,)."""
+    """Output of contour_error(), SI; vectors (2,). On e_turning, a share of e_wn, the turning of the frame acts."""
 
     r: Array
     r_dot: Array
@@ -222,6 +222,7 @@ class Contour:
     rn_ddot: Array
     e_wn: Array
     e_wn_dot: Array
+    e_turning: Array
     e_n: Array
     e_n_dot: Array
 
@@ -270,7 +271,7 @@ def frame_rates(point: Point, nu: float, p: Params) -> tuple[float, float]:
 
 
 def adjusted_reference(
-    r: tuple[Array, Array, Array], ra: tuple[Array, Array, Array], rot: Array, w: float, w_dot: float
+    r: tuple[Array, Array, Array], ra: tuple[Array, Array, Array], rot: Array, w: float, w_dot: float, share: float
 ) -> tuple[Array, Array, Array]:
     """(7) and (8): r_n = r + Q (r_a - r), Q = R S R^T, and its first two derivatives by time.
 
@@ -279,6 +280,8 @@ def adjusted_reference(
         R'' = R (w' J + w^2 J J) = R (w' J - w^2 I)
         Q'  = R' S R^T + R S R'^T
         Q'' = R'' S R^T + 2 R' S R'^T + R S R''^T
+
+    Q' and Q'' act on a share of r_a - r (turning_share()).
     """
     j = I_E.T
     r1 = w * rot @ j
@@ -289,9 +292,20 @@ def adjusted_reference(
     gap, gap_dot, gap_ddot = (a - b for a, b in zip(ra, r, strict=True))
     return (
         r[0] + q0 @ gap,
-        r[1] + q1 @ gap + q0 @ gap_dot,
-        r[2] + q2 @ gap + 2.0 * q1 @ gap_dot + q0 @ gap_ddot,
+        r[1] + share * q1 @ gap + q0 @ gap_dot,
+        r[2] + share * q2 @ gap + 2.0 * q1 @ gap_dot + q0 @ gap_ddot,
     )
+
+
+def turning_share(e_w: Array, point: Point, rot: Array, p: Params) -> float:
+    """The share of an error that the turning of the frame acts on (decision).
+
+    It is 1 while no component of e_w (2,) in the frame is larger than the error of which (5) makes lag_max, and beyond
+    that the quotient of both. So noise in the direction of a path that is all but at rest has a bound.
+    """
+    speed = float(np.hypot(*point.d1))
+    reach = p.lag_max_s * (speed**2 + p.v_min_mps**2) / speed
+    return 1.0 / max(1.0, float(np.max(np.abs(rot.T @ e_w))) / reach)
 
 
 def contour_error(
@@ -311,7 +325,8 @@ def contour_error(
 
         (q' - nu r') . r' + nu (q - r) . r'' = 0   =>   nu = q' . r' / (|r'|^2 - (q - r) . r'')
 
-    with v_min^2 in numerator (times the path's own rate) and denominator, so that nu -> rate towards standstill.
+    with v_min^2 in numerator (times the path's own rate) and denominator, so that nu -> rate towards standstill. A foot
+    point that lag_max limits goes on at the path's rate (decision).
 
     r_a(tau(t)) then has velocity r' nu and acceleration r'' nu^2; as n . r' = 0, n . r_a'' = n . r'' nu^2 holds even
     where tau'' is not 0.
@@ -324,24 +339,28 @@ def contour_error(
     e_w = q_m - ref.r  # (3)
     e_l = rotation(inclination(ref.d1)).T @ e_w  # (4)
     t_d = delay(e_l[0], float(np.hypot(*ref.d1)), p)  # (5)
+    limited = abs(t_d) == p.lag_max_s
     tau = max(t_s - t_d, 0.0)
     foot = spline(knots_m, start_m, tau)  # (6)
     if p.newton and np.hypot(*foot.d1) > STANDSTILL_MPS:
         step = float((q_m - foot.r) @ foot.d1) / foot_slope(foot, q_m - foot.r, p)
+        limited = abs(step) > p.lag_max_s
         tau = max(tau + float(np.clip(step, -p.lag_max_s, p.lag_max_s)), 0.0)
         foot = spline(knots_m, start_m, tau)
 
     still = bool(np.hypot(*foot.d1) <= STANDSTILL_MPS)
     nu = rate
-    if not still:
+    if not still and not limited:
         nu = (float(q_dot_mps @ foot.d1) + p.v_min_mps**2 * rate) / foot_slope(foot, q_m - foot.r, p)
         nu = float(np.clip(nu, -NU_MAX, NU_MAX))
     rot = rotation(inclination(foot.d1))
     w, w_dot = frame_rates(foot, nu, p)
     rn, rn_dot, rn_ddot = ref.r, r_dot, r_ddot
+    share = 1.0
     if not still:
+        share = turning_share(e_w, foot, rot, p)
         foot_motion = (foot.r, nu * foot.d1, _foot_acceleration(foot, rot, w, nu))
-        rn, rn_dot, rn_ddot = adjusted_reference((ref.r, r_dot, r_ddot), foot_motion, rot, w, w_dot)
+        rn, rn_dot, rn_ddot = adjusted_reference((ref.r, r_dot, r_ddot), foot_motion, rot, w, w_dot, share)
     e_wn, e_wn_dot = q_m - rn, q_dot_mps - rn_dot
     return Contour(
         r=ref.r,
@@ -362,8 +381,9 @@ def contour_error(
         rn_ddot=rn_ddot,
         e_wn=e_wn,
         e_wn_dot=e_wn_dot,
+        e_turning=share * e_wn,
         e_n=rot.T @ e_wn,
-        e_n_dot=rot.T @ (e_wn_dot + w * I_E @ e_wn),  # (9)
+        e_n_dot=rot.T @ (e_wn_dot + share * w * I_E @ e_wn),  # (9)
     )
 
 
@@ -1015,7 +1035,7 @@ class Servo:
                 c.rotation,
                 c.theta_dot,
                 c.theta_ddot,
-                c.e_wn,
+                c.e_turning,
                 c.e_wn_dot,
                 c.e_n,
                 c.e_n_dot,

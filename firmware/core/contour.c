@@ -54,12 +54,13 @@ static inline void move_along(struct curve curve, struct curve_point *at, num t_
 struct foot {
     vec2 e; /* q - r */
     vec2 d1, d2, d3;
+    bool limited; /* by lag_max: it is not where the actual position would have it */
 };
 
 static inline struct foot foot_at(const struct curve_point *at)
 {
     const struct spline_local p = spline_eval(at->piece, at->u);
-    const struct foot f = {v2_sub(at->q, p.offset), p.d1, p.d2, p.d3};
+    const struct foot f = {.e = v2_sub(at->q, p.offset), .d1 = p.d1, .d2 = p.d2, .d3 = p.d3};
     return f;
 }
 
@@ -107,25 +108,27 @@ static inline struct frame find_foot(const struct contour_cfg *cfg, struct curve
 {
     const struct frame ref = frame_at(cfg, d1);
     o->e_l = v2_to_frame(ref.t, o->e_w); /* (4) */
-    o->t_d =
-        ref.standstill ? NUM(0) : n_within(n_div(n_neg(o->e_l.x), n_add(ref.speed, ref.v_reg)), cfg->lag_max); /* (5) */
+    num step = ref.standstill ? NUM(0) : n_div(n_neg(o->e_l.x), n_add(ref.speed, ref.v_reg));
+    o->t_d = n_within(step, cfg->lag_max); /* (5) */
     move_along(curve, at, n_neg(o->t_d));
     *foot = foot_at(at); /* (6) */
 
     if (cfg->newton) {
         const struct frame f = frame_at(cfg, foot->d1);
         if (!f.standstill) {
-            const num step = n_div(v2_dot(foot->e, f.t), foot_slope(&f, foot));
+            step = n_div(v2_dot(foot->e, f.t), foot_slope(&f, foot));
             move_along(curve, at, n_within(step, cfg->lag_max));
             *foot = foot_at(at);
         }
     }
+    foot->limited = n_lt(cfg->lag_max, n_abs(step));
     o->foot_knot = at->piece->knot;
     o->foot_u = at->u;
     return frame_at(cfg, foot->d1);
 }
 
-/* Rates of the frame at the foot point, whose path time changes at the rate nu. v_t is t . q'. */
+/* Rates of the frame at the foot point, whose path time changes at the rate nu. v_t is t . q'. A foot point that is
+ * limited keeps its distance in path time to the reference. */
 static inline void frame_rates(const struct path_state *path, const struct frame *f, const struct foot *foot, num v_t,
                                struct contour_out *o)
 {
@@ -134,7 +137,7 @@ static inline void frame_rates(const struct path_state *path, const struct frame
     const num theta_2 =
         n_msub(n_div(v2_cross(f->t, foot->d3), speed), n_mul(NUM(2), theta_1), n_div(v2_dot(f->t, foot->d2), speed));
     const num nu = n_div(n_mad(v_t, f->v_reg, path->rate), foot_slope(f, foot));
-    o->nu = n_within(nu, NUM(4));
+    o->nu = foot->limited ? path->rate : n_within(nu, NUM(4));
     o->theta_dot = n_mul(theta_1, o->nu);
     o->theta_ddot = n_mul(theta_2, n_mul(o->nu, o->nu));
 }
@@ -150,15 +153,26 @@ static inline void reference_at_standstill(const struct path_state *path, struct
     o->a_n = o->r_ddot;
 }
 
+/* The share of an error that the turning of the frame acts on: 1 up to the error of which (5) makes lag_max, and beyond
+ * it as much as makes this error. A path that is all but at rest turns as its knots are rounded, and its rates times a
+ * large error would shake the axes. */
+static inline num share_of(const struct contour_cfg *cfg, const struct frame *f, vec2 error)
+{
+    const num reach = n_mul(cfg->lag_max, n_add(f->speed, f->v_reg));
+    const num size = n_max(n_abs(error.x), n_abs(error.y));
+    return n_lt(reach, size) ? n_div(reach, size) : NUM(1);
+}
+
 /* (7)-(9). r_a is the foot point, and r_n = r + f n with f = n . (r_a - r). In the frame, most of what (8) adds to
  * (9) and (15) cancels. With e = q - r_a, w = theta' and n . r_a' = 0, what remains is
  *   e_n   = (t . e_w, n . e)
  *   e_n'  = (t . e_w' + w n . e_w, n . q' - w t . e)
  *   e_n'' = R^T q'' - a_n
  *   a_n   = (t . r'' - w (2 n . e_w' - w t . e_w) - w' n . e_w, w (2 t . q' - t . r_a' + w n . e) + w' t . e)
+ * where w and w' act on a share of e_w and e.
  */
-static inline void adjust_reference(const struct path_state *path, const struct frame *f, const struct foot *foot,
-                                    vec2 q_dot, struct contour_out *o)
+static inline void adjust_reference(const struct contour_cfg *cfg, const struct path_state *path, const struct frame *f,
+                                    const struct foot *foot, vec2 q_dot, struct contour_out *o)
 {
     const vec2 v = v2_to_frame(f->t, q_dot);
     const vec2 e_w = v2_to_frame(f->t, o->e_w);
@@ -166,16 +180,19 @@ static inline void adjust_reference(const struct path_state *path, const struct 
     const vec2 e = v2_to_frame(f->t, foot->e);
     frame_rates(path, f, foot, v.x, o);
     const num w = o->theta_dot;
-    const num w_dot = o->theta_ddot;
+    const num share = share_of(cfg, f, e_w);
+    const num w_e = n_mul(w, share);
+    const num w_dot_e = n_mul(o->theta_ddot, share);
     const num slip = n_msub(v.x, f->speed, o->nu); /* t . (q' - r_a') */
 
     /* e_n.y is computed from the foot point, where the difference of positions is smallest and so the most precise. */
     o->e_n = v2(e_w.x, e.y);
-    o->e_n_dot = v2(n_mad(e_w_dot.x, w, e_w.y), n_msub(v.y, w, e.x));
+    o->e_n_dot = v2(n_mad(e_w_dot.x, w_e, e_w.y), n_msub(v.y, w_e, e.x));
     o->e_wn = v2_mad(o->e_w, n_sub(e.y, e_w.y), v2_normal(f->t));
-    const num along = n_msub(n_mul(NUM(2), e_w_dot.y), w, e_w.x);
-    const num across = n_mad(n_add(v.x, slip), w, e.y);
-    o->a_n = v2(n_msub(n_msub(v2_dot(f->t, o->r_ddot), w, along), w_dot, e_w.y), n_mad(n_mul(w, across), w_dot, e.x));
+    const num along = n_msub(n_mul(NUM(2), e_w_dot.y), w_e, e_w.x);
+    const num across = n_mad(n_add(v.x, slip), w_e, e.y);
+    o->a_n =
+        v2(n_msub(n_msub(v2_dot(f->t, o->r_ddot), w, along), w_dot_e, e_w.y), n_mad(n_mul(w, across), w_dot_e, e.x));
 }
 
 void contour_step(const struct contour_cfg *cfg, struct spline_cache *cache, const struct spline_ring *ring,
@@ -195,6 +212,6 @@ void contour_step(const struct contour_cfg *cfg, struct spline_cache *cache, con
     if (f.standstill) {
         reference_at_standstill(path, out);
     } else {
-        adjust_reference(path, &f, &foot, q_dot, out);
+        adjust_reference(cfg, path, &f, &foot, q_dot, out);
     }
 }

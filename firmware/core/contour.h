@@ -12,8 +12,10 @@
  *   there: the adjusted reference becomes r, and the law becomes plain tracking.
  * - One Newton step on the foot-point condition (q - r(tau)) . r'(tau) = 0 follows (6), unless `newton` is off.
  * - The rate nu = d tau/dt of the foot point comes from differentiating that condition, not from 1 - d t_d/dt: the
- *   condition has no |r'| alone in a denominator.
+ *   condition has no |r'| alone in a denominator. Where lag_max limits the foot point, nu is the rate of the path.
  * - The frame's rates use tau'' = 0: theta'' = theta''(tau) nu^2.
+ * - These rates act on a share of the errors: so much as is not larger than the error of which (5) makes lag_max. A
+ *   path that is all but at rest turns as its knots are rounded, and its rates times a large error would shake the axes.
  * - The derivatives of r_n (8) are not computed themselves, but what the law needs of them: e_n' and a_n, in the frame.
  *
  * | symbol    | meaning                                              | unit     |

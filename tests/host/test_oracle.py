@@ -156,7 +156,8 @@ def test_oracle_law_makes_the_contour_error_slide_on_its_surface(path: str, prin
         q, q_dot = smooth_state(knots, t, rng)
         c = oracle.contour_error(knots, knots[0], t, 1.0, 0.0, q, q_dot, p)
         u, s_bar = oracle.contouring_law(
-            *(c.rotation, c.theta_dot, c.theta_ddot, c.e_wn, c.e_wn_dot, c.e_n, c.e_n_dot, c.rn_ddot, q_dot, k_hat, p)
+            *(c.rotation, c.theta_dot, c.theta_ddot, c.e_turning, c.e_wn_dot, c.e_n, c.e_n_dot, c.rn_ddot),
+            *(q_dot, k_hat, p),
         )
         q_ddot = (u - p.viscous_Nspm * q_dot) / p.mass_kg
 
@@ -298,7 +299,7 @@ def compare_contour(
     c = oracle.contour_error(knots, knots[0], t_s, rate, rate_dot, q / POS_PER_M, q_dot, p)
     allowed = core.bound.drive(p, knots_nm).contour(s, rate, rate_dot, q, q_dot)
     # where a path turns back, the rates of its direction leave the range of fixed point
-    a_n = frame_acceleration(c.rotation, c.theta_dot, c.theta_ddot, c.e_wn, c.e_wn_dot, c.rn_ddot)
+    a_n = frame_acceleration(c.rotation, c.theta_dot, c.theta_ddot, c.e_turning, c.e_wn_dot, c.rn_ddot)
     turning = core.num == "fix" and (abs(c.theta_ddot) * T0**2 > 4096 or size(a_n) * T0**2 / UM > 4096)
     named = {"t": c.rotation[:, 0], "tau": c.tau_s, "a_n": a_n}
     for name in CONTOUR if not turning else set(CONTOUR) - {"theta_ddot", "a_n"}:

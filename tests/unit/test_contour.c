@@ -387,6 +387,52 @@ static void test_newtons_step_is_limited_as_well(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-5, 80.3 - 1, tau_knots(&late));
 }
 
+/* It is as far behind as it may be, whatever the axes do. */
+static void test_a_limited_foot_point_goes_on_at_the_rate_of_the_path(void)
+{
+    cfg.lag_max = mk(0.1);
+    for (int newton = 0; newton < 2; newton++) {
+        cfg.newton = newton == 1;
+        for (int i = -1; i <= 1; i += 2) {
+            const struct polar p = {.rho = R, .phi = 80.3 * STEP - i * 0.3, .phi_dot = 3 * W};
+            const struct contour_out o = axes_at(p, 80.3);
+            TEST_ASSERT_EQUAL_DOUBLE(1, val(o.nu));
+            TEST_ASSERT_DOUBLE_WITHIN(1e-4, W, val(o.theta_dot));
+        }
+    }
+}
+
+/* At 500 um/T0 a lag of 0.25 T0 is 125 um. The axes are 300 um inside, where v_t = 462.5, nu = 1 and w = W. */
+static void test_the_frame_turns_with_a_share_of_a_large_error(void)
+{
+    cfg.lag_max = mk(0.25);
+    const struct polar p = {.rho = R - 300, .phi = 80.3 * STEP, .rho_dot = -8, .phi_dot = W};
+    const struct contour_out o = axes_at(p, 80.3);
+    TEST_ASSERT_DOUBLE_WITHIN(KNOT_NOISE, 300, val(o.e_n.y));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 462.5 - 500 + W * 125, val(o.e_n_dot.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 8, val(o.e_n_dot.y));
+    TEST_ASSERT_DOUBLE_WITHIN(1.3, -W * 2 * 8, val(o.a_n.x)); /* theta'' errs by 0.01 */
+    TEST_ASSERT_DOUBLE_WITHIN(0.5, W * (2 * 462.5 - 500 + W * 125), val(o.a_n.y));
+}
+
+/* Knots of 1 nm on a line at 0.1 mm/s turn it by 7 rad/s and 6500 rad/s2, which times 0.5 mm would be 3 m/s2. */
+static void test_the_rounding_of_a_slow_path_does_not_shake_axes_that_are_far_off(void)
+{
+    cfg = nominal().contour;
+    ring.count = 0;
+    for (int i = 0; i < 60; i++) {
+        add_knot(&ring, 0.1 * i, 1e-3 * (i * i / 3 % 2));
+    }
+    for (double knots = 20; knots < 40; knots += 0.3) {
+        struct contour_out o;
+        pos_t q[2];
+        const struct path_state path = path_at(&ring, knots);
+        at_um(0.1 * knots - 500, 500, q);
+        contour_step(&cfg, &(struct spline_cache){0}, &ring, &path, q, mk2(0.5, 0), &o);
+        TEST_ASSERT_TRUE(fabs(val(o.a_n.x)) < 0.05 / MPS2 && fabs(val(o.a_n.y)) < 0.05 / MPS2);
+    }
+}
+
 static void test_path_time_of_the_foot_point_is_never_negative(void)
 {
     const struct polar p = {.rho = R, .phi = -0.1, .phi_dot = W};
@@ -444,6 +490,9 @@ int main(void)
     RUN_TEST(test_leaving_standstill_the_law_is_given_the_acceleration_of_both_axes);
     RUN_TEST(test_the_delay_is_limited);
     RUN_TEST(test_newtons_step_is_limited_as_well);
+    RUN_TEST(test_a_limited_foot_point_goes_on_at_the_rate_of_the_path);
+    RUN_TEST(test_the_frame_turns_with_a_share_of_a_large_error);
+    RUN_TEST(test_the_rounding_of_a_slow_path_does_not_shake_axes_that_are_far_off);
     RUN_TEST(test_path_time_of_the_foot_point_is_never_negative);
     RUN_TEST(test_at_the_centre_of_the_circle_every_output_is_finite);
     RUN_TEST(test_at_the_centre_of_the_circle_the_foot_point_does_not_run_away);
