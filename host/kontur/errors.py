@@ -7,6 +7,7 @@ A message says what went wrong, where, and what to do next. The command line pri
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 _LONG = 16  # characters of a number
 _WORD_MAX, _PROBLEM_MAX = 200, 1500  # characters that a message shows of a file's own text
@@ -33,7 +34,15 @@ def shown(value: float, digits: int = 3) -> str:
 
 
 class KonturError(Exception):
-    """Base of every error that a user of kontur can cause or meet."""
+    """Base of every error that a user of kontur can cause or meet. It can be sent to another process."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (type(self), self.args), self.__dict__
+
+
+def _unpickled(kind: type[KonturError], args: tuple[object, ...]) -> KonturError:
+    """The error as it was, without its __init__, whose arguments are others than `args`."""
+    return kind.__new__(kind, *args)
 
 
 class InputError(KonturError):

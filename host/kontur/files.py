@@ -39,6 +39,14 @@ def check_folder(path: Path) -> None:
         raise FileError(path, "you may not write there; name another file")
 
 
+def make_folder(path: Path) -> None:
+    """Make the folder `path`, where it is not there. Raises FileError."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(path, f"cannot be made ({error.strerror}); give another folder") from error
+
+
 def write_atomically(path: Path, content: bytes) -> None:
     """Write `content` to `path` as atomic_writer() does. Raises FileError."""
     with atomic_writer(path) as file:

@@ -71,14 +71,14 @@ class Installed:
 
 
 @contextmanager
-def installed(source: Path, minor: int, path: Path, *options: str) -> Iterator[Installed]:
-    """`source` in an empty environment, where `pip` finds what is in the folder `path` only."""
+def installed(source: Path, minor: int, path: Path, *options: str, extras: str = "") -> Iterator[Installed]:
+    """`source` with `extras` in an empty environment, where `pip` finds what is in the folder `path` only."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name, "work")
         folder.mkdir()
         call(PYTHONS[minor], "-m", "venv", Path(name, "env"), env=environment(path), cwd=folder)
         programs = Path(name, "env", "bin")
-        call(programs / "pip", "install", "--quiet", *options, source, env=environment(path), cwd=folder)
+        call(programs / "pip", "install", "--quiet", *options, f"{source}{extras}", env=environment(path), cwd=folder)
         yield Installed(programs, folder)
 
 
@@ -161,3 +161,20 @@ def test_source_installs_with_a_compiler_alone_and_runs_the_demo_in_any_folder(
 ) -> None:
     with installed(ROOT if what == "checkout" else built[".gz"], minor, compiler) as package:
         check_it_works(package)
+
+
+def test_the_extra_sweep_is_enough_for_parquet_and_for_a_dask_cluster(built: dict[str, Path], nothing: Path) -> None:
+    with installed(built[".whl"], max(PYTHONS), nothing, "--only-binary", ":all:", extras="[sweep]") as package:
+        (package.folder / "sweep.toml").write_text("radius = 1\nfeed = 50\nseed = [1, 2]\n")
+        package.kontur("sweep", "sweep.toml", "-o", "a.csv")
+        assert (package.folder / "a.parquet").read_bytes().startswith(b"PAR1")
+        program = f"""
+import distributed, subprocess
+if __name__ == "__main__":
+    with distributed.LocalCluster(n_workers=1, dashboard_address=None) as cluster:
+        command = [{str(package.programs / "kontur")!r}, "sweep", "sweep.toml", "-o", "b.csv", "--workers"]
+        subprocess.run([*command, cluster.scheduler_address], check=True)
+"""
+        (package.folder / "cluster.py").write_text(program)
+        call(package.programs / "python", "cluster.py", env=environment(package.programs), cwd=package.folder)
+        assert (package.folder / "b.csv").read_bytes() == (package.folder / "a.csv").read_bytes()

@@ -21,6 +21,7 @@ from kontur.cli.options import (
     simulation_options,
 )
 from kontur.cli.output import print_json, print_table
+from kontur.cli.work_options import rows_file, work_options, write_table
 from kontur.drive.controllers import CONTROLLERS, described
 from kontur.experiments import COMPARED, REFERENCE
 from kontur.experiments.circles import CASES, paper
@@ -74,6 +75,7 @@ def command() -> None:
 @parameter_option
 @click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path),
               help="Save mean and greatest errors as a picture for a column of a paper (.svg, .pdf).")  # fmt: skip
+@work_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulated_target_options
 def paper_command(
@@ -83,35 +85,33 @@ def paper_command(
     seeds: int,
     parameters: tuple[tuple[str, str], ...],
     output: Path | None,
+    out: Path | None,
+    workers: int | str | None,
     as_json: bool,
     target: Target,
 ) -> None:
     """Run the paper's circles: 4.488 mm/s r 4 mm (low), 100 mm/s r 20 mm (high), 100 mm/s r 4 mm (high-tight)."""
     check_output(output, ".svg", ".pdf")
     cases, controllers = cases or tuple(CASES), CONTROLLERS if "all" in controllers else controllers
-    done = 0
+    kept = rows_file(out, "paper")
     with progress_bar("experiment paper") as progress:
-
-        def one_more() -> None:
-            nonlocal done
-            done += 1
-            progress(done / (len(cases) * len(controllers) * seeds))
-
-        rows = list(
-            paper(
-                target,
-                cases,
-                controllers,
-                range(target.seed, target.seed + seeds),
-                parameter_values(parameters),
-                one_more,
-            )
+        rows = paper(
+            target,
+            cases,
+            controllers,
+            range(target.seed, target.seed + seeds),
+            parameter_values(parameters),
+            kept,
+            workers,
+            progress,
         )
     if output is not None:
         from kontur.report import column
 
         with column.column_style():
             write_atomically(output, column.as_file(column.of_cases(rows), output.suffix.lower()[1:]))
+    if kept is not None:
+        write_table(rows, kept)
     if as_json:
         print_json({"cases": rows})
     else:
@@ -176,6 +176,7 @@ def on_chip_command(*, as_json: bool, num: str) -> None:
     help=f"Controller, by either name: {described()}. {REFERENCE} always runs: the others are compared with it.",
 )
 @parameter_option
+@work_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @simulation_options
 def robust_command(
@@ -183,6 +184,8 @@ def robust_command(
     seeds: int,
     controllers: tuple[str, ...],
     parameters: tuple[tuple[str, str], ...],
+    out: Path | None,
+    workers: int | str | None,
     as_json: bool,
     machine: str,
     seed: int,
@@ -192,15 +195,20 @@ def robust_command(
     it knows, its gains too, is of --machine."""
     from kontur.experiments.robust import robust, summarise
 
+    kept = rows_file(out, "robust")
     with progress_bar("experiment robust") as progress:
         rows = robust(
             machines.load(machine),
             range(seed, seed + seeds),
             num,
-            parameters=parameter_values(parameters),
-            controllers=CONTROLLERS if "all" in controllers else controllers,
-            progress=progress,
+            parameter_values(parameters),
+            CONTROLLERS if "all" in controllers else controllers,
+            kept,
+            workers,
+            progress,
         )
+    if kept is not None:
+        write_table(rows, kept)
     found = summarise(rows)
     if as_json:
         print_json(found | {"draws": rows})
@@ -224,8 +232,18 @@ def robust_command(
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="First seed of the drawn machines.")
 @click.option("--machine", "files", type=MACHINE, multiple=True, help="A machine besides; may be given several times.")
 @click.option("--factory", is_flag=True, help="Every controller with factory gains, in place of designs.")
+@work_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def machines_command(*, seeds: int, seed: int, files: tuple[str, ...], factory: bool, as_json: bool) -> None:
+def machines_command(
+    *,
+    seeds: int,
+    seed: int,
+    files: tuple[str, ...],
+    factory: bool,
+    out: Path | None,
+    workers: int | str | None,
+    as_json: bool,
+) -> None:
     """Design ccu and cascade for real machines, and compare the true errors of the tool on four paths.
 
     The machines are the four of this program and drawn ones from the ranges of practice. One takes some minutes.
@@ -233,8 +251,11 @@ def machines_command(*, seeds: int, seed: int, files: tuple[str, ...], factory: 
     from kontur.experiments import machines as experiment
 
     work = [*experiment.packaged(), *map(machines.load, files), *map(experiment.draw, range(seed, seed + seeds))]
+    kept = rows_file(out, "machines")
     with progress_bar("experiment machines") as progress:
-        rows = experiment.compare(work, factory, progress=progress)
+        rows = experiment.compare(work, factory, rows_file=kept, workers=workers, progress=progress)
+    if kept is not None:
+        write_table(rows, kept)
     found = experiment.summarise(rows)
     if as_json:
         print_json(found)

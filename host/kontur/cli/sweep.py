@@ -8,14 +8,15 @@ from pathlib import Path
 import click
 
 from kontur.cli.options import check_output, progress_bar
+from kontur.cli.work_options import workers_option, write_table
 
 
 @click.command(name="sweep")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path), metavar="SWEEP.toml")
 @click.option("-o", "--output", required=True, type=click.Path(dir_okay=False, path_type=Path),
               help="The table, .csv. Beside it: .rows, the rows as they come; .parquet, with pyarrow.")  # fmt: skip
-@click.option("--workers", type=click.IntRange(1, 1024), help="Processes that run at a time (default: all cores).")
-def command(*, file: Path, output: Path, workers: int | None) -> None:
+@workers_option
+def command(*, file: Path, output: Path, workers: int | str | None) -> None:
     """Run all that SWEEP.toml asks for, on simulated machines, into one table.
 
     Each key of the file is an input of every run: a value or a list of values, whose product is the grid. A table
@@ -25,19 +26,15 @@ def command(*, file: Path, output: Path, workers: int | None) -> None:
     workers.
     """
     check_output(output, ".csv")
-    from kontur.experiments import sweep
-    from kontur.files import write_atomically
+    from kontur.experiments import engine, sweep
 
     asked = sweep.load(file)
     with progress_bar(f"sweep of {len(asked.runs)}") as progress:
-        rows = sweep.carry_out(asked, output.with_suffix(".rows"), workers, progress)
-    write_atomically(output, sweep.csv_bytes(rows))
-    written = str(output)
-    if sweep.has_parquet():
-        parquet = output.with_suffix(".parquet")
-        write_atomically(parquet, sweep.parquet_bytes(rows))
-        written += f" and {parquet}"
-    click.echo(f"{len(rows)} runs are in {written}.")
+        figures = engine.carry_out(
+            sweep.one_run, asked.runs, asked.files, output.with_suffix(".rows"), workers, progress
+        )
+    rows = [inputs | row for inputs, row in zip(asked.runs, figures, strict=True)]
+    click.echo(f"{len(rows)} runs are in {write_table(rows, output)}.")
     problems = [row["problem"] for row in rows if row["problem"] is not None]
     if problems:
         click.echo(f"{len(problems)} of them have a problem (column `problem`). The first: {problems[0]}", err=True)

@@ -15,8 +15,7 @@ from kontur.drive import parameter_file
 from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.stream import Operator
 from kontur.drive.target import Target
-from kontur.errors import FileError
-from kontur.files import write_atomically
+from kontur.files import make_folder, write_atomically
 from kontur.path import programs
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
@@ -77,10 +76,7 @@ def demo(file: Path, out: Path, target: Target, progress: Callable[[str, float],
     ]
     found = []
     for trajectory, (one, folder, parameters, what) in zip(planned, both, strict=True):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileError(folder, f"cannot be made ({error.strerror}); give another folder") from error
+        make_folder(folder)
         runs = []
         for name in CONTROLLERS:
             options = RunOptions(command=_command(file, name, one, what != ""), parameters=parameters[name])

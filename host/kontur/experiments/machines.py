@@ -10,11 +10,10 @@ told all of the machine but gains.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from functools import partial
-from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from kontur.drive.target import Target
 from kontur.errors import DeviceError
 from kontur.experiments import REFERENCE
 from kontur.experiments.demo import part
+from kontur.experiments.engine import Workers, carry_out
 from kontur.machine import MACHINES, NOTHING, Axis, Machine, load
 from kontur.path import programs, shapes
 from kontur.path.geometry import Program
@@ -136,19 +136,28 @@ def compare(
     work: Sequence[Machine],
     factory: bool = False,
     num: str = "f32",
+    rows_file: Path | None = None,
+    workers: Workers = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[dict[str, Any]]:
     """One row a machine: what it is, the designs with their Ms, and what each did on each case.
 
-    `factory`: every controller with factory gains, in place of the designs. Uses all processors; the rows do not depend
-    on how many there are.
+    `factory`: every controller with factory gains, in place of the designs. `rows_file` and `workers` are those of
+    engine.carry_out(), which may raise; the rows do not depend on them.
     """
-    rows = []
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        for row in pool.map(partial(_factory if factory else _designed, num=num), work):
-            rows.append(row)
-            progress(len(rows) / len(work))
-    return rows
+    kinds = [(name, None) for name in CONTROLLERS] if factory else DESIGNS
+    jobs = [(machine, name, compensation, num) for machine in work for name, compensation in kinds]
+    files = [os.path.abspath(part())]
+    done = carry_out(_driven, jobs, files, rows_file, workers, progress)
+    found = []
+    for i, machine in enumerate(work):
+        ran = {one["name"]: one for one in done[i * len(kinds) : (i + 1) * len(kinds)]}
+        row: dict[str, Any] = {"name": machine.name, "x": asdict(machine.x), "y": asdict(machine.y)}
+        if not factory:
+            row["designs"] = {name: one["design"] for name, one in ran.items()}
+        row["runs"] = {case: {name: one["runs"][case] for name, one in ran.items()} for case in done[0]["runs"]}
+        found.append(row)
+    return found
 
 
 def summarise(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -170,32 +179,17 @@ def summarise(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _designed(machine: Machine, num: str) -> dict[str, Any]:
-    designs = {f"{name} {compensation}": design(machine, name, compensation) for name, compensation in DESIGNS}
-    return _described(machine) | {
-        "designs": {
-            name: {"ms": max(axis.margins.ms for axis in found.axes), "gains": found.gains}
-            for name, found in designs.items()
-        },
-        "runs": {
-            case: {
-                name: _drive(machine, path, found.controller, found.parameters, num) for name, found in designs.items()
-            }
-            for case, path in cases().items()
-        },
-    }
-
-
-def _factory(machine: Machine, num: str) -> dict[str, Any]:
-    told = replace(machine, gains={}).parameters()
-    runs = {
-        case: {name: _drive(machine, path, name, told, num) for name in CONTROLLERS} for case, path in cases().items()
-    }
-    return _described(machine) | {"runs": runs}
-
-
-def _described(machine: Machine) -> dict[str, Any]:
-    return {"name": machine.name, "x": asdict(machine.x), "y": asdict(machine.y)}
+def _driven(job: tuple[Machine, str, str | None, str]) -> dict[str, Any]:
+    """What a controller did on each case: with the design for this compensation, or with factory gains (None)."""
+    machine, controller, compensation, num = job
+    if compensation is None:
+        name, about, values = controller, None, replace(machine, gains={}).parameters()
+    else:
+        found = design(machine, controller, compensation)
+        name, values = f"{controller} {compensation}", found.parameters
+        about = {"ms": max(axis.margins.ms for axis in found.axes), "gains": found.gains}
+    runs = {case: _drive(machine, path, controller, values, num) for case, path in cases().items()}
+    return {"name": name, "design": about, "runs": runs}
 
 
 def _drive(machine: Machine, case: Case, controller: str, values: dict[str, float], num: str) -> dict[str, Any]:

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -20,11 +18,10 @@ from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, ParameterError
 from kontur.experiments import estimator
-from kontur.experiments.circles import CASES
+from kontur.experiments.circles import CASES, trajectory
+from kontur.experiments.engine import results
 from kontur.experiments.estimator import Cell
 from kontur.machine import Machine
-from kontur.planning.bounds import limits
-from kontur.planning.planner import Trajectory, plan
 from kontur.runs.log import RunLog
 from kontur.runs.runner import RunOptions, run
 from kontur.runs.summary import NOT_MOVED, summarise
@@ -186,22 +183,15 @@ def measure(
         defaults, build, num = device.parameters.dump(), str(device.read("build_id")), str(device.read("num_backend"))
     logged = {Job(case, name) for case in cases for name in CONTROLLERS}
     logged |= {Job(case, v.controller, v.parameters) for case in cases for v in variants if v.name == MU_FROM_0}
+    work: list[tuple[Target, str | Job, int | bool]] = [(target, name, stretches) for name in NUMS]
     jobs = dict.fromkeys(_jobs(cases, variants, sensitivities, defaults))
-    outcomes: dict[Job, Outcome] = {}
-    heads: dict[str, Any] = {}
-    cells: dict[str, Sequence[Cell]] = {}
-    with ProcessPoolExecutor() as pool:
-        tables: dict[Future[Any], str] = {
-            pool.submit(estimator.experiment, target.machine, name, seed=target.seed, stretches=stretches): name
-            for name in NUMS
-        }
-        runs: dict[Future[Any], Job] = {pool.submit(partial(_outcome, job, target, job in logged)): job for job in jobs}
-        for done, future in enumerate(as_completed([*tables, *runs]), 1):
-            if future in tables:
-                heads[tables[future]], cells[tables[future]] = future.result()
-            else:
-                outcomes[runs[future]] = future.result()
-            progress(done / (len(tables) + len(runs)))
+    work += [(target, job, job in logged) for job in jobs]
+    done: dict[int, Any] = {}
+    for number, found in results(_work, list(enumerate(work))):
+        done[number] = found
+        progress(len(done) / len(work))
+    heads, cells = ({name: done[i][part] for i, name in enumerate(NUMS)} for part in (0, 1))
+    outcomes = {job: done[i] for i, job in enumerate(jobs, len(NUMS))}
     spline_nm = heads[NUMS[0]]["spline_nm"]
     return Results(target, cases, variants, sensitivities, outcomes, cells, spline_nm, defaults, build, num)
 
@@ -233,12 +223,20 @@ def _jobs(
             yield from (sensitivity_job(case, name, factor, defaults) for factor in FACTORS)
 
 
+def _work(work: tuple[Target, str | Job, int | bool]) -> Any:
+    """The estimator's table (numeric back end, number of stretches), or the outcome of a run (Job, whether to log)."""
+    target, what, how = work
+    if isinstance(what, Job):
+        return _outcome(what, target, bool(how))
+    return estimator.experiment(target.machine, what, seed=target.seed, stretches=how)
+
+
 def _outcome(job: Job, target: Target, keep_log: bool) -> Outcome:
     machine = _noisier(target.machine, job.noise)
     from_s = CASES[job.case].score_from_s
     try:
         result = run(
-            _trajectory(job.case, machine),
+            trajectory(job.case, machine),
             job.controller,
             dataclasses.replace(target, machine=machine),
             RunOptions(
@@ -272,8 +270,3 @@ def _outcome(job: Job, target: Target, keep_log: bool) -> Outcome:
 def _noisier(machine: Machine, factor: float) -> Machine:
     x, y = (dataclasses.replace(axis, force_noise_N=axis.force_noise_N * factor) for axis in machine.axes)
     return dataclasses.replace(machine, x=x, y=y)
-
-
-@cache
-def _trajectory(case: str, machine: Machine) -> Trajectory:
-    return plan(CASES[case].program(), limits(machine))

@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from functools import partial
-from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +19,7 @@ import numpy as np
 from kontur.drive.target import Target
 from kontur.errors import DeviceError
 from kontur.experiments import COMPARED, REFERENCE
+from kontur.experiments.engine import Workers, carry_out
 from kontur.machine import LENGTHS, Axis, Machine
 from kontur.path import shapes
 from kontur.path.geometry import Program
@@ -109,6 +108,8 @@ def robust(
     num: str = "f32",
     parameters: Mapping[str, float] | None = None,
     controllers: Sequence[str] = COMPARED,
+    rows_file: Path | None = None,
+    workers: Workers = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[dict[str, Any]]:
     """One row a seed: the draw, and for each controller mean_um, rms_um, max_um, force_step_N and why it is unstable,
@@ -117,22 +118,12 @@ def robust(
     Unstable: the drive trips, the axes do not go all the way, the true contour error exceeds 1 mm, or the force jumps
     by a tenth of its limit a period.
 
-    `parameters` are set besides the nominal ones. REFERENCE is always among the controllers. Uses all processors; the
-    rows do not depend on how many there are.
+    `parameters` are set besides the nominal ones. REFERENCE is always among the controllers. `rows_file` and `workers`
+    are those of engine.carry_out(), which may raise; the rows do not depend on them.
     """
-    rows = []
-    work = partial(
-        _one,
-        nominal=nominal,
-        num=num,
-        parameters=dict(parameters or {}),
-        controllers=tuple(dict.fromkeys((REFERENCE, *controllers))),
-    )
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        for row in pool.map(work, seeds):
-            rows.append(row)
-            progress(len(rows) / len(seeds))
-    return rows
+    names = tuple(dict.fromkeys((REFERENCE, *controllers)))
+    jobs = [(seed, nominal, num, dict(parameters or {}), names) for seed in seeds]
+    return carry_out(_one, jobs, rows_file=rows_file, workers=workers, progress=progress)
 
 
 def summarise(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -172,9 +163,8 @@ def _summarise(rows: Sequence[dict[str, Any]], name: str) -> dict[str, Any]:
     }
 
 
-def _one(
-    seed: int, nominal: Machine, num: str, parameters: dict[str, float], controllers: tuple[str, ...]
-) -> dict[str, Any]:
+def _one(job: tuple[int, Machine, str, dict[str, float], tuple[str, ...]]) -> dict[str, Any]:
+    seed, nominal, num, parameters, controllers = job
     drawn = draw(seed, nominal)
     trajectory = plan(drawn.program, _limits(drawn))
     machine = _with_force_limits(drawn.machine, trajectory)

@@ -1,33 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sweep: runs on simulated machines over a grid and a sample of inputs, in processes, into one table.
+"""A sweep: what runs it has, on simulated machines over a grid and a sample of inputs, and what a run of it gives.
 
 A sweep is a TOML file. Each key is an input of every run: a value, or a list of values. The grid is the product of all
 lists. A table {low, high, log} is a range, which is drawn anew in each of `draws`; a draw meets every point of the
 grid. A table {first, count} is a list of integers.
-
-A row depends on its inputs alone, so the table is the same with any number of workers, bit for bit. Rows are appended
-to one file as they come, with what was swept in its first line. A sweep that was broken off goes on from there.
 """
 
 from __future__ import annotations
 
-import csv
 import functools
 import hashlib
-import importlib.util
-import io
 import itertools
-import json
 import math
 import os
-import signal
-import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+import sys
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +24,12 @@ import numpy as np
 
 from kontur.drive import parameter_file
 from kontur.drive.controllers import CONTROLLERS, named
-from kontur.drive.target import Target
-from kontur.errors import FileError, KonturError, ParameterError, SimulatorError
-from kontur.files import read_bytes, read_toml, write_atomically
-from kontur.machine import ALL, COMPENSATIONS, FULL, MACHINES, TOLD, Axis, Machine
+from kontur.drive.objects import unknown
+from kontur.drive.target import Target, open_drive
+from kontur.errors import FileError, KonturError, ParameterError
+from kontur.experiments.engine import Row
+from kontur.files import read_bytes, read_toml
+from kontur.machine import ALL, COMPENSATIONS, DEFAULT, FULL, MACHINES, TOLD, Axis, Machine
 from kontur.machine import load as load_machine
 from kontur.path import programs
 from kontur.path.sizes import DEFAULT_FEED_MPS, SHAPES, shape
@@ -47,10 +38,8 @@ from kontur.planning.planner import Trajectory, plan
 from kontur.runs.runner import RunOptions, run
 from kontur.runs.summary import SUMMARY, summary
 from kontur.sim import NUMS
-from kontur.sim.library import LIBRARIES
 
 Inputs = dict[str, Any]
-Row = dict[str, Any]
 
 _SIZES = sorted({size for sizes in SHAPES.values() for size in sizes})
 _FILES = ("path", "machine", "params")
@@ -63,16 +52,16 @@ _RUNS_MAX = 1_000_000
 
 @dataclass(frozen=True)
 class Sweep:
-    """The inputs of each run, in the order of the table, and the digest of all that decides the results."""
+    """The inputs of each run, in the order of the table, and the files that they name."""
 
     runs: tuple[Inputs, ...]
-    digest: str
+    files: frozenset[str]
 
 
 def load(file: Path) -> Sweep:
     """Read the file of a sweep. Raises FileError, which names the key and what is wrong with it."""
     table = _flat(read_toml(file))
-    draws, seed = _whole(file, "draws", table.pop("draws", 1)), _whole(file, "draw_seed", table.pop("draw_seed", 1))
+    draws, seed = _whole(file, "draws", table.pop("draws", 1), 1), _whole(file, "draw_seed", table.pop("draw_seed", 1))
     ranges: dict[str, tuple[float, float, bool]] = {}
     lists: dict[str, list[Any]] = {"path": ["circle"], "controller": ["ccu"], "seed": [1]}
     for key, value in table.items():
@@ -93,7 +82,9 @@ def load(file: Path) -> Sweep:
         runs += [
             _checked(file, dict(zip(lists, point, strict=True)) | drawn) for point in itertools.product(*lists.values())
         ]
-    return Sweep(tuple(runs), _digest(runs))
+    files = {run[key] for run in runs for key in _FILES if key in run and os.path.isabs(run[key])}
+    _check_parameters(file, runs)
+    return Sweep(tuple(runs), frozenset(files))
 
 
 def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -120,9 +111,9 @@ def _values(file: Path, key: str, value: Any) -> list[Any]:
     return list(value) if isinstance(value, list) else [value]
 
 
-def _whole(file: Path, key: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
-        raise FileError(file, "must be an integer from 0 on", word=key)
+def _whole(file: Path, key: str, value: Any, least: int = 0) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value < 2**63:
+        raise FileError(file, f"must be an integer from {least} on", word=key)
     return value
 
 
@@ -144,7 +135,7 @@ def _drawn(rng: np.random.Generator, low: float, high: float, log: bool) -> floa
 
 
 def _number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def _checked(file: Path, inputs: Inputs) -> Inputs:
@@ -182,26 +173,29 @@ def _choice(file: Path, key: str, value: Any) -> str:
 
 
 def _file(file: Path, key: str, name: str) -> str:
-    """A shape or a packaged machine as it is, a file beside the file of the sweep, or as seen from here."""
+    """The name of a shape or of a packaged machine as it is; of a file, beside that of the sweep or here, absolute."""
     if key == "path" and name in SHAPES:
         return name
-    packaged = MACHINES / f"{name}.toml"
-    places = [file.parent / name, Path(name), *([packaged] if key == "machine" and os.sep not in name else [])]
-    found = next((place for place in places if os.path.isfile(place)), None)
-    if found is None:
-        raise FileError(
-            file, f"there is no {key} of this name: a file beside this one, or a name that comes along", word=name
-        )
-    return str(found)
+    found = next((place for place in (file.parent / name, Path(name)) if os.path.isfile(place)), None)
+    if found is not None:
+        return os.path.abspath(found)
+    if key == "machine" and os.sep not in name and os.path.isfile(MACHINES / f"{name}.toml"):
+        return name
+    raise FileError(
+        file, f"there is no {key} of this name: a file beside this one, or a name that comes along", word=name
+    )
 
 
-def _digest(runs: Sequence[Inputs]) -> str:
-    """Of the inputs, of the files that they name, and of the firmware."""
-    named_files = {run[key] for run in runs for key in _FILES if key in run and run[key] not in SHAPES}
-    found = hashlib.sha256(json.dumps(runs).encode())
-    for name in [*sorted(named_files), *sorted(map(str, LIBRARIES.glob("libkontur_*")))]:
-        found.update(hashlib.sha256(read_bytes(Path(name))).digest())
-    return found.hexdigest()
+def _check_parameters(file: Path, runs: Sequence[Inputs]) -> None:
+    """Refuse names that no drive has, before anything runs. A value that the drive refuses is the problem of a run."""
+    names = [(file, key.removeprefix("set.")) for key in runs[0] if key.startswith("set.")]
+    for params in sorted({Path(one["params"]) for one in runs if "params" in one}):
+        names += [(params, name) for name in parameter_file.read(params)]
+    if names:
+        with open_drive(Target()) as device:
+            for where, name in names:
+                if name not in device.parameters:
+                    raise FileError(where, unknown(name, device.parameters), word=name)
 
 
 def one_run(inputs: Inputs) -> Row:
@@ -209,7 +203,9 @@ def one_run(inputs: Inputs) -> Row:
     row: Row = dict.fromkeys((*SUMMARY, "problem"))
     try:
         machine = _machine(tuple((key, inputs[key]) for key in inputs if key == "machine" or key[:2] in ("x.", "y.")))
-        trajectory = _planned(machine, tuple((key, inputs[key]) for key in ("path", *_NUMBERS) if key in inputs))
+        path = tuple((key, inputs[key]) for key in ("path", *_NUMBERS) if key in inputs and key != "score_from")
+        content = b"" if inputs["path"] in SHAPES else hashlib.sha256(read_bytes(Path(inputs["path"]))).digest()
+        trajectory = _planned(machine, path, content)
         values = parameter_file.read(inputs["params"]) if "params" in inputs else {}
         values |= {key.removeprefix("set."): float(inputs[key]) for key in inputs if key.startswith("set.")}
         target = Target(
@@ -228,10 +224,10 @@ def one_run(inputs: Inputs) -> Row:
     return row
 
 
-@functools.lru_cache(4)
 def _machine(inputs: tuple[tuple[str, Any], ...]) -> Machine:
     given = dict(inputs)
-    machine = load_machine(given.pop("machine")) if "machine" in given else load_machine()
+    name = given.pop("machine", DEFAULT)
+    machine = load_machine(name if os.path.isabs(name) else MACHINES / f"{name}.toml")
     for axis in "xy":
         changed = {key[2:]: float(value) for key, value in given.items() if key.startswith(f"{axis}.")}
         machine = replace(machine, **{axis: replace(getattr(machine, axis), **changed)})
@@ -239,7 +235,8 @@ def _machine(inputs: tuple[tuple[str, Any], ...]) -> Machine:
 
 
 @functools.lru_cache(4)
-def _planned(machine: Machine, inputs: tuple[tuple[str, Any], ...]) -> Trajectory:
+def _planned(machine: Machine, inputs: tuple[tuple[str, Any], ...], content: bytes) -> Trajectory:
+    """`content` is a digest of the file, which may be another one when a worker is asked again."""
     given = dict(inputs)
     feed_mps = given["feed"] * 1e-3 if "feed" in given else None
     if given["path"] in SHAPES:
@@ -249,122 +246,3 @@ def _planned(machine: Machine, inputs: tuple[tuple[str, Any], ...]) -> Trajector
         program = programs.load(given["path"], feed_mps)
     bounds = limits(machine, given.get("accel"), given.get("jerk"))
     return plan(program, bounds, travel_m=machine.soft_limits_m)
-
-
-def carry_out(
-    sweep: Sweep, rows_file: Path, workers: int | None = None, progress: Callable[[float], None] = lambda share: None
-) -> list[Row]:
-    """Run what `rows_file` does not have yet, in `workers` processes (default: all cores), and append it there.
-
-    Returns the rows in the order of the runs. Raises FileError: the file cannot be written, or is of another sweep;
-    SimulatorError: a process was killed. What is done then stays in the file.
-    """
-    done = _begun(sweep, rows_file)
-    left = [number for number in range(len(sweep.runs)) if number not in done]
-    progress(len(done) / len(sweep.runs))
-    try:
-        with rows_file.open("ab") as file:
-            for number, row in _results([(number, sweep.runs[number]) for number in left], workers):
-                done[number] = row
-                file.write(_line({"run": number} | row))
-                file.flush()
-                progress(len(done) / len(sweep.runs))
-            os.fsync(file.fileno())
-    except OSError as error:
-        raise FileError(
-            rows_file, f"cannot be written ({error.strerror}); the same command goes on from there"
-        ) from error
-    return [sweep.runs[number] | done[number] for number in range(len(sweep.runs))]
-
-
-def _begun(sweep: Sweep, rows_file: Path) -> dict[int, Row]:
-    """The rows that `rows_file` has, after a line that was cut off has been removed from it; begins a new file."""
-    head = _line({"kontur_sweep": 1, "digest": sweep.digest, "runs": len(sweep.runs)})
-    content = read_bytes(rows_file) if os.path.exists(rows_file) else b""
-    whole = content[: content.rfind(b"\n") + 1]
-    if not whole:
-        if content and not head.startswith(content):
-            raise FileError(rows_file, "is no file of a sweep; name another one")
-        write_atomically(rows_file, head)
-        return {}
-    if not whole.startswith(head):
-        raise FileError(
-            rows_file, "is of another sweep, or of other files or firmware; remove it, or name another output"
-        )
-    try:
-        done = {}
-        for line in whole[len(head) :].splitlines():
-            row = json.loads(line)
-            done[row.pop("run")] = row
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise FileError(rows_file, "has a line that is no row of a sweep; remove the file, or name another") from error
-    if whole != content:
-        write_atomically(rows_file, whole)
-    return done
-
-
-def _line(value: Mapping[str, Any]) -> bytes:
-    return json.dumps(value).encode() + b"\n"
-
-
-def _results(jobs: Sequence[tuple[int, Inputs]], workers: int | None) -> Iterator[tuple[int, Row]]:
-    """Number and row of each job, as they come."""
-    jobs_left = iter(jobs)
-    count = min(workers or os.cpu_count() or 1, max(len(jobs), 1))
-    with ProcessPoolExecutor(count, get_context("spawn"), _start_worker) as pool:
-        waiting: dict[Future[Row], int] = {}
-
-        def submit(some: Iterable[tuple[int, Inputs]]) -> None:
-            waiting.update({pool.submit(one_run, inputs): number for number, inputs in some})
-
-        try:
-            submit(itertools.islice(jobs_left, 2 * count))
-            while waiting:
-                for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                    yield waiting.pop(future), future.result()
-                    submit(itertools.islice(jobs_left, 1))
-        except BrokenProcessPool as error:
-            raise SimulatorError(
-                "a process of the sweep was killed, perhaps for lack of memory; the same command goes on from there, "
-                "and --workers makes them fewer"
-            ) from error
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _start_worker() -> None:
-    """Leave Ctrl-C to the parent, and end with it, however it ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = parent_process()
-    assert parent is not None
-
-    def end_with_parent() -> None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
-
-    threading.Thread(target=end_with_parent, daemon=True).start()
-
-
-def csv_bytes(rows: Sequence[Row]) -> bytes:
-    """The table with a line for each run; an empty cell is not known. Numbers have all their digits."""
-    out = io.StringIO()
-    table = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    return out.getvalue().encode()
-
-
-def has_parquet() -> bool:
-    """Whether the package pyarrow is there (the extra `sweep`)."""
-    return importlib.util.find_spec("pyarrow") is not None
-
-
-def parquet_bytes(rows: Sequence[Row]) -> bytes:
-    """The same table as Parquet, by pyarrow."""
-    import pyarrow
-    import pyarrow.parquet
-
-    out = io.BytesIO()
-    columns = {name: pyarrow.array([row[name] for row in rows]) for name in rows[0]}
-    pyarrow.parquet.write_table(pyarrow.table(columns), out)
-    return out.getvalue()
