@@ -12,11 +12,11 @@ import pytest
 from click.testing import CliRunner
 
 from kontur.cli import main
-from kontur.cli.commission import AIMS, _problem
+from kontur.cli.commission import AIMS
 from kontur.commissioning import machine_file
 from kontur.commissioning.fit import Cogging, Dynamics, Friction, Value
 from kontur.commissioning.identify import Identified
-from kontur.commissioning.prove import Proof
+from kontur.commissioning.prove import Proof, problem_of
 from kontur.commissioning.response import Response
 from kontur.errors import MachineError
 from kontur.machine import MACHINES, load
@@ -24,7 +24,7 @@ from kontur.machine import MACHINES, load
 BALL_SCREW = load(MACHINES / "ball_screw.toml")
 
 
-def found(delay: int = 1, elastic: bool = True) -> Identified:
+def identified(delay: int = 1, elastic: bool = True) -> Identified:
     empty = np.zeros(1)
     return Identified(
         breakaway_N=70.0,
@@ -50,7 +50,7 @@ def found(delay: int = 1, elastic: bool = True) -> Identified:
 
 
 def test_machine_file_is_one_and_says_what_was_found(tmp_path: Path) -> None:
-    machine = machine_file.machine(BALL_SCREW, {"x": found(), "y": found(2, elastic=False)})
+    machine = machine_file.machine(BALL_SCREW, {"x": identified(), "y": identified(2, elastic=False)})
     file = tmp_path / "machine.toml"
     file.write_text(machine_file.text(machine))
     read = load(file)
@@ -66,7 +66,7 @@ def test_machine_file_is_one_and_says_what_was_found(tmp_path: Path) -> None:
 
 
 def test_json_has_each_figure_with_its_uncertainty_and_what_was_not_seen() -> None:
-    found_x = machine_file.as_json(found(elastic=False))
+    found_x = machine_file.as_json(identified(elastic=False))
     assert found_x["mass_kg"] == {"value": 100.0, "uncertainty": 2.0}
     assert found_x["resonance_Hz"] is None
     assert "resonance_Hz" in found_x["not_seen"]
@@ -76,7 +76,7 @@ def test_json_has_each_figure_with_its_uncertainty_and_what_was_not_seen() -> No
 
 
 def test_phases_of_cogging_are_told_to_the_drive() -> None:
-    values = machine_file.parameters({"x": found()})
+    values = machine_file.parameters({"x": identified()})
     assert values["screw_x.lead"] == 10_000.0
     assert values["screw_x.cogging_cos_1"] == 1.0
     assert values["screw_x.cogging_sin_2"] == 0.5
@@ -96,8 +96,8 @@ def test_phases_of_cogging_are_told_to_the_drive() -> None:
 )
 def test_design_is_kept_only_where_the_proof_holds(change: dict[str, float], words: str) -> None:
     good = Proof("r20@100 ccw", "ccu", 3.0, 1.0, 1.9, 2.0)
-    assert (_problem([good, replace(good, **change)]) == "") == (words == "")  # type: ignore[arg-type]
-    assert words in _problem([good, replace(good, **change)])  # type: ignore[arg-type]
+    assert (problem_of([good, replace(good, **change)], "ccu") == "") == (words == "")  # type: ignore[arg-type]
+    assert words in problem_of([good, replace(good, **change)], "ccu")  # type: ignore[arg-type]
 
 
 def test_wrong_direction_is_said_in_words_and_nothing_is_saved(tmp_path: Path) -> None:

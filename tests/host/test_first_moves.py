@@ -121,14 +121,25 @@ def test_switch_that_never_closes_is_named_and_the_end_stop_met_gently() -> None
     assert caught.value.kind == "switch"
 
 
+class Gauge:
+    """Shows `factor` times what the drive has counted."""
+
+    def __init__(self, factor: float) -> None:
+        self.factor, self.counted_m = factor, 0.0
+        self.said: list[str] = []
+
+    def ready(self, axis: str) -> None:
+        self.said.append(f"{axis} is ready")
+
+    def distance_m(self, axis: str, counted_m: float) -> float:
+        self.said.append(f"{axis} has moved")
+        self.counted_m = counted_m
+        return counted_m * self.factor
+
+
 @pytest.mark.parametrize(("factor", "kind"), [(1.0, ""), (1.005, ""), (2.0, "encoder"), (1.0 / 6.5, "encoder")])
 def test_length_of_a_count_is_checked_by_a_move_that_the_user_measures(factor: float, kind: str) -> None:
-    asked: list[tuple[str, float]] = []
-
-    def gauge(axis: str, counted_m: float) -> float:
-        asked.append((axis, counted_m))
-        return counted_m * factor
-
+    gauge = Gauge(factor)
     with drive(BALL_SCREW) as device:
         device.parameters.set(HELD | {"observer.bandwidth": 2000.0})
         device.select_controller("cascade")
@@ -136,8 +147,8 @@ def test_length_of_a_count_is_checked_by_a_move_that_the_user_measures(factor: f
         moved = moved_m(device)[0]
     assert found == kind
     assert not kind or f"Set plant_x.encoder={76.29e-3 * factor:.6g}"[:-1] in text
-    assert asked[0][0] == "x"
-    assert asked[0][1] == pytest.approx(moved, abs=1e-3)
+    assert gauge.said[:2] == ["x is ready", "x has moved"]
+    assert gauge.counted_m == pytest.approx(moved, abs=1e-3)
     assert 0.01 < moved < 0.03
 
 

@@ -28,6 +28,7 @@ _VERBS = {
     "commission": "Identify, tune, prove and store: from an unknown machine to a proven one.",
     "identify": "Measure mass, friction, first mode and lag of both axes.",
     "tune": "Find gains for a machine as it was identified.",
+    "prove": "Measure sensitivity and circles, before and after, for the file.",
     "bode": "Measure the frequency response of an axis: machine, loop, margins.",
     "sweep": "Run many inputs on simulated machines, into one table.",
     "experiment": "Run a defined experiment on the simulated drive.",

@@ -5,25 +5,28 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from kontur.cli.identify import FORCE_SHARE, encoder_known, require_length, show
-from kontur.cli.live_page import view
-from kontur.cli.options import NumberRange, drive_of, interruptible, progress_bar, target_options
+from kontur.cli.identify import agreed_of, require_length, show
+from kontur.cli.options import NumberRange, StopRequest, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.drive.axes import AXES
 from kontur.errors import FileError, KonturError
 from kontur.files import write_atomically
 
 if TYPE_CHECKING:
+    from kontur.commissioning.folder import Progress
     from kontur.commissioning.identify import Identified
-    from kontur.commissioning.prove import Proof
+    from kontur.commissioning.session import Session
     from kontur.design.search import Design
+    from kontur.drive.device import Device
     from kontur.drive.target import Target
     from kontur.machine import Machine
 
@@ -37,19 +40,22 @@ _STEPS = {
     "prove": "The sensitivity of each axis is measured with the new gains, and circles are run in both senses at two "
     "speeds, before and after.",
 }
-_HEADINGS = {
+HEADINGS = {
     "case": "circle",
     "controller": "controller",
     "before_um": "before µm",
     "after_um": "after µm",
     "ms_predicted": "Ms predicted",
     "ms_measured": "Ms measured",
+    "iso_before_um": "G(b) before µm",
+    "iso_after_um": "G(b) after µm",
 }
 
 
 @click.command(name="commission")
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), required=True, metavar="DIR",
-              help="Folder for the machine file, parameters, pictures and the result.")  # fmt: skip
+              help="Folder for the machine file, parameters, pictures, report and result. A commissioning that was "
+              "broken off goes on from there.")  # fmt: skip
 @click.option("--for", "aim", type=click.Choice(list(AIMS)), default="finish", show_default=True,
               help="The least error, the same with more force noise, or a quiet machine.")  # fmt: skip
 @click.option("--force", "force_N", type=NumberRange(1.0, 3000.0), metavar="N",
@@ -58,7 +64,10 @@ _HEADINGS = {
               help="Largest speed of the identification.")  # fmt: skip
 @click.option("--yes", is_flag=True, help="Do not ask before each step.")
 @click.option("--index-distance", "index_mm", type=NumberRange(0.1, 1000.0), metavar="MM",
-              help="Distance of the index pulses: the length of an encoder count is checked by it.")  # fmt: skip
+              help="Distance of the index pulses: the length of an encoder count is checked by it.  [default on a bus: "
+              "index_m of the machine file]")  # fmt: skip
+@click.option("--length-checked", is_flag=True,
+              help="The length of an encoder count was checked with a gauge (docs/hardware.md).")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @target_options
 def command(
@@ -70,141 +79,258 @@ def command(
     speed: float,
     yes: bool,
     index_mm: float | None,
+    length_checked: bool,
     as_json: bool,
 ) -> None:
     """Bring an axis pair from unknown to proven: identify, tune, prove, store.
 
     The travel is that of the soft limits; force limit and motion limits are those of --machine. The new parameters are
-    stored in the drive only if the proof holds. Ctrl-C stops on the spot and leaves the drive as it was.
+    stored in the drive only if the proof holds, and the exit code is 1 where it does not. Ctrl-C stops on the spot and
+    leaves the drive as it was. The same command goes on after the last step that was finished.
     """
     require_length(target, index_mm)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(out, f"cannot be made: {error.strerror}") from error
-    say = (lambda text: None) if as_json else (lambda text: click.echo(f"{text}.", err=True))
+    asked = _Asked(out, aim, force_N, speed * 1e-3, index_mm, length_checked, yes, as_json)
     result: dict[str, Any] = {"axes": {}, "design": {}, "proof": [], "saved": False}
     try:
         with interruptible() as stop_requested:
-            _commission(
-                target,
-                out,
-                aim,
-                force_N,
-                speed * 1e-3,
-                (index_mm or 0.0) * 1e-3,
-                yes,
-                as_json,
-                say,
-                stop_requested,
-                result,
-            )
+            _commission(target, asked, stop_requested, result)
     except KeyboardInterrupt:
         click.echo("Interrupted: the axes have slowed down, and the parameters are as they were.", err=True)
         sys.exit(stop_requested.exit_code)
     except KonturError as error:
         result["diagnosis"] = {"kind": getattr(error, "kind", "error"), "text": str(error)}
+        raise
+    finally:
         _write(out, result)
         if as_json:
             print_json(result)
-        raise
-    _write(out, result)
-    if as_json:
-        print_json(result)
+    if not result["saved"]:
+        sys.exit(1)
 
 
-def _commission(
-    target: Target,
-    out: Path,
-    aim: str,
-    force_N: float | None,
-    speed_mps: float,
-    index_m: float,
-    yes: bool,
-    as_json: bool,
-    say: Callable[[str], None],
-    stop_requested: Callable[[], bool],
-    result: dict[str, Any],
-) -> None:
-    from kontur.commissioning import machine_file, prove
+@dataclass(frozen=True)
+class _Asked:
+    """The options of the command."""
+
+    out: Path
+    aim: str
+    force_N: float | None
+    speed_mps: float
+    index_mm: float | None
+    length_checked: bool
+    yes: bool
+    as_json: bool
+
+    def say(self, text: str) -> None:
+        if not self.as_json:
+            click.echo(f"{text}.", err=True)
+
+    def explain(self, step: str) -> None:
+        """Say what a step does, and ask for it."""
+        if not self.as_json or not self.yes:
+            click.echo(f"\n{step}: {_STEPS[step]}", err=True)
+        if not self.yes:
+            _ask(lambda: click.confirm("Go on?", abort=True, err=True))
+
+
+class _Gauge:
+    """A gauge that the user reads."""
+
+    def ready(self, axis: str) -> None:
+        _ask(
+            lambda: click.confirm(
+                f"Axis {axis} will move slowly by some 20 mm. Set a gauge or a rule at it to zero. Ready?",
+                abort=True, err=True,
+            )
+        )  # fmt: skip
+
+    def distance_m(self, axis: str, counted_m: float) -> float:
+        text = f"How far has axis {axis} moved, in mm"
+        return float(_ask(lambda: click.prompt(text, type=NumberRange(0.001, 2000.0), err=True))) * 1e-3
+
+
+def _ask(question: Callable[[], Any]) -> Any:
+    """The answer; Ctrl-C meanwhile is one at once."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return question()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _commission(target: Target, asked: _Asked, stop_requested: StopRequest, result: dict[str, Any]) -> None:
+    from kontur.commissioning import filed
+    from kontur.commissioning.folder import Progress, identity
+    from kontur.commissioning.session import commissioned
+
+    with drive_of(target) as device:
+        about = filed.facts(target, device)
+        progress = Progress(asked.out, identity(target, device))
+        if not target.in_process:
+            target = dataclasses.replace(target, machine=_within_limits(target.machine, device))
+        now = device.parameters.dump()
+    before = progress.done("before", {}) or now
+    progress.keep("before", {}, before)
+    with commissioned(target, before, lambda text: click.echo(text, err=True)) as session:
+        phases = _identify(target, asked, progress, stop_requested, result)
+        after = _tune(target, asked, progress, phases, stop_requested, result)
+        _prove(target, asked, after, before, session, about, stop_requested, result)
+    if result["saved"]:
+        progress.end()
+
+
+def _within_limits(machine: Machine, device: Device) -> Machine:
+    """The machine with the soft limits of a drive on a bus, where these are narrower."""
+    axes = {}
+    for name in AXES:
+        axis = getattr(machine, name)
+        low_m, high_m = (float(device.read(f"position_limit_{name}.{end}")) * 1e-9 for end in ("min", "max"))
+        limits_m = (max(low_m, axis.soft_limit_m[0]), min(high_m, axis.soft_limit_m[1]))
+        if limits_m[0] >= limits_m[1]:
+            raise FileError(
+                machine.name, f"the soft limits of {name} in the drive and in the machine file have nothing in common"
+            )
+        axes[name] = dataclasses.replace(axis, soft_limit_m=limits_m)
+    return dataclasses.replace(machine, **axes)
+
+
+def _identify(
+    target: Target, asked: _Asked, progress: Progress, stop_requested: StopRequest, result: dict[str, Any]
+) -> dict[str, float]:
+    """Write the machine file; returns parameters that it cannot say."""
+    from kontur.commissioning import machine_file
+    from kontur.commissioning.first_moves import Diagnosis
     from kontur.commissioning.session import identify_axes
+
+    options = {"force_N": asked.force_N, "speed_mps": asked.speed_mps, "index_mm": asked.index_mm}
+    if (kept := progress.done("identify", options)) is not None:
+        asked.say("identify: is done already")
+    else:
+        asked.explain("identify")
+        ratings = {f"plant_{name}.force_limit": getattr(target.machine, name).force_limit_N for name in AXES}
+        gauge = None if asked.yes or target.in_process or asked.length_checked else _Gauge()
+        with drive_of(target) as device:
+            agreed = agreed_of(target, device, AXES, ratings, asked.force_N, asked.speed_mps, asked.index_mm, gauge)
+            unproven = [name for name, one in agreed.items() if one.index_m == 0.0 and one.gauge is None]
+            if unproven and not target.in_process and not asked.length_checked:
+                raise Diagnosis(
+                    "length",
+                    f"nothing proves how long an encoder count of {' and '.join(unproven)} is, and a wrong length "
+                    "makes travel and speed wrong: give the distance of index pulses (--index-distance), or leave out "
+                    "--yes and type what a gauge shows, or say --length-checked where you have measured it before",
+                )
+            found = identify_axes(device, agreed, ratings, asked.say, stop_requested)
+        machine = machine_file.machine(target.machine, found)
+        kept = {
+            "axes": {name: machine_file.as_json(one) for name, one in found.items()},
+            "machine": machine_file.text(machine),
+            "parameters": machine_file.parameters(found),
+        }
+        _pictures(asked.out, found)
+        progress.keep("identify", options, kept)
+        if not asked.as_json:
+            show(found)
+    result["axes"] = kept["axes"]
+    write_atomically(asked.out / "machine.toml", kept["machine"].encode())
+    parameters: dict[str, float] = kept["parameters"]
+    return parameters
+
+
+def _tune(
+    target: Target,
+    asked: _Asked,
+    progress: Progress,
+    phases: Mapping[str, float],
+    stop_requested: StopRequest,
+    result: dict[str, Any],
+) -> dict[str, dict[str, float]]:
+    """Parameters for the drive by controller."""
     from kontur.drive import parameter_file
     from kontur.drive.target import open_drive
+    from kontur.machine import load
 
-    _explain("identify", yes, as_json)
-    with drive_of(target) as device:
-        before = device.parameters.dump()
-        declared = device.declared
-        device.parameters.set(_ratings(target.machine))
-        try:
-            found = identify_axes(
-                device, AXES, force_N, FORCE_SHARE, speed_mps, index_m, encoder_known(target), say, stop_requested
-            )
-        finally:
-            device.parameters.set(before)
-    result["axes"] = {name: machine_file.as_json(one) for name, one in found.items()}
-    machine = machine_file.machine(target.machine, found)
-    write_atomically(out / "machine.toml", machine_file.text(machine).encode())
-    _pictures(out, found)
-    if not as_json:
-        show(found)
-
-    _explain("tune", yes, as_json)
-    ms, force_step_N = AIMS[aim]
-    designs = [_design(machine, name, ms, force_step_N) for name in _CONTROLLERS]
-    after = {one.controller: one.parameters | machine_file.parameters(found) for one in designs}
-    result["design"] = {one.controller: _as_json(one) for one in designs}
-    for one in designs:
-        text = parameter_file.text(after[one.controller], declared)
-        write_atomically(out / f"params-{one.controller}.toml", text.encode())
-    say(designs[0].limit.removesuffix("."))
-
-    _explain("prove", yes, as_json)
-    restored = before if not target.in_process else {}
-    proof = prove.prove(target, designs, restored, after, say, drive_of, view())
-    result["proof"] = [one.as_json() for one in proof]
-    if not as_json:
-        print_table([one.as_json() for one in proof], "Proof", _HEADINGS)
-    problem = _problem(proof)
+    ms, force_step_N = AIMS[asked.aim]
+    options = {"aim": asked.aim, "machine": (asked.out / "machine.toml").read_text()}
+    if (kept := progress.done("tune", options)) is not None:
+        asked.say("tune: is done already")
+    else:
+        asked.explain("tune")
+        machine = load(asked.out / "machine.toml")
+        designs = [_design(machine, name, ms, force_step_N, stop_requested) for name in _CONTROLLERS]
+        asked.say(designs[0].limit.removesuffix("."))
+        kept = {
+            "design": {one.controller: _as_json(one) for one in designs},
+            "after": {one.controller: {**one.parameters, **phases} for one in designs},
+        }
+        progress.keep("tune", options, kept)
+    result["design"] = kept["design"]
+    after: dict[str, dict[str, float]] = {
+        name: {
+            key: value
+            for key, value in values.items()
+            if target.in_process or not key.startswith("position_limit_")  # the user's own
+        }
+        for name, values in kept["after"].items()
+    }
     with open_drive(target) as device:
-        device.parameters.set(before if problem else after[_CONTROLLERS[0]])
-        if not problem:
-            device.parameters.save()
-            result["saved"] = True
+        declared = device.declared
+    for name, values in after.items():
+        write_atomically(asked.out / f"params-{name}.toml", parameter_file.text(values, declared).encode())
+    return after
+
+
+def _prove(
+    target: Target,
+    asked: _Asked,
+    after: Mapping[str, dict[str, float]],
+    before: Mapping[str, float],
+    session: Session,
+    about: Mapping[str, str],
+    stop_requested: StopRequest,
+    result: dict[str, Any],
+) -> None:
+    from kontur.commissioning import filed, prove
+    from kontur.drive.target import open_drive
+    from kontur.machine import load
+
+    asked.explain("prove")
+    model = load(asked.out / "machine.toml")
+    candidates = [prove.candidate(model, name, values) for name, values in after.items()]
+    changed = {name for values in after.values() for name in values}
+    restored = {name: value for name, value in session.before.items() if name in changed}
+    evidence = prove.prove(target, candidates, restored, asked.say, stop_requested, drive_of, view())
+    result["proof"] = [one.as_json() for one in evidence.proof]
+    if not asked.as_json:
+        print_table(result["proof"], "Proof", HEADINGS)
+    problem = prove.problem_of(evidence.proof, _CONTROLLERS[0])
+    verdict = f"Not stored: {problem}" if problem else "The proof holds; the parameters are stored in the drive."
+    filed.write_report(asked.out / "proof.html", verdict, about, evidence, candidates, before)
     if problem:
         result["diagnosis"] = {"kind": "proof", "text": problem}
-    click.echo(f"Not stored: {problem}" if problem else f"Stored in the drive; all files are in {out}.", err=True)
+    else:
+        with open_drive(target) as device:
+            device.parameters.set(after[_CONTROLLERS[0]])
+            device.select_controller(_CONTROLLERS[0])
+            device.parameters.save()
+        result["saved"] = session.keep = True
+    click.echo(verdict if problem else f"Stored in the drive; all files are in {asked.out}.", err=True)
 
 
-def _ratings(machine: Machine) -> dict[str, float]:
-    """What is known of the amplifiers: their force limits."""
-    return {f"plant_{name}.force_limit": getattr(machine, name).force_limit_N for name in AXES}
-
-
-def _problem(proof: list[Proof]) -> str:
-    """Why the design of the first controller is not kept; empty where it is."""
-    from kontur.commissioning.prove import MS_MAX
-
-    kept = [one for one in proof if one.controller == _CONTROLLERS[0]]
-    for one in kept:
-        if one.ms_measured > MS_MAX:
-            return f"the measured Ms of {one.ms_measured:.2f} exceeds {MS_MAX:g}; ask for a quieter design: --for quiet"
-        if one.after_um is None:
-            return f"the drive stopped on {one.case} with the new gains"
-    before = [one.before_um for one in kept if one.before_um is not None]
-    after = [one.after_um for one in kept if one.after_um is not None]
-    if len(before) == len(after) and sum(after) > sum(before):
-        return (
-            f"the circles are no better: {sum(after) / len(after):.2f} µm after, {sum(before) / len(before):.2f} before"
-        )
-    return ""
-
-
-def _design(machine: Machine, controller: str, ms: float, force_step_N: float) -> Design:
+def _design(machine: Machine, controller: str, ms: float, force_step_N: float, stop_requested: StopRequest) -> Design:
     from kontur.design.search import design
 
     with progress_bar(f"gains of {controller}") as progress:
-        return design(machine, controller, ms=ms, force_step_N=force_step_N, progress=progress)
+
+        def on(share: float) -> None:
+            if stop_requested():
+                raise KeyboardInterrupt
+            progress(share)
+
+        return design(machine, controller, ms=ms, force_step_N=force_step_N, progress=on)
 
 
 def _as_json(design: Design) -> dict[str, Any]:
@@ -222,13 +348,6 @@ def _pictures(out: Path, found: dict[str, Identified]) -> None:
     for name, one in found.items():
         write_atomically(out / f"response-{name}.svg", figure.picture(one.response, f"axis {name}", "svg"))
         write_atomically(out / f"response-{name}.csv", bode.table(one.response).encode())
-
-
-def _explain(step: str, yes: bool, as_json: bool) -> None:
-    if not as_json or not yes:
-        click.echo(f"\n{step}: {_STEPS[step]}", err=True)
-    if not yes:
-        click.confirm("Go on?", abort=True, err=True)
 
 
 def _write(out: Path, result: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,9 @@ from kontur.drive.axes import AXES
 from kontur.files import write_atomically
 
 if TYPE_CHECKING:
+    from kontur.commissioning.first_moves import Agreed, Gauge
     from kontur.commissioning.identify import Identified
+    from kontur.drive.device import Device
     from kontur.drive.target import Target
 
 FORCE_SHARE = 0.5  # of the force limit, where no force is given
@@ -64,17 +66,8 @@ def command(
 
     with drive_of(target) as device, interruptible() as stop_requested:
         try:
-            found = identify_axes(
-                device,
-                (only,) if only else AXES,
-                force_N,
-                FORCE_SHARE,
-                speed * 1e-3,
-                (index_mm or 0.0) * 1e-3,
-                encoder_known(target),
-                _say(as_json),
-                stop_requested,
-            )
+            agreed = agreed_of(target, device, (only,) if only else AXES, {}, force_N, speed * 1e-3, index_mm)
+            found = identify_axes(device, agreed, {}, _say(as_json), stop_requested)
         except KeyboardInterrupt:
             click.echo("Interrupted: the axes have slowed down, and the parameters are as they were.", err=True)
             sys.exit(stop_requested.exit_code)
@@ -90,6 +83,30 @@ def command(
         print_json({"axes": {name: machine_file.as_json(one) for name, one in found.items()}})
     else:
         show(found)
+    if not target.in_process and not all(one.index_m > 0.0 for one in agreed.values()):
+        click.echo("The length of an encoder count was not checked; a wrong one makes all figures wrong.", err=True)
+
+
+def agreed_of(
+    target: Target,
+    device: Device,
+    axes: Sequence[str],
+    ratings: Mapping[str, float],
+    force_N: float | None,
+    speed_mps: float,
+    index_mm: float | None,
+    gauge: Gauge | None = None,
+) -> dict[str, Agreed]:
+    """What was agreed for each axis. A drive on a bus has index pulses where its machine file says so."""
+    from kontur.commissioning.first_moves import Agreed
+    from kontur.commissioning.session import force_limits
+
+    found = {}
+    for axis, limit_N in force_limits(device, axes, ratings).items():
+        index_m = index_mm * 1e-3 if index_mm else 0.0 if target.in_process else getattr(target.machine, axis).index_m
+        largest_N = min(force_N or FORCE_SHARE * limit_N, limit_N)
+        found[axis] = Agreed(largest_N, speed_mps, index_m, encoder_known(target), gauge)
+    return found
 
 
 def encoder_known(target: Target) -> bool:

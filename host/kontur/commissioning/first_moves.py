@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -48,20 +49,29 @@ class Diagnosis(DeviceError):
         super().__init__(text)
 
 
+class Gauge(Protocol):
+    """A gauge at the table, which the user reads."""
+
+    def ready(self, axis: str) -> None:
+        """Let the user set it to zero."""
+
+    def distance_m(self, axis: str, counted_m: float) -> float:
+        """What it shows after a move of which the drive has counted so much."""
+
+
 @dataclass(frozen=True)
 class Agreed:
     """What was agreed: the largest force and speed. The travel is that of the drive's soft limits.
 
     `index_m`: distance of index pulses, 0: not known. By it the length of a count is checked, or found where it is not
-    `encoder_known`. Without it `measured_m` may ask the user: it gets the axis and the distance that the drive has
-    counted, and returns the distance that a gauge shows. With neither the length is taken as it is.
+    `encoder_known`. Without it a `gauge` that the user reads does. With neither the length is taken as it is.
     """
 
     force_N: float
     speed_mps: float = 0.2
     index_m: float = 0.0
     encoder_known: bool = True
-    measured_m: Callable[[str, float], float] | None = None
+    gauge: Gauge | None = None
 
 
 @contextmanager
@@ -251,10 +261,10 @@ def length_factor(device: Device, axis: str, agreed: Agreed, stop_requested: Cal
     return 1.0 / factor
 
 
-def check_by_gauge(
-    device: Device, axis: str, measured_m: Callable[[str, float], float], stop_requested: Callable[[], bool]
-) -> None:
+def check_by_gauge(device: Device, axis: str, gauge: Gauge, stop_requested: Callable[[], bool]) -> None:
     """Move slowly, and compare what the drive counts with what the user has measured. Raises Diagnosis."""
+    gauge.ready(axis)
+    device.link.handle_pending()  # the user has taken time
     with moving(device, axis, stop_requested) as mover:
         sign = 1.0 if mover.room_m(1.0) > mover.room_m(-1.0) else -1.0
         way_m = min(_GAUGED_M, 0.5 * mover.room_m(sign))
@@ -263,7 +273,8 @@ def check_by_gauge(
             mover.pause(way_m / _GAUGED_MPS)
         mover.pause(_SETTLE_S)
         counted_m = abs(mover.position_m() - start_m)
-    found_m = measured_m(axis, counted_m)
+    found_m = gauge.distance_m(axis, counted_m)
+    device.link.handle_pending()
     factor = found_m / counted_m
     if abs(factor - 1.0) > _GAUGE_ERROR:
         length_um = float(device.read(f"plant_{axis}.encoder"))

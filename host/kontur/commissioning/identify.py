@@ -78,9 +78,9 @@ def identify(
         with explained(axis, "from one index pulse to the next: length of an encoder count", say):
             mass_kg *= first_moves.length_factor(device, axis, agreed, stop_requested)
         device.parameters.set({f"plant_{axis}.mass": round(mass_kg, 3)})
-    elif agreed.measured_m is not None:
+    elif agreed.gauge is not None:
         with explained(axis, "a slow move that you measure: length of an encoder count", say):
-            first_moves.check_by_gauge(device, axis, agreed.measured_m, stop_requested)
+            first_moves.check_by_gauge(device, axis, agreed.gauge, stop_requested)
     if not agreed.encoder_known:
         with explained(axis, "to the limit switches: free travel", say):
             first_moves.find_travel(device, axis, agreed, breakaway_N, stop_requested)

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification of several axes by one drive, which gets its parameters back afterwards."""
+"""Commissioning over a drive's connection: parameters that come back afterwards, and identification of several axes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 
 from kontur.commissioning.first_moves import Agreed
 from kontur.commissioning.identify import Identified, identify
 from kontur.drive.device import Device
+from kontur.drive.target import Target, open_drive
 from kontur.errors import KonturError
 
 
@@ -21,28 +23,64 @@ def parameters_kept(device: Device) -> Iterator[None]:
     finally:
         with suppress(KonturError):  # the first error is the one to report
             device.axes.disable()
-        now = device.parameters.dump()
-        device.parameters.set({name: value for name, value in before.items() if now[name] != value})
-        device.write("controller.select", controller)
+        _restore(device, before, controller)
+
+
+@dataclass
+class Session:
+    """A drive that is being commissioned. `before`: its parameters, empty of a drive in this process, which is new each
+    time. `keep`: whether it keeps the new ones."""
+
+    before: Mapping[str, float]
+    keep: bool = False
+
+
+@contextmanager
+def commissioned(target: Target, before: Mapping[str, float], warn: Callable[[str], None]) -> Iterator[Session]:
+    """A drive on a bus has the parameters that it had, or those in `before`, afterwards, unless Session.keep is set.
+
+    That holds after an error and after Ctrl-C, too. Where the drive cannot be reached any more, `warn` is told.
+    """
+    if target.in_process:
+        yield Session({})
+        return
+    with open_drive(target) as device:
+        controller = device.read("controller.select")
+        session = Session(before or device.parameters.dump())
+    try:
+        yield session
+    finally:
+        if not session.keep:
+            try:
+                with open_drive(target) as device:
+                    _restore(device, session.before, controller)
+            except KonturError as error:
+                warn(
+                    f"The drive has not got its parameters back: {error}. What is stored in it has not changed: switch "
+                    "it off and on."
+                )
 
 
 def identify_axes(
     device: Device,
-    axes: Sequence[str],
-    force_N: float | None,
-    share: float,
-    speed_mps: float,
-    index_m: float,
-    encoder_known: bool,
+    agreed: Mapping[str, Agreed],
+    ratings: Mapping[str, float],
     say: Callable[[str], None],
     stop_requested: Callable[[], bool],
 ) -> dict[str, Identified]:
-    """Identify each of `axes`. `force_N`: the largest force; without it `share` of the force limit.
-    `index_m`, `encoder_known`: as in Agreed."""
-    found: dict[str, Identified] = {}
+    """Identify each axis in `agreed`. `ratings`: parameters that are set before. The drive gets all parameters back."""
     with parameters_kept(device):
-        for axis in axes:
-            limit_N = float(device.read(f"plant_{axis}.force_limit"))
-            agreed = Agreed(min(force_N or share * limit_N, limit_N), speed_mps, index_m, encoder_known)
-            found[axis] = identify(device, axis, agreed, say, stop_requested)
-    return found
+        device.parameters.set(ratings)
+        return {axis: identify(device, axis, one, say, stop_requested) for axis, one in agreed.items()}
+
+
+def force_limits(device: Device, axes: Sequence[str], ratings: Mapping[str, float]) -> dict[str, float]:
+    """The force limit of each axis, N: that of `ratings`, else that of the drive."""
+    names = {axis: f"plant_{axis}.force_limit" for axis in axes}
+    return {axis: float(ratings[name] if name in ratings else device.read(name)) for axis, name in names.items()}
+
+
+def _restore(device: Device, before: Mapping[str, float], controller: float) -> None:
+    now = device.parameters.dump()
+    device.parameters.set({name: value for name, value in before.items() if now[name] != value})
+    device.write("controller.select", controller)

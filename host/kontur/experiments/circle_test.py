@@ -30,7 +30,8 @@ _STEADY = 0.999  # least of the greatest speed within the measured turn
 
 @dataclass(frozen=True)
 class Setup:
-    """What is driven: circles of `radius_m` about `centre_m`, `lead` turns before and after the measured one."""
+    """What is driven: circles of `radius_m` about `centre_m`, `lead` turns before and after the measured one. What the
+    runs themselves are scored for begins at `score_from_s`."""
 
     radius_m: float
     centre_m: Point = (0.0, 0.0)
@@ -38,6 +39,7 @@ class Setup:
     controller: str = "ccu"
     parameters: Mapping[str, float] = field(default_factory=dict)
     approach: Limits | None = None
+    score_from_s: float = 0.0
 
 
 def circle_test(
@@ -62,7 +64,9 @@ def circle_test(
         runs = []
         for sense, trajectory in zip(SENSES, both, strict=True):
             operator = Operator(_named(progress, f"{feed * 1e3:g} mm/s, {sense}"), stop_requested)
-            options = RunOptions(parameters=setup.parameters, approach=setup.approach, watch=watch)
+            options = RunOptions(
+                parameters=setup.parameters, approach=setup.approach, score_from_s=setup.score_from_s, watch=watch
+            )
             runs.append(run(trajectory, setup.controller, target, options, operator))
             if not runs[-1].completed:
                 raise KeyboardInterrupt
