@@ -97,7 +97,7 @@ def test_circle_on_which_the_drive_stops_counts_and_a_drive_that_is_held_does_no
 
     _, setup = prove._circles(Target(), "ccu", 0.004, 0.02)
     fails(EmcyError(0x8611, 1, b"", "following"))
-    assert prove._run(Target(), setup, 0.02, lambda: False) == (None, (None, None))
+    assert prove._run(Target(), setup, 0.02, lambda: False, None) == (None, (None, None))
     fails(HeldError("held"))
     with pytest.raises(HeldError):
-        prove._run(Target(), setup, 0.02, lambda: False)
+        prove._run(Target(), setup, 0.02, lambda: False, None)

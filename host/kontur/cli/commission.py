@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from kontur.cli.identify import agreed_of, require_length, show
+from kontur.cli.live_page import view
 from kontur.cli.options import NumberRange, StopRequest, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.drive.axes import AXES

@@ -11,6 +11,7 @@ import click
 
 from kontur import machine as machines
 from kontur.cli.commission import HEADINGS
+from kontur.cli.live_page import view
 from kontur.cli.options import (
     CONTROLLER,
     MACHINE,
