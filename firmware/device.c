@@ -310,6 +310,9 @@ static void set_build(struct od_data *od)
     od->axis[0].motor_catalogue_number = "-";
     od->axis[1].motor_catalogue_number = "-";
     od->clock.control_hz = CONTROL_HZ;
+    for (int i = 0; i < 2; i++) {
+        od->axis[i].ip_buffer.max_size = od->axis[i].ip_buffer.size = QUEUE_ROOM;
+    }
 }
 
 static void on_reset(void *ctx, bool communication_only)
@@ -323,7 +326,7 @@ static void on_reset(void *ctx, bool communication_only)
     }
 }
 
-void device_init(struct device *device, const struct hal *hal, uint8_t node_id)
+void device_init(struct device *device, const struct hal *hal, struct spline_ring *ring, uint8_t node_id)
 {
     *device = (struct device){.hal = hal};
     device->objects = (struct device_objects){
@@ -331,7 +334,7 @@ void device_init(struct device *device, const struct hal *hal, uint8_t node_id)
     od_init(&device->od, node_id);
     set_build(&device->od);
     const uint8_t used_id = settings_init(&device->settings, &device->od, hal, node_id, configuration_fits);
-    drive_init(&device->drive, &device->od, hal);
+    drive_init(&device->drive, &device->od, hal, ring);
     const struct co_config config = {
         .od = &device->od,
         .hal = hal,

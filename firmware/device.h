@@ -26,9 +26,9 @@ struct device {
     uint16_t one_axis_ms;   /* since a master has commanded one axis alone in mode 7 */
 };
 
-/* Power-on; sends the boot-up message. node_id: 1..31, in use where none is stored. The caller must not move *device: its
- * parts point to each other. */
-void device_init(struct device *device, const struct hal *hal, uint8_t node_id);
+/* Power-on; sends the boot-up message. *ring: memory of the knots, which may be of another kind than that of *device.
+ * node_id: 1..31, in use where none is stored. The caller must not move *device and *ring: parts of it point to each other. */
+void device_init(struct device *device, const struct hal *hal, struct spline_ring *ring, uint8_t node_id);
 /* One control period: servo_loop_tick(). */
 void device_tick(struct device *device);
 /* Time that passes at each SYNC where it passes with SYNC alone (2020h:4): 1006h, or 1000 us. */

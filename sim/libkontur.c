@@ -22,6 +22,7 @@ struct fifo {
 
 struct ks {
     struct device device;
+    struct spline_ring ring;
     struct hal hal;
     struct plant plant;
     struct wiring wiring;
@@ -199,7 +200,7 @@ ks *ks_new(const struct ks_machine *machine, uint64_t seed, uint8_t node_id)
     s->node_id = node_id;
     sim_flash_init(&s->flash, seed);
     plant_init(&s->plant, machine, seed, 1.0 / CONTROL_HZ);
-    device_init(&s->device, &s->hal, node_id);
+    device_init(&s->device, &s->hal, &s->ring, node_id);
     s->device.od.hardware_version = "libkontur simulated machine";
     return s;
 }
@@ -361,7 +362,7 @@ void ks_power_on_with(ks *s, const void *flash)
     memcpy(s->flash.word, flash, sizeof s->flash.word);
     s->to_host.count = 0;
     wiring_init(&s->wiring);
-    device_init(&s->device, &s->hal, s->node_id);
+    device_init(&s->device, &s->hal, &s->ring, s->node_id);
 }
 
 void ks_set_entropy(ks *s, uint32_t noise)

@@ -56,7 +56,7 @@ WORSE = 1.03
 FREE = 0.15  # of each stack
 MODEL = ("model_mean", "model_worst")  # cycles by the model of tests/target/stages.c: estimates, not held
 _RUN_S = 300.0
-_FLASH, _RAM = (".boot", ".text", ".data"), (".stack", ".noinit", ".data", ".bss")
+_FLASH, _RAM = (".boot", ".text", ".data"), (".stack", ".noinit", ".data", ".bss", ".ccm")
 
 # What is measured: by what (a target, "image"), of what (a controller, "size", "stack"), figure.
 Cost = dict[str, dict[str, dict[str, int]]]

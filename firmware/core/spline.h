@@ -18,9 +18,12 @@
 
 #include "core/vec2.h"
 
-#define SPLINE_RING 1024u /* knots; a power of two */
-#define SPLINE_PAST 32u   /* knots that stay in the ring behind path time */
-#define SPLINE_PER_T0 5   /* knots in T0, one each millisecond */
+/* Knots; a power of two, chosen when the firmware is compiled. A chip's memory sets it (port/stm32f405/kontur.ld). */
+#ifndef SPLINE_RING
+#define SPLINE_RING 4096u
+#endif
+#define SPLINE_PAST 32u /* knots that stay in the ring behind path time */
+#define SPLINE_PER_T0 5 /* knots in T0, one each millisecond */
 
 struct knot {
     int32_t nm[2];

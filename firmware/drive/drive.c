@@ -484,11 +484,11 @@ void drive_reset(struct drive *d)
     (void)scope_arm(&d->loop.scope, d->od, d->path.queue.origin_nm);
 }
 
-void drive_init(struct drive *d, struct od_data *od, const struct hal *hal)
+void drive_init(struct drive *d, struct od_data *od, const struct hal *hal, struct spline_ring *ring)
 {
     *d = (struct drive){.od = od};
-    servo_loop_init(&d->loop, hal, &d->path.queue.ring);
-    path_init(&d->path, &d->loop, &od->stream);
+    servo_loop_init(&d->loop, hal, ring);
+    path_init(&d->path, &d->loop, ring, &od->stream);
     drive_reset(d);
 }
 

@@ -56,7 +56,7 @@ struct drive_in {
 };
 
 /* Initialise at power-on, before the first tick. */
-void drive_init(struct drive *d, struct od_data *od, const struct hal *hal);
+void drive_init(struct drive *d, struct od_data *od, const struct hal *hal, struct spline_ring *ring);
 /* Reset to the state at power-on, while the tick goes on: power off at once, no stream, no fault. Position and time do not
  * change. */
 void drive_reset(struct drive *d);

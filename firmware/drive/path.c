@@ -23,7 +23,7 @@ struct knot path_position(const struct path *p)
 static struct knot servo_reference(const struct path *p)
 {
     const struct knot at = {{servo(p)->reference_nm[0], servo(p)->reference_nm[1]}};
-    return p->queue.stream->state == STREAM_IDLE ? p->queue.ring.start : at;
+    return p->queue.stream->state == STREAM_IDLE ? p->queue.ring->start : at;
 }
 
 struct knot path_reference(const struct path *p)
@@ -87,17 +87,17 @@ static void set_origin(struct path *p, struct od_data *od, int axis, int32_t ori
     restart(p);
 }
 
-void path_init(struct path *p, struct servo_loop *loop, struct od_stream *stream)
+void path_init(struct path *p, struct servo_loop *loop, struct spline_ring *ring, struct od_stream *stream)
 {
     *p = (struct path){.loop = loop};
-    queue_init(&p->queue, stream);
+    queue_init(&p->queue, ring, stream);
 }
 
 void path_reset(struct path *p, struct od_stream *stream)
 {
     static const bool no_power[2] = {false, false};
     const int32_t origin_nm[2] = {p->queue.origin_nm[0], p->queue.origin_nm[1]};
-    queue_init(&p->queue, stream);
+    queue_init(&p->queue, p->queue.ring, stream);
     p->queue.origin_nm[0] = origin_nm[0];
     p->queue.origin_nm[1] = origin_nm[1];
     hold(p, no_power);

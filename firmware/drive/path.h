@@ -40,7 +40,7 @@ struct path_axis {
 enum { STREAM_COMMAND_BEGIN = 1, STREAM_COMMAND_DISCARD, STREAM_COMMAND_RESUME, STREAM_COMMAND_RELEASE };
 
 /* Initialise at power-on, without knots. The tick reads the knots of p->queue. */
-void path_init(struct path *p, struct servo_loop *loop, struct od_stream *stream);
+void path_init(struct path *p, struct servo_loop *loop, struct spline_ring *ring, struct od_stream *stream);
 /* Discard all knots while the tick goes on; the origin does not change. To be called when no axis has power and the modes
  * have been reset. */
 void path_reset(struct path *p, struct od_stream *stream);

@@ -72,9 +72,11 @@ static struct knot to_servo(const struct queue *q, struct knot user)
     return (struct knot){{add_nm(user.nm[0], -(int64_t)origin[0]), add_nm(user.nm[1], -(int64_t)origin[1])}};
 }
 
-void queue_init(struct queue *q, struct od_stream *stream)
+void queue_init(struct queue *q, struct spline_ring *ring, struct od_stream *stream)
 {
-    *q = (struct queue){.stream = stream, .min_nm = {INT32_MIN, INT32_MIN}, .max_nm = {INT32_MAX, INT32_MAX}};
+    *ring = (struct spline_ring){0};
+    *q = (struct queue){
+        .ring = ring, .stream = stream, .min_nm = {INT32_MIN, INT32_MIN}, .max_nm = {INT32_MAX, INT32_MAX}};
     reset_counters(stream);
     queue_hold(q, (struct knot){{0, 0}});
 }
@@ -82,8 +84,8 @@ void queue_init(struct queue *q, struct od_stream *stream)
 void queue_hold(struct queue *q, struct knot start)
 {
     struct od_stream *s = q->stream;
-    q->ring.count = 0;
-    q->ring.start = to_servo(q, start);
+    q->ring->count = 0;
+    q->ring->start = to_servo(q, start);
     q->equal_knots = 0;
     q->open = q->outside = q->over_acceleration = q->suspended = false;
     q->step_nm[0] = q->step_nm[1] = 0;
@@ -177,7 +179,7 @@ void queue_suspend(struct queue *q)
 /* Knot n, which is in the ring */
 static struct knot knot_at(const struct queue *q, uint32_t n)
 {
-    return queue_user(q, q->ring.knot[n % SPLINE_RING]);
+    return queue_user(q, q->ring->knot[n % SPLINE_RING]);
 }
 
 bool queue_resume(struct queue *q)
@@ -186,7 +188,7 @@ bool queue_resume(struct queue *q)
     if (!q->suspended || s->state != STREAM_STOPPED) {
         return false;
     }
-    limit(q, s->executed > 0 ? knot_at(q, s->executed - 1u) : queue_user(q, q->ring.start));
+    limit(q, s->executed > 0 ? knot_at(q, s->executed - 1u) : queue_user(q, q->ring->start));
     for (uint32_t n = s->executed; n < s->accepted; n++) {
         if (!within(q, knot_at(q, n))) {
             return false;
@@ -244,13 +246,13 @@ static enum queue_result accept(struct queue *q, struct knot knot)
     }
     q->step_nm[0] = step_nm[0];
     q->step_nm[1] = step_nm[1];
-    q->ring.knot[s->accepted % SPLINE_RING] = to_servo(q, knot);
-    q->ring.outputs[s->accepted % SPLINE_RING] = take_outputs(&q->outputs);
+    q->ring->knot[s->accepted % SPLINE_RING] = to_servo(q, knot);
+    q->ring->outputs[s->accepted % SPLINE_RING] = take_outputs(&q->outputs);
     q->equal_knots = s->accepted > 0 && knot.nm[0] == s->end_x && knot.nm[1] == s->end_y ? q->equal_knots + 1u : 1u;
     s->end_x = knot.nm[0];
     s->end_y = knot.nm[1];
     s->accepted++;
-    q->ring.count = s->accepted;
+    q->ring->count = s->accepted;
     update_free(q);
     return QUEUE_ACCEPTED;
 }
@@ -301,7 +303,7 @@ enum queue_result queue_outputs_frame(struct queue *q, const struct od_knot_outp
 static void outputs_executed(struct queue *q, uint32_t n)
 {
     struct queue_outputs *o = &q->outputs;
-    const uint32_t now = q->ring.outputs[n % SPLINE_RING];
+    const uint32_t now = q->ring->outputs[n % SPLINE_RING];
     if (now != o->executed) {
         o->changes++;
         o->checksum = ~crc32_int(crc32_int(~o->checksum, (int32_t)n), (int32_t)now);

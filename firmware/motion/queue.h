@@ -31,7 +31,7 @@ enum stream_state { STREAM_IDLE, STREAM_FILLING, STREAM_RUNNING, STREAM_STOPPING
 enum queue_result { QUEUE_ACCEPTED, QUEUE_BAD_CRC, QUEUE_OUT_OF_SEQUENCE, QUEUE_FULL, QUEUE_NOT_OPEN, QUEUE_OUTSIDE };
 
 struct queue {
-    struct spline_ring ring;
+    struct spline_ring *ring;
     struct od_stream *stream;      /* counters and what the host sees of the stream */
     uint32_t total;                /* knots of the stream; 0: open-ended */
     int32_t min_nm[2], max_nm[2];  /* soft limits */
@@ -51,8 +51,9 @@ struct queue {
 /* Knots of one stream. Path time counts in an int64, which would end after 39.8 days of knots. */
 #define QUEUE_KNOTS_MAX 3000000000u
 
-/* Initialise: the queue is closed and empty, without origin and limits. */
-void queue_init(struct queue *q, struct od_stream *stream);
+/* Initialise: the queue is closed and empty, without origin and limits. *ring: memory of its knots, which may be of another
+ * kind than that of *q. */
+void queue_init(struct queue *q, struct spline_ring *ring, struct od_stream *stream);
 /* Discard all knots; the reference stands at `start`. */
 void queue_hold(struct queue *q, struct knot start);
 /* Open the queue for a stream of `total` knots (0: open-ended) from `start`. */

@@ -23,6 +23,7 @@ class Wiring:
     enable: tuple[Pin, Pin]
     encoders: tuple[str, str]
     contacts: tuple[Pin, ...]  # inputs, closed to ground while all is well
+    causes: dict[str, Pin]  # those of them that cut the power
     usart: str
     light: Pin
     alive: Pin
@@ -32,12 +33,14 @@ class Wiring:
 
 _GENERAL = Wiring(
     "kontur", 10000, 8e6, (("B", 12), ("C", 8)), ("tim2", "tim5"),
-    (*(("C", n) for n in range(6)), ("B", 1), ("A", 6)), "usart1", ("C", 13), ("B", 0), ("spi3", ("C", 11)),
-    (("D", 2), ("A", 3)),
+    (*(("C", n) for n in range(6)), ("B", 1), ("A", 6)),
+    {"amplifier x": ("C", 5), "amplifier y": ("B", 1), "stop": ("C", 4), "break": ("A", 6)},
+    "usart1", ("C", 13), ("B", 0), ("spi3", ("C", 11)), (("D", 2), ("A", 3)),
 )  # fmt: skip
 _FEATHER = Wiring(
     "kontur-feather", 10000, 12e6, (("C", 3), ("C", 2)), ("tim3", "tim4"),
-    (("A", 6), ("C", 4), ("C", 5)), "usart3", ("C", 1), ("A", 7), ("spi2", ("B", 14)),
+    (("A", 6), ("C", 4), ("C", 5)), {"amplifier x": ("C", 4), "amplifier y": ("C", 5), "stop": ("A", 6)},
+    "usart3", ("C", 1), ("A", 7), ("spi2", ("B", 14)),
 )  # fmt: skip
 WIRINGS = {
     "kontur": _GENERAL,

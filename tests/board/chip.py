@@ -174,7 +174,8 @@ class Chip:
 
     def power_on(self, *, after_loader: bool = False) -> None:
         """Start with random RAM. `after_loader`: ST's loader has started the image (`dfu-util :leave`)."""
-        self.uc.mem_write(RAM, bytes((n * 73 + 11) & 255 for n in range(RAM_BYTES)))
+        for base, size in ((RAM, RAM_BYTES), (CCM, CCM_BYTES)):
+            self.uc.mem_write(base, bytes((n * 73 + 11) & 255 for n in range(size)))
         for block in self.peripherals:
             block.power_on()
         self._reset("power")

@@ -52,14 +52,15 @@ class Rcc(Peripheral):
     """Clocks: RM0090 7.3. Times: DS8626, oscillators and PLL."""
 
     base, size = 0x40023800, 0x400
-    CR, PLLCFGR, CFGR, CIR, CSR = 0x00, 0x04, 0x08, 0x0C, 0x74
+    CR, PLLCFGR, CFGR, CIR, AHB1ENR, CSR = 0x00, 0x04, 0x08, 0x0C, 0x30, 0x74
+    CCM = 1 << 20  # in AHB1ENR: on after reset (7.3.10)
     crystal_hz: float | None = 8e6  # None: it does not start
 
     def power_on(self) -> None:
         self.flags = 0
 
     def reset(self) -> None:
-        self.words = {self.PLLCFGR: 0x24003010, 0x30: 0, 0x40: 0, 0x44: 0}
+        self.words = {self.PLLCFGR: 0x24003010, self.AHB1ENR: self.CCM, 0x40: 0, 0x44: 0}
         self.on_since = {0: self.chip.now_ns - 1e9}  # bit of CR: HSI 0, HSE 16, PLL 24
         self.cfgr = self.cssf = self.csson = 0
 
@@ -106,6 +107,8 @@ class Rcc(Peripheral):
             self.cssf &= 1 - (value >> 23 & 1)
         elif offset == self.CSR:
             self.flags = 0 if value >> 24 & 1 else self.flags
+        elif offset == self.AHB1ENR and not value & self.CCM:
+            self.broken("the core-coupled memory loses its clock (7.3.10)")
         else:
             super().write(offset, value)
         self._update()

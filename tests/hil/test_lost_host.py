@@ -27,7 +27,7 @@ pytestmark = pytest.mark.motion
 HEARTBEAT_LOST = 0x8130
 FAULT = 0x08  # of statusword's bits 4Fh
 LAPS = 16.0
-ROOM = 200  # knots: the queue is full but for these, so that the heartbeat ceases before the knots do
+WAITING = 800  # knots or more in the queue, so that the heartbeat ceases before the knots do
 # Where the drive's time goes by the wall clock: a busy machine may keep the host from running for a second. The drive
 # waits longer than that for the heartbeat, and at this rate its queue lasts longer still.
 _WATCH_MS, _RATE = 3000, 0.2
@@ -52,7 +52,7 @@ def slow_down(rig: Rig) -> None:
 
 
 def stream_until(rig: Rig, knots_nm: Knots, share: float) -> None:
-    """Start a stream and go on until the drive has taken a `share` of it, and its queue is full."""
+    """Start a stream and go on until the drive has taken a `share` of it, and WAITING knots are in its queue."""
     slow_down(rig)
     rig.device.override_feed(rig.rate)
     rig.device.axes.enable()
@@ -61,7 +61,8 @@ def stream_until(rig: Rig, knots_nm: Knots, share: float) -> None:
     stream.start()
     stream.advance_to(share)
     rig.note_error()
-    while rig.link.status.free > ROOM:  # type: ignore[union-attr]
+    room = int(rig.device.read("ip_buffer_x.size")) - WAITING
+    while rig.link.status.free > room:  # type: ignore[union-attr]
         stream.step()
 
 
@@ -70,7 +71,7 @@ def host(drive: Drive, knots_nm: Knots, folder: Path, override: float) -> Iterat
     """Another process that streams the knots with this feed override; half of them are taken."""
     np.save(folder / "knots.npy", knots_nm)
     command = [sys.executable, str(Path(__file__).with_name("streamer.py")), json.dumps(drive.bus_options)]
-    command += [str(drive.node_id), str(folder / "knots.npy"), str(ROOM), str(override)]
+    command += [str(drive.node_id), str(folder / "knots.npy"), str(WAITING), str(override)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stderr is not None

@@ -198,7 +198,7 @@ def test_answers_that_come_twice_are_not_taken_for_answers_to_later_requests(dev
     device.link.node.sdo.RESPONSE_TIMEOUT = 0.01
     device.read("smc.lambda")
     bus.on_recv = lambda message: message
-    assert device.read("stream.free") == 992
+    assert device.read("stream.free") == device.read("ip_buffer_x.size")
 
 
 def test_value_corrupted_on_its_way_into_the_drive_is_noticed_and_set_again(device: Device, bus: HookedBus) -> None:

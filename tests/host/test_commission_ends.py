@@ -66,7 +66,7 @@ class Steps:
         values = {"smc.lambda": 50.0, "plant_x.mass": 100.0, "position_limit_x.max": 1e6}
         return SimpleNamespace(controller=controller, parameters=values, limit="It is limited.")
 
-    def prove(self, target: Target, candidates: Any, before: Any, say: Any, stop_requested: Any) -> Evidence:
+    def prove(self, target: Target, *rest: Any) -> Evidence:
         with open_drive(target) as device:
             device.parameters.set(CHANGED)
             device.select_controller("cascade")

@@ -10,6 +10,7 @@ struct chip chip;
 uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4],
     chip_emulated_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
 uint32_t kontur_stack_bottom[16];
+struct spline_ring kontur_emulated_knots;
 chip_answer *chip_waits;
 unsigned chip_waited;
 

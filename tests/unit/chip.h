@@ -6,6 +6,7 @@
 #define KONTUR_TEST_CHIP_H
 #include <stdbool.h>
 
+#include "core/spline.h"
 #include "hal/hal.h"
 #include "port/stm32f405/regs.h"
 
@@ -17,6 +18,8 @@ extern chip_answer *chip_waits;
 extern unsigned chip_waited;
 
 extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
+/* The knots of an emulator (kontur.ld). */
+extern struct spline_ring kontur_emulated_knots;
 
 /* Set all registers to 0, except RCC_CR, which tells a chip
  * from an emulator; erase the store; let every wait succeed. */

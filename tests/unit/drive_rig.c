@@ -192,7 +192,7 @@ void rig_start(struct rig *r, const struct ks_machine *machine)
     sim_flash_init(&r->flash, 1);
     TEST_ASSERT_NULL(plant_check(machine));
     plant_init(&r->plant, machine, 1, 1e-4);
-    device_init(&r->device, &r->hal, 1);
+    device_init(&r->device, &r->hal, &r->ring, 1);
     table1_gains(&r->device.od);
     drive_configure(&r->device.drive, false);
 }

@@ -13,6 +13,7 @@ enum { INBOX = 64, EMCY_MAX = 64 };
 
 struct rig {
     struct device device;
+    struct spline_ring ring;
     struct hal hal;
     struct plant plant;
     struct wiring wiring;

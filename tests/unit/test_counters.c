@@ -141,18 +141,18 @@ static void test_stream_that_goes_on_for_ever_stops_on_its_path_at_its_last_knot
     rig_enable(&rig);
     stream.count = 0;
     TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &stream));
-    stream.count = 3000;
+    stream.count = SPLINE_RING + 1000u;
     rig_feed(&rig, &stream, 500);
     rig_controlwords(&rig, RUN, RUN);
     rig_ms(&rig, 200);
     struct path *path = &DRIVE.path;
     path->queue.stream->accepted += way;
     path->queue.stream->executed += way;
-    path->queue.ring.count += way;
+    path->queue.ring->count += way;
     DRIVE.loop.path.at.knot += way;
     DRIVE.loop.executed += way;
     DRIVE.loop.servo.spline_cache = (struct spline_cache){0};
-    for (int i = 0; i < 60; i++) {
+    for (uint32_t ms = way; ms < QUEUE_KNOTS_MAX; ms += 50u) {
         rig_feed(&rig, &stream, stream.count);
         run_on_the_line(50);
     }

@@ -109,7 +109,7 @@ static void test_reset_node_during_motion_cuts_the_power_at_once(void)
     rig_enable(&rig);
     TEST_ASSERT_UINT16_WITHIN(10, tick + 300, rig.tick); /* time since power-on goes on */
     TEST_ASSERT_DOUBLE_WITHIN(200e-9, x, rig.plant.pos_m[0]);
-    TEST_ASSERT_EQUAL_UINT16(992, rig.free);
+    TEST_ASSERT_EQUAL_UINT16(QUEUE_ROOM, rig.free);
     rig_go(&rig, &stream, 1600);
     TEST_ASSERT_EQUAL_UINT32(DONE, stream_state());
     TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);

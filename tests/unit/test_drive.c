@@ -18,7 +18,7 @@ static void test_power_on_is_idle_without_power_or_fault(void)
     TEST_ASSERT_FALSE(drive_powered(&drive));
     TEST_ASSERT_EQUAL_HEX16(0x0250, od.axis[0].statusword);
     TEST_ASSERT_EQUAL_UINT8(STREAM_IDLE, od.stream.state);
-    TEST_ASSERT_EQUAL_UINT16(992, od.stream.free);
+    TEST_ASSERT_EQUAL_UINT16(QUEUE_ROOM, od.stream.free);
 }
 
 static void test_axes_are_enabled_no_sooner_than_their_position_is_known(void)
@@ -35,7 +35,7 @@ static void test_axes_are_enabled_no_sooner_than_their_position_is_known(void)
     TEST_ASSERT_TRUE(drive_powered(&drive));
     tick(1);
     TEST_ASSERT_TRUE(out.enable[0] && out.enable[1]);
-    TEST_ASSERT_INT32_WITHIN(1, 76290000, drive.path.queue.ring.start.nm[0]); /* held where it stands */
+    TEST_ASSERT_INT32_WITHIN(1, 76290000, knots.start.nm[0]); /* held where it stands */
 }
 
 static void test_axis_that_gets_power_is_held_where_it_is_and_the_other_one_at_its_reference(void)
@@ -51,8 +51,8 @@ static void test_axis_that_gets_power_is_held_where_it_is_and_the_other_one_at_i
         ms(300);
         command(0x0F, 0x0F);
         TEST_ASSERT_TRUE(cia402_powered(&drive.axis[0]) && cia402_powered(&drive.axis[1]));
-        TEST_ASSERT_EQUAL_INT32(0, drive.path.queue.ring.start.nm[axis]);
-        TEST_ASSERT_INT32_WITHIN(1, 762900, drive.path.queue.ring.start.nm[1 - axis]);
+        TEST_ASSERT_EQUAL_INT32(0, knots.start.nm[axis]);
+        TEST_ASSERT_INT32_WITHIN(1, 762900, knots.start.nm[1 - axis]);
     }
 }
 
@@ -72,7 +72,7 @@ static void test_new_parameters_are_in_force_before_the_axes_can_be_enabled(void
     ms(1);
     command(0x0F, 0x0F);
     TEST_ASSERT_TRUE(drive_powered(&drive));
-    TEST_ASSERT_INT32_WITHIN(1, 2 * 76290000, drive.path.queue.ring.start.nm[0]);
+    TEST_ASSERT_INT32_WITHIN(1, 2 * 76290000, knots.start.nm[0]);
 }
 
 static void test_limits_of_the_dictionary_reach_the_tick_in_its_units(void)
@@ -119,7 +119,7 @@ static void test_wiring_reaches_the_hal_from_power_on_and_with_each_configuratio
         od.axis[0].wiring.full_scale = 111000 + i;
         od.axis[1].wiring.full_scale = 222000 + i;
         if (i == 0) {
-            drive_init(&drive, &od, &hal);
+            drive_init(&drive, &od, &hal, &knots);
         } else {
             drive_configure(&drive, false);
         }

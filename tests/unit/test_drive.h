@@ -10,6 +10,7 @@
 #include "unity.h"
 
 static struct drive drive;
+static struct spline_ring knots;
 static struct od_data od;
 static struct hal_drive_in wires;
 static struct hal_drive_out out;
@@ -84,7 +85,7 @@ void setUp(void)
     hal = (struct hal){.drive_read = drive_read, .drive_write = drive_write};
     od_init(&od, 1);
     memset(&drive, 0xA5, sizeof drive);
-    drive_init(&drive, &od, &hal);
+    drive_init(&drive, &od, &hal, &knots);
 }
 
 void tearDown(void)

@@ -14,8 +14,8 @@ static void test_discarded_stream_leaves_an_axis_with_power_at_its_reference_and
         wires.count[1] += 5;
         ms(300);
         TEST_ASSERT_EQUAL_HEX32(0, drive_stream_command(&drive, STREAM_COMMAND_DISCARD));
-        TEST_ASSERT_EQUAL_INT32(0, drive.path.queue.ring.start.nm[axis]);
-        TEST_ASSERT_INT32_WITHIN(1, 381, drive.path.queue.ring.start.nm[1 - axis]);
+        TEST_ASSERT_EQUAL_INT32(0, knots.start.nm[axis]);
+        TEST_ASSERT_INT32_WITHIN(1, 381, knots.start.nm[1 - axis]);
     }
 }
 

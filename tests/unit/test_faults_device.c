@@ -142,7 +142,7 @@ static void test_overrun_of_the_servo_tick_cuts_the_power(void)
 static void test_store_that_is_damaged_is_warned_of_until_the_next_save(void)
 {
     rig.flash.word[0][0] = 0x12345678;
-    device_init(&rig.device, &rig.hal, 1);
+    device_init(&rig.device, &rig.hal, &rig.ring, 1);
     rig_nmt(&rig, 1);
     expect_reaction(ROW_STORE);
     rig_enable(&rig); /* with defaults */
@@ -489,7 +489,7 @@ static void test_queue_full_of_records_is_told_until_the_stream_is_discarded(voi
     const uint8_t at_rest[8] = {0};
     rig_nmt(&rig, 1);
     rig_enable(&rig);
-    for (unsigned i = 0; i < 992; i++) {
+    for (unsigned i = 0; i < QUEUE_ROOM; i++) {
         rig_send(&rig, 0x401, 8, at_rest);
     }
     rig_ms(&rig, 5);
@@ -570,7 +570,7 @@ static void test_later_fault_cuts_a_stop_on_the_path_short_and_603Fh_keeps_the_f
 static void test_warning_is_reported_again_after_a_reset_of_the_node(void)
 {
     rig.flash.word[0][0] = 0x12345678;
-    device_init(&rig.device, &rig.hal, 1);
+    device_init(&rig.device, &rig.hal, &rig.ring, 1);
     rig_ms(&rig, 2);
     rig.emcy_count = 0;
     rig_nmt(&rig, 129);

@@ -260,14 +260,18 @@ static void test_period_must_be_the_same_for_both_axes_and_stay_so_while_a_strea
 static void test_full_queue_refuses_a_record_and_loses_nothing(void)
 {
     rig_enable(&rig);
-    for (int i = 0; i < 992; i++) {
+    for (uint16_t axis = 0; axis < 2; axis++) { /* largest and present size of the buffer */
+        TEST_ASSERT_EQUAL_UINT32(QUEUE_ROOM, rig_read(&rig, (uint16_t)(0x60C4 + 0x800 * axis), 1));
+        TEST_ASSERT_EQUAL_UINT32(QUEUE_ROOM, rig_read(&rig, (uint16_t)(0x60C4 + 0x800 * axis), 2));
+    }
+    for (int i = 0; i < (int)QUEUE_ROOM; i++) {
         record(i, -i);
     }
     TEST_ASSERT_EQUAL_UINT32(0, stream(16));
-    record(992, -992);
+    record((int)QUEUE_ROOM, -(int)QUEUE_ROOM);
     TEST_ASSERT_EQUAL_UINT32(1, stream(16));
-    TEST_ASSERT_EQUAL_UINT32(992, stream(7));
-    TEST_ASSERT_EQUAL_INT32(991, (int32_t)stream(10));
+    TEST_ASSERT_EQUAL_UINT32(QUEUE_ROOM, stream(7));
+    TEST_ASSERT_EQUAL_INT32(QUEUE_ROOM - 1, (int32_t)stream(10));
 }
 
 static void test_buffer_is_cleared_by_60C4h(void)

@@ -79,7 +79,7 @@ static void test_record_that_is_lost_stops_the_path_on_the_path_and_is_told(void
     unsigned sent = 0;
     rig_enable(&rig);
     rig_controlwords(&rig, RUN, RUN);
-    for (unsigned t = 0; t < 1500 && stream_state() != STOPPED; t++) {
+    for (unsigned t = 0; t < QUEUE_ROOM + 500u && stream_state() != STOPPED; t++) {
         record(sent++, 12000);
         record(sent++, 12000);
         rig_ms(&rig, 1);

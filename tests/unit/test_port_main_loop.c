@@ -491,6 +491,20 @@ static void test_late_ticks_of_an_emulator_are_no_fault(void)
     TEST_ASSERT_EQUAL_HEX8(0, read_object(0x1001, 0) & 0xFF);
 }
 
+/* An emulator lacks the core-coupled memory (kontur.ld). */
+static void test_the_knots_of_an_emulator_are_in_memory_that_it_has(void)
+{
+    for (int emulated = 0; emulated < 2; emulated++) {
+        power_on();
+        if (emulated != 0) {
+            chip_emulate();
+        }
+        kontur_emulated_knots.knot[SPLINE_RING - 1u].nm[1] = 5;
+        start();
+        TEST_ASSERT_EQUAL_INT32(emulated != 0 ? 0 : 5, kontur_emulated_knots.knot[SPLINE_RING - 1u].nm[1]);
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -515,5 +529,6 @@ int main(void)
     RUN_TEST(test_in_an_emulator_time_passes_with_sync_if_that_is_chosen);
     RUN_TEST(test_ticks_that_take_longer_than_their_period_are_a_fault);
     RUN_TEST(test_late_ticks_of_an_emulator_are_no_fault);
+    RUN_TEST(test_the_knots_of_an_emulator_are_in_memory_that_it_has);
     return UNITY_END();
 }

@@ -6,13 +6,14 @@
 
 static struct od_stream stream;
 static struct queue queue;
+static struct spline_ring ring;
 
 static const struct knot origin = {{0, 0}};
 
 void setUp(void)
 {
     stream = (struct od_stream){0};
-    queue_init(&queue, &stream);
+    queue_init(&queue, &ring, &stream);
     queue_begin(&queue, origin, 0);
 }
 
@@ -89,17 +90,17 @@ static void test_knots_add_up_from_the_start(void)
     queue_begin(&queue, (struct knot){{1000, -2000}}, 3);
     TEST_ASSERT_EQUAL_INT32(1000, stream.end_x);
     TEST_ASSERT_EQUAL_INT32(-2000, stream.end_y);
-    TEST_ASSERT_EQUAL_INT32(1000, queue.ring.start.nm[0]);
-    TEST_ASSERT_EQUAL_INT32(-2000, queue.ring.start.nm[1]);
+    TEST_ASSERT_EQUAL_INT32(1000, ring.start.nm[0]);
+    TEST_ASSERT_EQUAL_INT32(-2000, ring.start.nm[1]);
     TEST_ASSERT_EQUAL(STREAM_FILLING, stream.state);
     TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(0, 5, 7));
     TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(1, -6, 70));
     TEST_ASSERT_EQUAL_INT32(999, stream.end_x);
     TEST_ASSERT_EQUAL_INT32(-1923, stream.end_y);
-    TEST_ASSERT_EQUAL_INT32(1005, queue.ring.knot[0].nm[0]);
-    TEST_ASSERT_EQUAL_INT32(-1993, queue.ring.knot[0].nm[1]);
-    TEST_ASSERT_EQUAL_INT32(999, queue.ring.knot[1].nm[0]);
-    TEST_ASSERT_EQUAL_UINT32(2, queue.ring.count);
+    TEST_ASSERT_EQUAL_INT32(1005, ring.knot[0].nm[0]);
+    TEST_ASSERT_EQUAL_INT32(-1993, ring.knot[0].nm[1]);
+    TEST_ASSERT_EQUAL_INT32(999, ring.knot[1].nm[0]);
+    TEST_ASSERT_EQUAL_UINT32(2, ring.count);
     TEST_ASSERT_EQUAL_UINT32(2, stream.accepted);
     TEST_ASSERT_EQUAL_UINT16(2, stream.accepted16);
     TEST_ASSERT_EQUAL_UINT16(QUEUE_ROOM - 2, stream.free);
@@ -155,27 +156,27 @@ static void fill(unsigned count)
 
 static void test_full_queue_takes_no_more_until_knots_are_executed(void)
 {
-    TEST_ASSERT_EQUAL_UINT16(992, stream.free);
-    fill(992);
+    TEST_ASSERT_EQUAL_UINT16(QUEUE_ROOM, stream.free);
+    fill(QUEUE_ROOM);
     TEST_ASSERT_EQUAL_UINT16(0, stream.free);
-    TEST_ASSERT_EQUAL(QUEUE_FULL, give((uint8_t)992, 1, 1));
+    TEST_ASSERT_EQUAL(QUEUE_FULL, give((uint8_t)QUEUE_ROOM, 1, 1));
     expect_rejected(0, 0, 1, 0);
     queue_executed(&queue, 3);
     TEST_ASSERT_EQUAL_UINT16(3, stream.free);
-    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give((uint8_t)992, 1, 1));
+    TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give((uint8_t)QUEUE_ROOM, 1, 1));
     TEST_ASSERT_EQUAL_UINT16(2, stream.free);
-    TEST_ASSERT_EQUAL_UINT32(993, stream.accepted);
+    TEST_ASSERT_EQUAL_UINT32(QUEUE_ROOM + 1u, stream.accepted);
 }
 
 static void test_knots_behind_the_path_are_kept_for_a_lagging_foot_point(void)
 {
-    fill(992);
+    fill(QUEUE_ROOM);
     queue_executed(&queue, 500);
-    for (int32_t i = 992; i < 992 + 500; i++) {
+    for (int32_t i = QUEUE_ROOM; i < (int32_t)QUEUE_ROOM + 500; i++) {
         TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, queue_push(&queue, (struct knot){{i, 0}}));
     }
-    for (int32_t i = 500 - 32; i < 992 + 500; i++) {
-        TEST_ASSERT_EQUAL_INT32(i, queue.ring.knot[i % 1024].nm[0]);
+    for (int32_t i = 500 - 32; i < (int32_t)QUEUE_ROOM + 500; i++) {
+        TEST_ASSERT_EQUAL_INT32(i, ring.knot[(uint32_t)i % SPLINE_RING].nm[0]);
     }
 }
 
@@ -228,9 +229,9 @@ static void test_queue_is_closed_at_power_on(void)
     stream.rejected_crc = stream.rejected_full = stream.rejected_state = stream.rejected_sequence = 7;
     stream.rejected_length = 7;
     stream.underruns = 7;
-    queue_init(&queue, &stream);
+    queue_init(&queue, &ring, &stream);
     TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(0, 1, 1));
-    TEST_ASSERT_EQUAL_UINT16(992, stream.free);
+    TEST_ASSERT_EQUAL_UINT16(QUEUE_ROOM, stream.free);
     TEST_ASSERT_EQUAL_UINT32(0, stream.underruns);
     expect_rejected(0, 0, 0, 1);
     TEST_ASSERT_EQUAL_UINT32(0, stream.rejected_length);
@@ -241,7 +242,7 @@ static void test_closed_queue_keeps_its_knots_and_takes_no_more(void)
     fill(10);
     queue_close(&queue);
     TEST_ASSERT_EQUAL(QUEUE_NOT_OPEN, give(10, 1, 1));
-    TEST_ASSERT_EQUAL_UINT32(10, queue.ring.count);
+    TEST_ASSERT_EQUAL_UINT32(10, ring.count);
 }
 
 static void test_begin_forgets_knots_and_counters(void)
@@ -258,8 +259,8 @@ static void test_begin_forgets_knots_and_counters(void)
     TEST_ASSERT_EQUAL_UINT32(0, stream.executed);
     TEST_ASSERT_EQUAL_UINT32(0, stream.checksum);
     TEST_ASSERT_EQUAL_UINT32(0, stream.underruns);
-    TEST_ASSERT_EQUAL_UINT32(0, queue.ring.count);
-    TEST_ASSERT_EQUAL_UINT16(992, stream.free);
+    TEST_ASSERT_EQUAL_UINT32(0, ring.count);
+    TEST_ASSERT_EQUAL_UINT16(QUEUE_ROOM, stream.free);
 }
 
 /* ---- soft limits ---- */
@@ -299,14 +300,14 @@ static void test_origin_lies_between_the_users_positions_and_the_rings(void)
     queue.origin_nm[0] = 1000;
     queue.origin_nm[1] = -500;
     queue_begin(&queue, (struct knot){{7, 8}}, 0);
-    TEST_ASSERT_EQUAL_INT32(-993, queue.ring.start.nm[0]);
-    TEST_ASSERT_EQUAL_INT32(508, queue.ring.start.nm[1]);
+    TEST_ASSERT_EQUAL_INT32(-993, ring.start.nm[0]);
+    TEST_ASSERT_EQUAL_INT32(508, ring.start.nm[1]);
     TEST_ASSERT_EQUAL(QUEUE_ACCEPTED, give(0, 10, 20));
-    TEST_ASSERT_EQUAL_INT32(17 - 1000, queue.ring.knot[0].nm[0]);
-    TEST_ASSERT_EQUAL_INT32(28 + 500, queue.ring.knot[0].nm[1]);
+    TEST_ASSERT_EQUAL_INT32(17 - 1000, ring.knot[0].nm[0]);
+    TEST_ASSERT_EQUAL_INT32(28 + 500, ring.knot[0].nm[1]);
     TEST_ASSERT_EQUAL_INT32(17, stream.end_x);
     TEST_ASSERT_EQUAL_INT32(28, stream.end_y);
-    const struct knot user = queue_user(&queue, queue.ring.knot[0]);
+    const struct knot user = queue_user(&queue, ring.knot[0]);
     TEST_ASSERT_EQUAL_INT32(17, user.nm[0]);
     TEST_ASSERT_EQUAL_INT32(28, user.nm[1]);
 }
@@ -524,14 +525,14 @@ static void test_checksum_is_zlibs_crc32_of_the_executed_knots_across_the_wrap_o
         }
         queue_executed(&queue, done);
         TEST_ASSERT_EQUAL_UINT32(done, stream.executed);
-        TEST_ASSERT_EQUAL_UINT16(992 - (pushed - done), stream.free);
+        TEST_ASSERT_EQUAL_UINT16(QUEUE_ROOM - (pushed - done), stream.free);
     }
     TEST_ASSERT_EQUAL_UINT32(5000, stream.accepted);
     TEST_ASSERT_EQUAL_UINT16(5000, stream.accepted16);
     TEST_ASSERT_TRUE(queue_complete(&queue));
     queue_executed(&queue, 5000);
     TEST_ASSERT_EQUAL_HEX32(0xDB348984, stream.checksum);
-    TEST_ASSERT_EQUAL_UINT16(992, stream.free);
+    TEST_ASSERT_EQUAL_UINT16(QUEUE_ROOM, stream.free);
 }
 
 static void test_checksum_of_extreme_knot(void)

@@ -19,7 +19,7 @@ static void power_on(void)
     count = 0;
     rig.hal.can_send = keep_frame;
     sim_flash_power_on(&rig.flash);
-    device_init(&rig.device, &rig.hal, 1);
+    device_init(&rig.device, &rig.hal, &rig.ring, 1);
 }
 
 void setUp(void)

@@ -12,8 +12,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-# The chip's own (RM0090 2.3): flash without the sectors of the parameters, and the RAM that is in one piece
-FLASH_MAX, RAM_MAX = (1024 - 48) * 1024, (112 + 16) * 1024
+# The chip's own (RM0090 2.3): flash without the sectors of the parameters, the RAM that is in one piece, and CCM
+FLASH_MAX, RAM_MAX, CCM_MAX = (1024 - 48) * 1024, (112 + 16) * 1024, 64 * 1024
 FREE = 0.15
 FORBIDDEN = {
     # Run-time ABI for the ARM architecture (IHI 0043), 4.1.2: arithmetic on double, and conversions from and to it
@@ -60,13 +60,14 @@ def main() -> None:
     sizes = section_sizes(options.elf, options.tools)
     flash = sum(sizes.get(name, 0) for name in (".boot", ".text", ".data"))
     ram = sum(sizes.get(name, 0) for name in (".stack", ".noinit", ".data", ".bss"))
+    ccm = sizes.get(".ccm", 0)
     found = findings(options.elf, options.map.read_text(), options.tools)
-    for what, size, limit in (("flash", flash, FLASH_MAX), ("RAM", ram, RAM_MAX)):
+    for what, size, limit in (("flash", flash, FLASH_MAX), ("RAM", ram, RAM_MAX), ("CCM", ccm, CCM_MAX)):
         if size > (1 - FREE) * limit:
             found.append(f"{what}: {size} bytes; {FREE:.0%} of {limit} must be free")
     print(
         f"{options.elf}: flash {flash} of {FLASH_MAX} bytes, RAM {ram} of {RAM_MAX},"
-        f" {sizes.get('.stack', 0)} of it for the stack"
+        f" {sizes.get('.stack', 0)} of it for the stack, CCM {ccm} of {CCM_MAX}"
     )
     print("\n".join(found) if found else "no double-precision helper, heap, printf or libm in it")
     sys.exit(1 if found else 0)

@@ -16,6 +16,7 @@
 #include "port/stm32f405/encoder.h"
 #include "port/stm32f405/inputs.h"
 #include "port/stm32f405/output.h"
+#include "port/stm32f405/ram.h"
 #include "port/stm32f405/sectors.h"
 #include "port/stm32f405/supply.h"
 #include "port/stm32f405/watchdog.h"
@@ -29,6 +30,7 @@ enum {
 };
 
 static struct device device;
+extern struct spline_ring kontur_emulated_knots; /* kontur.ld */
 static enum hal_reset reset_cause;
 static struct hal_crash last_crash;
 static _Atomic uint32_t ticks;
@@ -213,6 +215,7 @@ static void blink_led(void)
 
 void main_loop_start(void)
 {
+    CCM_DATA static struct spline_ring knots;
     cpu_detect_emulator();
     output_init();
     (void)clock_start();
@@ -226,7 +229,7 @@ void main_loop_start(void)
     pin_setup_low(BOARD_ALIVE);
     bus_init();
     (void)can_init(KBITPS);
-    device_init(&device, &hal, NODE_ID);
+    device_init(&device, &hal, cpu_emulated() ? &kontur_emulated_knots : &knots, NODE_ID);
     watchdog_start();
     cycles_start();
     tick_start(); /* it feeds one of them */

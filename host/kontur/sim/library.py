@@ -206,7 +206,7 @@ def estimate(
 ) -> Floats:
     """The firmware's estimate (n, 2) in m of the error along the path and of the contour error, (3)-(9).
 
-    The path is `knots_nm` (1..1024, 2); row i is for the reference at path time `path_s` (n,) and the axes at
+    The path is `knots_nm` (1..4096, 2); row i is for the reference at path time `path_s` (n,) and the axes at
     `position_m` (n, 2). Default parameters but for the Newton step and the longest lag, 1..1000 ms. Raises
     LibraryError; ValueError for arrays that do not fit or a lag out of range.
     """
@@ -219,7 +219,7 @@ def estimate(
     doubles = [ffi.from_buffer("double *", array) for array in (time_s, position, e_n_m)]
     if lib.ks_estimate(ffi.from_buffer("int32_t *", knots), len(knots), newton, lag_max_ms, time_s.size, *doubles):
         raise ValueError(
-            f"{len(knots)} knots, lag up to {lag_max_ms} ms; there must be 1 to 1024 knots, and 1 to 1000 ms"
+            f"{len(knots)} knots, lag up to {lag_max_ms} ms; there must be 1 to 4096 knots, and 1 to 1000 ms"
         )
     return e_n_m
 
