@@ -39,6 +39,6 @@ class SteppedStream:
             self.device.faults.check()
 
     def advance_to(self, share: float) -> None:
-        """Send knots until the drive has accepted this share of them."""
-        while self.sender.accepted < share * self.sender.total:
-            self.sender.advance()
+        """Send knots until the drive has executed this share of them."""
+        while self.sender.executed < share * self.sender.total:
+            self.step()

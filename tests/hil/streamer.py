@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A host in a process of its own, to be killed: streams knots and says "running" when half of them are accepted and
+"""A host in a process of its own, to be killed: streams knots and says "running" when half of them are executed and
 WAITING of them are in the drive's queue.
 
 python streamer.py BUS_OPTIONS_AS_JSON NODE KNOTS.npy WAITING FEED_OVERRIDE

@@ -52,7 +52,7 @@ def slow_down(rig: Rig) -> None:
 
 
 def stream_until(rig: Rig, knots_nm: Knots, share: float) -> None:
-    """Start a stream and go on until the drive has taken a `share` of it, and WAITING knots are in its queue."""
+    """Start a stream and go on until the drive has executed a `share` of it, and WAITING knots are in its queue."""
     slow_down(rig)
     rig.device.override_feed(rig.rate)
     rig.device.axes.enable()
@@ -68,7 +68,7 @@ def stream_until(rig: Rig, knots_nm: Knots, share: float) -> None:
 
 @contextmanager
 def host(drive: Drive, knots_nm: Knots, folder: Path, override: float) -> Iterator[subprocess.Popen[bytes]]:
-    """Another process that streams the knots with this feed override; half of them are taken."""
+    """Another process that streams the knots with this feed override; half of them are executed."""
     np.save(folder / "knots.npy", knots_nm)
     command = [sys.executable, str(Path(__file__).with_name("streamer.py")), json.dumps(drive.bus_options)]
     command += [str(drive.node_id), str(folder / "knots.npy"), str(WAITING), str(override)]

@@ -46,7 +46,7 @@ def interrupt(target: Target) -> None:
     """A run is asked to stop on its way."""
     shares = [0.0]
     result = run(
-        CIRCLE, "ccu", target, operator=Operator(progress=shares.append, stop_requested=lambda: shares[-1] > 0.9)
+        CIRCLE, "ccu", target, operator=Operator(progress=shares.append, stop_requested=lambda: shares[-1] > 0.5)
     )
     assert not result.completed
 
@@ -56,7 +56,7 @@ def fall_silent(target: Target) -> None:
     with open_drive(target) as device:
 
         def silence(share: float) -> None:
-            if share > 0.9:
+            if share > 0.5:
                 device.link.stop_heartbeat()
 
         device.axes.enable()

@@ -68,7 +68,7 @@ def enabled(knots_nm: NDArray[np.int32], kind: type[HookedBus] = HookedBus) -> I
 
 @pytest.fixture(scope="module")
 def knots_nm() -> NDArray[np.int32]:
-    """About 1.3 s of motion, more than four times what the queue holds."""
+    """About 1.3 s of motion, more than what a path starts with."""
     program = shapes.circle(0.02, 0.1)
     knots: NDArray[np.int32] = planner.plan(program, limits(machine.load())).knots_nm
     return knots
@@ -85,6 +85,7 @@ def test_drive_goes_the_whole_way_and_stands_at_the_last_knot(knots_nm: NDArray[
     assert result.rejected == {"sequence": 0, "crc": 0, "full": 0}
     assert np.abs(position_nm - knots_nm[-1]).max() < 20_000
     assert shares == sorted(shares)
+    assert shares[0] < 0.1
     assert shares[-1] == 1.0
 
 

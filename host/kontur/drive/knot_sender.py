@@ -34,6 +34,7 @@ knots as are on their way. It takes four such counts in a row until two knots on
 IDLE, FILLING, RUNNING, STOPPING, DONE, STOPPED = range(6)
 """States of a stream (`stream.state`)."""
 
+_START_KNOTS = 992  # about a second; the rest of the queue is filled while the path runs
 _NUMBERS = 256
 _BURST = 16
 _QUEUED_MAX_S = 0.5  # far less than what the drive's queue holds
@@ -129,6 +130,7 @@ class KnotSender:
         self._outputs_cob_id = wire.RPDO5 + device.link.node_id
         if not resume:
             begin_stream(device, knots_nm)
+        self._size = int(device.read_stable("ip_buffer_x.size"))
         self._room = int(device.read_stable("stream.free"))
         self._credit = self.accepted + min(self._room, WINDOW)
         self._flight_s = min(FLIGHT_MAX_S, FLIGHT_MIN_S + 2.0 * device.link.round_trip_s)
@@ -136,9 +138,16 @@ class KnotSender:
         self._seen = device.link.status_count
         self._heard_s = self._accepted_s = device.link.time_s
 
+    @property
+    def executed(self) -> int:
+        """How many knots path time has passed, by the latest TPDO1."""
+        status = self.device.link.status
+        waiting = 0 if status is None else self._size - status.free
+        return min(max(0, self.accepted - waiting), self.total)
+
     def fill(self) -> None:
-        """Send until the queue is full, or has the last knot. Raises StreamError when the drive accepts no knot."""
-        goal = min(self.accepted + self._room, self.total)
+        """Send until the queue has what a path starts with. Raises StreamError when the drive accepts no knot."""
+        goal = min(self.accepted + min(self._room, _START_KNOTS), self.total)
         while self.accepted < goal:
             self.advance()
             if self.device.link.time_s - self._accepted_s > _SILENCE_S:

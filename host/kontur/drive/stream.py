@@ -28,7 +28,7 @@ _START_TIMEOUT_S, _STOP_TIMEOUT_S = 0.5, 5.0
 class Operator:
     """Who attends a path while it runs. Each function is called again and again until the axes stand.
 
-    `progress` gets the share of the knots that the drive has accepted, 0 to 1. When `stop_requested` returns True the
+    `progress` gets the share of the knots that the drive has executed, 0 to 1. When `stop_requested` returns True the
     drive stops on the path. `feed_override` returns the wanted rate, 0 to 1.2 of the programmed feed, 0 to hold. Only
     `notice` is called once: it gets a sentence on a motion that is not the path's.
     """
@@ -89,8 +89,8 @@ def stream(
 ) -> StreamResult:
     """Send `knots_nm` (N, 2) and let the drive follow them and switch `outputs`; returns when it stands still again.
 
-    The drive must be enabled and stand at the first knot. `before_start` is called when the queue is full and motion is
-    about to start, `started` when it has; what it gets is kept up to date.
+    The drive must be enabled and stand at the first knot. `before_start` is called when the queue has a second of knots and
+    motion is about to start, `started` when it has; what it gets is kept up to date.
 
     `resume`: go on with these knots, all of them as they were, where the drive stopped on the path before it was
     switched off, by a fault or by its master; the axes must not have been moved since.
@@ -132,6 +132,7 @@ def stream(
     )
     if result.completed:
         _check_end(device, knots_nm, outputs)
+        operator.progress(1.0)
     return result
 
 
@@ -158,7 +159,7 @@ def _follow(sender: KnotSender, operator: Operator, motion: Motion) -> None:
                 raise StreamError(f"the drive does not stop on the path, {_STOP_TIMEOUT_S:g} s waited")
             return
         sender.advance()
-        operator.progress(sender.accepted / sender.total)
+        operator.progress(sender.executed / sender.total)
 
 
 def _start(device: Device) -> float:
