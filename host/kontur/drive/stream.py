@@ -89,8 +89,8 @@ def stream(
 ) -> StreamResult:
     """Send `knots_nm` (N, 2) and let the drive follow them and switch `outputs`; returns when it stands still again.
 
-    The drive must be enabled and stand at the first knot. `before_start` is called when the queue has a second of knots and
-    motion is about to start, `started` when it has; what it gets is kept up to date.
+    The drive must be enabled and stand at the first knot. `before_start` is called when the queue has a second of
+    knots and motion is about to start, `started` when it has; what it gets is kept up to date.
 
     `resume`: go on with these knots, all of them as they were, where the drive stopped on the path before it was
     switched off, by a fault or by its master; the axes must not have been moved since.
