@@ -54,6 +54,7 @@ class Tab:
         )
         os.close(to_browser)
         os.close(from_browser)
+        self.pid = self._process.pid
         self._left, self._count, self._session = b"", 0, ""
         self.log: list[str] = []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]

@@ -204,6 +204,41 @@ def test_fault_is_shown_with_its_remedy(tmp_path: Path, page: tuple[View, str]) 
     assert "Remedy: set plant_x and plant_y as the machine is, lower feed or acceleration" in text
 
 
+def test_charts_have_every_peak_of_ten_seconds_and_the_path_grows_in_its_picture(
+    tmp_path: Path, page: tuple[View, str]
+) -> None:
+    view, address = page
+    spike = rows(0, 3000)
+    spike[1234, 2] = -55.0
+    view.begin({"title": "arc"}, COLUMNS, 1e-3 * spike[::100, 3:])
+    most = "Math.max(...LINES.find(l => l.name === 'contour_error_um').least.map(Math.abs).filter(isFinite))"
+    picture = "$('path').getContext('2d').getImageData(0, 0, 600, 500).data"
+    pixels = f"[...{picture}.filter((_, i) => i % 4 === 3)].map(alpha => alpha > 99)"
+    with Tab(tmp_path) as tab:
+        tab.open(address)
+        tab.wait("window.kontur && head")
+        for first in range(0, 3000, 600):
+            view.add(spike[first : first + 600], [])
+            tab.wait(f"kontur.count === {first + 600} && !dirty")
+        assert tab.value(most) == 55.0
+        grown = tab.value(f"window.grown = {pixels}; grown.filter(Boolean).length")
+        assert tab.value("path.drawn === trace.length - 2")
+        other = tab.value(f"path.as = ''; draw(); {pixels}.filter((inked, i) => inked !== grown[i]).length")
+        assert (grown > 500, other < 0.002 * grown) == (True, True), (grown, other)
+        view.add(rows(3000, 8300), [])
+        tab.wait("kontur.count === 11300 && !dirty")
+        assert tab.value(most) < 2.0  # the peak was 10.07 s ago
+        tab.value("""for (let first = 11300; first < 611300; first += 30) {
+          const of = f => Array.from({ length: 30 }, (_, i) => f(first + i));
+          take({ first, missed: 0, rows: { tick: of(t => t), time_s: of(t => t / 1000), contour_error_um: of(Math.sin),
+            position_x_mm: of(t => Math.cos(t / 1000)), position_y_mm: of(t => Math.sin(t / 1000)) } });
+        }""")
+        assert tab.value("kontur.count") == 611_300  # ten minutes later
+        assert tab.value("[trace.length <= TRACE_MAX, recent.length <= FEED_ROWS, LINES[0].most.length]") == [
+            True, True, 500
+        ]  # fmt: skip
+
+
 # --- who may not ------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("path", ["/", "/data", "/command", "/nothing"])
 @pytest.mark.parametrize(
