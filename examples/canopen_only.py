@@ -31,7 +31,6 @@ REST = 3  # equal points at both ends: a path starts and ends at rest
 RECORD_MS = 10
 WINDOW = 63  # knots on their way: their numbers count to 256
 RESEND_S = 0.1
-TELEMETRY, NOT_VALID = (2, 3, 4, 5), 1 << 31  # TPDOs, and the bit of their COB-ID that switches them off
 STATE_S, MOTION_S = 5.0, 60.0  # longer than these nothing is waited for
 
 ENABLE, ENABLE_IP = 0x0F, 0x1F  # controlwords; bit 4 lets the path run
@@ -205,9 +204,6 @@ def drive(network, node_id, eds):
     print(f"{node.sdo[0x1008].raw}, firmware {node.sdo['build_id'].raw}")
     node.setup_402_state_machine()
     node.sdo["heartbeat_consumer"][1].raw = HOST_NODE_ID << 16 | 500
-    for number in TELEMETRY:  # nobody reads it here
-        cob_id = node.sdo[0x1800 + number - 1][1]
-        cob_id.raw |= NOT_VALID
     progress = Progress(node.tpdo[1])
     node.nmt.state = "OPERATIONAL"
     progress.next()

@@ -107,10 +107,27 @@ void co_pdo_refresh(struct co_pdo *pdo)
     }
 }
 
+static void start_tpdo(const struct co_pdo *pdo, struct co_tpdo *tpdo)
+{
+    tpdo->pending = false;
+    tpdo->counting = tpdo->sync_start == 0 || pdo->od->sync_overflow == 0;
+    tpdo->syncs = 0;
+    tpdo->elapsed_ms = tpdo->event_ms;
+    tpdo->inhibit_left_ms = 0;
+}
+
+/* The node may be operational: what other PDOs wait for goes on. */
 void co_pdo_written(struct co_pdo *pdo, uint16_t index)
 {
-    if (index >= OD_PDO_FIRST && index <= OD_PDO_LAST) {
-        co_pdo_refresh(pdo);
+    const unsigned i = index % (unsigned)(OBJ_RPDO1_MAP - OBJ_RPDO1);
+    if (index < OD_PDO_FIRST || index > OD_PDO_LAST) {
+        return;
+    }
+    if (index < OBJ_TPDO1) {
+        resolve_rpdo(pdo->od, &pdo->rpdo[i], i);
+    } else {
+        resolve_tpdo(pdo->od, &pdo->tpdo[i], i);
+        start_tpdo(pdo, &pdo->tpdo[i]);
     }
 }
 
@@ -123,12 +140,7 @@ void co_pdo_start(struct co_pdo *pdo)
     }
     co_emcy_clear(pdo->emcy, CO_EMCY_PDO_LATE);
     for (unsigned i = 0; i < OD_TPDOS; i++) {
-        struct co_tpdo *tpdo = &pdo->tpdo[i];
-        tpdo->pending = false;
-        tpdo->counting = tpdo->sync_start == 0 || pdo->od->sync_overflow == 0;
-        tpdo->syncs = 0;
-        tpdo->elapsed_ms = tpdo->event_ms;
-        tpdo->inhibit_left_ms = 0;
+        start_tpdo(pdo, &pdo->tpdo[i]);
     }
 }
 

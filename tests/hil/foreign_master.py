@@ -31,7 +31,7 @@ Y = 0x800  # from an object of axis x to that of axis y
 CYCLIC_POSITION = 8
 ENABLED, STATE = 0x27, 0x6F
 RADIUS_M, SPEED_MPS, RAMP_S = 0.02, 0.1, 0.2
-_TELEMETRY, _NOT_VALID = (2, 3, 4, 5), 1 << 31
+_NOT_VALID = 1 << 31
 _SETTLE_S = 0.1
 _PART_S = 10.0  # what is recorded of the truth at once
 
@@ -105,8 +105,6 @@ class ForeignMaster:
     def set_up(self, cycle_ms: int, mode: int, *entries: int) -> None:
         """Map `entries` into the third RPDO, which takes effect at SYNC; operational, both axes in `mode`."""
         self.network.send_message(0, bytes([0x80, self.node_id]))
-        for number in _TELEMETRY:
-            self.write(0x1800 + number - 1, 1, 4, _NOT_VALID | self.read(0x1800 + number - 1, 1) & 0x7FF)
         self.map_rpdo(3, 1, *entries)
         self.write_both(0x60C2, 1, 1, cycle_ms)
         self.network.send_message(0, bytes([0x01, self.node_id]))

@@ -15,6 +15,7 @@ from kontur.can import wire
 from kontur.can.link import Link
 from kontur.can.simulated import simulated
 from kontur.drive.device import Device
+from kontur.drive.pdos import TELEMETRY
 from kontur.path import shapes
 from kontur.planning import planner
 from kontur.planning.bounds import limits
@@ -30,7 +31,6 @@ PATIENCE_S = 60.0  # by the wall clock, on a machine that is busy with other wor
 STOPPED = 5  # 2200h state
 STANDS_MPS = 2e-3  # slower than that an axis is said to stand: above what noise and a stop's end make of it
 
-_TELEMETRY_TPDOS, _NOT_VALID = (2, 3, 4, 5), 1 << 31
 
 # A real table moves within 2 mm of where it stands, slowly, and with a part of the force it could use.
 _RADIUS_M, _FEED_MPS = 0.001, 0.01
@@ -49,6 +49,7 @@ class Rig:
         self.feed_mps = _SIMULATED_FEED_MPS if drive.simulated else _FEED_MPS
         self.rate = 1.0
         """The feed override, which the way of a stop goes by."""
+        self.muted = drive.simulated and not drive.stepped  # telemetry stays off: the processor is for what is tested
         self.connect(bus)
 
     def connect(self, bus: can.BusABC | None = None, *, heartbeat: bool = True) -> None:
@@ -68,9 +69,6 @@ class Rig:
     def __enter__(self) -> Rig:
         self.reset()
         self.device.parameters.set(self.drive.parameters if self.drive.simulated else self._safe())
-        self.muted = self.drive.simulated and not self.drive.stepped
-        if self.muted:
-            self._mute_telemetry()
         return self
 
     def __exit__(self, *raised: object) -> None:
@@ -80,12 +78,6 @@ class Rig:
                 self.reset()
         finally:
             self.bus.shutdown()
-
-    def _mute_telemetry(self) -> None:
-        """Leave the processor to what is tested: the truth of a simulated drive is known without its telemetry."""
-        for number in _TELEMETRY_TPDOS:
-            cob_id = self.link.node.sdo[0x1800 + number - 1][1]
-            cob_id.raw = cob_id.raw | _NOT_VALID
 
     def stall(self, duration_s: float) -> None:
         """Let the drive's time pass while the host neither sends nor receives what it should."""
@@ -114,6 +106,8 @@ class Rig:
         self.nmt(command)
         limit_s = BOOT_S if self.drive.stepped or not self.drive.simulated else PATIENCE_S
         assert self.link.wait(lambda: 0 in states, limit_s), f"no boot-up message {limit_s:g} s after a reset"
+        if self.drive.truth_m is None and not self.muted:
+            self.device.pdos.require(*TELEMETRY)
         self.link.emergencies.clear()
 
     def circle(self, laps: float) -> Knots:

@@ -16,6 +16,7 @@ from rig import Rig, checksum
 from stepped_stream import SteppedStream
 from targets import Target
 
+from kontur.drive.pdos import TELEMETRY
 from kontur.drive.state_machine import BIT_PATH_RUNS, ENABLE, RUN_PATH
 from kontur.drive.stream import Operator, stream
 
@@ -41,7 +42,7 @@ def test_circle_is_gone_through_from_start_to_end(rig: Rig) -> None:
 def test_clean_bus_loses_and_repeats_nothing(rig: Rig) -> None:
     if not rig.drive.stepped:
         pytest.skip("a host that shares its processor may lose frames; inproc, and slcan and vcan by SYNC, may not")
-    with rig.device.axes.enabled():
+    with rig.device.axes.enabled(also=TELEMETRY):
         result = stream(rig.device, rig.circle(2.0), before_start=rig.link.record_telemetry)
         telemetry = rig.link.recorded_telemetry(rig.device.position_nm())
         assert result.retransmitted == 0

@@ -45,7 +45,9 @@ def test_mapping_read_from_the_drive_is_the_one_of_the_eds(node: canopen.RemoteN
         from_drive = names(pdos)
         pdos.read(from_od=True)
         assert from_drive == names(pdos)
-        assert all(pdo.trans_type == 254 and pdo.enabled == (pdo is not node.rpdo[4]) for pdo in pdos.values())
+        assert all(pdo.trans_type == 254 for pdo in pdos.values())
+    assert [number for number, pdo in node.rpdo.items() if pdo.enabled] == [1, 2, 3]
+    assert [number for number, pdo in node.tpdo.items() if pdo.enabled] == [1]
     assert [v.name for v in node.rpdo[2]] == ["knot.sequence", "knot.crc", "knot.dx", "knot.dy"]
     assert node.tpdo[1].cob_id == 0x180 + NODE
 
@@ -58,6 +60,7 @@ def test_changed_mapping_is_sent_at_every_second_sync(network: canopen.Network, 
     pdo.add_variable("telemetry", "position_x")
     pdo.add_variable("statusword_y")
     pdo.trans_type = 2
+    pdo.enabled = True
     pdo.save()
     start(node)
     received: list[bytes] = []

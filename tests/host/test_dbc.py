@@ -15,6 +15,7 @@ from kontur.can.link import Link
 from kontur.can.wire import Telemetry
 from kontur.drive.device import Device
 from kontur.drive.master import CHANNELS
+from kontur.drive.pdos import TELEMETRY
 from kontur.drive.stream import stream
 from kontur.path import shapes
 from kontur.planning import planner
@@ -67,7 +68,7 @@ def job(tmp_path_factory: pytest.TempPathFactory, knots_nm: np.ndarray) -> tuple
     with LoggedBus(log, machine=machine.load().starting_at((x, y))) as bus:
         link = Link(bus, 1)
         device = Device(link)
-        with device.axes.enabled():
+        with device.axes.enabled(also=TELEMETRY):
             start_nm = device.position_nm()
             link.record_telemetry()
             stream(device, knots_nm)

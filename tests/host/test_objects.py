@@ -173,7 +173,7 @@ def test_negative_limits_and_defaults_survive(od: canopen.ObjectDictionary) -> N
 
 def test_cob_ids_depend_on_the_node_id(od: canopen.ObjectDictionary) -> None:
     assert od["emcy_cob_id"].default == 0x85
-    assert od["tpdo5.cob_id"].default == 0x400001C5
+    assert od["tpdo5.cob_id"].default == 0xC0000685
     assert od["rpdo2.cob_id"].default == 0x305
 
 

@@ -59,7 +59,7 @@ COMMANDS = {
     "no EMCY": ([("emcy_cob_id", UNUSED | 0x81)], "1014h emcy_cob_id is 80000081h, not 81h"),
 }
 TELEMETRY = {
-    "positions not in use": ([("tpdo3.cob_id", UNUSED | 0x381)], "1802h:1 tpdo3.cob_id is 80000381h, not 40000381h"),
+    "positions elsewhere": ([("tpdo3.cob_id", 0x385)], "1802h:1 tpdo3.cob_id is 385h, not 40000381h"),
     "positions each 5 ms": ([("tpdo3.event_ms", 5)], "1802h:5 tpdo3.event_ms is 5, not 1"),
 }
 
@@ -119,7 +119,7 @@ def test_first_differences_are_named_and_the_others_counted(device: Device) -> N
         [("rpdo1.type", 255), ("tpdo1.type", 255)],
         [("rpdo1.cob_id", UNUSED | 0x201), ("rpdo1.cob_id", 0x40000201)],
         [("rpdo3.cob_id", UNUSED | 0x401), ("rpdo3.cob_id", 0x405)],
-        [("tpdo5.cob_id", UNUSED | 0x1C1)],
+        [("tpdo5.cob_id", UNUSED | 0x6A0)],
     ],
 )
 def test_what_makes_no_difference_to_kontur_is_left_as_it_is(device: Device, harmless: list[tuple[str, int]]) -> None:

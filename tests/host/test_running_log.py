@@ -17,6 +17,8 @@ import pytest
 
 from kontur import machine
 from kontur.can.link import Link
+from kontur.drive.device import Device
+from kontur.drive.pdos import TELEMETRY
 from kontur.drive.stream import Operator
 from kontur.drive.target import Target, tell
 from kontur.path import shapes
@@ -308,6 +310,7 @@ def test_log_that_cannot_be_begun_is_refused_before_the_drive_moves(trajectory: 
 def test_telemetry_is_handed_over_twice_a_second_of_the_drive() -> None:
     with KonturBus() as bus:
         link = Link(bus, 1)
+        Device(link).pdos.require(*TELEMETRY)
         link.node.nmt.state = "OPERATIONAL"
         at_s: list[float] = []
         link.record_telemetry(lambda function, payload: at_s.append(link.time_s))

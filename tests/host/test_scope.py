@@ -25,6 +25,7 @@ from kontur.can.link import Link
 from kontur.cli import main
 from kontur.drive import scope
 from kontur.drive.device import Device, connected
+from kontur.drive.pdos import TELEMETRY
 from kontur.drive.scope import Capture, Setup, Trigger
 from kontur.drive.state_machine import RUN_PATH
 from kontur.drive.target import Target
@@ -128,6 +129,7 @@ def test_capture_is_what_the_servo_did_period_by_period(bus: KonturBus, device: 
 
 def test_errors_are_those_of_the_telemetry(device: Device) -> None:
     stream = start(device)
+    device.pdos.require(*TELEMETRY)
     scope.arm(device, Setup(("tangential_error", "contour_error"), Trigger("now")))
     device.link.record_telemetry()
     device.axes.controlwords(RUN_PATH, RUN_PATH)

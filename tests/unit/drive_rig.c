@@ -53,13 +53,12 @@ bool rig_can_send(void *ctx, const struct can_frame *f)
         r->accepted = (uint16_t)co_get(&f->data[6], 2);
         r->status_count++;
     } else if (f->id == 0x281) {
-        r->tick = (uint16_t)co_get(&f->data[0], 2);
         r->telemetry[0] = *f;
         r->telemetry_ms[0] = r->ms;
     } else if (f->id == 0x381 || f->id == 0x481) {
         r->telemetry[f->id / 0x100 - 2] = *f;
         r->telemetry_ms[f->id / 0x100 - 2] = r->ms;
-    } else if (f->id == 0x1C1) {
+    } else if (f->id == 0x681) {
         r->telemetry[3] = *f;
         r->telemetry_ms[3] = r->ms;
     } else if (f->id == 0x081 && r->emcy_count < EMCY_MAX) {
@@ -195,6 +194,14 @@ void rig_start(struct rig *r, const struct ks_machine *machine)
     device_init(&r->device, &r->hal, &r->ring, 1);
     table1_gains(&r->device.od);
     drive_configure(&r->device.drive, false);
+}
+
+void rig_telemetry_on(struct rig *r)
+{
+    static const uint16_t ids[] = {0x281, 0x381, 0x481, 0x681};
+    for (unsigned i = 0; i < sizeof ids / sizeof ids[0]; i++) {
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(r, (uint16_t)(0x1801u + i), 1, 4, ids[i]));
+    }
 }
 
 void rig_nmt(struct rig *r, uint8_t command)

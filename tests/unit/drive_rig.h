@@ -36,7 +36,6 @@ struct rig {
     unsigned status_count, boot_ups, heartbeats;
     struct can_frame telemetry[4]; /* the last TPDO2 .. TPDO5, and when they came */
     uint32_t telemetry_ms[4];
-    uint16_t tick; /* of the last TPDO2 */
     uint16_t emcy[EMCY_MAX];
     uint8_t emcy_reg[EMCY_MAX];
     unsigned emcy_count;
@@ -53,6 +52,8 @@ bool rig_can_receive(void *ctx, struct can_frame *f);
 struct ks_machine rig_machine(void);
 /* Power on, with the gains of Table 1. A reset brings back those that are stored, or the defaults. */
 void rig_start(struct rig *r, const struct ks_machine *machine);
+/* Switch TPDO2 to TPDO5 on. */
+void rig_telemetry_on(struct rig *r);
 /* Time passes: control periods, or milliseconds. */
 void rig_run(struct rig *r, unsigned periods);
 void rig_ms(struct rig *r, unsigned ms);

@@ -199,4 +199,14 @@ static inline void bus_sdo(struct bus *bus, const char *request, const char *ans
     TEST_ASSERT_EQUAL_UINT(1, bus->count);
     bus_expect(bus, 0, 0x580 + NODE, answer);
 }
+
+/* Switch TPDO2 to TPDO5 on. They are due at once. */
+static inline void bus_telemetry_on(struct bus *bus)
+{
+    bus_sdo(bus, "23 01 18 01 85 02 00 40", "60 01 18 01 00 00 00 00");
+    bus_sdo(bus, "23 02 18 01 85 03 00 40", "60 02 18 01 00 00 00 00");
+    bus_sdo(bus, "23 03 18 01 85 04 00 40", "60 03 18 01 00 00 00 00");
+    bus_sdo(bus, "23 04 18 01 85 06 00 40", "60 04 18 01 00 00 00 00");
+    bus_clear(bus);
+}
 #endif

@@ -8,7 +8,7 @@ void setUp(void)
 {
     bus_start(&bus);
     bus.od.heartbeat_producer = 0;
-    bus_clear(&bus);
+    bus_telemetry_on(&bus);
 }
 
 void tearDown(void)
@@ -75,7 +75,7 @@ static void test_tpdo_with_another_mapping_sends_it(void)
     bus.od.telemetry.tangential_error = -2;
     bus.od.axis[AXIS_Y].statusword = 0x1234;
     TEST_ASSERT_TRUE(co_tpdo_send(&bus.node, 5));
-    bus_expect(&bus, 0, 0x1C5, "11 FE FF FF 34 12");
+    bus_expect(&bus, 0, 0x685, "11 FE FF FF 34 12");
 }
 
 static void test_rpdo_with_gaps_stores_what_is_around_them(void)
@@ -182,7 +182,7 @@ static void test_mapping_is_changed_only_out_of_use_and_when_it_is_empty(void)
 {
     TEST_ASSERT_EQUAL_HEX32(STATE, count(TPDO5, 0));
     TEST_ASSERT_EQUAL_HEX32(STATE, map(TPDO5, 1, 0x10010008));
-    TEST_ASSERT_EQUAL_HEX32(0, write(0x1804, 1, 0xC00001C5, 4));
+    TEST_ASSERT_EQUAL_HEX32(0, write(0x1804, 1, 0xC0000685, 4));
     TEST_ASSERT_EQUAL_HEX32(STATE, map(TPDO5, 1, 0x10010008));
     TEST_ASSERT_EQUAL_HEX32(0, count(TPDO5, 0));
     TEST_ASSERT_EQUAL_HEX32(0, map(TPDO5, 1, 0x10010008));
@@ -190,9 +190,9 @@ static void test_mapping_is_changed_only_out_of_use_and_when_it_is_empty(void)
 
 static void test_operational_changes_no_pdo(void)
 {
-    TEST_ASSERT_EQUAL_HEX32(0, write(0x1804, 1, 0xC00001C5, 4));
+    TEST_ASSERT_EQUAL_HEX32(0, write(0x1804, 1, 0xC0000685, 4));
     bus_give(&bus, 0, "01 05");
-    TEST_ASSERT_EQUAL_HEX32(STATE, write(0x1804, 1, 0xC00001C5, 4));
+    TEST_ASSERT_EQUAL_HEX32(STATE, write(0x1804, 1, 0xC0000690, 4));
     TEST_ASSERT_EQUAL_HEX32(STATE, write(0x1804, 2, 1, 1));
     TEST_ASSERT_EQUAL_HEX32(STATE, write(0x1804, 3, 0, 2));
     TEST_ASSERT_EQUAL_HEX32(STATE, write(0x1804, 5, 1, 2));
@@ -254,7 +254,7 @@ static void test_eight_entries_of_one_byte(void)
     }
     close_mapping(TPDO5, 8);
     TEST_ASSERT_TRUE(co_tpdo_send(&bus.node, 5));
-    bus_expect(&bus, 0, 0x1C5, "00 00 00 00 00 00 00 00");
+    bus_expect(&bus, 0, 0x685, "00 00 00 00 00 00 00 00");
 }
 
 static void test_pdo_that_maps_nothing_is_not_in_use(void)
@@ -264,7 +264,7 @@ static void test_pdo_that_maps_nothing_is_not_in_use(void)
     TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 5));
     bus_run_ms(&bus, 100);
     for (unsigned i = 0; i < bus.count; i++) {
-        TEST_ASSERT_NOT_EQUAL_HEX16(0x1C5, bus.sent[i].id);
+        TEST_ASSERT_NOT_EQUAL_HEX16(0x685, bus.sent[i].id);
     }
 }
 
@@ -292,9 +292,10 @@ static void test_reset_communication_brings_the_default_mapping_back(void)
     close_mapping(TPDO5, 1);
     bus_give(&bus, 0, "82 05");
     bus_give(&bus, 0, "01 05");
-    bus_clear(&bus);
+    TEST_ASSERT_FALSE(co_tpdo_send(&bus.node, 5));
+    bus_telemetry_on(&bus);
     TEST_ASSERT_TRUE(co_tpdo_send(&bus.node, 5));
-    bus_expect(&bus, 0, 0x1C5, "00 00 00 00 00 00 00 00");
+    bus_expect(&bus, 0, 0x685, "00 00 00 00 00 00 00 00");
     TEST_ASSERT_EQUAL_HEX32(0x22100A10, bus.od.tpdo5_map.map_1);
 }
 

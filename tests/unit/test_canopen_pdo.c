@@ -9,7 +9,7 @@ void setUp(void)
     bus_start(&bus);
     bus_give(&bus, 0, "01 05"); /* operational */
     bus.od.heartbeat_producer = 0;
-    bus_clear(&bus);
+    bus_telemetry_on(&bus);
 }
 
 void tearDown(void)
@@ -130,7 +130,38 @@ static void test_every_tpdo_has_its_identifier_and_layout(void)
     bus_expect(&bus, 1, 0x285, "34 12 FF FF FF FF FF 7F");
     bus_expect(&bus, 2, 0x385, "34 12 00 00 80 03 02 01");
     bus_expect(&bus, 3, 0x485, "90 E8 70 17 E8 03 FF FF");
-    bus_expect(&bus, 4, 0x1C5, "A0 0F 01 00 EF BE AD DE");
+    bus_expect(&bus, 4, 0x685, "A0 0F 01 00 EF BE AD DE");
+}
+
+/* 100 frames a second, and the heartbeats: 11 % of 125 kbit/s at most. */
+static void test_by_default_tpdo1_is_sent_alone(void)
+{
+    bus_start(&bus);
+    bus.od.heartbeat_producer = 0;
+    bus_give(&bus, 0, "01 05");
+    bus_clear(&bus);
+    bus_run_ms(&bus, 100);
+    TEST_ASSERT_EQUAL_UINT(10, sent(0x185));
+    TEST_ASSERT_EQUAL_UINT(10, bus.count);
+}
+
+static void test_tpdo_is_switched_on_and_off_while_operational_and_the_others_go_on(void)
+{
+    bus_sdo(&bus, "23 01 18 01 85 02 00 C0", "60 01 18 01 00 00 00 00");
+    bus_run_ms(&bus, 5); /* half of the time of TPDO1 */
+    bus_sdo(&bus, "23 01 18 01 85 02 00 00", "60 01 18 01 00 00 00 00"); /* bit 30 means nothing */
+    bus_clear(&bus);
+    bus_run_ms(&bus, 5);
+    TEST_ASSERT_EQUAL_UINT(5, sent(0x285));
+    TEST_ASSERT_EQUAL_UINT(0, sent(0x185));
+    bus_run_ms(&bus, 1);
+    TEST_ASSERT_EQUAL_UINT(1, sent(0x185));
+    bus_sdo(&bus, "23 01 18 01 85 02 00 80", "60 01 18 01 00 00 00 00");
+    bus_clear(&bus);
+    bus_run_ms(&bus, 20);
+    TEST_ASSERT_EQUAL_UINT(0, sent(0x285));
+    bus_sdo(&bus, "23 01 18 01 90 02 00 40", "80 01 18 01 22 00 00 08"); /* with another identifier */
+    bus_sdo(&bus, "23 00 14 01 05 02 00 80", "80 00 14 01 22 00 00 08"); /* an RPDO */
 }
 
 static void test_tpdos_come_at_their_times_in_the_order_of_their_numbers(void)
@@ -140,7 +171,7 @@ static void test_tpdos_come_at_their_times_in_the_order_of_their_numbers(void)
     TEST_ASSERT_EQUAL_UINT(100, sent(0x285));
     TEST_ASSERT_EQUAL_UINT(100, sent(0x385));
     TEST_ASSERT_EQUAL_UINT(10, sent(0x485));
-    TEST_ASSERT_EQUAL_UINT(5, sent(0x1C5));
+    TEST_ASSERT_EQUAL_UINT(5, sent(0x685));
     for (unsigned i = 0; i < bus.count; i++) {
         if (bus.sent[i].id == 0x485) { /* dated by the TPDO2 of the same millisecond */
             TEST_ASSERT_EQUAL_HEX16(0x285, bus.sent[i - 2].id);
@@ -275,6 +306,8 @@ int main(void)
     RUN_TEST(test_long_rpdo_may_be_another_frame_and_is_refused);
     RUN_TEST(test_rpdo_that_is_switched_off_is_ignored);
     RUN_TEST(test_every_tpdo_has_its_identifier_and_layout);
+    RUN_TEST(test_by_default_tpdo1_is_sent_alone);
+    RUN_TEST(test_tpdo_is_switched_on_and_off_while_operational_and_the_others_go_on);
     RUN_TEST(test_tpdos_come_at_their_times_in_the_order_of_their_numbers);
     RUN_TEST(test_no_tpdo_outside_operational);
     RUN_TEST(test_tpdo_sent_by_an_event_starts_its_timer_anew);

@@ -44,7 +44,7 @@ static void test_cob_ids_contain_the_node_id(void)
 {
     bus_sdo(&bus, "40 14 10 00 00 00 00 00", "43 14 10 00 85 00 00 00");
     bus_sdo(&bus, "40 00 12 01 00 00 00 00", "43 00 12 01 05 06 00 00");
-    bus_sdo(&bus, "40 04 18 01 00 00 00 00", "43 04 18 01 C5 01 00 40");
+    bus_sdo(&bus, "40 04 18 01 00 00 00 00", "43 04 18 01 85 06 00 C0");
 }
 
 static void test_value_is_refreshed_before_it_is_read(void)
@@ -335,6 +335,7 @@ static void test_slow_client_is_not_silent(void)
 
 static void test_pdo_identifier_changes_only_while_the_pdo_is_not_in_use(void)
 {
+    bus_telemetry_on(&bus);
     bus_sdo(&bus, "23 01 18 01 90 02 00 40", "80 01 18 01 30 00 09 06");
     bus_sdo(&bus, "23 01 18 01 85 02 00 C0", "60 01 18 01 00 00 00 00");
     bus_sdo(&bus, "23 01 18 01 90 02 00 C0", "60 01 18 01 00 00 00 00");

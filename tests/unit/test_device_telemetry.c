@@ -21,6 +21,7 @@ static void test_telemetry_carries_the_low_24_bits_of_a_position_and_no_error_wi
     machine.start_m[0] = 20.0e-3;
     machine.start_m[1] = -1.5e-3;
     rig_start(&rig, &machine);
+    rig_telemetry_on(&rig);
     rig_nmt(&rig, 1);
     rig_ms(&rig, 100);
     const uint8_t *error = rig.telemetry[0].data, *position = rig.telemetry[1].data;
@@ -41,6 +42,7 @@ static void test_telemetry_carries_the_low_24_bits_of_a_position_and_no_error_wi
 static void test_telemetry_carries_forces_gains_and_energy_in_their_units(void)
 {
     rig_enable(&rig);
+    rig_telemetry_on(&rig); /* while the node is operational */
     rig_go(&rig, &stream, 695);
     struct servo_state *servo = &rig.device.drive.loop.servo; /* so that the two gains of a kind differ */
     servo->compensator.mu[0] = acc_from(NUM(175));            /* um/T0^2: 7 m/s2 */

@@ -37,6 +37,9 @@ static void enable(ks *s)
     send(s, 0x201, 4, "\x06\x00\x06\x00");
     ks_run(s, 10); /* the master sees the state */
     send(s, 0x201, 4, "\x0F\x00\x0F\x00");
+    send(s, 0x601, 8, "\x23\x01\x18\x01\x81\x02\x00\x00"); /* telemetry on */
+    ks_run(s, 10);
+    send(s, 0x601, 8, "\x23\x02\x18\x01\x81\x03\x00\x00");
 }
 
 /* Receive all frames that the drive has sent. Returns their number, of which `room` are stored. */

@@ -18,7 +18,6 @@ from kontur.can import EDS
 BITRATE = 1_000_000
 _RPDO, _TPDO = (0x1400, 0x1600), (0x1800, 0x1A00)  # CiA 301: first communication and mapping objects
 _KNOTS = "knot"  # an RPDO that carries this object is sent once a knot
-_UNUSED = 1 << 31
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ def worst_case_bits(data_bytes: int) -> int:
 
 
 def loads(bitrate: int = BITRATE, eds: str | Path = EDS) -> list[Load]:
-    """Every kind of frame that is sent cyclically while knots are streamed, by the defaults of the EDS.
+    """Every kind of frame that is sent cyclically while knots are streamed and telemetry is on, by the EDS.
 
     SDO, EMCY and the TPDO1 of a change of state are not cyclic and not among them.
     """
@@ -56,7 +55,7 @@ def loads(bitrate: int = BITRATE, eds: str | Path = EDS) -> list[Load]:
 
     for kind, (communication, mapping) in (("RPDO", _RPDO), ("TPDO", _TPDO)):
         for i in range(512):
-            if communication + i not in dictionary or _value(dictionary, communication + i, 1) & _UNUSED:
+            if communication + i not in dictionary:
                 continue
             entries = [_value(dictionary, mapping + i, k + 1) for k in range(_value(dictionary, mapping + i, 0))]
             if kind == "TPDO":

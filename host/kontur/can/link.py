@@ -53,6 +53,7 @@ _HEARTBEAT_OPERATIONAL = b"\x05"
 _TICK, _ERROR_REGISTER = "clock.tick", "error_register"
 _ROUND_S = 0.02  # wall clock; after it a frame of the round counts as lost, and the drive's tick is read
 _SILENCE_S = 10.0  # wall clock
+_UNDATED_MAX = 4  # rounds without telemetry, after which it counts as off, and the tick is read at once
 _QUEUE_FULL_S = 2.0  # as long as a stream waits for a silent drive
 _QUEUE_POLL_S = 1e-3
 _ASK_EACH = 64  # rounds: a SYNC that the bus repeated leaves frames behind, which would accumulate
@@ -92,6 +93,7 @@ class Link:
         self._sync_ms = 0  # device time that passes at each SYNC; 0: time passes by itself
         self._tick_ms = 0
         self._rounds = 0
+        self._dated_round = -_UNDATED_MAX  # the last one in which telemetry with a tick came
         # A bus with a clock of its own, the simulator's, has a `time_s`.
         self._clock: Callable[[], float] = (lambda: bus.time_s) if hasattr(bus, "time_s") else time.monotonic
         self._next_heartbeat_s = math.inf
@@ -144,6 +146,11 @@ class Link:
     def by_device_time(self) -> bool:
         """Whether `time_s` is the drive's own time since power-on, which passes only as the host receives."""
         return simulated(self.bus) is not None or self._sync_ms > 0
+
+    @property
+    def follows_sync(self) -> bool:
+        """Whether the drive's time passes with this host's SYNC alone."""
+        return self._sync_ms > 0
 
     def follow_sync(self, tick_ms: int, period_ms: int) -> None:
         """Let poll() send SYNC from now on: the drive, now at `tick_ms`, lets `period_ms` pass at each."""
@@ -328,7 +335,8 @@ class Link:
     def _round(self) -> None:
         goal_ms = self._tick_ms + self._sync_ms
         self._rounds += 1
-        wait_s = 0.0 if self._rounds % _ASK_EACH == 0 or self.node.nmt.state != "OPERATIONAL" else _ROUND_S
+        dated = self._rounds - self._dated_round < _UNDATED_MAX
+        wait_s = _ROUND_S if self._rounds % _ASK_EACH and self.node.nmt.state == "OPERATIONAL" and dated else 0.0
         now_s = time.monotonic()
         end_s, ask_s = now_s + _SILENCE_S, now_s + wait_s
         self.send(wire.SYNC, b"")
@@ -350,6 +358,7 @@ class Link:
             ask_s = time.monotonic() + wait_s
 
     def _see_tick(self, tick_ms: int) -> None:
+        self._dated_round = self._rounds
         if tick_ms == (self._tick_ms + self._sync_ms) & 0xFFFF:
             self._tick_ms += self._sync_ms
 

@@ -32,6 +32,8 @@ def command(*, target: Target, as_json: bool) -> None:
     click.echo(f"bus         {bus}, CAN {info.can}")
     click.echo(f"drive       {info.name}, node {info.node_id}")
     click.echo(f"firmware    {info.build}, numbers {info.num}, control {info.control_hz} Hz")
+    sent = ", ".join(f"{name.upper()} {cob_id:X}h" for name, cob_id in info.tpdos.items())
+    click.echo(f"sends       {sent or 'no TPDO'}")
     click.echo(f"controller  {info.controller}")
     for axis, state, position_m, code in zip("xy", info.state, info.position_m, info.error_code, strict=True):
         fault = f", error {describe_emcy(code)}" if code else ""

@@ -19,6 +19,7 @@ from kontur.commissioning.bias import Mover
 from kontur.commissioning.recording import Recorder
 from kontur.commissioning.response import Floats, Setup
 from kontur.drive.device import Device
+from kontur.drive.pdos import TELEMETRY
 from kontur.drive.single_axis import jog
 from kontur.errors import DeviceError, EmcyError
 
@@ -100,7 +101,7 @@ def prepare(device: Device, axis: str) -> None:
 
 @contextmanager
 def moving(device: Device, axis: str, stop_requested: Callable[[], bool]) -> Iterator[Mover]:
-    with device.axes.enabled():
+    with device.axes.enabled(also=TELEMETRY):
         yield Mover(device, axis, stop_requested)
 
 

@@ -36,7 +36,8 @@ _CAN_STATES = ("error active", "error warning", "error passive", "off")
 
 @dataclass(frozen=True)
 class Info:
-    """Identity and state of a drive. `warnings`, `error_code`: EMCY codes; `can`: state of its CAN controller."""
+    """Identity and state of a drive. `warnings`, `error_code`: EMCY codes; `can`: state of its CAN controller; `tpdos`:
+    identifiers of the TPDOs that it sends."""
 
     node_id: int
     name: str
@@ -49,6 +50,7 @@ class Info:
     error_code: tuple[int, int]
     warnings: tuple[int, ...]
     can: str
+    tpdos: dict[str, int]
 
 
 class Device(Objects):
@@ -81,6 +83,7 @@ class Device(Objects):
             error_code=(self.read("error_code_x"), self.read("error_code_y")),
             warnings=self.faults.warnings(),
             can=_CAN_STATES[self.read("can.state")],
+            tpdos=self.pdos.sent(),
         )
 
     def position_nm(self) -> tuple[int, int]:
@@ -139,8 +142,12 @@ class Device(Objects):
 
 @contextmanager
 def connected(bus: can.BusABC, node_id: int) -> Iterator[Device]:
-    """The drive on `bus`; the bus is shut down at the end."""
+    """The drive on `bus`; at the end PDOs are as they were found, and the bus is shut down."""
     try:
-        yield Device(Link(bus, node_id))
+        device = Device(Link(bus, node_id))
+        try:
+            yield device
+        finally:
+            device.pdos.restore()
     finally:
         bus.shutdown()

@@ -2,21 +2,26 @@
 """The PDOs that host and drive talk in (`device.pdos`): as the EDS declares them, or not as another master left them.
 
 Another master may change a drive's PDOs, and store them so. Then controlwords, knots or statuswords would not arrive,
-or others in their place. What is needed is compared before an axis is enabled.
+or others in their place. What is needed is compared before an axis is enabled. Telemetry is off until a host needs
+it, and is switched off again when the host leaves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 from kontur.can import wire
 from kontur.drive.objects import Objects, refused_in_this_state
-from kontur.errors import DeviceError
+from kontur.errors import DeviceError, KonturError
 
 COMMANDS = ("rpdo1", "rpdo2", "tpdo1")
 """Controlwords, knots, and the statuswords that answer both."""
 TELEMETRY = ("tpdo2", "tpdo3", "tpdo4", "tpdo5")
+"""Off by default."""
+DATED = TELEMETRY[:2]
+"""These carry the drive's tick."""
 
 _EMCY = "emcy_cob_id"
 _UNUSED, _ID = 1 << 31, 0x7FF
@@ -32,13 +37,31 @@ class Pdos:
     def __init__(self, objects: Objects) -> None:
         self._objects = objects
         self.may_set = False
+        self._needed: frozenset[str] = frozenset()
+        self._switched_on: list[str] = []
+
+    def sent(self) -> dict[str, int]:
+        """The identifiers of the TPDOs that the drive sends, by their names."""
+        cob_ids = {pdo: int(self._objects.read(f"{pdo}.cob_id")) for pdo in self._all() if pdo.startswith("tpdo")}
+        return {pdo: cob_id & _ID for pdo, cob_id in cob_ids.items() if not cob_id & _UNUSED}
+
+    def restore(self) -> None:
+        """Switch off again what require() has switched on, where the drive still answers."""
+        switched_on, self._switched_on = self._switched_on, []
+        with suppress(KonturError):
+            for pdo in switched_on:
+                name = f"{pdo}.cob_id"
+                self._objects.write(name, int(self._objects.read(name)) | _UNUSED)
 
     def require(self, *pdos: str) -> None:
         """Raise DeviceError unless `pdos`, and the identifier of EMCY, are as the EDS declares them.
 
-        With `may_set` they are set, which leaves the node in *pre-operational*. The drive must be claimed.
+        Those that are only off, and are so by default, are switched on until restore(). With `may_set` all that differs
+        is set, which leaves the node in *pre-operational*. The drive must be claimed.
         """
+        self._needed = frozenset(pdos)
         for _ in range(_ATTEMPTS):
+            self._switch_on(pdos)
             differing = {name: is_ for pdo in self._wanted(pdos) for name, is_ in self._differing(pdo)}
             if not differing:
                 return
@@ -49,6 +72,15 @@ class Pdos:
         raise DeviceError(
             f"{self._message(differing)}; they do not stay as they are set: does another master set them?"
         )
+
+    def _switch_on(self, pdos: tuple[str, ...]) -> None:
+        for pdo in pdos:
+            name = f"{pdo}.cob_id"
+            if int(self._objects.default(name)) & _UNUSED and list(self._differing(pdo)) == [
+                (name, self._declared(name) | _UNUSED)
+            ]:
+                self._objects.write(name, self._declared(name))
+                self._switched_on.append(pdo)
 
     def _wanted(self, needed: tuple[str, ...]) -> list[str]:
         """What is needed, and others that have an identifier of it: their frames would be taken for these."""
@@ -82,7 +114,9 @@ class Pdos:
         ]
 
     def _declared(self, name: str) -> int:
-        return int(self._objects.default(name))
+        """The default; what is needed is on."""
+        on = name.partition(".")[0] in self._needed and name.endswith(".cob_id")
+        return int(self._objects.default(name)) & (~_UNUSED if on else ~0)
 
     def _as_declared(self, name: str, value: Any) -> bool:
         declared = self._declared(name)

@@ -12,7 +12,7 @@ from kontur.can.link import RESEND_S
 from kontur.drive.fault_reports import FaultReports
 from kontur.drive.master import Master
 from kontur.drive.objects import Objects
-from kontur.drive.pdos import COMMANDS, Pdos
+from kontur.drive.pdos import COMMANDS, DATED, Pdos
 from kontur.errors import DeviceError, KonturError, NoAnswerError
 
 # Controlwords of CiA 402, and its states by (mask, value) of the statusword.
@@ -67,7 +67,8 @@ class StateMachine:
         it, DeviceError with the state that it got stuck in, or when its PDOs, and those `also` needed, are others.
         """
         self.master.claim()
-        self.pdos.require(*COMMANDS, *also)
+        dated = DATED[:1] if self._link.follows_sync and not also else ()
+        self.pdos.require(*COMMANDS, *also, *dated)
         self.start_node()
         self.faults.clear_emergencies()
         self._objects.restore_written()

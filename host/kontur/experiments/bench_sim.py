@@ -15,6 +15,7 @@ from typing import Any
 from kontur.can.link import HEARTBEAT_S
 from kontur.drive.device import Device
 from kontur.drive.knot_sender import begin_stream
+from kontur.drive.pdos import TELEMETRY
 from kontur.drive.state_machine import RUN_PATH
 from kontur.drive.stream import stream
 from kontur.drive.target import Target, open_drive
@@ -95,5 +96,5 @@ def _ready(trajectory: Trajectory, target: Target) -> Iterator[Device]:
     start = target.machine.starting_at(trajectory.program.start_m)
     with open_drive(replace(target, bus=None, machine=start)) as device:
         device.select_controller("ccu")
-        with device.axes.enabled():
+        with device.axes.enabled(also=TELEMETRY):
             yield device

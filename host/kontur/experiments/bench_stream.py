@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from kontur.can.bad_bus import BadBus
 from kontur.drive.device import Device
+from kontur.drive.pdos import TELEMETRY
 from kontur.drive.stream import Operator, stream
 from kontur.drive.target import Target, open_drive, tell
 from kontur.errors import EmcyError, StreamError
@@ -42,7 +43,7 @@ def bench(
     KeyboardInterrupt when the stop was requested.
     """
     asked = target
-    with _target(target) as target, open_drive(target) as device, device.axes.enabled():
+    with _target(target) as target, open_drive(target) as device, device.axes.enabled(also=TELEMETRY):
         here_nm = np.array(device.position_nm())
         knots_nm = _circle(target, knots) + here_nm
         knots_nm = knots_nm.astype(np.int32)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from kontur.can import signals
 from kontur.can.wire import TelemetryStream
 from kontur.drive.device import Device
+from kontur.drive.pdos import TELEMETRY
+from kontur.errors import DeviceError
 from kontur.live.view import View
 from kontur.runs.columns import measured
 from kontur.runs.recorder import WATCHED_S
@@ -25,7 +27,8 @@ _COLUMNS = (
 
 @contextmanager
 def following(device: Device, view: View, title: str) -> Iterator[None]:
-    """Show all telemetry that `device` sends inside."""
+    """Show all telemetry that `device` sends inside. It is switched on, unless another program holds the drive: then
+    what is on is shown."""
     link = device.link
     stream = TelemetryStream(device.position_nm())
     first: int | None = None
@@ -40,6 +43,8 @@ def following(device: Device, view: View, title: str) -> Iterator[None]:
         view.add(np.column_stack([found[name] for name, _ in _COLUMNS]), link.reported)
 
     view.begin({"title": title, "machine": str(link.bus.channel_info)}, _COLUMNS, paced=link.by_device_time)
+    with suppress(DeviceError):
+        device.pdos.require(*TELEMETRY)
     try:
         with link.telemetry_watched(take, WATCHED_S):
             yield
