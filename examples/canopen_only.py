@@ -29,6 +29,7 @@ RADIUS_NM = 2_000_000
 LAP_S = 2.0
 REST = 3  # equal points at both ends: a path starts and ends at rest
 RECORD_MS = 10
+RECORD_LAG_MS = 100  # a thread of Python is late now and then; from 66 ms on the path stops on itself
 WINDOW = 63  # knots on their way: their numbers count to 256
 RESEND_S = 0.1
 STATE_S, MOTION_S = 5.0, 60.0  # longer than these nothing is waited for
@@ -204,6 +205,7 @@ def drive(network, node_id, eds):
     print(f"{node.sdo[0x1008].raw}, firmware {node.sdo['build_id'].raw}")
     node.setup_402_state_machine()
     node.sdo["heartbeat_consumer"][1].raw = HOST_NODE_ID << 16 | 500
+    node.sdo["record_lag"].raw = RECORD_LAG_MS
     progress = Progress(node.tpdo[1])
     node.nmt.state = "OPERATIONAL"
     progress.next()

@@ -250,6 +250,7 @@ static uint32_t find_faults(struct drive *d, const struct drive_in *in)
            (in->heartbeat_lost ? FAULT_BIT(FAULT_HEARTBEAT) : 0u) |
            (queue->open && queue->outside ? FAULT_BIT(FAULT_KNOT_RANGE) : 0u) |
            (queue->open && queue->over_acceleration ? FAULT_BIT(FAULT_KNOT_ACCELERATION) : 0u) | find_refused(d) |
+           (d->path.ran_out ? FAULT_BIT(FAULT_UNDERRUN) : 0u) |
            (path_on_switch(d) ? FAULT_BIT(FAULT_LIMIT_SWITCH) : 0u);
 }
 

@@ -23,6 +23,8 @@ struct path {
     struct path_progress progress;   /* as read last */
     uint32_t stream;                 /* loop->command.stream as it is to be */
     struct knot suspended_at;        /* where a suspended path stands */
+    bool short_lag;                  /* the records of this stream wait for less time than a stop on the path takes */
+    bool ran_out;                    /* its records ceased on its way, and no halt had stopped it before */
     bool overflow;                   /* a record was lost because the queue was full: the path goes no further */
     uint32_t follow_ms;              /* of the last snapshot by which path time has followed the records' clock */
     int32_t waiting, waiting_wanted; /* knots of records that wait, averaged, and as at the start; 1/4096 */

@@ -336,10 +336,26 @@ void axis_modes_begin_stream(struct axis_modes *m, uint8_t record_ms, struct kno
     ip_record_start(&m->record, record_ms, start);
 }
 
-bool axis_modes_enough_knots(const struct axis_modes *m, const struct queue *q, uint32_t stop_time)
+bool axis_modes_enough_knots(const struct axis_modes *m, const struct queue *q, uint32_t record_lag)
 {
     const struct od_stream *s = q->stream;
-    const uint32_t stop = stop_time / 2u + 4u;
-    return s->state != STREAM_FILLING || !m->by_record || s->accepted >= stop + 2u * m->record.ms + RECORD_JITTER ||
-           queue_complete(q);
+    return s->state != STREAM_FILLING || !m->by_record ||
+           s->accepted >= record_lag + m->record.ms - 1u + m->record.ms / 4u || queue_complete(q);
+}
+
+void axis_modes_take_over(struct axis_modes *m, const struct queue *q)
+{
+    const int64_t speed[2] = {q->step_nm[0] < 0 ? -q->step_nm[0] : q->step_nm[0],
+                              q->step_nm[1] < 0 ? -q->step_nm[1] : q->step_nm[1]};
+    const int64_t down[2] = {m->axis[0].settings.down_umps2, m->axis[1].settings.down_umps2};
+    m->generating = true;
+    m->ending = false;
+    m->cyclic.runs = false;
+    profile_go_on(&m->axis[0].profile, q->stream->end_x, (int32_t)q->step_nm[0]);
+    profile_go_on(&m->axis[1].profile, q->stream->end_y, (int32_t)q->step_nm[1]);
+    for (int i = 0; i < 2; i++) { /* both stand at the same time, so it is a line */
+        if (speed[i] * down[1 - i] < speed[1 - i] * down[i]) {
+            m->axis[i].settings.down_umps2 = (uint32_t)(speed[i] * down[1 - i] / speed[1 - i] + 1);
+        }
+    }
 }

@@ -77,9 +77,11 @@ uint16_t axis_modes_status(const struct axis_modes *m, int axis, uint8_t stream_
 
 /* A stream begins at `start`: its first record follows from there. */
 void axis_modes_begin_stream(struct axis_modes *m, uint8_t record_ms, struct knot start);
-/* Whether the stream has enough knots to start. A stream of records needs as many as a stop takes (stop_time, ms), and as
- * many as come late from a master whose records come two periods and RECORD_JITTER late. */
-bool axis_modes_enough_knots(const struct axis_modes *m, const struct queue *q, uint32_t stop_time);
+/* Whether the stream has enough knots to start. A stream of records needs those of record_lag (ms) and of a record,
+ * which may be a quarter of its time late. */
+bool axis_modes_enough_knots(const struct axis_modes *m, const struct queue *q, uint32_t record_lag);
+/* The knots of a stream end on its way: profiles lead on from the last one, and stop. */
+void axis_modes_take_over(struct axis_modes *m, const struct queue *q);
 
 /* Whether a stream or set-points of the master may move the axis. */
 bool axis_modes_led(const struct axis_modes *m, int axis);

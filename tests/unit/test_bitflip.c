@@ -178,6 +178,8 @@ static const struct variable variables[] = {
     FLAG(device.drive.path.modes.generating),
     FLAG(device.drive.path.modes.ending),
     FLAG(device.drive.path.modes.by_record),
+    FLAG(device.drive.path.short_lag),
+    FLAG(device.drive.path.ran_out),
     FLAG(device.drive.path.modes.by_frame),
     DRIVE(path.modes.axis[0].homing.state),
     DRIVE(path.modes.axis[0].requested_umps),

@@ -334,6 +334,7 @@ static void test_record_after_one_that_was_refused_is_refused_too(void)
 
 static void test_way_shorter_than_a_stop_starts_once_it_is_whole(void)
 {
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2171, 0, 2, 72));
     rig_enable(&rig);
     rig_controlwords(&rig, RUN, RUN);
     for (int i = 0; i < 10; i++) {
@@ -347,18 +348,17 @@ static void test_way_shorter_than_a_stop_starts_once_it_is_whole(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.2e-3, 900e-6, mm(0));
 }
 
-/* docs/protocol.md: with fewer, a stop at the first want of records would end beyond the last of them. */
-static void test_way_starts_with_half_of_a_stop_and_20_knots_and_two_records(void)
+static void test_way_starts_with_the_knots_of_the_lag_and_of_two_records(void)
 {
-    static const uint32_t stop_ms[] = {100, 200, 100}, record_ms[] = {1, 1, 10};
+    static const uint32_t lag_ms[] = {4, 72, 4}, record_ms[] = {1, 1, 10};
     for (int n = 0; n < 3; n++) {
         setUp();
-        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2130, 2, 2, stop_ms[n]));
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2171, 0, 2, lag_ms[n]));
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x60C2, 1, 1, record_ms[n]));
         TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x68C2, 1, 1, record_ms[n]));
         rig_enable(&rig);
         rig_controlwords(&rig, RUN, RUN);
-        const uint32_t least = stop_ms[n] / 2 + 20 + 2 * record_ms[n];
+        const uint32_t least = lag_ms[n] + record_ms[n] - 1 + record_ms[n] / 4;
         while (stream(7) < least) {
             TEST_ASSERT_TRUE(stream(7) == 0 || stream(5) == FILLING);
             record(0, 0);
@@ -506,7 +506,7 @@ int main(void)
     RUN_TEST(test_estimated_contour_error_is_kept_over_the_path_time_that_ran);
     RUN_TEST(test_record_after_one_that_was_refused_is_refused_too);
     RUN_TEST(test_way_shorter_than_a_stop_starts_once_it_is_whole);
-    RUN_TEST(test_way_starts_with_half_of_a_stop_and_20_knots_and_two_records);
+    RUN_TEST(test_way_starts_with_the_knots_of_the_lag_and_of_two_records);
     RUN_TEST(test_total_of_0_does_not_end_an_open_stream);
     RUN_TEST(test_record_begins_the_next_stream_after_one_with_a_total);
     RUN_TEST(test_record_begins_nothing_while_the_axes_still_move);
