@@ -25,7 +25,26 @@ def make_peripherals(chip: Chip) -> list[Block]:
         type(f"Gpio{c}", (Gpio,), {"base": 0x40020000 + 0x400 * n, "clock": ("AHB1", n)})
         for n, c in enumerate("ABCDEFGHI")
     ]
-    kinds = [Rcc, Flash, Pwr, Exti, Tim2, Tim3, Tim4, Tim5, Tim8, Dac, Usart1, Usart3, Can, Iwdg, Wwdg, Dbgmcu, Dwt]
+    kinds = [
+        Rcc,
+        Flash,
+        Pwr,
+        Exti,
+        Tim2,
+        Tim3,
+        Tim4,
+        Tim5,
+        Tim8,
+        Tim1,
+        Dac,
+        Usart1,
+        Usart3,
+        Can,
+        Iwdg,
+        Wwdg,
+        Dbgmcu,
+        Dwt,
+    ]
     kinds += [Spi2, Spi3]
     return [kind(chip) for kind in (*kinds, *gpio)]
 
@@ -440,9 +459,18 @@ class Tim8(Peripheral):
         get = self.words.get
         self._take_break()
         on = get(Tim.BDTR, 0) & self.MOE and get(Tim.CR1, 0) & 1 and get(Tim.CCER, 0) >> 4 * (channel - 1) & 1
-        if self.chip.halted and self.chip.dbgmcu.words.get(0xC, 0) >> 1 & 1:
+        if self.chip.halted and self.chip.dbgmcu.words.get(0xC, 0) >> self.clock[1] & 1:
             return 0.0
         return get(Tim.CCR1 + 4 * (channel - 1), 0) / (get(Tim.ARR, 0) + 1) if on else 0.0
+
+
+class Tim1(Tim8):
+    """The same without a break input. Its bit of DBGMCU is that of its clock, as of TIM8."""
+
+    base, clock = 0x40010000, ("APB2", 0)
+
+    def _take_break(self) -> None:
+        pass
 
 
 class Dac(Peripheral):

@@ -371,6 +371,29 @@ static void test_new_stream_ends_a_hold(void)
     check_new_stream(true);
 }
 
+/* The path stands a tenth of a knot before the hold, goes on slowly, and so is held at that very knot. */
+static void test_path_goes_on_from_the_knot_of_the_hold_itself(void)
+{
+    fill(hold, 3);
+    run();
+    while (rig.device.drive.loop.path.at.knot < 249) {
+        rig_run(&rig, 1);
+    }
+    rig_run(&rig, 9);
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    rig_ms(&rig, 200);
+    TEST_ASSERT_EQUAL_UINT32(299, rig.device.drive.loop.path.at.knot);
+    TEST_ASSERT_EQUAL_UINT32(0, rig_read(&rig, 0x2180, 5));
+    rig_write(&rig, 0x2131, 0, 2, 1); /* 0.1 % */
+    run();
+    rig_ms(&rig, 300);
+    TEST_ASSERT_EQUAL_UINT32(300, rig.device.drive.loop.path.at.knot);
+    TEST_ASSERT_EQUAL_UINT32(301, rig_read(&rig, 0x2180, 5));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2200, 1, 1, RELEASE));
+    rig_write(&rig, 0x2131, 0, 2, 1000);
+    expect_all_done_once(3);
+}
+
 /* An underrun is found by the tick, and only stops the axes on the path. */
 static void test_fault_of_the_tick_that_stops_on_the_path_switches_off_in_its_tick(void)
 {
@@ -480,6 +503,7 @@ int main(void)
     RUN_TEST(test_path_is_held_at_its_knot_until_it_is_released);
     RUN_TEST(test_hold_lasts_over_a_fault);
     RUN_TEST(test_new_stream_ends_a_hold);
+    RUN_TEST(test_path_goes_on_from_the_knot_of_the_hold_itself);
     RUN_TEST(test_fault_of_the_tick_that_stops_on_the_path_switches_off_in_its_tick);
     RUN_TEST(test_knot_is_refused_without_its_outputs_whatever_these_are);
     RUN_TEST(test_knot_without_outputs_is_refused_behind_an_outputs_frame);

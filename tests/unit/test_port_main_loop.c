@@ -178,7 +178,7 @@ static void test_a_healthy_board_has_no_fault_and_can_be_enabled(void)
 static void test_while_an_axis_has_power_the_watchdog_runs_on_in_a_debugger(void)
 {
     TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB1_FZ_IWDG | DBGMCU_APB1_FZ_WWDG, chip.dbgmcu.APB1_FZ);
-    TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB2_FZ_TIM8, chip.dbgmcu.APB2_FZ);
+    TEST_ASSERT_EQUAL_HEX32(DBGMCU_APB2_FZ_TIM1 | DBGMCU_APB2_FZ_TIM8, chip.dbgmcu.APB2_FZ);
     enable();
     TEST_ASSERT_EQUAL_HEX32(0, chip.dbgmcu.APB1_FZ);
     master_sends(0x201, 4, 0x00060006, 0);

@@ -35,6 +35,10 @@
 #define BOARD_LED PIN('C', 1)   /* D13 */
 #define BOARD_ALIVE PIN('A', 7) /* A3 */
 
+#define BOARD_DIGITAL {PIN_NONE} /* no pin is left */
+#define BOARD_POWER PIN_NONE
+#define BOARD_POWER_AF 1
+
 #define BOARD_STOP {PIN('A', 6), true, PIN_PULL_UP} /* A2 */
 
 /* The DAC channels are the pins A0 (x) and A1 (y). */

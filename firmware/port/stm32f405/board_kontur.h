@@ -2,8 +2,7 @@
 /* board_kontur.h: a controller board with an STM32F405RG (LQFP64). docs/hardware.md has the pins as a table.
  *
  * Alternate functions are those of ST, DS8626 "STM32F405xx STM32F407xx datasheet". Each input is a contact to ground
- * that opens when it is active, against the chip's pull-up, so that a broken wire is active. Free pins are PA7, PA8,
- * PB2, PB11, PB13, PC9, PC14 and PC15. PA11 and PA12 are reserved for USB (flashing), PA13 and PA14 for
+ * that opens when it is active, against the chip's pull-up, so that a broken wire is active. No pin is free. PA11 and PA12 are reserved for USB (flashing), PA13 and PA14 for
  * SWD.
  */
 #ifndef KONTUR_BOARD_KONTUR_H
@@ -42,6 +41,13 @@
 #define BOARD_LED PIN('C', 13) /* it sinks 3 mA at most (DS8626, output current of PC13) */
 /* A square wave of half the rate of the servo tick, while that runs. */
 #define BOARD_ALIVE PIN('B', 0)
+
+/* The outputs beside the axes (2180h) by their bits, and the pin of their power: channel 1 of TIM1. PC14 and PC15 sink
+ * 3 mA at most, as PC13. */
+#define BOARD_DIGITAL                                                                                                  \
+    {PIN('B', 11), PIN('B', 13), PIN('C', 14), PIN('C', 9), PIN('A', 7), PIN('C', 15), PIN_NONE, PIN_NONE, PIN('B', 2)}
+#define BOARD_POWER PIN('A', 8)
+#define BOARD_POWER_AF 1
 
 #define BOARD_STOP {PIN('C', 4), true, PIN_PULL_UP}
 

@@ -5,6 +5,7 @@
 #include "port/stm32f405/board.h"
 #include "port/stm32f405/cpu.h"
 #include "port/stm32f405/spi_dac.h"
+#include "port/stm32f405/switches.h"
 
 enum { DAC_ZERO = 2048, PERMILLE = 1000, OFFSET_ONE = 100000, DEFAULT_PWM_HZ = 40000 };
 /* Off: the pins are driven low. */
@@ -109,6 +110,7 @@ void output_init(void)
     TIM8->EGR = TIM_EGR_UG;
     TIM8->CR1 = TIM_CR1_ARPE | TIM_CR1_CEN;
     spi_dac_init();
+    switches_init();
     output_configure(cfg);
 }
 
@@ -208,6 +210,7 @@ void output_write(const struct hal_drive_out *out)
             pin_write(axes[i].brake, true);
         }
     }
+    switches_write(out);
     if (safe_state) { /* an interrupt has called output_safe() meanwhile */
         output_safe();
     }
@@ -216,6 +219,7 @@ void output_write(const struct hal_drive_out *out)
 void output_safe(void)
 {
     safe_state = true;
+    switches_safe();
     for (int i = 0; i < AXES; i++) {
         pin_write(axes[i].brake, false);
         pin_write(axes[i].enable, false);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* output.h: two force commands, two enable signals and two brakes, which are released only while their axis is enabled.
+/* output.h: two force commands, two enable signals and two brakes, which are released only while their axis is enabled;
+ * with them the outputs beside the axes (switches.h).
  *
  * DAC: 12 bits; code 2048 + n is n/2048 of full scale, and the board makes -10..10 V of 0..3.3 V. Serial DAC:
  * the same with 16 bits (spi_dac.h). PWM: steps of 1/168

@@ -56,6 +56,7 @@ enum {
     RCC_APB1ENR_CAN1 = 1 << 25,
     RCC_APB1ENR_PWR = 1 << 28,
     RCC_APB1ENR_DAC = 1 << 29,
+    RCC_APB2ENR_TIM1 = 1 << 0,
     RCC_APB2ENR_TIM8 = 1 << 1,
     RCC_APB2ENR_USART1 = 1 << 4,
     RCC_CSR_RMVF = 1 << 24,
@@ -126,6 +127,7 @@ enum {
     TIM_CCMR_INPUT = 1,              /* CCxS = 01: ICx is TIx; of the channel's byte of CCMR1, CCMR2 */
     TIM_CCMR_IC_FILTER = 4,          /* position of ICxF in that byte */
     TIM_CCMR_PWM1 = 6 << 4 | 1 << 3, /* OCxM = 110, OCxPE */
+    TIM_CCMR_PWM1_AT_ONCE = 6 << 4,  /* without preload */
     TIM_CCER_E = 1 << 0,             /* of the channel's four bits */
     TIM_BDTR_OSSI = 1 << 10,
     TIM_BDTR_OSSR = 1 << 11,
@@ -234,7 +236,12 @@ enum { WWDG_CR_WDGA = 1 << 7, WWDG_CR_T6 = 1 << 6, WWDG_CFR_W = 0x7F };
 struct dbgmcu {
     reg IDCODE, CR, APB1_FZ, APB2_FZ;
 };
-enum { DBGMCU_APB1_FZ_WWDG = 1 << 11, DBGMCU_APB1_FZ_IWDG = 1 << 12, DBGMCU_APB2_FZ_TIM8 = 1 << 1 };
+enum {
+    DBGMCU_APB1_FZ_WWDG = 1 << 11,
+    DBGMCU_APB1_FZ_IWDG = 1 << 12,
+    DBGMCU_APB2_FZ_TIM1 = 1 << 0,
+    DBGMCU_APB2_FZ_TIM8 = 1 << 1,
+};
 #define DBGMCU_IDCODE_REV 0xFFFF0000u
 #define DBGMCU_IDCODE_REV_A 0x10000000u
 
@@ -303,7 +310,7 @@ struct chip {
     struct exti exti;
     struct flash flash;
     struct gpio gpio[GPIO_PORTS];
-    struct tim tim2, tim3, tim4, tim5, tim8;
+    struct tim tim1, tim2, tim3, tim4, tim5, tim8;
     struct dac dac;
     struct spi spi2, spi3;
     struct usart usart1, usart3;
@@ -334,6 +341,7 @@ extern struct chip chip;
 #define CAN1 KONTUR_REGS(can, 0x40006400u, can1)
 #define PWR KONTUR_REGS(pwr, 0x40007000u, pwr)
 #define DAC KONTUR_REGS(dac, 0x40007400u, dac)
+#define TIM1 KONTUR_REGS(tim, 0x40010000u, tim1)
 #define TIM8 KONTUR_REGS(tim, 0x40010400u, tim8)
 #define USART1 KONTUR_REGS(usart, 0x40011000u, usart1)
 #define EXTI KONTUR_REGS(exti, 0x40013C00u, exti)
