@@ -29,6 +29,11 @@ class Outputs:
         return len(self.knot)
 
     @property
+    def holds(self) -> list[int]:
+        """The knots at which the path is held."""
+        return [int(knot) for knot in self.knot[self.digital & HOLD != 0]]
+
+    @property
     def checksum(self) -> int:
         """CRC-32 of the changes, as the drive counts it (2180h:4)."""
         return zlib.crc32(np.stack([self.knot, self._words()], axis=1).astype("<u4").tobytes())

@@ -18,6 +18,7 @@ import click
 from click.core import ParameterSource
 from click.shell_completion import CompletionItem
 
+from kontur.cli.holds import Release
 from kontur.cli.live_page import live_page, panel, view
 from kontur.cli.motion_options import accel_option, approach_option, jerk_option, params_option, tolerance_option
 from kontur.cli.options import (
@@ -72,6 +73,7 @@ class Motion:
     resume: bool
     laser: bool
     full_s: float
+    yes: bool
 
 
 @dataclass(frozen=True)
@@ -196,6 +198,7 @@ _motion_options = grouped(
     ),
     laser_option,
     full_s_option,
+    click.option("--yes", is_flag=True, help="Do not wait where the program holds the path (M0, M1, M6)."),
 )
 _scope_options = grouped(
     "recording",
@@ -310,7 +313,7 @@ def command(
             for name in names:
                 log = log_path(output.log, name, len(names) > 1) if output.log is not None else None
                 options_of = dataclasses.replace(options, command=_command(ctx, name), log=log)
-                results.append(_run(trajectory, name, target, options_of, motion.override, stop_requested))
+                results.append(_run(trajectory, name, target, options_of, motion, stop_requested))
                 if not results[-1].completed:
                     break
     except KeyboardInterrupt:
@@ -404,7 +407,7 @@ def _run(
     name: str,
     target: Target,
     options: RunOptions,
-    override: float,
+    motion: Motion,
     stop_requested: StopRequest,
 ) -> RunResult:
     """One run with a progress bar, which Ctrl-C stops and signals hold. A live page does both, too."""
@@ -412,11 +415,13 @@ def _run(
     from kontur.runs.runner import run
 
     asked = panel()
-    asked.offers, asked.percent = ("hold", "resume", "stop", "override"), override
+    asked.offers, asked.percent = ("hold", "resume", "stop", "override"), motion.override
     page = view()
     options = dataclasses.replace(options, watch=page)
     with progress_bar(name) as progress, held_by_signals(asked):
-        result = run(trajectory, name, target, options, Operator(progress, stop_requested, asked.rate, _notice))
+        release = Release(trajectory, asked, motion.yes)
+        operator = Operator(progress, stop_requested, asked.rate, release, _notice)
+        result = run(trajectory, name, target, options, operator)
     if page is not None:
         page.end(_ending(result))
     return result

@@ -39,7 +39,7 @@ _NUMBERS = 256
 _BURST = 16
 _QUEUED_MAX_S = 0.5  # far less than what the drive's queue holds
 _SILENCE_S = 2.0  # a bus that is off recovers sooner, and then the drive reports what happened meanwhile
-_BEGIN, _ABORT, _RESUME = 1, 2, 3
+_BEGIN, _ABORT, _RESUME, RELEASE = 1, 2, 3, 4
 _BEGIN_ATTEMPTS = 5
 
 

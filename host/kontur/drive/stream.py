@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from kontur.can import outputs as switched
 from kontur.can.link import RESEND_S
 from kontur.can.outputs import Outputs
 from kontur.drive.device import Device
-from kontur.drive.knot_sender import DONE, RUNNING, STOPPING, KnotSender
+from kontur.drive.knot_sender import DONE, RELEASE, RUNNING, STOPPED, STOPPING, KnotSender
 from kontur.drive.state_machine import BIT_PATH_RUNS, BIT_TARGET_REACHED, ENABLE, RUN_PATH
 from kontur.errors import EmcyError, StreamError
 
@@ -29,13 +29,15 @@ class Operator:
     """Who attends a path while it runs. Each function is called again and again until the axes stand.
 
     `progress` gets the share of the knots that the drive has executed, 0 to 1. When `stop_requested` returns True the
-    drive stops on the path. `feed_override` returns the wanted rate, 0 to 1.2 of the programmed feed, 0 to hold. Only
-    `notice` is called once: it gets a sentence on a motion that is not the path's.
+    drive stops on the path. `feed_override` returns the wanted rate, 0 to 1.2 of the programmed feed, 0 to hold.
+    `release` is called while the path is held at a knot (M0), with the number of this hold, -1 for the last one; it
+    returns True to go on. Only `notice` is called once: it gets a sentence on a motion that is not the path's.
     """
 
     progress: Callable[[float], None] = lambda share: None
     stop_requested: Callable[[], bool] = lambda: False
     feed_override: Callable[[], float] = lambda: 1.0
+    release: Callable[[int], bool] = lambda hold: True
     notice: Callable[[str], None] = lambda text: None
 
 
@@ -68,12 +70,17 @@ class StreamResult:
 
 @dataclass
 class Motion:
-    """What was commanded so far of a path that has been started; all as in StreamResult."""
+    """What was commanded so far of a path that has been started; all as in StreamResult.
+
+    `holds`: knots ahead at which the path is held; `released`: when it was let go on from the first ones of these.
+    """
 
     start_s: float
     rates: list[tuple[float, float]]
     stop_s: float | None = None
     passed: int = 0
+    holds: tuple[int, ...] = ()
+    released: list[float] = field(default_factory=list)
 
 
 def stream(
@@ -103,13 +110,16 @@ def stream(
     sender.fill()
     rate = _first_rate(sender, operator)
     device.override_feed(rate)
+    if resume:  # it may have been stopped at a hold
+        _release(sender, operator, outputs)
     before_start()
     start_s = _start(device)
-    motion = Motion(start_s, [(start_s, rate)], passed=passed)
+    holds = tuple(hold for hold in outputs.holds if hold >= passed)
+    motion = Motion(start_s, [(start_s, rate)], passed=passed, holds=holds)
     started(motion)
     fault = None
     try:
-        _follow(sender, operator, motion)
+        _follow(sender, operator, motion, outputs)
     except EmcyError as error:
         if raise_fault:
             raise
@@ -143,10 +153,13 @@ def _first_rate(sender: KnotSender, operator: Operator) -> float:
     return rate or 1.0
 
 
-def _follow(sender: KnotSender, operator: Operator, motion: Motion) -> None:
+def _follow(sender: KnotSender, operator: Operator, motion: Motion, outputs: Outputs) -> None:
     """Send knots while the path runs, and do what the operator commands; returns when the axes stand."""
     device, rate = sender.device, motion.rates[-1][1]
-    while rate == 0.0 or device.axes.both(BIT_PATH_RUNS) or _runs(device):
+    while rate == 0.0 or device.axes.both(BIT_PATH_RUNS) or _runs(device) or _hold(device, outputs):
+        if not device.axes.both(BIT_PATH_RUNS) and _release(sender, operator, outputs):
+            motion.released.append(device.link.time_s)
+            device.link.wait(lambda: _started(device), _START_TIMEOUT_S)
         if (wanted := operator.feed_override()) != rate:
             motion.rates.append((device.link.time_s, wanted))
             device.override_feed(wanted)
@@ -160,6 +173,25 @@ def _follow(sender: KnotSender, operator: Operator, motion: Motion) -> None:
             return
         sender.advance()
         operator.progress(sender.executed / sender.total)
+
+
+def _hold(device: Device, outputs: Outputs) -> int:
+    """The knot, plus 1, at which the path is held; 0: it is not."""
+    return int(device.read_stable("outputs.hold")) if outputs.holds else 0
+
+
+def _release(sender: KnotSender, operator: Operator, outputs: Outputs) -> bool:
+    """Wait until the operator lets a path go on that is held. Returns whether it goes on."""
+    device = sender.device
+    if not (hold := _hold(device, outputs)):
+        return False
+    number = outputs.holds.index(hold - 1) - len(outputs.holds)
+    while not operator.stop_requested():
+        if operator.release(number) and device.read_stable("stream.state") == STOPPED:
+            device.write("stream.command", RELEASE)
+            return True
+        sender.advance()
+    return False
 
 
 def _start(device: Device) -> float:

@@ -32,8 +32,9 @@ _SAME = 1e-9  # m or degrees: positions nearer than this are one
 _LONG_DWELL_S = 10.0
 _AXES = "XYZABC"
 _SYSTEMS = (540, 550, 560, 570, 580, 590, 591, 592, 593)
-_HOLDS = (0, 1, 6, 60)
 _END = (2, 30)
+HOLD_REST_S = 0.7
+"""Time for which a path rests at a hold: what a drive needs to stop path time, at most (docs/protocol.md)."""
 _PORTS, _ANALOG = (62, 63, 64, 65), (67, 68)
 _BELONGS = {  # words that have a meaning beside certain codes only: G codes as ten times their number, and M codes
     "P": ((40, 100, 640, *_PORTS), "P belongs to G4, G10, G64 or M62 to M65"),
@@ -212,10 +213,10 @@ class _Reader:
         self.events.append(Event(word, len(self.items), block.line))
 
     def _hold(self, block: Block, m: int) -> None:
-        if any(isinstance(item, Move) for item in self.items):
-            what = "the path cannot wait here for someone; split the file, or remove the word"
-            self.refusals.add(what, block.line, f"M{m}")
+        """An event, at which the path is held once it has begun: it rests for as long as the drive needs to stop it."""
         self._event(block, f"M{m}")
+        if any(isinstance(item, Move) for item in self.items):
+            self.items.append(Dwell(HOLD_REST_S, block.line))
 
     def _dwell(self, block: Block) -> None:
         values = block.values

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from kontur.can.outputs import BY_RATE, FULL_POWER, Outputs
-from kontur.path.geometry import KNOT_S, Dwell, FloatArray, Move
+from kontur.can.outputs import BY_RATE, FULL_POWER, HOLD, Outputs
+from kontur.path.geometry import KNOT_S, Dwell, Event, FloatArray, Move
 from kontur.planning.planner import Trajectory
 from kontur.planning.rest import EQUAL, Rest
 
@@ -29,6 +29,9 @@ ON, LEFT, MIST, FLOOD, P0, PEN = 1, 2, 4, 8, 16, 256
 _TOGETHER_M = 1e-9
 _SPEED_STEPS = 200  # in which the power of M4 follows the speed
 _END = 2  # knots from the end: the last three are equal
+
+HOLDS = ("M0", "M1", "M6", "M60")
+"""Words at which the path is held, but for those before its first move."""
 
 _Index = NDArray[np.int64]
 _PORT = re.compile(r"M6([2-5]) P([0-3])")
@@ -102,20 +105,31 @@ def words(trajectory: Trajectory, tool: Tool) -> NDArray[np.uint32]:
         digital = _of_laser(trajectory, arrives, departs, digital, power)
     word: NDArray[np.uint32] = digital | np.rint(power * FULL_POWER).astype(np.uint32) << np.uint32(16)
     word[count - _END :] = 0
+    word[[int(arrives[event.before]) for event in held(trajectory)]] |= np.uint32(HOLD)
     return word
 
 
+def held(trajectory: Trajectory) -> list[Event]:
+    """The events at which the path is held, one for each place."""
+    items = trajectory.program.items
+    first = next(i for i, item in enumerate(items) if isinstance(item, Move))
+    return [event for event in trajectory.program.events if event.word in HOLDS and event.before > first]
+
+
 def of_words(word: NDArray[np.uint32]) -> Outputs:
-    """The changes from knot to knot."""
-    knot = np.flatnonzero(np.diff(word, prepend=np.uint32(0)))
+    """The changes from knot to knot; a hold is not inherited."""
+    inherited = np.append(np.uint32(0), word[:-1] & ~np.uint32(HOLD))
+    knot = np.flatnonzero(word != inherited)
     return Outputs(knot, (word[knot] & 0xFFFF).astype(np.uint16), (word[knot] >> np.uint32(16)).astype(np.uint16))
 
 
 def of_rest(word: NDArray[np.uint32], rest: Rest) -> Outputs:
     """The outputs of a trajectory, each knot's `word`, for the `rest` that is left of it: off until it moves."""
-    left: NDArray[np.uint32] = word[np.floor(np.asarray(rest.path_ms) + 1e-9).astype(np.int64)]
+    at = np.floor(np.asarray(rest.path_ms) + 1e-9).astype(np.int64)
+    left: NDArray[np.uint32] = word[at]
     if len(left) < len(word):
         left[: EQUAL + 1] = 0
+        left[1:][np.diff(at) == 0] &= ~np.uint32(HOLD)
     return of_words(left)
 
 

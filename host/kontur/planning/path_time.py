@@ -27,17 +27,21 @@ class PathTime:
 
     def __init__(self, rate: float, stop_periods: float, path: float = 0.0) -> None:
         self.now = 0
+        self.hold = math.inf  # path time from which on it is held
         self._rate, self._slope = rate, 0.0
         self._stop_periods = stop_periods
         self._time, self._path, self._rates = [0], [path], [rate]  # the rate holds from the point on
 
     def advance(self, goal: float, until: int) -> None:
-        """Go on until the period `until`, with `goal` as the commanded rate."""
+        """Go on until the period `until`, with `goal` as the commanded rate, or to 0 from `hold` on."""
         while self.now < until:
-            if self._rate == goal and self._slope == 0.0:
-                self.now = until
-                return
-            self._rate, self._slope = _moved(self._rate, self._slope, goal, 1.0 / self._stop_periods)
+            ahead = self.hold - (self._path[-1] + self._rates[-1] * (self.now - self._time[-1]))
+            wanted = goal if ahead > 0.0 else 0.0
+            if self._rate == wanted and self._slope == 0.0:
+                held = wanted > 0.0 and ahead < wanted * (until - self.now)
+                self.now = self.now + math.ceil(ahead / wanted) if held else until
+                continue
+            self._rate, self._slope = _moved(self._rate, self._slope, wanted, 1.0 / self._stop_periods)
             self._path.append(self._path[-1] + self._rates[-1] * (self.now - self._time[-1]))
             self._time.append(self.now)
             self._rates.append(self._rate)

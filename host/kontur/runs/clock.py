@@ -35,7 +35,9 @@ class RunClock:
         # A path that is resumed starts from standstill, not at full rate.
         first = 0.0 if motion.passed else self._goal
         self._path = PathTime(first, self._stop, motion.passed * KNOT_S * control_hz)
-        self._rates, self._stops, self._last = 1, False, 0
+        self._holds = [hold * KNOT_S * control_hz for hold in motion.holds]
+        self._path.hold = self._holds[0] if self._holds else math.inf
+        self._rates, self._stops, self._last, self._released = 1, False, 0, 0
         self._first_tick: int | None = None
 
     def follow(self, now_s: float) -> None:
@@ -86,14 +88,22 @@ class RunClock:
 
     def _take_commands(self) -> None:
         motion = self._motion
+        commands: list[tuple[int, float | None]]  # the time, and the rate; None: a hold is released
         commands = [(self._period(at_s), rate) for at_s, rate in motion.rates[self._rates :]]
+        commands += [(self._period(at_s), None) for at_s in motion.released[self._released :]]
+        commands.sort(key=lambda command: command[0])
         self._rates = len(motion.rates)
         if motion.stop_s is not None and not self._stops:
             self._stops = True
             commands.append((self._period(motion.stop_s), 0.0))
         for begin, goal in commands:
             self._path.advance(self._goal, begin)
-            self._last, self._goal = begin, goal
+            self._last = begin
+            if goal is not None:
+                self._goal = goal
+            else:
+                self._released += 1
+                self._path.hold = self._holds[self._released] if self._released < len(self._holds) else math.inf
 
     def _find_end(self) -> None:
         if self.periods is None and (ends := self._path.reaches(self._length)) is not None:
