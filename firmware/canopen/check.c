@@ -95,16 +95,16 @@ static bool is_mapping(uint16_t index)
     return (index >= OBJ_RPDO1_MAP && index < OBJ_TPDO1) || index >= OBJ_TPDO1_MAP;
 }
 
-/* A TPDO is switched on or off, and nothing else changes. */
-static bool switches_tpdo(const struct od_data *od, const struct od_entry *entry, uint32_t value)
+/* A PDO is switched on or off, and nothing else changes. Not RPDO1, which carries stops. */
+static bool switches_pdo(const struct od_data *od, const struct od_entry *entry, uint32_t value)
 {
-    return entry->index >= OBJ_TPDO1 && entry->index < OBJ_TPDO1_MAP && entry->sub == SUB_TPDO1_COB_ID &&
+    return !is_mapping(entry->index) && entry->index != OBJ_RPDO1 && entry->sub == SUB_RPDO1_COB_ID &&
            ((value ^ (uint32_t)od_read(od, entry)) & ~(COB_UNUSED | COB_NO_RTR)) == 0;
 }
 
 static uint32_t check_pdo(const struct od_data *od, bool operational, const struct od_entry *entry, uint32_t value)
 {
-    if (operational && !switches_tpdo(od, entry, value)) {
+    if (operational && !switches_pdo(od, entry, value)) {
         return SDO_ABORT_STATE;
     }
     return is_mapping(entry->index) ? check_mapping(od, entry, value) : check_communication(od, entry, value);

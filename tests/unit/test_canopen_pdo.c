@@ -145,7 +145,7 @@ static void test_by_default_tpdo1_is_sent_alone(void)
     TEST_ASSERT_EQUAL_UINT(10, bus.count);
 }
 
-static void test_tpdo_is_switched_on_and_off_while_operational_and_the_others_go_on(void)
+static void test_pdo_is_switched_on_and_off_while_operational_and_the_others_go_on(void)
 {
     bus_sdo(&bus, "23 01 18 01 85 02 00 C0", "60 01 18 01 00 00 00 00");
     bus_run_ms(&bus, 5); /* half of the time of TPDO1 */
@@ -161,7 +161,9 @@ static void test_tpdo_is_switched_on_and_off_while_operational_and_the_others_go
     bus_run_ms(&bus, 20);
     TEST_ASSERT_EQUAL_UINT(0, sent(0x285));
     bus_sdo(&bus, "23 01 18 01 90 02 00 40", "80 01 18 01 22 00 00 08"); /* with another identifier */
-    bus_sdo(&bus, "23 00 14 01 05 02 00 80", "80 00 14 01 22 00 00 08"); /* an RPDO */
+    bus_sdo(&bus, "23 04 14 01 05 05 00 00", "60 04 14 01 00 00 00 00"); /* an RPDO */
+    bus_sdo(&bus, "23 04 14 01 05 05 00 80", "60 04 14 01 00 00 00 00");
+    bus_sdo(&bus, "23 00 14 01 05 02 00 80", "80 00 14 01 22 00 00 08"); /* but the one that carries stops */
 }
 
 static void test_tpdos_come_at_their_times_in_the_order_of_their_numbers(void)
@@ -307,7 +309,7 @@ int main(void)
     RUN_TEST(test_rpdo_that_is_switched_off_is_ignored);
     RUN_TEST(test_every_tpdo_has_its_identifier_and_layout);
     RUN_TEST(test_by_default_tpdo1_is_sent_alone);
-    RUN_TEST(test_tpdo_is_switched_on_and_off_while_operational_and_the_others_go_on);
+    RUN_TEST(test_pdo_is_switched_on_and_off_while_operational_and_the_others_go_on);
     RUN_TEST(test_tpdos_come_at_their_times_in_the_order_of_their_numbers);
     RUN_TEST(test_no_tpdo_outside_operational);
     RUN_TEST(test_tpdo_sent_by_an_event_starts_its_timer_anew);

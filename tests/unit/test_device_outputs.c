@@ -20,6 +20,12 @@ static void add_to_sum(uint32_t value)
     }
 }
 
+static void enable(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1404, 1, 4, 0x501)); /* RPDO5 is off by default */
+    rig_enable(&rig);
+}
+
 /* An outputs frame; returns what it changes the CRC of its knot by. */
 static uint8_t send_outputs(uint8_t sequence, uint16_t digital, uint16_t power)
 {
@@ -27,7 +33,7 @@ static uint8_t send_outputs(uint8_t sequence, uint16_t digital, uint16_t power)
     uint8_t data[6] = {sequence, queue_outputs_crc8(&frame)};
     co_put(&data[2], digital, 2);
     co_put(&data[4], power, 2);
-    rig_send(&rig, 0x241, 6, data);
+    rig_send(&rig, 0x501, 6, data);
     return data[1] | 1u;
 }
 
@@ -47,7 +53,7 @@ static void send_knot(unsigned n, uint8_t chain)
 static void fill(const struct change *changes, unsigned count)
 {
     sum = 0xFFFFFFFFu;
-    rig_enable(&rig);
+    enable();
     stream = (struct rig_stream){.count = 800, .length_nm = 40e6};
     TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &stream));
     for (unsigned n = 0, next = 0; n < stream.count; n++) {
@@ -410,7 +416,7 @@ static void test_fault_of_the_tick_that_stops_on_the_path_switches_off_in_its_ti
 
 static void begin_only(void)
 {
-    rig_enable(&rig);
+    enable();
     TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &stream));
 }
 
@@ -463,7 +469,7 @@ static void test_every_bit_error_of_an_outputs_frame_is_refused(void)
     for (unsigned bit = 0; bit < 48; bit++) {
         uint8_t data[6] = {0, queue_outputs_crc8(&good), SPINDLE | COOLANT, 0, 12345 & 0xFF, 12345 >> 8};
         data[bit / 8] ^= (uint8_t)(1u << bit % 8);
-        rig_send(&rig, 0x241, 6, data);
+        rig_send(&rig, 0x501, 6, data);
         rig_ms(&rig, 1);
     }
     TEST_ASSERT_EQUAL_UINT32(48, rig_read(&rig, 0x2200, REJECTED_CRC));
@@ -473,7 +479,7 @@ static void test_every_bit_error_of_an_outputs_frame_is_refused(void)
 
 static void test_outputs_are_refused_without_a_stream_and_while_an_axis_jogs(void)
 {
-    rig_enable(&rig);
+    enable();
     send_outputs(0, SPINDLE, 5);
     TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2200, REJECTED_STATE));
     rig_write(&rig, 0x60FF, 0, 4, 10000);

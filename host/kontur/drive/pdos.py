@@ -18,6 +18,8 @@ from kontur.errors import DeviceError, KonturError
 
 COMMANDS = ("rpdo1", "rpdo2", "tpdo1")
 """Controlwords, knots, and the statuswords that answer both."""
+OUTPUTS = ("rpdo5",)
+"""Outputs tied to knots; off by default."""
 TELEMETRY = ("tpdo2", "tpdo3", "tpdo4", "tpdo5")
 """Off by default."""
 DATED = TELEMETRY[:2]

@@ -18,6 +18,7 @@ from kontur.can.link import RESEND_S
 from kontur.can.outputs import Outputs
 from kontur.drive.device import Device
 from kontur.drive.knot_sender import DONE, RELEASE, RUNNING, STOPPED, STOPPING, KnotSender
+from kontur.drive.pdos import OUTPUTS
 from kontur.drive.state_machine import BIT_PATH_RUNS, BIT_TARGET_REACHED, ENABLE, RUN_PATH
 from kontur.errors import EmcyError, StreamError
 
@@ -105,6 +106,8 @@ def stream(
     Raises StreamError, NoAnswerError, and EmcyError when the drive reports a fault; one during the motion is returned
     instead where `raise_fault` is False.
     """
+    if outputs:
+        device.pdos.require(*OUTPUTS)
     sender = KnotSender(device, knots_nm, resume, outputs)
     passed = int(device.read_stable("stream.executed")) if resume else 0
     sender.fill()
