@@ -150,6 +150,22 @@ def test_steps_of_another_machine_are_not_taken(tmp_path: Path, monkeypatch: pyt
     assert "is not what kontur commission writes" in commission(tmp_path).stderr
 
 
+def test_mended_wiring_is_no_other_drive_before_a_step_is_done(
+    sim: process.SimProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Steps(monkeypatch, "identify x")
+    commission(tmp_path, *on(sim))
+    with open_drive(Target(bus=sim.options())) as device:
+        device.parameters.set({"wiring_x.invert_force": 1.0})
+    steps = Steps(monkeypatch, "tune")
+    assert "broken" in commission(tmp_path, *on(sim)).stderr
+    assert steps.did == ["identify x", "identify y", "tune"]
+    assert state(sim)[0]["wiring_x.invert_force"] == 1
+    with open_drive(Target(bus=sim.options())) as device:
+        device.parameters.set({"wiring_x.invert_force": 0.0})
+    assert "another wiring" in commission(tmp_path, *on(sim)).stderr
+
+
 def test_soft_limits_of_the_user_stay(tmp_path: Path, sim: process.SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     Steps(monkeypatch, "prove")
     commission(tmp_path, *on(sim))

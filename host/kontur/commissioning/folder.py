@@ -33,7 +33,7 @@ class Progress:
     """The steps in a folder that are done. Each has the options that it was done with."""
 
     def __init__(self, out: Path, who: Mapping[str, Any]) -> None:
-        """Go on with what is in `out`, or begin. Raises FileError where it is of another drive or machine."""
+        """Go on with what is in `out`, or begin. Raises FileError where steps of another drive or machine are done."""
         self.file = out / _NAME
         self._steps: dict[str, Any] = {"who": dict(who)}
         if not self.file.exists():
@@ -44,6 +44,8 @@ class Progress:
             changed = [name for name in who if before.get(name) != who[name]]
         except (ValueError, LookupError, TypeError, AttributeError) as error:
             raise FileError(self.file, "is not what kontur commission writes; delete it to begin anew") from error
+        if changed and not steps.keys() > {"who", "before"}:
+            return  # no step is done yet: the user has mended something
         if changed:
             raise FileError(
                 self.file,
