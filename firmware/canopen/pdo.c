@@ -119,15 +119,16 @@ static void start_tpdo(const struct co_pdo *pdo, struct co_tpdo *tpdo)
 /* The node may be operational: what other PDOs wait for goes on. */
 void co_pdo_written(struct co_pdo *pdo, uint16_t index)
 {
-    const unsigned i = index % (unsigned)(OBJ_RPDO1_MAP - OBJ_RPDO1);
-    if (index < OD_PDO_FIRST || index > OD_PDO_LAST) {
-        return;
+    for (unsigned i = 0; i < OD_RPDOS; i++) {
+        if (index == OBJ_RPDO1 + i || index == OBJ_RPDO1_MAP + i) {
+            resolve_rpdo(pdo->od, &pdo->rpdo[i], i);
+        }
     }
-    if (index < OBJ_TPDO1) {
-        resolve_rpdo(pdo->od, &pdo->rpdo[i], i);
-    } else {
-        resolve_tpdo(pdo->od, &pdo->tpdo[i], i);
-        start_tpdo(pdo, &pdo->tpdo[i]);
+    for (unsigned i = 0; i < OD_TPDOS; i++) {
+        if (index == OBJ_TPDO1 + i || index == OBJ_TPDO1_MAP + i) {
+            resolve_tpdo(pdo->od, &pdo->tpdo[i], i);
+            start_tpdo(pdo, &pdo->tpdo[i]);
+        }
     }
 }
 
