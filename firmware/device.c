@@ -311,7 +311,8 @@ static void set_build(struct od_data *od)
     od->axis[1].motor_catalogue_number = "-";
     od->clock.control_hz = CONTROL_HZ;
     for (int i = 0; i < 2; i++) {
-        od->axis[i].ip_buffer.max_size = od->axis[i].ip_buffer.size = QUEUE_ROOM;
+        od->axis[i].ip_buffer.max_size = QUEUE_ROOM;
+        od->axis[i].ip_buffer.size = QUEUE_ROOM;
     }
 }
 

@@ -178,22 +178,16 @@ static void write_forces(struct path *p)
     atomic_store(&c->forced, forced);
 }
 
-/* Whether the stream has fewer knots than a stop on the path takes. */
-static bool is_bridged(const struct path *p)
-{
-    return p->short_lag && p->modes.by_record;
-}
-
 /* Where records cease on their way, profiles lead on from the last one along the tangent. */
 static void bridge(struct path *p, const struct path_axis axis[2], bool may_run)
 {
     const struct od_stream *s = p->queue.stream;
     const bool moves = p->progress.current && !p->progress.standing && !p->modes.generating;
-    if (is_bridged(p) && moves && s->accepted - s->executed < CYCLIC_AHEAD && !queue_ends_standing(&p->queue)) {
+    if (p->short_lag && moves && s->accepted - s->executed < CYCLIC_AHEAD && !queue_ends_standing(&p->queue)) {
         p->ran_out = may_run;
         axis_modes_take_over(&p->modes, &p->queue);
     }
-    p->ran_out = p->ran_out && (axis[0].powered || axis[1].powered);
+    p->ran_out = p->ran_out && axis[0].powered; /* the fault switches both axes off */
 }
 
 void path_step_modes(struct path *p, struct od_data *od, const struct path_axis axis[2], bool may_run)
@@ -318,7 +312,7 @@ static void report_end(struct path *p)
     atomic_store(&p->loop->command.may_end, !complete && p->queue.total == 0 && queue_ends_standing(&p->queue));
     /* With fewer knots than a stop on the path takes, path time runs on all the same: bridge() sees to it that it does not come
      * to their end. */
-    if (complete || (is_bridged(p) && p->queue.stream->accepted >= CYCLIC_AHEAD)) {
+    if (complete || (p->short_lag && p->queue.stream->accepted >= CYCLIC_AHEAD)) {
         atomic_store(&p->loop->command.complete, true);
     }
 }

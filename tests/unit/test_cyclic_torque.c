@@ -360,6 +360,19 @@ static void test_axis_without_force_can_be_moved_by_hand(void)
     expect_no_fault();
 }
 
+/* In the word by which the force acts */
+static void test_bit_that_flips_frees_no_axis(void)
+{
+    rig_enable(&rig);
+    const uint32_t law = rig_read(&rig, 0x2000, 2);
+    atomic_store(&rig.device.drive.loop.command.forced, 1u << 5);
+    rig_run(&rig, 1);
+    TEST_ASSERT_EQUAL_UINT32(0, rig.device.drive.loop.servo.forced);
+    rig_ms(&rig, 1);
+    TEST_ASSERT_EQUAL_UINT32(law, rig_read(&rig, 0x2000, 2));
+    expect_no_fault();
+}
+
 /* ---- stops ---- */
 
 static void test_every_stop_is_obeyed(void)
@@ -475,6 +488,7 @@ int main(void)
     RUN_TEST(test_path_stop_ends_the_force_in_the_next_period);
     RUN_TEST(test_background_that_hangs_ends_the_force);
     RUN_TEST(test_axis_without_force_can_be_moved_by_hand);
+    RUN_TEST(test_bit_that_flips_frees_no_axis);
     RUN_TEST(test_every_stop_is_obeyed);
     RUN_TEST(test_law_takes_over_without_a_jump);
     RUN_TEST(test_mode_is_left_at_standstill);
