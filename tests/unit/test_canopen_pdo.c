@@ -148,7 +148,7 @@ static void test_by_default_tpdo1_is_sent_alone(void)
 static void test_pdo_is_switched_on_and_off_while_operational_and_the_others_go_on(void)
 {
     bus_sdo(&bus, "23 01 18 01 85 02 00 C0", "60 01 18 01 00 00 00 00");
-    bus_run_ms(&bus, 5); /* half of the time of TPDO1 */
+    bus_run_ms(&bus, 5);                                                 /* half of the time of TPDO1 */
     bus_sdo(&bus, "23 01 18 01 85 02 00 00", "60 01 18 01 00 00 00 00"); /* bit 30 means nothing */
     bus_clear(&bus);
     bus_run_ms(&bus, 5);
