@@ -18,8 +18,9 @@ from test_commission import identified
 
 from kontur.cli import main
 from kontur.commissioning import identify as identify_module
-from kontur.commissioning.first_moves import Agreed
+from kontur.commissioning.first_moves import Agreed, Diagnosis
 from kontur.commissioning.prove import Evidence, Proof
+from kontur.commissioning.session import commissioned, parameters_kept
 from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError
 from kontur.machine import MACHINES
@@ -80,6 +81,13 @@ def commission(out: Path, *more: str) -> Result:
 
 def on(sim: process.SimProcess, machine: Path = MACHINES / "ball_screw.toml") -> list[str]:
     return ["-i", sim.interface, "-c", sim.channel, "--machine", str(machine)]
+
+
+def fail(device: Any, drive: process.SimProcess) -> None:
+    """End with a diagnosis, and with a drive that is gone."""
+    with parameters_kept(device):
+        drive.end()
+        raise Diagnosis("jammed", "is jammed")
 
 
 def state(sim: process.SimProcess) -> tuple[dict[str, float], int, int]:
@@ -221,8 +229,6 @@ def test_stop_is_obeyed_while_the_response_is_measured(monkeypatch: pytest.Monke
 
 
 def test_drive_that_is_gone_when_it_is_to_be_restored_is_told() -> None:
-    from kontur.commissioning.session import commissioned
-
     warnings: list[str] = []
     with process.start(slcan_tcp="0", pace="sync") as drive:
         target = Target(bus=drive.options())
@@ -230,3 +236,10 @@ def test_drive_that_is_gone_when_it_is_to_be_restored_is_told() -> None:
             drive.end()
     assert "has not got its parameters back" in warnings[0]
     assert "switch it off and on" in warnings[0]
+
+
+def test_first_error_is_told_where_the_drive_cannot_be_restored_either() -> None:
+    with process.start(slcan_tcp="0", pace="sync") as drive, open_drive(Target(bus=drive.options())) as device:
+        with pytest.raises(Diagnosis, match="is jammed\nThe drive has not got its parameters back") as caught:
+            fail(device, drive)
+        assert caught.value.kind == "jammed"

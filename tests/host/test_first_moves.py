@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -171,3 +172,19 @@ def test_fault_on_the_way_says_at_which_step_and_what_to_look_at() -> None:
         raise fault
     assert said == ["x: constant speeds"]
     assert caught.value.kind == "blocked"
+
+
+@pytest.mark.parametrize(("behind_s", "calls"), [(0.0, 1), (0.4, 4), (1e9, 160)])
+def test_frames_that_came_while_the_host_computed_are_handled_first(
+    behind_s: float, calls: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the answer to the next request stands behind them, and the drive seems to be silent."""
+    clock, called = [0.0], [0]
+
+    def handle_pending() -> None:  # as of a Link: what has come, for about 0.1 s at most
+        called[0] += 1
+        clock[0] += min(0.125, max(0.0, behind_s - clock[0]))
+
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    first_moves.catch_up(SimpleNamespace(link=SimpleNamespace(handle_pending=handle_pending)))  # type: ignore[arg-type]
+    assert called[0] == calls

@@ -7,6 +7,7 @@ Each is small at first, and checks before it goes on. What is wrong with the axi
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
+from kontur.can.link import HEARTBEAT_S
 from kontur.commissioning import encoder, response
 from kontur.commissioning.bias import Mover
 from kontur.commissioning.recording import Recorder
@@ -38,6 +40,7 @@ _REVERSALS, _LOST_MPS, _LOST_M, _SETTLE_S = 4, 4e-3, 3e-3, 0.3
 _STEP_M, _TAKEN_ALONG, _LOOSE_M = 1e-4, 0.8, 3e-4  # beyond presliding and the stretch of a stiff transmission
 _GAUGED_M, _GAUGED_MPS, _GAUGE_ERROR = 0.02, 0.01, 0.02
 _GENTLE, _GENTLE_N = 3.0, 20.0  # force on the way to a switch: times what the axis breaks away at, and least
+_CATCH_UP_S = 20.0
 _ENDS = {"max": "upper", "min": "lower"}
 _NM = 1e-9
 
@@ -97,6 +100,17 @@ def prepare(device: Device, axis: str) -> None:
            f"plant_{axis}.viscous": 0.0,
            f"following_window_{axis}": _RUNAWAY_NM, f"following_timeout_{axis}": 0}
     )  # fmt: skip
+
+
+def catch_up(device: Device) -> None:
+    """Handle what the drive, whose axes are off, has sent while this program computed or a user read a gauge: an answer
+    would stand behind all that."""
+    end_s = time.monotonic() + _CATCH_UP_S
+    busy = True
+    while busy and time.monotonic() < end_s:
+        began_s = time.monotonic()
+        device.link.handle_pending()
+        busy = time.monotonic() - began_s >= HEARTBEAT_S
 
 
 @contextmanager
@@ -265,7 +279,7 @@ def length_factor(device: Device, axis: str, agreed: Agreed, stop_requested: Cal
 def check_by_gauge(device: Device, axis: str, gauge: Gauge, stop_requested: Callable[[], bool]) -> None:
     """Move slowly, and compare what the drive counts with what the user has measured. Raises Diagnosis."""
     gauge.ready(axis)
-    device.link.handle_pending()  # the user has taken time
+    catch_up(device)
     with moving(device, axis, stop_requested) as mover:
         sign = 1.0 if mover.room_m(1.0) > mover.room_m(-1.0) else -1.0
         way_m = min(_GAUGED_M, 0.5 * mover.room_m(sign))
@@ -275,7 +289,7 @@ def check_by_gauge(device: Device, axis: str, gauge: Gauge, stop_requested: Call
         mover.pause(_SETTLE_S)
         counted_m = abs(mover.position_m() - start_m)
     found_m = gauge.distance_m(axis, counted_m)
-    device.link.handle_pending()
+    catch_up(device)
     factor = found_m / counted_m
     if abs(factor - 1.0) > _GAUGE_ERROR:
         length_um = float(device.read(f"plant_{axis}.encoder"))

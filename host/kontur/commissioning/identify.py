@@ -27,6 +27,7 @@ _LEADS_M = (0.002, 0.0025, 0.004, 0.005, 0.006, 0.008, 0.01, 0.012, 0.016, 0.02,
 _SCAN_MPS = 0.02
 _REVERSAL_MPS = 2e-4
 _BIAS_MPS = 0.0873  # no whole number of Hz by common leads
+_WINDOWS = 3  # of each line and direction: their scatter is the uncertainty of a point
 _LOOSE_HZ = 20.0  # a first mode below is that of a loose coupling
 _NM = 1e-9
 
@@ -92,6 +93,7 @@ def identify(
         reversals = _reversals(mover)
     found = fit.friction([v for v, _, _ in steps], [f for _, f, _ in steps], [s for _, _, s in steps])
     cogging = fit.cogging(runs, mass_kg, _LEADS_M)
+    first_moves.catch_up(device)
     device.parameters.set(_friction_parameters(axis, found) | cogging_parameters(axis, cogging))
     with (
         explained(axis, "a small multisine on a constant speed: mass, first mode, lag and delay", say),
@@ -100,6 +102,7 @@ def identify(
         measured = _response(mover, agreed, mass_kg)
     base = _base(device, axis, found)
     dynamics = fit.dynamics(measured, int(device.read("clock.control_hz")), base)
+    first_moves.catch_up(device)
     if 0.0 < dynamics.resonance_Hz.value < _LOOSE_HZ:
         raise Diagnosis(
             "coupling",
@@ -222,8 +225,8 @@ def _response(mover: Mover, agreed: Agreed, mass_kg: float) -> Response:
     """Small enough that the table does not leave a flank of its backlash: 0.15 N/kg, at a speed with much friction."""
     speed_mps = min(_BIAS_MPS, agreed.speed_mps, 0.2 * (mover.high_m - mover.low_m))
     force_N = min(agreed.force_N, max(8.0, 0.15 * mass_kg))
-    low = Setup(response.lines(8.0, 60.0, 8, 1.0), force_N, speed_mps, 1.0, 1, 0.3)
-    high = Setup(response.lines(24.0, 900.0, 24, 0.5), force_N, speed_mps, 0.5, 1, 0.2)
+    low = Setup(response.lines(8.0, 60.0, 8, 1.0), force_N, speed_mps, 1.0, _WINDOWS, 0.3)
+    high = Setup(response.lines(24.0, 900.0, 24, 0.5), force_N, speed_mps, 0.5, _WINDOWS, 0.2)
     parts = [
         response.measure(mover.device, mover.axis, setup, stop_requested=mover.stop_requested) for setup in (low, high)
     ]

@@ -13,6 +13,8 @@ from kontur.drive.device import Device
 from kontur.drive.target import Target, open_drive
 from kontur.errors import KonturError
 
+_NOT_RESTORED = "The drive has not got its parameters back. What is stored in it has not changed: switch it off and on."
+
 
 @contextmanager
 def parameters_kept(device: Device) -> Iterator[None]:
@@ -20,10 +22,13 @@ def parameters_kept(device: Device) -> Iterator[None]:
     before, controller = device.parameters.dump(), device.read("controller.select")
     try:
         yield
-    finally:
-        with suppress(KonturError):  # the first error is the one to report
-            device.axes.disable()
-        _restore(device, before, controller)
+    except BaseException as error:  # it is the one to report
+        try:
+            _restore(device, before, controller)
+        except KonturError:
+            error.args = (f"{error}\n{_NOT_RESTORED}",)
+        raise
+    _restore(device, before, controller)
 
 
 @dataclass
@@ -55,10 +60,7 @@ def commissioned(target: Target, before: Mapping[str, float], warn: Callable[[st
                 with open_drive(target) as device:
                     _restore(device, session.before, controller)
             except KonturError as error:
-                warn(
-                    f"The drive has not got its parameters back: {error}. What is stored in it has not changed: switch "
-                    "it off and on."
-                )
+                warn(f"{error}\n{_NOT_RESTORED}")
 
 
 def identify_axes(
@@ -81,6 +83,8 @@ def force_limits(device: Device, axes: Sequence[str], ratings: Mapping[str, floa
 
 
 def _restore(device: Device, before: Mapping[str, float], controller: float) -> None:
+    with suppress(KonturError):  # then the parameters are refused
+        device.axes.disable()
     now = device.parameters.dump()
     device.parameters.set({name: value for name, value in before.items() if now[name] != value})
     device.write("controller.select", controller)
