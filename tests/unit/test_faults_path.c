@@ -69,13 +69,21 @@ static void test_underrun_stops_on_the_path(void)
     expect_clearing(ROW_UNDERRUN, 0);
 }
 
+/* The first 1000 knots, and 400 ms of the way */
+static void go_with_a_part(void)
+{
+    rig_enable(&rig);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_begin(&rig, &stream));
+    rig_feed(&rig, &stream, 1000);
+    rig_controlwords(&rig, RUN, RUN);
+    rig_ms(&rig, 400);
+    rig.emcy_count = 0;
+}
+
 static void test_knot_range_stops_on_the_path(void)
 {
     rig_write(&rig, 0x607D, 2, 4, rig_line(1100, 1500, 50e6) / 5 * 4);
-    rig_enable(&rig);
-    rig_go(&rig, &stream, 50);
-    rig_ms(&rig, 350);
-    rig.emcy_count = 0;
+    go_with_a_part();
     rig_feed(&rig, &stream, 1200);
     expect_reaction(ROW_KNOT_RANGE);
     TEST_ASSERT_EQUAL_UINT32(1, rig_read(&rig, 0x2200, 20));
@@ -84,10 +92,7 @@ static void test_knot_range_stops_on_the_path(void)
 
 static void test_knot_acceleration_beyond_its_limit_stops_on_the_path(void)
 {
-    rig_enable(&rig);
-    rig_go(&rig, &stream, 50);
-    rig_ms(&rig, 350);
-    rig.emcy_count = 0;
+    go_with_a_part();
     const struct knot a = rig_stream_knot(&stream, stream.sent - 2), b = rig_stream_knot(&stream, stream.sent - 1);
     const uint32_t accepted = rig_read(&rig, 0x2200, 7);
     rig_knot(&rig, (uint8_t)stream.sent, b.nm[0] - a.nm[0], b.nm[1] - a.nm[1] + 20000); /* 20 m/s2: just within */
