@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browsers import problems_of
+from browsers import Tab, problems_of
 from click.testing import CliRunner
 from made_runs import ROWS, made_run
 from PIL import Image
@@ -284,3 +284,29 @@ def test_file_that_cannot_be_put_in_its_place_leaves_nothing_behind(
 @pytest.mark.parametrize("width", [1280, 500])
 def test_a_browser_shows_all_pictures_without_network_or_error(tmp_path: Path, page_of_five: str, width: int) -> None:
     assert problems_of(page_of_five, tmp_path, width, pictures=7) == []
+
+
+_SHOWN = """({
+  tables: [...document.querySelectorAll(".scores")].map(e => e.getBoundingClientRect().right <= innerWidth),
+  mean: document.querySelector(".scores tbody td:nth-child(3)").getBoundingClientRect().right <= innerWidth,
+  smallest: Math.min(...[...document.images].map(i => i.clientWidth / i.naturalWidth)),
+  closer: document.getElementById("closer").offsetParent !== null,
+  parameters: document.querySelector("details .values").checkVisibility({ contentVisibilityAuto: true }),
+})"""
+
+
+def test_paper_has_the_whole_table_and_a_small_screen_can_be_read(tmp_path: Path, page_of_five: str) -> None:
+    file = tmp_path / "report.html"
+    file.write_text(page_of_five)
+    with Tab(tmp_path) as tab:
+        tab.open(file.as_uri())
+        tab.wait("document.readyState === 'complete' && location.protocol === 'file:'")
+        tab.wait("!document.getElementById('closer').hidden")
+        tab.call("Emulation.setDeviceMetricsOverride", width=400, height=900, deviceScaleFactor=1, mobile=False)
+        small = tab.value(_SHOWN)
+        tab.call("Emulation.setDeviceMetricsOverride", width=718, height=900, deviceScaleFactor=1, mobile=False)
+        tab.call("Emulation.setEmulatedMedia", media="print")
+        paper = tab.value(_SHOWN)
+    assert (small["mean"], small["closer"], small["parameters"]) == (True, True, False)
+    assert small["smallest"] > 0.6  # of the pictures' text, which has 8.5 points
+    assert (paper["tables"], paper["closer"], paper["parameters"]) == ([True], False, True)

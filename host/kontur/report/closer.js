@@ -43,7 +43,6 @@ async function start() {
   $("closer-whole").onclick = whole;
   for (const id of ["closer-time", "closer-path"]) { listen($(id), id === "closer-time"); }
   addEventListener("resize", draw);
-  addEventListener("beforeprint", draw);
   whole();
   look.ready = true;
 }

@@ -9,6 +9,8 @@ from html import escape
 
 from matplotlib.figure import Figure
 
+_WIDE_IN = 8.0
+
 
 def document(title: str, answer: str, content: str, script: str = "") -> str:
     """The HTML page. `answer`, HTML that stands on top, and `content` are escaped already; `title` is not.
@@ -47,8 +49,10 @@ def pictured(figure: Figure, heading: str, note: str, alt: str) -> str:
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
     data = base64.b64encode(out.getvalue()).decode()
     caption = f"<h2>{escape(heading)}</h2>" + (f'<p class="note">{escape(note)}</p>' if note else "")
-    return (f'<figure><figcaption>{caption}</figcaption>'
-            f'<img alt="{escape(alt)}" src="data:image/svg+xml;base64,{data}"></figure>')  # fmt: skip
+    image = f'<img alt="{escape(alt)}" src="data:image/svg+xml;base64,{data}">'
+    if figure.get_figwidth() > _WIDE_IN:  # a small screen shows a part of it at a time
+        image = f'<div class="scroll wide">{image}</div>'
+    return f"<figure><figcaption>{caption}</figcaption>{image}</figure>"
 
 
 CSS = """
@@ -100,10 +104,14 @@ canvas { display: block; width: 100%; cursor: crosshair; touch-action: pan-y; }
 #closer-time { height: 230px; }
 #closer-path { height: 380px; }
 @media (max-width: 640px) { main { padding: 20px 14px 40px; } .answer { font-size: 16px; }
-  .facts { grid-template-columns: 1fr; } .facts dd { margin-bottom: 8px; } }
-@media print { .look, #closer > .note { display: none; }
+  .facts { grid-template-columns: 1fr; } .facts dd { margin-bottom: 8px; } .wide img { width: 806px; max-width: none; }
+  .scores th, .scores td { padding: 7px 6px; } .scores tbody small { display: none; } }
+@media print { #closer { display: none; } .scroll { overflow: visible; } .facts { break-inside: avoid; }
+  h2 { break-after: avoid; }
   main { max-width: none; padding: 0; } .pair { grid-template-columns: 1fr 1fr; }
   .answer, tr.best > *, .badge { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
   details::details-content { content-visibility: visible; }
-  body { font-size: 11px; } .scores th, .scores td { padding: 4px 5px; } }
+  details { columns: 3; font-size: 9px; } summary { column-span: all; list-style: none; } .values { font-size: 8px; }
+  body { font-size: 11px; } .scores { font-size: 9px; } .scores th, .scores td { padding: 3px 4px; }
+  .scores thead th, .scores small, .scores .place { font-size: 8px; } .scores th, .scores td { white-space: normal; } }
 """
