@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.drive.device import Device
-from kontur.drive.knot_sender import KnotSender
+from kontur.drive.knot_sender import AllKnots, KnotSender
 from kontur.drive.state_machine import RUN_PATH
 
 
@@ -16,7 +16,7 @@ class SteppedStream:
 
     def __init__(self, device: Device, knots_nm: NDArray[np.int32]) -> None:
         self.device = device
-        self.sender = KnotSender(device, knots_nm)
+        self.sender = KnotSender(device, AllKnots(knots_nm))
         self.sender.fill()
 
     def start(self) -> None:
@@ -40,5 +40,5 @@ class SteppedStream:
 
     def advance_to(self, share: float) -> None:
         """Send knots until the drive has executed this share of them."""
-        while self.sender.executed < share * self.sender.total:
+        while self.sender.share < share:
             self.step()

@@ -19,7 +19,7 @@ from kontur.can import wire
 from kontur.can.bus import open_bus
 from kontur.can.link import Link
 from kontur.drive.device import Device, connected
-from kontur.drive.knot_sender import KnotSender
+from kontur.drive.knot_sender import AllKnots, KnotSender
 from kontur.drive.stream import Operator, stream
 from kontur.path import shapes
 from kontur.planning import planner
@@ -146,7 +146,7 @@ def test_count_that_cannot_be_is_dropped_and_counted_and_never_makes_accepted_ne
         return can.Message(arbitration_id=STATUS, data=bytes(message.data[:6]) + b"\xfd\xff", is_extended_id=False)
 
     with connected(bus := HookedBus(machine=MACHINE), 1) as device, device.axes.enabled():
-        sender = KnotSender(device, knots_nm)
+        sender = KnotSender(device, AllKnots(knots_nm))
         accepted.append(sender.accepted)
         bus.on_recv = corrupt
         while sender.accepted < 100:

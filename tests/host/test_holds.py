@@ -32,7 +32,7 @@ def planned() -> Trajectory:
 
 def test_hold_is_at_the_first_knot_of_its_rest_and_there_is_none_before_the_first_move() -> None:
     t = planned()
-    assert [event.line for event in held(t)] == [4, 6]
+    assert [event.line for event in held(t.program)] == [4, 6]
     holds = of_words(words(t, SPINDLE)).holds
     assert t.position_m[holds, 0] == pytest.approx([5e-3, 10e-3], abs=1e-9)
     for hold in holds:
@@ -88,7 +88,7 @@ def test_command_asks_and_yes_does_not(tmp_path: Path) -> None:
 
 def test_operator_is_asked_once_and_goes_on_by_the_panel(capsys: pytest.CaptureFixture[str]) -> None:
     panel = Panel()
-    release = Release(planned(), panel, yes=False)
+    release = Release(planned().program, panel, yes=False)
     assert not release(-2)
     assert panel.held
     assert not release(-2)
@@ -97,4 +97,4 @@ def test_operator_is_asked_once_and_goes_on_by_the_panel(capsys: pytest.CaptureF
     assert release(-2)
     assert not release(-1)
     assert "M6 in line 6" in capsys.readouterr().err
-    assert Release(planned(), panel, yes=True)(-1)
+    assert Release(planned().program, panel, yes=True)(-1)

@@ -13,14 +13,14 @@ import click
 from kontur.cli.live_page import Panel
 
 if TYPE_CHECKING:
-    from kontur.planning.planner import Trajectory
+    from kontur.path.geometry import Program
 
 
 @dataclass
 class Release:
-    """Operator.release of a run along `trajectory`; with `yes` no hold waits."""
+    """Operator.release of a run along `program`; with `yes` no hold waits."""
 
-    trajectory: Trajectory
+    program: Program
     panel: Panel
     yes: bool
     asked: int | None = None
@@ -32,7 +32,7 @@ class Release:
             from kontur.planning.outputs import held
 
             self.asked, self.panel.held = hold, True
-            event = held(self.trajectory)[hold]
+            event = held(self.program)[hold]
             click.echo(
                 f"\nThe path is held at {event.word} in line {event.line}. Press Enter to go on, Ctrl-C to stop.",
                 err=True,

@@ -40,6 +40,7 @@ from kontur.cli.options import (
 )
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
 from kontur.cli.path_options import full_s_option, interpreter_option, laser_option, z_option
+from kontur.cli.planned import planned
 from kontur.drive.controllers import CONTROLLERS, described
 from kontur.errors import FileError, KonturError
 from kontur.path.sizes import DEFAULT_FEED_MPS, SHAPES, shape
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from kontur.drive.scope import Setup
     from kontur.drive.target import Target
     from kontur.path.geometry import Program
+    from kontur.planning.ahead import Planned
     from kontur.planning.planner import Trajectory
     from kontur.runs.runner import RunOptions, RunResult
 
@@ -298,7 +300,7 @@ def command(
         )
     if output.live:
         ctx.with_resource(live_page())
-    trajectory, options = _plan(program, motion, recording, target)
+    path, options = _plan(program, motion, recording, target)
     if motion.resume:
         output = dataclasses.replace(output, log=_of_this_part(output.log), report=_of_this_part(output.report))
         recording = dataclasses.replace(recording, out=_of_this_part(recording.out))
@@ -313,7 +315,7 @@ def command(
             for name in names:
                 log = log_path(output.log, name, len(names) > 1) if output.log is not None else None
                 options_of = dataclasses.replace(options, command=_command(ctx, name), log=log)
-                results.append(_run(trajectory, name, target, options_of, motion, stop_requested))
+                results.append(_run(path, name, target, options_of, motion, stop_requested))
                 if not results[-1].completed:
                     break
     except KeyboardInterrupt:
@@ -321,7 +323,7 @@ def command(
         sys.exit(stop_requested.exit_code)
     finally:
         several = len(names) > 1
-        errors = _report(trajectory, results, several, motion, output, recording, notes) if results else []
+        errors = _report(path, results, several, motion, output, recording, notes) if results else []
     if len(results) < len(names):
         click.echo(f"Not run after that: {', '.join(names[len(results) :])}.", err=True)
     last = results[-1]
@@ -337,7 +339,7 @@ def command(
 
 
 def _report(
-    trajectory: Trajectory,
+    path: Planned,
     results: list[RunResult],
     several: bool,
     motion: Motion,
@@ -349,8 +351,11 @@ def _report(
 
     Returns what could not be saved.
     """
+    from kontur.planning.ahead import Ahead
+
     errors: list[KonturError] = []
     try:
+        trajectory = path.trajectory() if isinstance(path, Ahead) else path
         _print(trajectory, results, output.as_json, motion.override, notes)
     finally:  # also where nobody reads what is printed
         for result in results:
@@ -372,26 +377,20 @@ def _report(
     return errors
 
 
-def _plan(program: Program, motion: Motion, recording: Recording, target: Target) -> tuple[Trajectory, RunOptions]:
-    """The trajectory, and the options that all runs of it have in common."""
-    from kontur.path.smoothing import TOLERANCE_M, toleranced
+def _plan(program: Program, motion: Motion, recording: Recording, target: Target) -> tuple[Planned, RunOptions]:
+    """The trajectory, or so much of it that it can be driven while the rest is planned; and the options that all runs
+    of it have in common. A drive in this process, whose time is not that of the clock, gets all of it, and so does one
+    that switches outputs."""
     from kontur.planning.bounds import limits
     from kontur.planning.outputs import Tool
-    from kontur.planning.planner import plan
     from kontur.runs.runner import RunOptions
 
     values = parameters_of(motion.params) if motion.params is not None else {}
     values |= parameter_values(motion.parameters)
     bounds = limits(target.machine, motion.accel, motion.jerk)
-    with progress_bar("planning") as progress:
-        trajectory = plan(
-            toleranced(program, None if motion.tolerance is None else motion.tolerance * 1e-3),
-            bounds,
-            progress,
-            target.machine.soft_limits_m,
-            TOLERANCE_M,
-        )
-    return trajectory, RunOptions(
+    whole = target.in_process or motion.resume or bool(program.events)
+    path = planned(program, bounds, target.machine.soft_limits_m, motion.tolerance, whole)
+    return path, RunOptions(
         parameters=values,
         tool=Tool(motion.full_s, motion.laser),
         approach=bounds if motion.approach else None,
@@ -403,7 +402,7 @@ def _plan(program: Program, motion: Motion, recording: Recording, target: Target
 
 
 def _run(
-    trajectory: Trajectory,
+    trajectory: Planned,
     name: str,
     target: Target,
     options: RunOptions,
@@ -419,7 +418,7 @@ def _run(
     page = view()
     options = dataclasses.replace(options, watch=page)
     with progress_bar(name) as progress, held_by_signals(asked):
-        release = Release(trajectory, asked, motion.yes)
+        release = Release(trajectory.program, asked, motion.yes)
         operator = Operator(progress, stop_requested, asked.rate, release, _notice)
         result = run(trajectory, name, target, options, operator)
     if page is not None:

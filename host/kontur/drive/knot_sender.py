@@ -12,6 +12,8 @@ one, and the state is read by SDO before anything is done about it.
 from __future__ import annotations
 
 import zlib
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +45,35 @@ _BEGIN, _ABORT, _RESUME, RELEASE = 1, 2, 3, 4
 _BEGIN_ATTEMPTS = 5
 
 
-def begin_stream(device: Device, knots_nm: NDArray[np.int32]) -> None:
-    """Open the drive's queue for a stream of `knots_nm` (N, 2), and read back that it is open for these.
+class Knots(Protocol):
+    """The knots of a stream, more of which may come while it runs."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether these are all."""
+
+    @property
+    def knots_nm(self) -> NDArray[np.int32]:
+        """Those that are there (N, 2)."""
+
+    def done(self, knots: int) -> float:
+        """The share of the path that so many knots are."""
+
+
+@dataclass(frozen=True)
+class AllKnots:
+    """Knots that are all there."""
+
+    knots_nm: NDArray[np.int32]
+    complete: bool = True
+
+    def done(self, knots: int) -> float:
+        return knots / len(self.knots_nm)
+
+
+def begin_stream(device: Device, knots_nm: NDArray[np.int32], complete: bool = True) -> None:
+    """Open the drive's queue for a stream of `knots_nm` (N, 2), and read back that it is open for these. Where they are
+    not all, its total is written later.
 
     Raises DeviceError when the drive does not stand at the first.
     """
@@ -52,7 +81,7 @@ def begin_stream(device: Device, knots_nm: NDArray[np.int32]) -> None:
     if device.read_stable("stream.state") not in (IDLE, DONE):
         device.write("stream.command", _ABORT)  # a stream that was stopped, or is another master's
     for _ in range(_BEGIN_ATTEMPTS):
-        device.write("stream.total", len(knots_nm))
+        device.write("stream.total", len(knots_nm) if complete else 0)
         device.write("stream.start_x", x)
         device.write("stream.start_y", y)
         try:
@@ -83,7 +112,7 @@ def stopped_after(device: Device, knots_nm: NDArray[np.int32]) -> int:
         )
     total, executed, checksum = (int(device.read_stable(f"stream.{n}")) for n in ("total", "executed", "checksum"))
     known = zlib.crc32(np.ascontiguousarray(knots_nm[:executed], dtype="<i4").tobytes())
-    if total != len(knots_nm) or checksum != known:
+    if total not in (0, len(knots_nm)) or checksum != known:  # 0: it was stopped while it was planned
         raise StreamError(f"the drive has left another path than this one, at knot {executed} of {total}")
     return executed
 
@@ -105,22 +134,24 @@ def start_nm(knots_nm: NDArray[np.int32]) -> tuple[int, int]:
 
 
 class KnotSender:
-    """Keeps the drive's queue filled with `knots_nm` (N, 2) and `outputs`, of a new stream or of one that is resumed.
+    """Keeps the drive's queue filled with `knots` and `outputs`, of a new stream or of one that is resumed.
 
-    `accepted`: knots that the drive is known to have accepted, of `total`; `retransmitted`: knot frames sent again.
+    Where there are outputs, all knots are there from the start.
+
+    `accepted`: knots that the drive is known to have accepted, of `total`, which is 0 as long as it is not known;
+    `retransmitted`: knot frames sent again.
     """
 
-    def __init__(
-        self, device: Device, knots_nm: NDArray[np.int32], resume: bool = False, outputs: Outputs = switched.NONE
-    ) -> None:
+    def __init__(self, device: Device, knots: Knots, resume: bool = False, outputs: Outputs = switched.NONE) -> None:
         self.device = device
-        self.accepted = resume_stream(device, knots_nm) if resume else 0
+        self.total = len(knots.knots_nm) if knots.complete else 0
+        self.accepted = resume_stream(device, knots.knots_nm) if resume else 0
         self.retransmitted = 0
-        self._knots_nm = knots_nm
-        self._frames = bytearray(wire.pack_knots(knots_nm, start_nm(knots_nm)))
+        self._knots = knots
+        self._frames = bytearray()
+        self._pack()
         self._outputs = outputs.frames()
         switched.chained(self._frames, self._outputs)
-        self.total = len(knots_nm)
         self._first = self.accepted
         self._sent = self._ever_sent = self.accepted  # the next knot to send, and the greatest one that was sent
         self._sent_s = [0.0] * _NUMBERS  # of the knots on their way, by number
@@ -129,7 +160,9 @@ class KnotSender:
         self._cob_id = wire.RPDO2 + device.link.node_id
         self._outputs_cob_id = wire.RPDO5 + device.link.node_id
         if not resume:
-            begin_stream(device, knots_nm)
+            begin_stream(device, knots.knots_nm, self.total > 0)
+        elif not device.read_stable("stream.total"):
+            device.write("stream.total", self.total)
         self._size = int(device.read_stable("ip_buffer_x.size"))
         self._room = int(device.read_stable("stream.free"))
         self._credit = self.accepted + min(self._room, WINDOW)
@@ -139,15 +172,15 @@ class KnotSender:
         self._heard_s = self._accepted_s = device.link.time_s
 
     @property
-    def executed(self) -> int:
-        """How many knots path time has passed, by the latest TPDO1."""
+    def share(self) -> float:
+        """The share of the path that path time has passed, by the latest TPDO1."""
         status = self.device.link.status
         waiting = 0 if status is None else self._size - status.free
-        return min(max(0, self.accepted - waiting), self.total)
+        return self._knots.done(max(0, self.accepted - waiting))
 
     def fill(self) -> None:
         """Send until the queue has what a path starts with. Raises StreamError when the drive accepts no knot."""
-        goal = min(self.accepted + min(self._room, _START_KNOTS), self.total)
+        goal = min(self.accepted + min(self._room, _START_KNOTS), len(self._frames) // 8)
         while self.accepted < goal:
             self.advance()
             if self.device.link.time_s - self._accepted_s > _SILENCE_S:
@@ -161,7 +194,9 @@ class KnotSender:
         Raises EmcyError when the drive reports a fault, StreamError when it has fallen silent.
         """
         link, device = self.device.link, self.device
-        limit = min(self._credit, self.total)
+        if not self.total:
+            self._take()
+        limit = min(self._credit, len(self._frames) // 8)
         for i in range(self._sent, min(self._sent + _BURST, limit)):
             if (frame := self._outputs.get(i)) is not None:
                 link.send(self._outputs_cob_id, frame)
@@ -178,6 +213,19 @@ class KnotSender:
             self._handle_status(before_s)
         elif link.time_s - self._heard_s > _SILENCE_S:
             raise StreamError(f"the drive has sent no status for {_SILENCE_S:g} s: is the bus still there?")
+
+    def _take(self) -> None:
+        """Take in the knots that have come; the drive is told their total when it is known."""
+        complete = self._knots.complete
+        self._pack()
+        if complete:
+            self.total = len(self._frames) // 8
+            self.device.write("stream.total", self.total)
+
+    def _pack(self) -> None:
+        knots_nm, packed = self._knots.knots_nm, len(self._frames) // 8
+        before = start_nm(knots_nm[packed - 1 :] if packed else knots_nm)
+        self._frames += wire.pack_knots(knots_nm[packed:], before, packed)
 
     def _handle_status(self, before_s: float) -> None:
         """Acknowledge knots by the latest TPDO1, and go back if one was lost. The one before came at `before_s`."""
@@ -202,7 +250,7 @@ class KnotSender:
                 self.retransmitted += self._sent - self.accepted
                 self._sent_once = max(self._sent_once, self._sent)
                 self._sent = self.accepted
-        if self.accepted == self.total and not self._end_checked:
+        if self.total and self.accepted == self.total and not self._end_checked:
             self._check_last_knot()
 
     def _check_last_knot(self) -> None:
@@ -211,7 +259,7 @@ class KnotSender:
             return
         self._end_checked = True
         got = (self.device.read_stable("stream.end_x"), self.device.read_stable("stream.end_y"))
-        want = (int(self._knots_nm[-1, 0]), int(self._knots_nm[-1, 1]))
+        want = start_nm(self._knots.knots_nm[-1:])
         if got != want:
             self.device.axes.stop_path()
             raise StreamError(f"the drive's last knot is {got} nm instead of {want} nm: the stream was corrupted")

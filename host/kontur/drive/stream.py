@@ -17,7 +17,7 @@ from kontur.can import outputs as switched
 from kontur.can.link import RESEND_S
 from kontur.can.outputs import Outputs
 from kontur.drive.device import Device
-from kontur.drive.knot_sender import DONE, RELEASE, RUNNING, STOPPED, STOPPING, KnotSender
+from kontur.drive.knot_sender import DONE, RELEASE, RUNNING, STOPPED, STOPPING, AllKnots, Knots, KnotSender
 from kontur.drive.pdos import OUTPUTS
 from kontur.drive.state_machine import BIT_PATH_RUNS, BIT_TARGET_REACHED, ENABLE, RUN_PATH
 from kontur.errors import EmcyError, StreamError
@@ -86,7 +86,7 @@ class Motion:
 
 def stream(
     device: Device,
-    knots_nm: NDArray[np.int32],
+    knots_nm: NDArray[np.int32] | Knots,
     operator: Operator = UNATTENDED,
     *,
     outputs: Outputs = switched.NONE,
@@ -96,6 +96,7 @@ def stream(
     raise_fault: bool = True,
 ) -> StreamResult:
     """Send `knots_nm` (N, 2) and let the drive follow them and switch `outputs`; returns when it stands still again.
+    More knots may come while it moves, unless there are outputs.
 
     The drive must be enabled and stand at the first knot. `before_start` is called when the queue has a second of
     knots and motion is about to start, `started` when it has; what it gets is kept up to date.
@@ -108,7 +109,8 @@ def stream(
     """
     if outputs:
         device.pdos.require(*OUTPUTS)
-    sender = KnotSender(device, knots_nm, resume, outputs)
+    knots = AllKnots(knots_nm) if isinstance(knots_nm, np.ndarray) else knots_nm
+    sender = KnotSender(device, knots, resume, outputs)
     passed = int(device.read_stable("stream.executed")) if resume else 0
     sender.fill()
     rate = _first_rate(sender, operator)
@@ -144,7 +146,7 @@ def stream(
         passed=passed,
     )
     if result.completed:
-        _check_end(device, knots_nm, outputs)
+        _check_end(device, knots.knots_nm, outputs)
         operator.progress(1.0)
     return result
 
@@ -175,7 +177,7 @@ def _follow(sender: KnotSender, operator: Operator, motion: Motion, outputs: Out
                 raise StreamError(f"the drive does not stop on the path, {_STOP_TIMEOUT_S:g} s waited")
             return
         sender.advance()
-        operator.progress(sender.executed / sender.total)
+        operator.progress(sender.share)
 
 
 def _hold(device: Device, outputs: Outputs) -> int:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.can.outputs import BY_RATE, FULL_POWER, HOLD, Outputs
-from kontur.path.geometry import KNOT_S, Dwell, Event, FloatArray, Move
+from kontur.path.geometry import KNOT_S, Dwell, Event, FloatArray, Move, Program
 from kontur.planning.planner import Trajectory
 from kontur.planning.rest import EQUAL, Rest
 
@@ -105,15 +105,15 @@ def words(trajectory: Trajectory, tool: Tool) -> NDArray[np.uint32]:
         digital = _of_laser(trajectory, arrives, departs, digital, power)
     word: NDArray[np.uint32] = digital | np.rint(power * FULL_POWER).astype(np.uint32) << np.uint32(16)
     word[count - _END :] = 0
-    word[[int(arrives[event.before]) for event in held(trajectory)]] |= np.uint32(HOLD)
+    word[[int(arrives[event.before]) for event in held(trajectory.program)]] |= np.uint32(HOLD)
     return word
 
 
-def held(trajectory: Trajectory) -> list[Event]:
+def held(program: Program) -> list[Event]:
     """The events at which the path is held, one for each place."""
-    items = trajectory.program.items
+    items = program.items
     first = next(i for i, item in enumerate(items) if isinstance(item, Move))
-    return [event for event in trajectory.program.events if event.word in HOLDS and event.before > first]
+    return [event for event in program.events if event.word in HOLDS and event.before > first]
 
 
 def of_words(word: NDArray[np.uint32]) -> Outputs:

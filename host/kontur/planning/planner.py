@@ -113,7 +113,7 @@ class Planning:
     """The planning of a program, step by step: what is planned first can be driven while the rest is planned.
 
     Arguments and exceptions are those of plan(). Whether the program is connected, and inside the travel, is checked at
-    once. `rows`: what is planned so far.
+    once. `rows`: what is planned so far. `length_m`: of the program.
     """
 
     def __init__(
@@ -134,6 +134,7 @@ class Planning:
         check_connected(program, self._polyline)
         check_travel(program, self._polyline, travel_m)
         self._report(0.0)
+        self.length_m = float(self._polyline.edge_m[-1])
         self.rows = Rows()
         self._driven: list[Move] = []
         self._bounds = Bounds()

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from kontur.path.geometry import FloatArray
 from kontur.planning import knots
+from kontur.planning.ahead import Planned
 from kontur.planning.path_time import PathTime
 from kontur.planning.planner import Trajectory, positions
 
@@ -22,11 +23,11 @@ EQUAL = 2  # knots more at either end, so that the spline rests there
 class Rest:
     """A trajectory to stream and, for each of its knots, the path time (n,) of the whole trajectory in ms."""
 
-    trajectory: Trajectory
+    trajectory: Planned
     path_ms: FloatArray | range
 
 
-def whole(trajectory: Trajectory) -> Rest:
+def whole(trajectory: Planned) -> Rest:
     """All of `trajectory`."""
     return Rest(trajectory, range(len(trajectory.knots_nm)))
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from kontur.can import wire
 from kontur.drive.stream import Motion
 from kontur.path.geometry import KNOT_S
+from kontur.planning.ahead import Planned
 from kontur.planning.path_time import RATE_MAX, PathTime
-from kontur.planning.planner import Trajectory
 
 Floats = NDArray[np.float64]
 
@@ -24,13 +24,13 @@ class RunClock:
     drive's. `periods`: length of the run in control periods, None as long as its end is not known.
     """
 
-    def __init__(self, trajectory: Trajectory, motion: Motion, control_hz: int, stop_time_s: float) -> None:
+    def __init__(self, trajectory: Planned, motion: Motion, control_hz: int, stop_time_s: float) -> None:
         self.control_hz = control_hz
         self.start_period = round(motion.start_s * control_hz)
         self.periods: int | None = None
         self._motion = motion
         self._stop = round(stop_time_s * control_hz)
-        self._length = round(trajectory.duration_s * control_hz)
+        self._trajectory = trajectory
         self._goal = motion.rates[0][1]
         # A path that is resumed starts from standstill, not at full rate.
         first = 0.0 if motion.passed else self._goal
@@ -49,11 +49,18 @@ class RunClock:
     def finish(self) -> None:
         """Take in all commands; `periods` is known then."""
         self._take_commands()
-        left = math.ceil(self._length / self._goal) if self._goal > 0.0 else 0
+        planned = len(self._trajectory.knots_nm) * KNOT_S * self.control_hz
+        left = math.ceil(min(self._length, planned) / self._goal) if self._goal > 0.0 else 0
         self._path.advance(self._goal, self._last + round(RATE_MAX * self._stop) + left)
         self._find_end()
         if self.periods is None:
             self.periods = self._last + self._stop
+
+    @property
+    def _length(self) -> float:
+        """Path time at the end, in control periods; infinite as long as it is not known."""
+        periods = self._trajectory.duration_s * self.control_hz
+        return periods if math.isinf(periods) else float(round(periods))
 
     def forget(self, time_s: float) -> None:
         """Path time before `time_s` is not needed any more."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from kontur.can import signals
 from kontur.can.wire import Telemetry
 from kontur.path.geometry import KNOT_S
-from kontur.planning.planner import Trajectory
+from kontur.planning.ahead import Planned
 from kontur.runs.scoring import ContourError, Rapids
 
 Floats = NDArray[np.float64]
@@ -22,7 +22,7 @@ _SCALE = {
 
 
 def columns(
-    telemetry: Telemetry, rows: NDArray[np.bool_], time_s: Floats, path_s: Floats, trajectory: Trajectory, rapid: Rapids
+    telemetry: Telemetry, rows: NDArray[np.bool_], time_s: Floats, path_s: Floats, trajectory: Planned, rapid: Rapids
 ) -> dict[str, Floats]:
     """The columns of those `rows` (n,) of the telemetry, by their names in kontur.runs.log.
 

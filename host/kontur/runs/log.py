@@ -267,6 +267,7 @@ class Growing:
         self._path = path
         self._suffix = _suffix(path)
         self._format = _row_format(names)
+        self._known = frozenset(meta)  # at the beginning
         self._end = 0  # of what is whole
         self.rows = 0
         beside = Path(os.path.realpath(path))
@@ -292,7 +293,8 @@ class Growing:
 
     def finish(self, meta: Mapping[str, Any]) -> None:
         """Write what is known at the end, and put the log in its place."""
-        self._write(_tail_text(meta))
+        late = {key: value for key, value in meta.items() if key not in self._known}
+        self._write(_meta_text(late, at_the_end=False) + _tail_text(meta))
         self._out.close()
         if self._suffix == ".mf4":
             convert(self.file, self._path)

@@ -19,6 +19,7 @@ from kontur.can.simulated import SimulatedBus, Truth
 from kontur.can.wire import TelemetryStream
 from kontur.drive.stream import Motion
 from kontur.errors import FileError
+from kontur.planning.ahead import Planned
 from kontur.planning.planner import Trajectory
 from kontur.runs import log as logs
 from kontur.runs.clock import RunClock
@@ -91,7 +92,7 @@ class Recorder:
         self._true: tuple[Floats, ContourError] | None = None  # of the periods from `_true_from` of the run on
         self._true_from = 0
 
-    def begin(self, trajectory: Trajectory, start_nm: tuple[int, int]) -> None:
+    def begin(self, trajectory: Planned, start_nm: tuple[int, int]) -> None:
         """Record from now on: `trajectory` is about to start, at `start_nm`."""
         program, from_s = trajectory.program, self._score_from_s
         self._trajectory = trajectory
@@ -99,7 +100,7 @@ class Recorder:
         self._rapids = Rapids(program)
         self._scorer = Scorer(program, from_s) if self._sim is not None else None
         self._tracking: Scorer | None = None
-        if self._sim is not None and trajectory.deviation_m > 0.0:
+        if self._sim is not None and isinstance(trajectory, Trajectory) and trajectory.deviation_m > 0.0:
             self._tracking = Scorer(dataclasses.replace(program, items=trajectory.driven), from_s)
         self._coverage = Coverage(program, from_s)
         if self._watch is None:

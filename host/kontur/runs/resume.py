@@ -45,7 +45,7 @@ def left_by(device: Device, trajectory: Trajectory, reach_m: float) -> Left:
     """
     total = int(device.read_stable("stream.total"))
     driven = whole(trajectory)
-    if total != len(trajectory.knots_nm):
+    if total not in (0, len(trajectory.knots_nm)):
         driven = rest_of_length(trajectory, total, _stop_time_ms(device)) or driven
     executed = stopped_after(device, driven.trajectory.knots_nm)
     for axis in "xy":

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from kontur.can import emcy
+from kontur.can.outputs import NONE
 from kontur.can.simulated import Truth, simulated
 from kontur.drive import scope as scopes
 from kontur.drive.controllers import named
@@ -25,6 +26,7 @@ from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, EmcyError, FileError, KonturError
 from kontur.machine import ALL
 from kontur.path.geometry import KNOT_S
+from kontur.planning.ahead import Ahead, Planned
 from kontur.planning.bounds import Limits, limits
 from kontur.planning.outputs import SPINDLE, Tool, of_rest, words
 from kontur.planning.planner import Trajectory
@@ -92,13 +94,14 @@ class RunResult:
 
 
 def run(
-    trajectory: Trajectory,
+    trajectory: Planned,
     controller: str,
     target: Target,
     options: RunOptions = DEFAULTS,
     operator: Operator = UNATTENDED,
 ) -> RunResult:
-    """Run `trajectory` under `controller` (either of its names) on the drive of `target`.
+    """Run `trajectory` under `controller` (either of its names) on the drive of `target`, while it is planned or after
+    that. If its planning fails meanwhile, the drive stops on the path, and what failed is raised.
 
     The log ends where the drive stopped: at the end, on the operator's request, at a fault, or because the log could
     not be written any more.
@@ -118,7 +121,7 @@ def run(
 
 
 def _run(
-    trajectory: Trajectory,
+    trajectory: Planned,
     controller: str,
     target: Target,
     options: RunOptions,
@@ -133,9 +136,8 @@ def _run(
         device.parameters.set(options.parameters)
         device.select_controller(controller)
         meta: dict[str, Any] = {"program": trajectory.program.name, "controller": controller}
-        meta |= {"feed": str(trajectory.feed)} if trajectory.feed is not None else {}
-        meta |= {"smoothing": trajectory.smoothed} if trajectory.smoothed else {}
-        meta |= _what(device, trajectory, target, options)
+        meta |= _of_path(trajectory) if isinstance(trajectory, Trajectory) else {}
+        meta |= _what(device, target, options)
         recorder = Recorder(
             device.link,
             sim,
@@ -148,7 +150,9 @@ def _run(
         )
         try:
             left = None
-            if options.resume:
+            if isinstance(trajectory, Ahead) and (options.resume or trajectory.program.events):
+                trajectory = trajectory.trajectory()
+            if options.resume and isinstance(trajectory, Trajectory):
                 left = resume.left_by(device, trajectory, resume.RETURN_MAX_M if options.approach is None else math.inf)
             with device.axes.enabled(also=TELEMETRY):
                 if left is None:
@@ -156,6 +160,8 @@ def _run(
                     _go_to_start(device, trajectory.program.start_m, options.approach, operator,
                                  limits(target.machine) if placed else None)  # fmt: skip
                 driven, streamed = _move(device, trajectory, left, recorder, options, operator, limits(target.machine))
+            if isinstance(trajectory, Ahead) and trajectory.error is not None:
+                raise trajectory.error
             warnings = device.faults.warnings()
             oscillation = device.faults.oscillation(warnings)
             capture = _capture(device, streamed, warnings, options, operator)
@@ -173,13 +179,15 @@ def _run(
             outcome["oscillation"] = oscillation
         if options.resume:
             outcome["resumed_at_s"] = float(driven.path_ms[streamed.passed]) * KNOT_S
+        if isinstance(trajectory, Ahead) and trajectory.complete:
+            outcome |= _of_path(trajectory.trajectory())
         log = recorder.end(outcome | {"dropped": device.link.dropped})
     return RunResult(log, recorder.truth(), streamed.completed, streamed.fault, capture, warnings, recorder.problem)
 
 
 def _move(
     device: Device,
-    trajectory: Trajectory,
+    trajectory: Planned,
     left: resume.Left | None,
     recorder: Recorder,
     options: RunOptions,
@@ -200,13 +208,14 @@ def _move(
         recorder.begin(driven.trajectory, start_nm)
 
     def stop_requested() -> bool:
-        return recorder.problem is not None or operator.stop_requested()
+        planning_failed = isinstance(trajectory, Ahead) and trajectory.error is not None
+        return planning_failed or recorder.problem is not None or operator.stop_requested()
 
     streamed = stream(
         device,
-        driven.trajectory.knots_nm,
+        trajectory if isinstance(trajectory, Ahead) else driven.trajectory.knots_nm,
         dataclasses.replace(operator, stop_requested=stop_requested),
-        outputs=of_rest(words(trajectory, options.tool), driven),
+        outputs=of_rest(words(trajectory, options.tool), driven) if isinstance(trajectory, Trajectory) else NONE,
         before_start=before_start,
         started=recorder.started,
         resume=has_knots,
@@ -248,12 +257,18 @@ def _capture(
     return capture
 
 
-def _what(device: Device, trajectory: Trajectory, target: Target, options: RunOptions) -> dict[str, Any]:
-    """What the log says before the run: of which path, on which drive and machine, how set."""
+def _of_path(trajectory: Trajectory) -> dict[str, Any]:
+    """What the log says of the path."""
+    meta = {"feed": str(trajectory.feed)} if trajectory.feed is not None else {}
+    meta |= {"smoothing": trajectory.smoothed} if trajectory.smoothed else {}
+    return meta | {"trajectory": trajectory.digest}
+
+
+def _what(device: Device, target: Target, options: RunOptions) -> dict[str, Any]:
+    """What the log says before the run: on which drive and machine, how set."""
     bus = device.link.bus
     is_simulated = simulated(bus) is not None
     meta: dict[str, Any] = {
-        "trajectory": trajectory.digest,
         "machine": target.machine.name if is_simulated else str(bus.channel_info),
     }
     if is_simulated:

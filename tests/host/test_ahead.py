@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A path that is driven while it is planned: the drive gets the knots of the whole, and in the end their number."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+from cam_paths import circle, letters
+from click.testing import CliRunner
+
+from kontur import machine
+from kontur.cli import main, planned
+from kontur.drive import knot_sender
+from kontur.drive.state_machine import BIT_PATH_RUNS
+from kontur.drive.stream import Operator
+from kontur.drive.target import Target, open_drive
+from kontur.errors import PathError
+from kontur.path import programs, smoothing
+from kontur.path.smoothing import TOLERANCE_M
+from kontur.planning.ahead import Ahead
+from kontur.planning.bounds import limits
+from kontur.planning.planner import Planning, plan
+from kontur.runs.log import read
+from kontur.runs.runner import RunOptions, run
+from kontur.sim import process as sim_process
+
+MACHINE = machine.load()
+LIMITS = limits(MACHINE)
+
+
+class Gate:
+    """A planning whose steps after the first wait until `opened` is set; `fails` then."""
+
+    def __init__(self, program, fails=False):
+        self.planning = Planning(program, LIMITS, tolerance_m=TOLERANCE_M)
+        self.opened, self.fails = threading.Event(), fails
+        self.steps = self.planning.steps
+        self.planning.steps = self._steps
+
+    def _steps(self):
+        for number, _ in enumerate(self.steps()):
+            yield
+            if number == 0:
+                assert self.opened.wait(300.0)
+                if self.fails:
+                    raise PathError("p.ngc:7: it cannot be planned")
+
+
+@pytest.fixture
+def small_windows(monkeypatch):
+    monkeypatch.setattr(smoothing, "_WINDOWS_S", (0.5,))
+
+
+@pytest.fixture
+def opens_on_the_way(monkeypatch):
+    """A function that opens a gate when the drive moves, and has accepted all that is planned."""
+    written = []
+
+    def arrange(gate):
+        advance = knot_sender.KnotSender.advance
+
+        def advanced(sender):
+            moves = sender.device.axes.both(BIT_PATH_RUNS)
+            if moves and sender.accepted >= len(planned_so_far) and not gate.opened.is_set():
+                written.append(sender.device.read_stable("stream.total"))
+                gate.opened.set()
+                gate.ahead.ended()
+            advance(sender)
+
+        monkeypatch.setattr(knot_sender.KnotSender, "advance", advanced)
+        gate.ahead = Ahead(gate.planning)
+        while not len(gate.ahead.knots_nm):
+            assert not gate.ahead.ended(0.01)
+        planned_so_far = gate.ahead.knots_nm
+        return gate.ahead
+
+    arrange.total_before = written
+    return arrange
+
+
+def test_knots_that_come_on_the_way_are_those_of_the_whole(small_windows, opens_on_the_way):
+    program = letters(6)
+    ahead = opens_on_the_way(Gate(program))
+    assert 300 < len(ahead.knots_nm) < 0.8 * len(plan(program, LIMITS, tolerance_m=TOLERANCE_M).knots_nm)
+    result = run(ahead, "ccu", Target(MACHINE))
+    whole = run(plan(program, LIMITS, tolerance_m=TOLERANCE_M), "ccu", Target(MACHINE))
+    assert opens_on_the_way.total_before == [0]
+    assert result.completed
+    for key in ("trajectory", "smoothing", "feed", "status", "accepted"):
+        assert result.log.meta[key] == whole.log.meta[key]
+    np.testing.assert_array_equal(result.log.columns["reference_x_mm"], whole.log.columns["reference_x_mm"])
+    assert result.log.meta["score"]["mean_um"] == pytest.approx(whole.log.meta["score"]["mean_um"], rel=0.02)
+
+
+def test_a_planning_that_fails_on_the_way_stops_the_drive_on_the_path(small_windows, opens_on_the_way):
+    ahead = opens_on_the_way(Gate(letters(6), fails=True))
+    result = run(ahead, "ccu", Target(MACHINE), RunOptions(raise_fault=False))
+    assert not result.completed
+    assert str(result.error) == "p.ngc:7: it cannot be planned"
+    assert result.log.columns["time_s"][-1] > 0.1
+    speed = np.hypot(*(np.diff(result.log.columns[f"reference_{axis}_mm"][-4:]) for axis in "xy"))
+    assert np.max(speed) < 1e-3
+
+
+def test_what_is_planned_ahead_is_the_trajectory_at_the_end():
+    program = circle(360)
+    ahead = Ahead(Planning(program, LIMITS, tolerance_m=TOLERANCE_M))
+    assert ahead.trajectory().digest == plan(program, LIMITS, tolerance_m=TOLERANCE_M).digest
+    assert ahead.complete
+    assert ahead.duration_s == ahead.trajectory().duration_s
+    assert ahead.done(len(ahead.knots_nm)) == pytest.approx(1.0)
+    assert ahead.done(0) == 0.0
+
+
+@pytest.fixture
+def drive():
+    """A drive as a process, which stays when a run has ended; its time passes with SYNC."""
+    if not sim_process.PROGRAM.exists():
+        pytest.skip("kontur-sim is not built; run `make lib`")
+    with sim_process.start(slcan_tcp="0", pace="sync", machine=MACHINE) as sim:
+        target = Target(machine=MACHINE, bus={"interface": sim.interface, "channel": sim.channel})
+        with open_drive(target) as device, device.master.held():
+            device.parameters.set(MACHINE.parameters(1))
+        yield target
+
+
+def test_a_path_that_was_stopped_while_it_was_planned_is_resumed(small_windows, drive):
+    gate = Gate(letters(5))
+    ahead = Ahead(gate.planning)
+    while not len(ahead.knots_nm):
+        assert not ahead.ended(0.01)
+    shares = [0.0]
+    operator = Operator(progress=shares.append, stop_requested=lambda: shares[-1] > 0.0)
+    assert not run(ahead, "ccu", drive, operator=operator).completed
+    gate.opened.set()
+    rest = run(ahead.trajectory(), "ccu", drive, RunOptions(resume=True)).log
+    assert rest.meta["status"] == "complete"
+    assert rest.meta["resumed_at_s"] > 0.0
+    assert rest.meta["accepted"] == len(ahead.knots_nm)
+
+
+def test_the_command_starts_before_the_end_of_the_planning(small_windows, drive, tmp_path, monkeypatch):
+    file = tmp_path / "letters.ngc"
+    ends = [move.segment.end_m for move in letters(6).moves]
+    file.write_text("G1 F3000\n" + "\n".join(f"X{x * 1e3:.3f} Y{y * 1e3:.3f}" for x, y in ends) + "\n")
+    complete = []
+
+    def may_start(ahead):
+        enough = len(ahead.knots_nm) > 0
+        if enough:
+            complete.append(ahead.complete)
+        return enough
+
+    monkeypatch.setattr(Ahead, "may_start", property(may_start))
+    monkeypatch.setattr(planned, "_SHOWN_S", 0.0)
+    bus = ("-i", drive.bus["interface"], "-c", drive.bus["channel"])
+    result = CliRunner().invoke(main, ["run", str(file), "--json", *bus, "--log", str(tmp_path / "a.csv")])
+    assert result.exit_code == 0, result.output
+    assert complete == [False]
+    found, meta = json.loads(result.stdout), read(tmp_path / "a.csv").meta
+    whole = plan(programs.load(file), LIMITS, travel_m=MACHINE.soft_limits_m, tolerance_m=TOLERANCE_M)
+    assert found["duration_s"] == whole.duration_s
+    assert meta["trajectory"] == whole.digest
+    assert meta["status"] == "complete"
