@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from kontur.errors import PathError
-from kontur.path.geometry import Curve, Program
+from kontur.path.geometry import Curve, Line, Program
 from kontur.path.spline_fit import SmoothPath
 
 Array = NDArray[np.float64]
@@ -194,16 +194,22 @@ class _Pieces:
         self.segments = [move.segment for move in program.moves if move.segment.length_m > 0.0]
         if not self.segments:
             raise PathError(f"{program.name}: there is no motion in it, so there is nothing to score")
-        start = np.zeros(1)
-        self.length = np.array([segment.length_m for segment in self.segments])
+        start, count = np.zeros(1), len(self.segments)
+        self.length = np.fromiter((segment.length_m for segment in self.segments), float, count)
         self.end_s = np.cumsum(self.length)
         self.start_s = np.concatenate([start, self.end_s[:-1]])
-        self.point_in = np.concatenate([segment.point(start) for segment in self.segments])
-        self.tangent_in = np.concatenate([segment.tangent(start) for segment in self.segments])
-        self.tangent_out = np.concatenate([segment.tangent(np.array([segment.length_m])) for segment in self.segments])
-        self.bend = np.concatenate([segment.curvature(start) for segment in self.segments])
+        ends_m = np.array([s.start_m + s.end_m if isinstance(s, Line) else (0.0,) * 4 for s in self.segments])
+        self.point_in = ends_m[:, :2]
+        self.tangent_in = (ends_m[:, 2:] - self.point_in) / self.length[:, None]
+        self.tangent_out = self.tangent_in.copy()
+        self.bend = np.zeros(count)
         self.curves: dict[int, _FastCurve] = {}
         for i, segment in enumerate(self.segments):
+            if isinstance(segment, Line):
+                continue
+            self.point_in[i], self.tangent_in[i] = segment.point(start)[0], segment.tangent(start)[0]
+            self.tangent_out[i] = segment.tangent(self.length[i : i + 1])[0]
+            self.bend[i] = segment.curvature(start)[0]
             if isinstance(segment, Curve):
                 self.curves[i] = _FastCurve(segment)
             elif isinstance(segment, SmoothPath):
@@ -268,10 +274,9 @@ class _Pieces:
         return np.asarray(tangent + before + after)
 
     def _curved(self, piece: Index) -> Iterator[tuple[Index, _FastCurve]]:
-        for i, curve in self.curves.items():
-            rows = np.flatnonzero(piece == i)
-            if rows.size:
-                yield rows, curve
+        for i in np.unique(piece) if self.curves else ():
+            if i in self.curves:
+                yield np.flatnonzero(piece == i), self.curves[i]
 
 
 class _FastCurve:
