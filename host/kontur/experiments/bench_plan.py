@@ -26,6 +26,8 @@ _TURN = 2.0 * math.pi
 
 LEAST_S = {"circle r 20": 1.319, "circle r 4": 0.3198, "rosette": 1.912, "spiral": 2.425, "trochoid": 1.368}
 """Least times at FEED_MPS within LIMITS, by tests/host/time_optimum.py, which a test compares."""
+LEAST_WITHIN_S = {"square": 1.855, "raster": 1.486}
+"""The same, of any motion within TOLERANCE_M of a square of 40 mm and of a raster, by tests/host/tube_optimum.py."""
 
 CurveFormula = Callable[[FloatArray, int], FloatArray]
 """A curve by its parameter (n,), or its derivative of some order: (n, 2) in m."""
@@ -74,16 +76,25 @@ def of_curve(curve: CurveFormula, end_u: float, count: int, feed_mps: float = FE
 @dataclass(frozen=True)
 class Case:
     """A path, and the least time of the smooth curve that it stands for, by the reference of the tests
-    (tests/host/time_optimum.py), or with exact stops at its corners."""
+    (tests/host/time_optimum.py), of any motion within the tolerance, or with exact stops at its corners."""
 
     name: str
     program: Program
     least_s: float
 
 
-def _line_s(length_m: float) -> float:
-    """Least time of a line along an axis that reaches FEED_MPS."""
-    return length_m / FEED_MPS + 2.0 * math.sqrt(FEED_MPS / LIMITS.jerk_mps3[0])
+def raster(rows: int) -> Program:
+    """Rows of 20 mm along x, to and fro, 0.5 mm apart."""
+    corner = np.arange(2 * rows)
+    return lines(np.stack([0.02 * ((corner + 1) // 2 % 2), 5e-4 * (corner // 2)], axis=1))
+
+
+def stops_s(program: Program) -> float:
+    """Least time of lines along the axes with a stop at the end of each, at FEED_MPS and below the acceleration."""
+    length_m = np.array([move.segment.length_m for move in program.moves])
+    jerk = LIMITS.jerk_mps3[0]
+    top = np.minimum((0.5 * length_m * math.sqrt(jerk)) ** (2.0 / 3.0), FEED_MPS)
+    return float(np.sum(length_m / top + 2.0 * np.sqrt(top / jerk)))
 
 
 def cases() -> Iterator[Case]:
@@ -100,8 +111,11 @@ def cases() -> Iterator[Case]:
             yield Case(f"{name}, {count} lines", of_curve(curve, end_u, count), least_s)
     yield Case("circle r 20, one arc", shapes.circle(0.020, FEED_MPS), LEAST_S["circle r 20"])
     yield Case("circle r 4, one arc", shapes.circle(0.004, FEED_MPS), LEAST_S["circle r 4"])
-    yield Case("line of 40 mm, 4000 pieces", lines(np.linspace([0.0, 0.0], [0.04, 0.0], 4001)), _line_s(0.04))
-    yield Case("square of 40 mm, stops", shapes.square(0.04, 0.0, FEED_MPS), 4.0 * _line_s(0.04))
+    line = lines(np.array([[0.0, 0.0], [0.04, 0.0]]))
+    yield Case("line of 40 mm, 4000 pieces", lines(np.linspace([0.0, 0.0], [0.04, 0.0], 4001)), stops_s(line))
+    for name, program in (("square of 40 mm", shapes.square(0.04, 0.0, FEED_MPS)), ("raster of 5 rows", raster(5))):
+        yield Case(f"{name}, stops", program, stops_s(program))
+        yield Case(name, program, LEAST_WITHIN_S[name.split()[0]])
 
 
 def waves(count: int) -> str:
