@@ -36,7 +36,7 @@ def test_the_knots_fill_the_largest_ring_that_fits_into_the_core_coupled_memory(
     board.start()
     size = board.read(0x60C4, 2)
     ring_bytes = _symbols(board)["kontur_ccm_end"] - CCM
-    assert 8 * size < ring_bytes <= CCM_BYTES < 2 * ring_bytes
+    assert 12 * size < ring_bytes <= CCM_BYTES < 2 * ring_bytes
     assert board.read(0x2200, 6) == size
     board.enable()
     board.write(0x2200, 1, 1, 1)  # begin
@@ -46,7 +46,7 @@ def test_the_knots_fill_the_largest_ring_that_fits_into_the_core_coupled_memory(
         board.send(0x301, frames[at : at + 8])
         board.run(0.3)
     assert board.read(0x2200, 7) == len(knots_nm)
-    assert bytes(board.uc.mem_read(CCM + ring_bytes - 8 * (size + 32), knots_nm.nbytes)) == knots_nm.tobytes()
+    assert bytes(board.uc.mem_read(CCM + ring_bytes - 12 * (size + 32), knots_nm.nbytes)) == knots_nm.tobytes()
 
 
 def test_the_stack_that_was_used_has_a_reserve(board: Board) -> None:

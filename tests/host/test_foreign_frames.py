@@ -72,7 +72,7 @@ def start_nm(knots_nm: NDArray[np.int32]) -> tuple[int, int]:
 def test_run_beside_foreign_frames_with_every_number_of_the_drive_is_that_without(knots_nm: NDArray[np.int32]) -> None:
     telemetry = []
     for kind in (HookedBus, Neighbour):
-        with connected(bus := kind(machine=MACHINE), 1) as device, device.axes.enabled():
+        with connected(bus := kind(machine=MACHINE), 1) as device, device.axes.enabled(also=pdos.TELEMETRY):
             result = stream(device, knots_nm, before_start=device.link.record_telemetry)
             assert (result.executed, result.retransmitted) == (len(knots_nm), 0)
             telemetry.append(device.link.recorded_telemetry(start_nm(knots_nm)))

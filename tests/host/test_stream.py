@@ -159,6 +159,7 @@ def test_lost_telemetry_is_counted_exactly(knots_nm: NDArray[np.int32]) -> None:
         return message
 
     with enabled(knots_nm) as (device, bus):
+        device.pdos.require(*pdos.TELEMETRY)
         bus.on_recv = lose
         stream(device, knots_nm, before_start=device.link.record_telemetry)
         bus.on_recv = lambda m: m

@@ -168,15 +168,14 @@ class KnotSender:
         self._credit = self.accepted + min(self._room, WINDOW)
         self._flight_s = min(FLIGHT_MAX_S, FLIGHT_MIN_S + 2.0 * device.link.round_trip_s)
         self._queued_s = 0.0
+        self._passed = 0
         self._seen = device.link.status_count
         self._heard_s = self._accepted_s = device.link.time_s
 
     @property
     def share(self) -> float:
         """The share of the path that path time has passed, by the latest TPDO1."""
-        status = self.device.link.status
-        waiting = 0 if status is None else self._size - status.free
-        return self._knots.done(max(0, self.accepted - waiting))
+        return self._knots.done(self._passed)
 
     def fill(self) -> None:
         """Send until the queue has what a path starts with. Raises StreamError when the drive accepts no knot."""
@@ -241,6 +240,7 @@ class KnotSender:
             if self.accepted > self._sent_once:  # the last of them was still on its way at `before_s`
                 queued_s = before_s - self._sent_s[(self.accepted - 1) % _NUMBERS]
                 self._queued_s = min(max(queued_s, 0.0), _QUEUED_MAX_S)
+        self._passed = max(self._passed, self.accepted - (self._size - status.free))
         self._sent = max(self._sent, self.accepted)
         self._credit = self.accepted + min(status.free, WINDOW)
         if newly <= 0 and self.accepted < self._sent:
