@@ -18,6 +18,7 @@ from kontur import machine
 from kontur.can import wire
 from kontur.can.bus import open_bus
 from kontur.can.link import Link
+from kontur.drive import pdos
 from kontur.drive.device import Device, connected
 from kontur.drive.knot_sender import AllKnots, KnotSender
 from kontur.drive.stream import Operator, stream

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kontur import machine
 from kontur.can import wire
 from kontur.can.link import Link
+from kontur.drive import pdos
 from kontur.drive.device import Device
 from kontur.drive.knot_sender import WINDOW
 from kontur.drive.stream import Operator, stream
