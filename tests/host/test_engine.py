@@ -37,6 +37,13 @@ def made(job: tuple[str, int]) -> Row:
 ROWS = [json.loads(json.dumps(made(job))) for job in JOBS]
 
 
+RUNS = [
+    {"path": "circle", "radius": 1, "feed": 50, "controller": controller, "seed": seed}
+    for controller in ("cascade", "ccu")
+    for seed in (1, 2)
+]
+
+
 def same(rows: list[Row]) -> bool:
     return repr(rows) == repr(ROWS)
 
@@ -170,14 +177,14 @@ def test_errors_are_the_same_in_another_process() -> None:
         )  # fmt: skip
 
 
+def test_one_process_reads_the_eds_once_for_all_its_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = sweep.one_run(RUNS[0])
+    monkeypatch.setattr("canopen.objectdictionary.eds.import_eds", lambda *_: pytest.fail("the EDS is read again"))
+    assert sweep.one_run(RUNS[0]) == first
+    assert first["mean_um"] > 0.0
+
+
 # --- a dask cluster ---------------------------------------------------------------------------------------------------
-RUNS = [
-    {"path": "circle", "radius": 1, "feed": 50, "controller": controller, "seed": seed}
-    for controller in ("cascade", "ccu")
-    for seed in (1, 2)
-]
-
-
 @contextmanager
 def cluster(**how: Any) -> Iterator[Any]:
     distributed = pytest.importorskip("distributed", reason="no dask; get it by: pip install 'kontur[sweep]'")

@@ -14,6 +14,7 @@ frame was lost, and every 64 rounds, the drive's tick is read by SDO; so no SYNC
 from __future__ import annotations
 
 import errno
+import functools
 import logging
 import math
 import queue
@@ -28,6 +29,7 @@ from typing import Any
 import can
 import canopen
 import numpy as np
+from canopen.objectdictionary import ObjectDictionary, import_od
 from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
 from canopen.sdo.constants import ABORT_TIMED_OUT, RESPONSE_ABORTED, RESPONSE_DOWNLOAD
 from numpy.typing import NDArray
@@ -461,12 +463,18 @@ class _LinkedNetwork(canopen.Network):  # type: ignore[misc]  # the library is n
         self._link.send(can_id, data)
 
 
+@functools.lru_cache(8)
+def _dictionary(eds: str, node_id: int) -> ObjectDictionary:
+    """The objects of a node, which nobody changes. Reading the EDS takes longer than a short run."""
+    return import_od(eds, node_id)
+
+
 class _PolledNode(canopen.RemoteNode):  # type: ignore[misc]
     """A remote node whose SDO client polls the link while it waits."""
 
     def __init__(self, link: Link, node_id: int, eds: str) -> None:
         self._link = link
-        super().__init__(node_id, eds)
+        super().__init__(node_id, _dictionary(eds, node_id))
 
     def add_sdo(self, rx_cobid: int, tx_cobid: int) -> Any:
         client = _PolledSdoClient(self._link, rx_cobid, tx_cobid, self.object_dictionary)
