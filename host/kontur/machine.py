@@ -382,8 +382,11 @@ _NEEDS = (
 _PAIRS = ("travel_m", "soft_limit_m")
 
 
-def load(file: str | Path = DEFAULT) -> Machine:
-    """Read a machine file. Raises MachineError, which names file, key and what is wrong with it."""
+def load(file: str | Path = DEFAULT, changes: Mapping[str, Mapping[str, float]] | None = None) -> Machine:
+    """Read a machine file. `changes`: values of the axes "x" and "y" that are other ones than in the file, by key.
+
+    Raises MachineError, which names file, key and what is wrong with it.
+    """
     try:
         table = read_toml(Path(file))
     except FileError as error:
@@ -394,6 +397,9 @@ def load(file: str | Path = DEFAULT) -> Machine:
             f"bus, and --set NAME=VALUE to a simulated one. A machine file is a copy of {DEFAULT}, without its "
             "[gains]"
         )
+    for name, values in (changes or {}).items():
+        if isinstance(table.get(name), dict):
+            table[name] |= values
     return _Reader(str(file)).machine(table)
 
 

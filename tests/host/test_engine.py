@@ -165,6 +165,20 @@ def test_errors_of_a_job_and_the_death_of_a_process_are_messages() -> None:
         carry_out(dies_or_raises, ["dies", "dies"], workers=1)
 
 
+def test_ctrl_c_waits_while_processes_are_started() -> None:
+    reached, before = list[str](), signal.getsignal(signal.SIGINT)
+
+    def start() -> None:
+        with engine._without_ctrl_c():
+            signal.raise_signal(signal.SIGINT)
+            reached.append("end")
+
+    with pytest.raises(KeyboardInterrupt):
+        start()
+    assert reached
+    assert signal.getsignal(signal.SIGINT) is before
+
+
 def test_errors_are_the_same_in_another_process() -> None:
     for error in (
         FileError("a.ngc", "is wrong", 3, "G1"),

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from kontur import machine as machines
 from kontur.cli import main
 from kontur.drive.target import Target
-from kontur.errors import FileError
+from kontur.errors import FileError, InputError
 from kontur.experiments import sweep
 from kontur.path import shapes
 from kontur.planning.bounds import limits
@@ -93,6 +93,19 @@ def test_names_of_files_are_absolute_so_that_a_worker_elsewhere_opens_the_same(
     assert asked.runs[0]["path"] == str(tmp_path / "p.ngc")
 
 
+def test_files_that_cannot_be_read_are_refused_before_anything_runs(tmp_path: Path) -> None:
+    (tmp_path / "p.ngc").write_text("G1 X1 F600\nhello\n")
+    (tmp_path / "m.toml").write_text('name = "half"\n')
+    (tmp_path / "p.csv").write_text("x,y\n0,0\n1,1\n")
+    for text, message in (
+        ('path = "p.ngc"', r"p\.ngc:2: hello"),
+        ('machine = ["table1", "m.toml"]', r"m\.toml: .* is missing"),
+        ('path = "p.csv"', r"p\.csv.*feed"),
+    ):
+        with pytest.raises(InputError, match=message):
+            sweep.load(written(tmp_path, text))
+
+
 def test_parameters_that_no_drive_has_are_refused_before_anything_runs(tmp_path: Path) -> None:
     (tmp_path / "p.toml").write_text("[smc]\nlamda = 3\n")
     for text, name in (("set.smc.lamda = [3, 4]", "sweep.toml"), ('params = "p.toml"', "p.toml")):
@@ -151,12 +164,31 @@ def test_a_run_that_is_not_possible_is_a_row_with_its_problem() -> None:
     for more, problem in (
         ({"set.smc.lambda": 1e9}, "out of range"),
         ({"set.smc.lamda": 1.0}, "smc.lamda"),
-        ({"x.mass_kg": -1.0}, "out of the simulator's range"),
+        ({"x.mass_kg": -1.0}, "table1.toml: x.mass_kg: must be at least"),
+        ({"x.resonance_Hz": 90.0, "x.motor_share": 0.0}, "table1.toml: x.motor_share: must be at least"),
         ({"radius": 500}, "500"),
     ):
         row = sweep.one_run(inputs | more)
         assert problem in str(row["problem"])
         assert row["mean_um"] is None
+
+
+def test_figures_of_a_run_that_ends_before_score_from_are_said_to_be_of_all_of_it() -> None:
+    inputs = {"path": "circle", "controller": "ccu", "seed": 1, "radius": 1, "feed": 50}
+    row = sweep.one_run(inputs | {"score_from": 1e9})
+    assert row["problem"] == "score_from is after the end of the run; its figures are those of all of it"
+    assert row["mean_um"] == sweep.one_run(inputs)["mean_um"]
+
+
+def test_an_error_of_ours_is_the_problem_of_its_run_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("float division by zero")
+
+    monkeypatch.setattr(sweep, "run", broken)
+    row = sweep.one_run({"path": "circle", "controller": "ccu", "seed": 1, "radius": 1, "feed": 50})
+    assert row["problem"] == (
+        "error in Kontur itself, which should be reported: ZeroDivisionError: float division by zero"
+    )
 
 
 # --- the table --------------------------------------------------------------------------------------------------------

@@ -189,15 +189,23 @@ def _by_processes(
 
 @contextmanager
 def _without_ctrl_c() -> Iterator[None]:
-    """Processes that start here do not get the Ctrl-C of the terminal. For this one it waits until the end."""
-    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+    """Processes that start here do not get the Ctrl-C of the terminal. For this one it waits until the end.
+
+    Blocked is only this thread, of which they are copies; one of NumPy's could still get the signal.
+    """
+    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    asked = threading.Event()
+    handler = signal.signal(signal.SIGINT, lambda *_: asked.set())
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+    if asked.is_set():
+        raise KeyboardInterrupt
 
 
 def _start_worker(ended: connection.Connection) -> None:

@@ -16,7 +16,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,8 @@ from kontur.path import programs
 from kontur.path.sizes import DEFAULT_FEED_MPS, SHAPES, shape
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Trajectory, plan
-from kontur.runs.runner import RunOptions, run
-from kontur.runs.summary import SUMMARY, summary
+from kontur.runs.runner import RunOptions, RunResult, run
+from kontur.runs.summary import NOT_MOVED, SUMMARY, summarise, summary
 from kontur.sim import NUMS
 
 Inputs = dict[str, Any]
@@ -82,8 +82,8 @@ def load(file: Path) -> Sweep:
         runs += [
             _checked(file, dict(zip(lists, point, strict=True)) | drawn) for point in itertools.product(*lists.values())
         ]
+    _check_files(file, runs)
     files = {run[key] for run in runs for key in _FILES if key in run and os.path.isabs(run[key])}
-    _check_parameters(file, runs)
     return Sweep(tuple(runs), frozenset(files))
 
 
@@ -186,8 +186,16 @@ def _file(file: Path, key: str, name: str) -> str:
     )
 
 
-def _check_parameters(file: Path, runs: Sequence[Inputs]) -> None:
-    """Refuse names that no drive has, before anything runs. A value that the drive refuses is the problem of a run."""
+def _check_files(file: Path, runs: Sequence[Inputs]) -> None:
+    """Refuse files that cannot be read, and names of parameters that no drive has, before anything runs.
+
+    A value that cannot be is the problem of a run.
+    """
+    for name in {one.get("machine", DEFAULT.stem) for one in runs}:
+        _machine({"machine": name})
+    for path, feed in {one["path"]: one.get("feed") for one in runs}.items():
+        if path not in SHAPES:
+            programs.load(path, None if feed is None else feed * 1e-3)
     names = [(file, key.removeprefix("set.")) for key in runs[0] if key.startswith("set.")]
     for params in sorted({Path(one["params"]) for one in runs if "params" in one}):
         names += [(params, name) for name in parameter_file.read(params)]
@@ -202,7 +210,7 @@ def one_run(inputs: Inputs) -> Row:
     """The figures of a run (kontur.runs.summary.SUMMARY), and `problem`: why it has none, or ended before its end."""
     row: Row = dict.fromkeys((*SUMMARY, "problem"))
     try:
-        machine = _machine(tuple((key, inputs[key]) for key in inputs if key == "machine" or key[:2] in ("x.", "y.")))
+        machine = _machine(inputs)
         path = tuple((key, inputs[key]) for key in ("path", *_NUMBERS) if key in inputs and key != "score_from")
         content = b"" if inputs["path"] in SHAPES else hashlib.sha256(read_bytes(Path(inputs["path"]))).digest()
         trajectory = _planned(machine, path, content)
@@ -218,20 +226,33 @@ def one_run(inputs: Inputs) -> Row:
         options = RunOptions(values, score_from_s=float(inputs.get("score_from", 0.0)), raise_fault=False, whole=False)
         result = run(trajectory, inputs["controller"], target, options)
         row |= summary(result.log)
-        row["problem"] = next((str(one) for one in (result.error, result.fault) if one is not None), None)
+        row["problem"] = _problem(result, options)
     except KonturError as error:
         row["problem"] = str(error)
+    except Exception as error:  # the other runs have their figures all the same
+        row["problem"] = f"error in Kontur itself, which should be reported: {type(error).__name__}: {error}"
     return row
 
 
-def _machine(inputs: tuple[tuple[str, Any], ...]) -> Machine:
-    given = dict(inputs)
-    name = given.pop("machine", DEFAULT)
-    machine = load_machine(name if os.path.isabs(name) else MACHINES / f"{name}.toml")
-    for axis in "xy":
-        changed = {key[2:]: float(value) for key, value in given.items() if key.startswith(f"{axis}.")}
-        machine = replace(machine, **{axis: replace(getattr(machine, axis), **changed)})
-    return machine
+def _problem(result: RunResult, options: RunOptions) -> str | None:
+    """Why the figures are missing, or not those of the whole run that was asked for."""
+    for broken_off in (result.error, result.fault):
+        if broken_off is not None:
+            return str(broken_off)
+    found = summarise(result.log)
+    if not found.scored:
+        return NOT_MOVED
+    if found.from_s < options.score_from_s:
+        return "score_from is after the end of the run; its figures are those of all of it"
+    return None
+
+
+def _machine(inputs: Inputs) -> Machine:
+    name = inputs.get("machine", DEFAULT.stem)
+    changes = {
+        axis: {key[2:]: float(inputs[key]) for key in inputs if key.startswith(f"{axis}.")} for axis in ("x", "y")
+    }
+    return load_machine(name if os.path.isabs(name) else MACHINES / f"{name}.toml", changes)
 
 
 @functools.lru_cache(4)
