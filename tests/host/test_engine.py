@@ -206,7 +206,10 @@ def cluster(**how: Any) -> Iterator[Any]:
         yield made
 
 
-def test_rows_of_a_dask_cluster_are_those_of_this_machine_though_one_of_its_workers_dies(tmp_path: Path) -> None:
+def test_rows_of_a_dask_cluster_are_those_of_this_machine_though_one_of_its_workers_dies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "_ON_CLUSTER", 2)  # the others follow
     rows_file, killed = tmp_path / "a.rows", list[int]()
     with cluster(n_workers=2) as workers:
 
