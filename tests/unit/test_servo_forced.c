@@ -14,11 +14,17 @@ static struct servo_out out;
 static uint32_t periods;
 
 /* The reference moves at 100 mm/s on a circle of 20 mm; the axes are on it, and 10 um behind. */
-static void step(void)
+static double place(void)
 {
     const double knots = 50 + periods / 10.0, phi = knots * 0.005 - 10.0 / 20000;
     at_um(20000 * cos(phi), 20000 * sin(phi), in.measured);
     path_set(&in.path, path_time_of(knots));
+    return phi;
+}
+
+static void step(void)
+{
+    place();
     servo_step(&cfg, &state, &in, &out);
     periods++;
 }
@@ -37,8 +43,10 @@ void setUp(void)
     in = (struct servo_in){
         .enabled = {true, true}, .controller = CONTROLLER_TRACK, .path = path_at(&ring, 50), .ring = &ring};
     periods = 0;
-    at_um(20000 * cos(0.25), 20000 * sin(0.25), in.measured);
+    const double phi = place();
     servo_reset(&cfg, &state, in.measured);
+    state.observer[0].vel = mk(-500 * sin(phi));
+    state.observer[1].vel = mk(500 * cos(phi));
     steps(100);
 }
 
