@@ -11,7 +11,7 @@ from kontur.experiments.bench_plan import lines, waves
 from kontur.path import gcode, smoothing
 from kontur.path.geometry import Dwell, Program
 from kontur.path.smoothing import TOLERANCE_M, Exact, Smooth, parts
-from kontur.planning import knots
+from kontur.planning import checks, knots
 from kontur.planning.planner import Limits, Planning, plan
 
 LIMITS = Limits()
@@ -93,6 +93,12 @@ def test_dwells_are_kept_where_windows_meet(monkeypatch):
     found = list(parts(Program("p", items, moves[0].segment.start_m), TOLERANCE_M))
     assert len(found) > 1
     assert sum(float(np.sum(part.dwell_s)) for part in found) == pytest.approx(1.05)
+
+
+def test_a_smoothed_program_that_takes_too_long_is_refused_at_its_last_part(monkeypatch):
+    monkeypatch.setattr(checks, "DURATION_MAX_S", 1.9)  # less than what it takes, and more than at its feed
+    with pytest.raises(PathError, match="it takes"):
+        plan(rosette(244), LIMITS, tolerance_m=TOLERANCE_M)
 
 
 def test_what_is_known_before_is_refused_before_the_first_step():

@@ -138,7 +138,7 @@ class Planning:
         self.rows = Rows()
         self._driven: list[Move] = []
         self._bounds = Bounds()
-        self._jumps_m = np.empty(0)  # of what is not yet a block
+        self._jumps_m = np.empty(0)  # of what has no knots yet
 
     def steps(self) -> Iterator[None]:
         """Plan; after each step there are more rows."""
@@ -200,7 +200,7 @@ class Planning:
             self._jumps_m = np.append(self._jumps_m, edge_m[done] + jumps_m(pieces))
             self._driven += moves
             count += len(control) - 2
-            check(0.0)
+            check_duration(program, count * KNOT_S)
             s = s_curve.spline_values(control)
             edge = np.append(0.0, np.cumsum([move.segment.length_m for move in moves]))
             for first in range(0, len(s), knots.ROWS):
