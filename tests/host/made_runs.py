@@ -34,6 +34,8 @@ def made_run(controller: str = "ccu", mean_um: float = 0.1, peak_um: float = 2.0
         "reference_x_mm": x,
         "reference_y_mm": y,
         "rapid": np.where(np.arange(ROWS) < 50, 1.0, 0.0),
+        "digital": np.where(np.arange(ROWS) < 50, 0.0, 9.0),
+        "power": np.where(np.arange(ROWS) < 50, 0.0, 0.1234),
         "force_x_N": np.where(every[2], -40.0 * np.sin(angle), np.nan),
         "force_y_N": np.where(every[2], 40.0 * np.cos(angle), np.nan),
         "adaptive_gain_1_per_s": np.where(every[2], 100.0 + time_s, np.nan),

@@ -62,6 +62,8 @@ def test_run_waits_at_each_hold_and_its_log_knows_where_the_axes_are() -> None:
     assert result.log.meta["score"]["tangential_mean_um"] < 2.0
     truth = result.truth
     assert truth is not None
+    last = np.rint(log["time_s"] * 1e4).astype(int)
+    assert np.isclose(log["power"], truth.power[last], atol=1e-4).mean() > 0.998
     rests = np.flatnonzero(np.diff((truth.power > 0).astype(int)))
     assert len(rests) == 5  # off and on at each hold, off at the end
     for off, on in (rests[0:2], rests[2:4]):

@@ -101,7 +101,7 @@ def csv_lines() -> list[str]:
         (lambda lines: ["# something else", *lines[1:]], 1, "not a log of kontur"),
         (lambda lines: [lines[0], "# seed: one", *lines[1:]], 2, "not JSON"),
         (lambda lines: lines[:4], 4, "before the header row"),
-        (lambda lines: [*lines[:-1], lines[-1] + ",1"], None, "21 cells where the header row has 20"),
+        (lambda lines: [*lines[:-1], lines[-1] + ",1"], None, "23 cells where the header row has 22"),
         (lambda lines: [*lines[:-1], lines[-1].replace("704,", "704x,")], None, "not a number"),
         (lambda lines: [*lines, lines[-1]], None, "do not increase"),
         (

@@ -150,9 +150,10 @@ def test_raster_of_10000_changes_runs_at_constant_speed_and_switches_within_a_kn
 def test_rest_of_a_path_is_off_until_it_moves_and_then_as_it_was() -> None:
     t = planned("M3 S600", "G1 X20 F3000", "M8", "G1 X40", "M5", "M9", "G1 X50")
     word = words(t, Tool())
-    assert len(of_rest(word, whole(t))) == len(of_words(word)) == 3
+    assert (of_rest(word, whole(t)) == word).all()
+    assert len(of_words(word)) == 3
     left = rest(t, 200, 100.0)
-    outputs = of_rest(word, left)
+    outputs = of_words(of_rest(word, left))
     assert outputs.knot[0] == 3
     assert outputs.digital.tolist()[0] == ON
     places = left.trajectory.path_s_m[outputs.knot[1:]]
@@ -173,6 +174,11 @@ def test_drive_switches_a_raster_within_a_knot_of_its_places() -> None:
     off_m = truth.pos_m[edges, 0] - begins_m[:1000]
     assert np.abs(off_m).max() <= 0.05 * 1e-3 + 2e-6  # a knot, and what the axis is behind
     assert truth.power[-1] == 0.0
+    columns = result.log.columns  # the row of a millisecond is that of its last control period
+    last = np.rint(columns["time_s"] * 1e4).astype(int)
+    same = np.isclose(columns["power"], truth.power[last], atol=1e-4)
+    assert same.mean() > 0.999
+    assert result.log.meta["switched"] == "S ×1002, M3, M5"
 
 
 def test_lost_frames_lose_no_output() -> None:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from kontur.can.wire import crc8
 
 FULL_POWER = 65535
-HOLD, BY_RATE = 0x4000, 0x8000
-"""Bits beside those of digital outputs: the path is held at the knot; the power goes with the rate of path time."""
+DIGITAL, HOLD, BY_RATE = 0x0FFF, 0x4000, 0x8000
+"""Bits of digital outputs, and two beside them: the path is held at the knot; the power goes with the rate."""
 
 
 @dataclass(frozen=True)

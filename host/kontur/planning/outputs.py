@@ -123,14 +123,14 @@ def of_words(word: NDArray[np.uint32]) -> Outputs:
     return Outputs(knot, (word[knot] & 0xFFFF).astype(np.uint16), (word[knot] >> np.uint32(16)).astype(np.uint16))
 
 
-def of_rest(word: NDArray[np.uint32], rest: Rest) -> Outputs:
-    """The outputs of a trajectory, each knot's `word`, for the `rest` that is left of it: off until it moves."""
+def of_rest(word: NDArray[np.uint32], rest: Rest) -> NDArray[np.uint32]:
+    """Each knot's `word` of a trajectory, for the `rest` that is left of it: off until it moves."""
     at = np.floor(np.asarray(rest.path_ms) + 1e-9).astype(np.int64)
     left: NDArray[np.uint32] = word[at]
     if len(left) < len(word):
         left[: EQUAL + 1] = 0
         left[1:][np.diff(at) == 0] &= ~np.uint32(HOLD)
-    return of_words(left)
+    return left
 
 
 def _boundaries(trajectory: Trajectory) -> tuple[_Index, _Index]:

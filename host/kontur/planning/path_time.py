@@ -31,12 +31,15 @@ class PathTime:
         self._rate, self._slope = rate, 0.0
         self._stop_periods = stop_periods
         self._time, self._path, self._rates = [0], [path], [rate]  # the rate holds from the point on
+        self._goals: list[tuple[int, float]] = [(0, rate)]  # that it goes to from a period on
 
     def advance(self, goal: float, until: int) -> None:
         """Go on until the period `until`, with `goal` as the commanded rate, or to 0 from `hold` on."""
         while self.now < until:
             ahead = self.hold - (self._path[-1] + self._rates[-1] * (self.now - self._time[-1]))
             wanted = goal if ahead > 0.0 else 0.0
+            if wanted != self._goals[-1][1]:
+                self._goals.append((self.now, wanted))
             if self._rate == wanted and self._slope == 0.0:
                 held = wanted > 0.0 and ahead < wanted * (until - self.now)
                 self.now = self.now + math.ceil(ahead / wanted) if held else until
@@ -52,6 +55,13 @@ class PathTime:
         point = np.maximum(np.searchsorted(self._time, period, side="right") - 1, 0)
         time, path, rates = (np.array(values, dtype=np.float64) for values in (self._time, self._path, self._rates))
         return np.asarray(path[point] + rates[point] * (period - time[point]))
+
+    def rate(self, period: _Floats) -> _Floats:
+        """Rate (n,) of path time at `period` (n,); 0 where it is to stop."""
+        point = np.maximum(np.searchsorted(self._time, period, side="right") - 1, 0)
+        goal = np.maximum(np.searchsorted([at for at, _ in self._goals], period, side="right") - 1, 0)
+        goes = np.array([wanted > 0.0 for _, wanted in self._goals])[goal]
+        return np.where(goes, np.array(self._rates)[point], 0.0)
 
     def reaches(self, path: float) -> float | None:
         """Period at which path time is `path`; None when it is not reached up to now."""

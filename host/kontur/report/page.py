@@ -347,6 +347,7 @@ def _measured(entries: Sequence[Entry], command: str | None) -> str:
         ("program", _meta(entries, "program")),
         ("feed", _meta(entries, "feed")),
         ("path", _meta(entries, "smoothing")),
+        ("switched", _meta(entries, "switched")),
         ("of the error, tracking", "; ".join(filter(None, map(_tracking, entries)))),
         ("trajectory", _meta(entries, "trajectory")),
         ("machine", _meta(entries, "machine")),

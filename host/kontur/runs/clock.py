@@ -70,6 +70,11 @@ class RunClock:
         """Path time (n,) in s."""
         return np.asarray(np.minimum(self._path.at(time_s * self.control_hz), self._length) / self.control_hz)
 
+    def rate(self, time_s: Floats) -> Floats:
+        """Rate (n,) of path time; 0 where it is to stop, or has come to its end."""
+        period = time_s * self.control_hz
+        return np.where(self._path.at(period) < self._length, self._path.rate(period), 0.0)
+
     def of_ticks(self, tick: NDArray[np.int64], began: int | None, by_device_time: bool) -> Floats:
         """Time (n,) in s of telemetry rows, the first ones of the run first.
 

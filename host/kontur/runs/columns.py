@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.can import signals
+from kontur.can.outputs import BY_RATE, DIGITAL, FULL_POWER
 from kontur.can.wire import Telemetry
 from kontur.path.geometry import KNOT_S
 from kontur.planning.ahead import Planned
@@ -54,6 +55,16 @@ def true_columns(pos_m: Floats, error: ContourError) -> dict[str, Floats]:
         "true_position_y_mm": pos_m[:, 1] * 1e3,
         "true_contour_error_um": error.normal_m * 1e6,
         "true_tangential_error_um": error.tangential_m * 1e6,
+    }
+
+
+def switched_columns(word: NDArray[np.uint32], path_s: Floats, rate: Floats) -> dict[str, Floats]:
+    """The columns of the outputs: those of the knots (N,) at the path times `path_s` (n,), at this `rate` (n,)."""
+    at = word[np.minimum(np.floor(path_s / KNOT_S + 1e-6).astype(np.int64), len(word) - 1)]
+    by_rate = np.where(at & BY_RATE != 0, rate, 1.0)
+    return {
+        "digital": np.where(rate > 0.0, at & DIGITAL, 0).astype(np.float64),
+        "power": np.where(rate > 0.0, np.minimum((at >> np.uint32(16)) / FULL_POWER * by_rate, 1.0), 0.0),
     }
 
 

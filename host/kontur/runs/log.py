@@ -74,12 +74,17 @@ COLUMNS = (
     Column("reference_x_mm", "mm", 6, "trajectory at this time, x"),
     Column("reference_y_mm", "mm", 6, "trajectory at this time, y"),
     Column("rapid", "1", 0, "1 on a rapid move (G0), 0 on a feed move"),
+    Column("digital", "1", 0, "digital outputs by bit, as the path asks for them; 0 where it stops (2180h)"),
+    Column("power", "1", 4, "power, likewise, as a share of full power"),
     *_measured(fast=False),
     Column("true_position_x_mm", "mm", 9, "true position of the simulated machine, x"),
     Column("true_position_y_mm", "mm", 9, "true position of the simulated machine, y"),
     Column("true_contour_error_um", "um", 6, "true distance to the programmed path, positive on its left"),
     Column("true_tangential_error_um", "um", 6, "true error along the programmed path, negative behind"),
 )
+
+SWITCHED = ("digital", "power")
+"""Columns of a path that switches something."""
 
 META = {
     "program": "name of the part program or shape",
@@ -90,6 +95,7 @@ META = {
     "warnings": "messages of the drive's warnings",
     "feed": "the programmed feed, and what was planned of it by which limit",
     "smoothing": "where the path is smoothed within a tolerance: how far it is from the program's at most",
+    "switched": "words of the program that switch something beside the axes, and how often",
     "trajectory": "SHA-256 of the knots",
     "machine": "name of the machine, or of the bus of a real drive",
     "plant": "the simulated machine's values",

@@ -23,7 +23,7 @@ from kontur.planning.ahead import Planned
 from kontur.planning.planner import Trajectory
 from kontur.runs import log as logs
 from kontur.runs.clock import RunClock
-from kontur.runs.columns import along, columns, true_columns
+from kontur.runs.columns import along, columns, switched_columns, true_columns
 from kontur.runs.coverage import Coverage
 from kontur.runs.log import Growing, RunLog
 from kontur.runs.sample import Sample
@@ -59,6 +59,8 @@ class Recorder:
     rows of the log and the truth in memory; else a long log is thinned there (RunLog.even), and no truth is kept.
     `watch` gets the rows as they come, `watch_s` of them at a time.
 
+    `switches`: the trajectory switches outputs, so the log has columns of them.
+
     `problem`: why the log could not be written any further; None while all is well.
     """
 
@@ -73,8 +75,12 @@ class Recorder:
         file: Path | None = None,
         whole: bool = True,
         watch: Watcher | None = None,
+        switches: bool = False,
     ) -> None:
-        self._columns = [c for c in logs.COLUMNS if sim is not None or not c.name.startswith("true_")]
+        self._switches = switches
+        left_out = () if switches else logs.SWITCHED
+        known = [c for c in logs.COLUMNS if sim is not None or not c.name.startswith("true_")]
+        self._columns = [c for c in known if c.name not in left_out]
         names = [column.name for column in self._columns]
         self.problem: FileError | None = None
         self.meta = dict(meta)
@@ -92,8 +98,10 @@ class Recorder:
         self._true: tuple[Floats, ContourError] | None = None  # of the periods from `_true_from` of the run on
         self._true_from = 0
 
-    def begin(self, trajectory: Planned, start_nm: tuple[int, int]) -> None:
-        """Record from now on: `trajectory` is about to start, at `start_nm`."""
+    def begin(self, trajectory: Planned, start_nm: tuple[int, int], word: NDArray[np.uint32]) -> None:
+        """Record from now on: `trajectory` is about to start, at `start_nm`; `word`: the outputs of its knots
+        (kontur.planning.outputs)."""
+        self._word = word
         program, from_s = trajectory.program, self._score_from_s
         self._trajectory = trajectory
         self._telemetry = TelemetryStream(start_nm)
@@ -212,6 +220,9 @@ class Recorder:
         found = columns(
             telemetry, rows, time_s, self._clock.path_time(time_s), self._trajectory, self._rapids
         ) | self._true_at(time_s, self._clock)
+        if self._switches:
+            path_s, rate = self._clock.path_time(time_s), self._clock.rate(time_s)
+            found |= switched_columns(self._word, path_s, rate)
         self._clock.forget(time_s[-1])
         self._coverage.add(found, path_s_m)
         self._keep(np.column_stack([found[name] for name in self._names]))

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from kontur.can import emcy
-from kontur.can.outputs import NONE
 from kontur.can.simulated import Truth, simulated
 from kontur.drive import scope as scopes
 from kontur.drive.controllers import named
@@ -28,7 +30,7 @@ from kontur.machine import ALL
 from kontur.path.geometry import KNOT_S
 from kontur.planning.ahead import Ahead, Planned
 from kontur.planning.bounds import Limits, limits
-from kontur.planning.outputs import SPINDLE, Tool, of_rest, words
+from kontur.planning.outputs import SPINDLE, Tool, of_rest, of_words, words
 from kontur.planning.planner import Trajectory
 from kontur.planning.rest import Rest, whole
 from kontur.runs import resume
@@ -137,6 +139,7 @@ def _run(
         device.select_controller(controller)
         meta: dict[str, Any] = {"program": trajectory.program.name, "controller": controller}
         meta |= _of_path(trajectory) if isinstance(trajectory, Trajectory) else {}
+        meta |= {"switched": _switched(trajectory)} if trajectory.program.events else {}
         meta |= _what(device, target, options)
         recorder = Recorder(
             device.link,
@@ -147,6 +150,7 @@ def _run(
             file=options.log,
             whole=options.whole,
             watch=options.watch,
+            switches=bool(trajectory.program.events),
         )
         try:
             left = None
@@ -199,13 +203,15 @@ def _move(
     driven, has_knots = whole(trajectory), False
     if left is not None:
         driven, has_knots = resume.return_to(device, left, bounds, operator)
+    off = np.zeros(1, dtype=np.uint32)
+    word = of_rest(words(trajectory, options.tool), driven) if isinstance(trajectory, Trajectory) else off
     device.write("energy.reset", 1)
     start_nm = device.position_nm()
 
     def before_start() -> None:
         if options.scope is not None:
             scopes.arm(device, options.scope)
-        recorder.begin(driven.trajectory, start_nm)
+        recorder.begin(driven.trajectory, start_nm, word)
 
     def stop_requested() -> bool:
         planning_failed = isinstance(trajectory, Ahead) and trajectory.error is not None
@@ -215,7 +221,7 @@ def _move(
         device,
         trajectory if isinstance(trajectory, Ahead) else driven.trajectory.knots_nm,
         dataclasses.replace(operator, stop_requested=stop_requested),
-        outputs=of_rest(words(trajectory, options.tool), driven) if isinstance(trajectory, Trajectory) else NONE,
+        outputs=of_words(word),
         before_start=before_start,
         started=recorder.started,
         resume=has_knots,
@@ -281,6 +287,12 @@ def _what(device: Device, target: Target, options: RunOptions) -> dict[str, Any]
         "parameters": device.parameters.dump(),
         "command": options.command,
     }
+
+
+def _switched(trajectory: Planned) -> str:
+    """The words that switch something, and how often each."""
+    counts = Counter(event.kind for event in trajectory.program.events)
+    return ", ".join(word if count == 1 else f"{word} ×{count}" for word, count in counts.items())
 
 
 def _outcome(streamed: StreamResult, warnings: tuple[int, ...], log_problem: FileError | None) -> dict[str, Any]:
