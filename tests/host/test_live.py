@@ -246,6 +246,7 @@ def test_charts_have_every_peak_of_ten_seconds_and_the_path_grows_in_its_picture
     [
         ({"Host": "evil.example"}, "Host"),
         ({"Host": "127.0.0.1.evil.example"}, "Host"),
+        ({"Host": "evil.example@127.0.0.1"}, "Host"),
         ({"Origin": "http://evil.example"}, "another page"),
         ({"Origin": "null"}, "another page"),
         ({"Origin": "http://127.0.0.1:1"}, "another page"),

@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import re
 import secrets
 import socket
 import threading
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from urllib.parse import urlsplit
 
 from aiohttp import WSCloseCode, web
 
@@ -31,7 +31,7 @@ from kontur.live.view import OVERRIDE_MAX, OVERRIDE_MIN, View, Viewer
 from kontur.runs.recorder import WATCHED_S
 
 ADDRESS = "127.0.0.1"
-_NAMES = (ADDRESS, "localhost")
+_HOST = re.compile(r"(127\.0\.0\.1|localhost)(:\d+)?")
 _PAGE = Path(__file__).with_name("page.html")
 _VIEWERS_MAX = 8
 _SEND_TIMEOUT_S = 5.0  # after that a viewer that takes nothing is left
@@ -60,7 +60,7 @@ class _Server:
     def _check(self, request: web.Request) -> None:
         """Refuse what does not come from the page, or from somebody who has its address."""
         host = request.headers.getall("Host", [])
-        if len(host) != 1 or _name_of(host[0]) not in _NAMES:
+        if len(host) != 1 or not _HOST.fullmatch(host[0]):
             raise web.HTTPForbidden(text="refused: the Host header must name 127.0.0.1 or localhost\n")
         if request.headers.getall("Origin", [f"http://{host[0]}"]) != [f"http://{host[0]}"]:
             raise web.HTTPForbidden(text="refused: the request comes from another page (Origin)\n")
@@ -139,13 +139,6 @@ class _Server:
 async def _ignore(answer: web.WebSocketResponse) -> None:
     async for _ in answer:
         pass
-
-
-def _name_of(host: str) -> str | None:
-    try:
-        return urlsplit(f"//{host}").hostname
-    except ValueError:
-        return None
 
 
 @contextmanager
