@@ -131,3 +131,25 @@ def test_a_halt_in_locked_antiphase_does_not_hold_the_pins_at_full_force(board: 
     board.halted = True
     board.run(0.001)
     assert abs(board.tim8.duty(1) - 0.5) < 0.02
+
+
+@general
+@pytest.mark.parametrize("mode", [0, 1], ids=["sign-magnitude", "antiphase"])
+def test_an_axis_that_is_switched_off_has_no_force_by_its_next_edge_and_the_other_one_goes_on(
+    board: Board, mode: int
+) -> None:
+    _with_pwm(board, mode=mode)
+    board.tim2.move(20)
+    board.tim5.move(20)
+    board.run(5)
+    none = 0.5 if mode else 0.0
+    assert none not in (board.tim8.duty(1), board.tim8.duty(2))
+    board.send(0x201, b"\x00\x00\x0f\x00")  # disable voltage of x alone
+    assert board.run_until(lambda: not board.enabled(0), 5, 1e-3)
+    board.run(2e-3)
+    assert board.tim8.duty(1) == none
+    assert board.gpio("B").level(14) is False  # direction
+    assert board.enabled(1)
+    board.tim5.move(20)
+    board.run(2)
+    assert board.tim8.duty(1) == none != board.tim8.duty(2)

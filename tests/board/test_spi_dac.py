@@ -80,6 +80,25 @@ def test_safe_outputs_set_it_to_no_force_at_once(board: Board) -> None:
     board.broken.clear()  # a frame may have been broken off, which has no effect
 
 
+@general
+@pytest.mark.parametrize("shift_us", [0.1, 0.5, 1.3, 2.2])
+def test_safe_outputs_break_off_what_the_servo_tick_is_sending(board: Board, shift_us: float) -> None:
+    """In the first frame, between the frames, in the second one; what the tick still sends afterwards has no effect."""
+    _enable(board)
+    _push(board)
+    board.run(5)
+    assert board.run_until(lambda: board.spi3.shifting, 0.2, 1e-4)
+    board.run(shift_us * 1e-3)
+    assert tuple(board.serial_dac.codes) != ZERO
+    board.rcc.fail_crystal()
+    board.run(0.05)
+    for _ in range(50):
+        assert tuple(board.serial_dac.codes) == ZERO
+        assert not board.powered()
+        board.run(0.02)
+    board.broken.clear()  # a frame was broken off
+
+
 def test_a_reset_of_the_chip_sets_it_to_no_force(board: Board) -> None:
     _enable(board)
     _push(board)
