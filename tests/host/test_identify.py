@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -100,9 +101,34 @@ def cogging_run(lead_m: float, velocity_mps: float, seed: int) -> tuple[np.ndarr
     return position, 80.0 * -(omega**2) * swing_m - cogging + 40.0 * np.sign(velocity_mps) + noise, velocity_mps
 
 
+def kg(mass_kg: float) -> Callable[[np.ndarray], np.ndarray]:
+    """A rigid axis."""
+    return lambda hz: np.full_like(hz, mass_kg)
+
+
+@pytest.mark.parametrize("encoder_at", ["motor", "table"])
+def test_mass_that_a_force_moves_is_that_of_the_two_masses_on_their_spring(encoder_at: str) -> None:
+    axis = replace(
+        BALL_SCREW.x, encoder_at=encoder_at, resonance_damping=0.0, current_lag_s=0.0, viscous_Nspm=0.0, coulomb_N=0.0
+    )
+    hz = np.array([4.0, 12.0, 24.0, 48.0, 80.0])
+    plant = loop.plant(loop.Grid.at(hz, 1_000_000), axis, 0, ((1.0, 1.0),)).force[0][0]
+    found = fit.mass_at(dynamics(axis))(hz)
+    assert found == pytest.approx((-1.0 / (plant * (2.0 * np.pi * hz) ** 2)).real, rel=0.02)
+    rigid = fit.mass_at(replace(dynamics(axis), resonance_Hz=fit.Value(0.0, 0.0)))(hz)
+    assert rigid == pytest.approx(100.0)
+
+
+def dynamics(axis: Axis) -> fit.Dynamics:
+    """The axis as if it had been found."""
+    values = (axis.mass_kg, axis.resonance_Hz, axis.resonance_damping, axis.motor_share, axis.current_lag_s)
+    mass, resonance, damping, share, lag = (fit.Value(value, 0.0) for value in values)
+    return fit.Dynamics(mass, resonance, damping, share, lag, axis.current_lag_s, 0, axis.encoder_at, 1.0)
+
+
 def test_cogging_is_found_at_the_lead_that_it_has() -> None:
     runs = [cogging_run(0.01, 0.02, 1), cogging_run(0.01, -0.02, 2)]
-    found = fit.cogging(runs, 80.0, (0.004, 0.005, 0.01, 0.016))
+    found = fit.cogging(runs, kg(80.0), (0.004, 0.005, 0.01, 0.016))
     assert found is not None
     assert found.lead_m == 0.01
     assert complex(found.sin_N[0], found.cos_N[0]) == pytest.approx(3.0 * np.exp(0.5j), abs=0.15)
@@ -112,7 +138,7 @@ def test_cogging_is_found_at_the_lead_that_it_has() -> None:
 def test_force_without_cogging_has_none() -> None:
     rng = np.random.default_rng(1)
     position = np.linspace(0.0, 0.08, 400)
-    assert fit.cogging([(position, 40.0 + rng.standard_normal(400), 0.02)], 80.0, (0.005, 0.01)) is None
+    assert fit.cogging([(position, 40.0 + rng.standard_normal(400), 0.02)], kg(80.0), (0.005, 0.01)) is None
 
 
 def test_presliding_is_found_in_reversals_behind_a_gap() -> None:

@@ -92,7 +92,7 @@ def identify(
         steps, runs, noise_N = _speeds(mover, agreed)
         reversals = _reversals(mover)
     found = fit.friction([v for v, _, _ in steps], [f for _, f, _ in steps], [s for _, _, s in steps])
-    cogging = fit.cogging(runs, mass_kg, _LEADS_M)
+    cogging = fit.cogging(runs, lambda hz: np.full_like(hz, mass_kg), _LEADS_M)
     first_moves.catch_up(device)
     device.parameters.set(_friction_parameters(axis, found) | cogging_parameters(axis, cogging))
     with (
@@ -109,8 +109,8 @@ def identify(
             f"axis {axis} swings at {dynamics.resonance_Hz.value:.1f} Hz against its motor: a coupling, a belt or the "
             "nut of the screw is loose",
         )
-    if cogging is not None:  # by the mass as it is known now
-        cogging = fit.cogging(runs, dynamics.mass_kg.value, (cogging.lead_m,))
+    if cogging is not None:  # by the machine as it is known now
+        cogging = fit.cogging(runs, fit.mass_at(dynamics), (cogging.lead_m,))
     return Identified(
         breakaway_N=breakaway_N,
         encoder_m=base.encoder_m,
