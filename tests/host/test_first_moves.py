@@ -18,6 +18,7 @@ from kontur.commissioning.identify import identify
 from kontur.drive.device import Device
 from kontur.drive.target import Target, open_drive
 from kontur.errors import EmcyError
+from kontur.experiments.machines import draw
 from kontur.machine import LENGTHS, MACHINES, NOTHING, Machine, load
 
 BALL_SCREW = load(MACHINES / "ball_screw.toml")
@@ -77,7 +78,7 @@ def test_swapped_motors_are_found_within_a_millimetre() -> None:
 @pytest.mark.parametrize(
     ("changes", "kind", "words"),
     [
-        ({"backlash_m": 1e-3}, "coupling", r"moves 1\.\d mm before it takes the table along"),
+        ({"backlash_m": 1e-3}, "coupling", r"moves \d\.\d mm before it takes the table along"),
         ({"backlash_m": 1e-2, "encoder_at": "table"}, "mass", "is a coupling loose"),
     ],
 )
@@ -89,10 +90,15 @@ def test_loose_coupling_is_found_within_some_millimetres(changes: dict[str, obje
     assert caught.value.kind == kind
 
 
-def test_transmission_that_is_only_soft_is_not_called_loose() -> None:
+@pytest.mark.parametrize(
+    "machine", [load(MACHINES / "long_axis.toml"), replace(draw(801), x=draw(801).y)], ids=["soft", "cogging"]
+)
+def test_soft_transmission_and_strong_cogging_are_not_called_loose(machine: Machine) -> None:
+    """The second one has 9 N of cogging and 19 N of friction."""
     said: list[str] = []
-    with drive(load(MACHINES / "long_axis.toml")) as device:
-        agreed = Agreed(device.read("plant_x.force_limit"))
+    with drive(machine) as device:
+        device.parameters.set({"plant_x.force_limit": machine.x.force_limit_N})
+        agreed = Agreed(0.5 * machine.x.force_limit_N)
         with pytest.raises(KeyboardInterrupt):
             identify(device, "x", agreed, said.append, lambda: "constant speeds" in said[-1])
 
