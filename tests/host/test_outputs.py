@@ -21,7 +21,7 @@ from kontur.errors import FileError, StreamError
 from kontur.path import gcode
 from kontur.path.smoothing import TOLERANCE_M
 from kontur.planning.bounds import limits
-from kontur.planning.outputs import FLOOD, LEFT, MIST, ON, P0, PEN, Tool, of_rest, of_words, words
+from kontur.planning.outputs import FLOOD, LEFT, MIST, ON, P0, PEN, Tool, of_rest, of_words, passed_over, words
 from kontur.planning.planner import Trajectory, plan
 from kontur.planning.rest import rest, whole
 from kontur.runs.runner import RunOptions, run
@@ -145,6 +145,13 @@ def test_raster_of_10000_changes_runs_at_constant_speed_and_switches_within_a_kn
     assert ok.all()
     if feed_mps <= 0.01:  # a change each knot at most: none is left out
         assert len(of_words(words(t, LASER))) == pytest.approx(10_000, abs=3)
+
+
+def test_changes_that_follow_within_a_millisecond_are_told() -> None:
+    assert passed_over(raster(100, 0.01, length_m=0.001)[0]) == []
+    (note,) = passed_over(raster(100, 0.02, length_m=0.001)[0])
+    assert 40 <= int(note.split()[3]) <= 60
+    assert "first in line " in note
 
 
 def test_rest_of_a_path_is_off_until_it_moves_and_then_as_it_was() -> None:

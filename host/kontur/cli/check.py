@@ -99,6 +99,7 @@ def _planned(
     """Plan the program; put what is known of it into `result` as soon as it is. Raises PathError."""
     from kontur.path.smoothing import TOLERANCE_M
     from kontur.planning.checks import extent_m
+    from kontur.planning.outputs import passed_over
     from kontur.planning.planner import plan
 
     least, greatest = extent_m(program) * 1e3
@@ -117,6 +118,8 @@ def _planned(
         "feed": None if feed is None else dataclasses.asdict(feed),
         "events": _events(trajectory),
     }
+    if program.events:
+        result["notes"] += passed_over(trajectory)
     return trajectory
 
 

@@ -306,7 +306,7 @@ def command(
         recording = dataclasses.replace(recording, out=_of_this_part(recording.out))
     if output.report is not None:  # now, since modules in C that a second Ctrl-C breaks off while loading may crash
         importlib.import_module("kontur.report.page")
-    notes = [*program.notes, *clipped(limits(target.machine, motion.accel, motion.jerk))]
+    notes = [*program.notes, *_of_outputs(path), *clipped(limits(target.machine, motion.accel, motion.jerk))]
     if ctx.params["feed"] is None and ctx.params["source"] in SHAPES:
         notes.insert(0, f"No --feed was given, so it is {DEFAULT_FEED_MPS * 1e3:g} mm/s.")
     results: list[RunResult] = []
@@ -399,6 +399,13 @@ def _plan(program: Program, motion: Motion, recording: Recording, target: Target
         resume=motion.resume,
         whole=False,
     )
+
+
+def _of_outputs(path: Planned) -> list[str]:
+    from kontur.planning.outputs import passed_over
+    from kontur.planning.planner import Trajectory
+
+    return passed_over(path) if path.program.events and isinstance(path, Trajectory) else []
 
 
 def _run(

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +108,23 @@ def words(trajectory: Trajectory, tool: Tool) -> NDArray[np.uint32]:
     word[count - _END :] = 0
     word[[int(arrives[event.before]) for event in held(trajectory.program)]] |= np.uint32(HOLD)
     return word
+
+
+def passed_over(trajectory: Trajectory) -> list[str]:
+    """A sentence on places of events that share a knot with a later place, so that what they switch is never seen."""
+    events = trajectory.program.events
+    arrives, _ = _boundaries(trajectory)
+    lost = [
+        event.line
+        for event, later in pairwise(events)
+        if event.before != later.before and arrives[event.before] == arrives[later.before]
+    ]
+    if not lost:
+        return []
+    return [
+        f"Outputs change at {len(lost)} places less than a millisecond before the next one, first in line {lost[0]}: "
+        "the drive takes the last change of each millisecond. A lower feed parts them."
+    ]
 
 
 def held(program: Program) -> list[Event]:
