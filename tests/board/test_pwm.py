@@ -153,3 +153,32 @@ def test_an_axis_that_is_switched_off_has_no_force_by_its_next_edge_and_the_othe
     board.tim5.move(20)
     board.run(2)
     assert board.tim8.duty(1) == none != board.tim8.duty(2)
+
+
+@general
+def test_a_break_while_the_amplifiers_start_is_a_fault_though_they_become_ready(board: Board) -> None:
+    board.start()
+    ready = (board.gpio("C").outside, 5), (board.gpio("B").outside, 1)
+    for (inputs, pin), axis in zip(ready, AXES, strict=True):
+        for sub, value, size in ((1, 1, 1), (6, 30, 2), (7, 1, 1)):
+            board.write(0x2104 + axis, sub, value, size)
+        inputs[pin] = True
+    board.run(3)
+    board.send(0, b"\x01\x01")
+    for word in (6, 7, 15):
+        board.command(word)
+    assert board.powered()
+    board.gpio("A").outside[BREAK] = True
+    board.run(1)
+    board.gpio("A").outside[BREAK] = False
+    for inputs, pin in ready:
+        inputs[pin] = False
+    board.run(35)
+    assert board.read(0x603F) == 0x5400
+    assert not board.powered()
+    assert not [e for e in board.gpio("D").edges if e[1] == 2 and e[2]]  # the brake stays engaged
+    board.command(0)
+    board.command(0x80)
+    board.enable()
+    board.run(10)
+    _push(board)

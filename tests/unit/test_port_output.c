@@ -115,13 +115,14 @@ static void test_a_break_is_a_fault_of_the_axes_with_pwm_and_pwm_is_on_again_wit
     chip.tim8.SR = TIM_SR_BIF;
     TEST_ASSERT_EQUAL_HEX8(HAL_AMPLIFIER_FAULT, fault_of(AXIS_Y));
     TEST_ASSERT_EQUAL_HEX32(0, chip.tim8.SR & TIM_SR_BIF);
-    chip.tim8.SR = TIM_SR_BIF;
     TEST_ASSERT_EQUAL_HEX8(0, fault_of(AXIS_X));
     chip.tim8.BDTR &= ~(uint32_t)TIM_BDTR_MOE;
     write_forces(FULL_mN, FULL_mN, true);
     TEST_ASSERT_EQUAL_HEX32(0, chip.tim8.BDTR & TIM_BDTR_MOE);
+    TEST_ASSERT_EQUAL_HEX8(HAL_AMPLIFIER_FAULT, fault_of(AXIS_Y)); /* as long as PWM is off */
     write_forces(0, 0, false);
     TEST_ASSERT_EQUAL_HEX32(TIM_BDTR_MOE, chip.tim8.BDTR & TIM_BDTR_MOE);
+    TEST_ASSERT_EQUAL_HEX8(0, fault_of(AXIS_Y));
 }
 
 /* One step of the output is 293 mN. */

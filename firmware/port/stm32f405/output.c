@@ -25,6 +25,7 @@ struct channel {
 static const struct board_axis axes[AXES] = {BOARD_X, BOARD_Y};
 static struct channel channels[AXES];
 static volatile bool safe_state; /* from output_safe() until neither axis is commanded to be enabled */
+static bool broken;              /* likewise from a break: the timer holds PWM off */
 
 /* `steps` are full scale, which the step itself reaches in the negative direction only. */
 static struct channel analog(int32_t steps, const struct hal_axis_cfg *cfg)
@@ -107,6 +108,7 @@ void output_init(void)
     TIM8->CCER = TIM_CCER_E | TIM_CCER_E << 4;
     TIM8->BDTR = PWM_ON;
     safe_state = false;
+    broken = false;
     TIM8->EGR = TIM_EGR_UG;
     TIM8->CR1 = TIM_CR1_ARPE | TIM_CR1_CEN;
     spi_dac_init();
@@ -146,12 +148,12 @@ static int32_t quantise(struct channel *c, int32_t force_mN)
 
 void output_read(struct hal_drive_in *in)
 {
-    if ((TIM8->SR & TIM_SR_BIF) == 0) {
-        return;
+    if ((TIM8->SR & TIM_SR_BIF) != 0) {
+        TIM8->SR = ~(uint32_t)TIM_SR_BIF; /* it comes again as long as the input is active */
+        broken = true;
     }
-    TIM8->SR = ~(uint32_t)TIM_SR_BIF; /* it comes again as long as the input is active */
     for (int i = 0; i < AXES; i++) {
-        if (channels[i].output == HAL_OUTPUT_PWM) {
+        if (broken && channels[i].output == HAL_OUTPUT_PWM) {
             in->inputs[i] |= HAL_AMPLIFIER_FAULT;
         }
     }
@@ -164,6 +166,7 @@ static bool leave_safe_state(const struct hal_drive_out *out)
     if (!out->enable[AXIS_X] && !out->enable[AXIS_Y]) {
         TIM8->BDTR = PWM_ON;
         safe_state = false;
+        broken = false;
     }
     return !safe_state;
 }
