@@ -2,8 +2,8 @@
 /* board_kontur.h: a controller board with an STM32F405RG (LQFP64). docs/hardware.md has the pins as a table.
  *
  * Alternate functions are those of ST, DS8626 "STM32F405xx STM32F407xx datasheet". Each input is a contact to ground
- * that opens when it is active, against the chip's pull-up, so that a broken wire is active. No pin is free. PA11 and PA12 are reserved for USB (flashing), PA13 and PA14 for
- * SWD.
+ * that opens when it is active, against the chip's pull-up, so that a broken wire is active. No pin is free. PA11 and
+ * PA12 are reserved for USB (flashing), PA13 and PA14 for SWD.
  */
 #ifndef KONTUR_BOARD_KONTUR_H
 #define KONTUR_BOARD_KONTUR_H
