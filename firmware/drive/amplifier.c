@@ -9,9 +9,10 @@ static void enter(struct amplifier *a, enum amplifier_state state, uint32_t ms)
     a->since_ms = ms;
 }
 
+/* At least so long: `since_ms` may be almost a millisecond before the tick puts it out. */
 static bool lasts(const struct amplifier *a, enum amplifier_state state, uint32_t delay_ms, uint32_t ms)
 {
-    return a->state == state && ms - a->since_ms >= delay_ms;
+    return a->state == state && (delay_ms == 0u || ms - a->since_ms > delay_ms);
 }
 
 void amplifier_step(struct amplifier *a, const struct od_axis *od, bool on, unsigned inputs, uint32_t ms)
