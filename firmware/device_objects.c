@@ -198,6 +198,22 @@ static uint32_t check_quick_stop(const struct device_objects *d, const struct od
     return value == 3 || value == 4 ? SDO_ABORT_VALUE : SDO_OK;
 }
 
+/* With power, a flipped bit of a parameter must not be sealed with what is written. */
+static uint32_t check_seal(const struct device_objects *d, const struct od_entry *entry, int64_t value)
+{
+    (void)entry;
+    (void)value;
+    const bool intact = !drive_powered(d->drive) || integrity_parameters_intact(&d->drive->integrity, d->od);
+    return intact ? SDO_OK : SDO_ABORT_HARDWARE;
+}
+
+/* 605Eh, 6007h: the tick knows which faults stop and which cut the power. */
+static void reaction_written(const struct device_objects *d, const struct od_entry *entry)
+{
+    (void)entry;
+    drive_configure_live(d->drive);
+}
+
 /* 607Dh: while there is power, the axis is inside. */
 static uint32_t check_limit(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
@@ -302,6 +318,8 @@ static const struct object {
     {OBJ_CONTROLWORD_X, ANY_SUB, .both_axes = true, .step = true},
     {OBJ_STATUSWORD_X, ANY_SUB, .both_axes = true, .refresh = statusword_read},
     {OBJ_QUICK_STOP_OPTION_X, ANY_SUB, .both_axes = true, .check = check_quick_stop},
+    {OBJ_FAULT_REACTION_OPTION_X, ANY_SUB, .both_axes = true, .check = check_seal, .written = reaction_written},
+    {OBJ_ABORT_CONNECTION_OPTION_X, ANY_SUB, .both_axes = true, .check = check_seal, .written = reaction_written},
     {OBJ_POSITION_LIMIT_X, ANY_SUB, .both_axes = true, .check = check_limit},
     {OBJ_MODE_X, ANY_SUB, .both_axes = true, .step = true, .check = check_mode},
     {OBJ_HOMING_METHOD_X, ANY_SUB, .both_axes = true, .check = check_homing_method},
@@ -345,18 +363,14 @@ static uint32_t refuse_with_power(const struct device_objects *d)
     return SDO_ABORT_STATE;
 }
 
-/* A parameter may be written with power if it is OD_LIVE. A flipped bit of another one must not be sealed with it. */
+/* A parameter may be written with power if it is OD_LIVE. */
 static uint32_t check_config(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
-    if (drive_powered(d->drive)) {
-        if ((entry->flags & OD_LIVE) == 0) {
-            return refuse_with_power(d);
-        }
-        if (!integrity_parameters_intact(&d->drive->integrity, d->od)) {
-            return SDO_ABORT_HARDWARE;
-        }
+    if (drive_powered(d->drive) && (entry->flags & OD_LIVE) == 0) {
+        return refuse_with_power(d);
     }
-    return check_parameter(d->od, entry, value);
+    const uint32_t code = check_seal(d, entry, value);
+    return code == SDO_OK ? check_parameter(d->od, entry, value) : code;
 }
 
 uint32_t device_objects_check(const struct device_objects *d, const struct od_entry *entry, int64_t value)

@@ -14,7 +14,7 @@ enum event {
     PATH_STOP    /* a fault with which the axes stop on the path first */
 };
 
-enum condition { ALWAYS, OFF_AT_ONCE, OPTION_STAYS, STAYS };
+enum condition { ALWAYS, QUICK_STOP_AT_ONCE, SHUTDOWN_AT_ONCE, DISABLE_AT_ONCE, OPTION_STAYS, STAYS };
 
 #define SOD CIA402_SWITCH_ON_DISABLED
 #define RTSO CIA402_READY_TO_SWITCH_ON
@@ -33,31 +33,33 @@ static const struct transition {
     enum condition condition;
     enum cia402_state next, standing;
 } transitions[] = {
-    {SOD, SHUTDOWN, ALWAYS, RTSO, RTSO},       /* 2 */
-    {RTSO, SWITCH_ON, ALWAYS, SO, SO},         /* 3 */
-    {RTSO, ENABLE_OPERATION, ALWAYS, OE, OE},  /* 3, 4 */
-    {SO, ENABLE_OPERATION, ALWAYS, OE, OE},    /* 4 */
-    {OE, SWITCH_ON, ALWAYS, OE, SO},           /* 5 */
-    {SO, SHUTDOWN, ALWAYS, RTSO, RTSO},        /* 6 */
-    {RTSO, DISABLE_VOLTAGE, ALWAYS, SOD, SOD}, /* 7 */
-    {RTSO, QUICK_STOP, ALWAYS, SOD, SOD},      /* 7 */
-    {RTSO, STOP, ALWAYS, SOD, SOD},            /* 7 */
-    {OE, SHUTDOWN, ALWAYS, OE, RTSO},          /* 8 */
-    {OE, DISABLE_VOLTAGE, ALWAYS, SOD, SOD},   /* 9 */
-    {OE, QUICK_STOP, OFF_AT_ONCE, SOD, SOD},   /* 9 */
-    {SO, DISABLE_VOLTAGE, ALWAYS, SOD, SOD},   /* 10 */
-    {SO, QUICK_STOP, ALWAYS, SOD, SOD},        /* 10 */
-    {SO, STOP, ALWAYS, SOD, SOD},              /* 10 */
-    {OE, QUICK_STOP, OPTION_STAYS, QSA, QSA},  /* 11 */
-    {OE, QUICK_STOP, ALWAYS, QSA, SOD},        /* 11, 12 */
-    {OE, STOP, ALWAYS, QSA, SOD},              /* 11, 12 */
-    {QSA, STOP, ALWAYS, QSA, SOD},             /* 12 */
-    {QSA, DISABLE_VOLTAGE, ALWAYS, SOD, SOD},  /* 12 */
-    {OE, PATH_STOP, ALWAYS, FRA, FLT},         /* 13, 14 */
-    {QSA, PATH_STOP, ALWAYS, FRA, FLT},        /* 13, 14 */
-    {FRA, PATH_STOP, ALWAYS, FRA, FLT},        /* 14 */
-    {FLT, FAULT_RESET, ALWAYS, SOD, SOD},      /* 15 */
-    {QSA, ENABLE_OPERATION, STAYS, OE, OE},    /* 16 */
+    {SOD, SHUTDOWN, ALWAYS, RTSO, RTSO},            /* 2 */
+    {RTSO, SWITCH_ON, ALWAYS, SO, SO},              /* 3 */
+    {RTSO, ENABLE_OPERATION, ALWAYS, OE, OE},       /* 3, 4 */
+    {SO, ENABLE_OPERATION, ALWAYS, OE, OE},         /* 4 */
+    {OE, SWITCH_ON, DISABLE_AT_ONCE, SO, SO},       /* 5 */
+    {OE, SWITCH_ON, ALWAYS, OE, SO},                /* 5 */
+    {SO, SHUTDOWN, ALWAYS, RTSO, RTSO},             /* 6 */
+    {RTSO, DISABLE_VOLTAGE, ALWAYS, SOD, SOD},      /* 7 */
+    {RTSO, QUICK_STOP, ALWAYS, SOD, SOD},           /* 7 */
+    {RTSO, STOP, ALWAYS, SOD, SOD},                 /* 7 */
+    {OE, SHUTDOWN, SHUTDOWN_AT_ONCE, RTSO, RTSO},   /* 8 */
+    {OE, SHUTDOWN, ALWAYS, OE, RTSO},               /* 8 */
+    {OE, DISABLE_VOLTAGE, ALWAYS, SOD, SOD},        /* 9 */
+    {OE, QUICK_STOP, QUICK_STOP_AT_ONCE, SOD, SOD}, /* 9 */
+    {SO, DISABLE_VOLTAGE, ALWAYS, SOD, SOD},        /* 10 */
+    {SO, QUICK_STOP, ALWAYS, SOD, SOD},             /* 10 */
+    {SO, STOP, ALWAYS, SOD, SOD},                   /* 10 */
+    {OE, QUICK_STOP, OPTION_STAYS, QSA, QSA},       /* 11 */
+    {OE, QUICK_STOP, ALWAYS, QSA, SOD},             /* 11, 12 */
+    {OE, STOP, ALWAYS, QSA, SOD},                   /* 11, 12 */
+    {QSA, STOP, ALWAYS, QSA, SOD},                  /* 12 */
+    {QSA, DISABLE_VOLTAGE, ALWAYS, SOD, SOD},       /* 12 */
+    {OE, PATH_STOP, ALWAYS, FRA, FLT},              /* 13, 14 */
+    {QSA, PATH_STOP, ALWAYS, FRA, FLT},             /* 13, 14 */
+    {FRA, PATH_STOP, ALWAYS, FRA, FLT},             /* 14 */
+    {FLT, FAULT_RESET, ALWAYS, SOD, SOD},           /* 15 */
+    {QSA, ENABLE_OPERATION, STAYS, OE, OE},         /* 16 */
 };
 
 static uint32_t complement(const struct cia402 *c)
@@ -81,14 +83,16 @@ static void enter(struct cia402 *c, enum cia402_state state, enum cia402_state s
 void cia402_init(struct cia402 *c)
 {
     const uint32_t changes = c->changes + 1u;
-    *c = (struct cia402){.changes = changes, .quick_stop = 2};
+    *c = (struct cia402){.changes = changes, .quick_stop = 2, .shutdown = 1, .disable = 1};
     enter(c, SOD, SOD);
 }
 
 static bool holds(const struct cia402 *c, enum condition condition)
 {
     switch (condition) {
-    case OFF_AT_ONCE: return c->quick_stop == 0;
+    case QUICK_STOP_AT_ONCE: return c->quick_stop == 0;
+    case SHUTDOWN_AT_ONCE: return c->shutdown == 0;
+    case DISABLE_AT_ONCE: return c->disable == 0;
     case OPTION_STAYS: return c->quick_stop >= 5;
     case STAYS: return c->standing == c->state;
     default: return true;

@@ -41,6 +41,8 @@ struct cia402 {
     uint32_t changes;           /* of state, counted from 1 */
     uint16_t controlword;
     int16_t quick_stop; /* 605Ah: 0 power off at once, 1..4 once it stands, 5.. stay in quick stop active */
+    int16_t shutdown;   /* 605Bh: 0 power off at once, 1 once it stands */
+    int16_t disable;    /* 605Ch: the same */
 };
 
 /* Start in switch on disabled: at power-on, of a struct that is zero, or at a reset, which does not restart `changes`. */

@@ -64,6 +64,18 @@ static bool coasting(const struct drive *d)
     return false;
 }
 
+/* A stop goes on as it began. */
+static void take_options(struct cia402 *axis, const struct od_axis *od)
+{
+    if (axis->state != CIA402_QUICK_STOP_ACTIVE) {
+        axis->quick_stop = od->quick_stop_option;
+    }
+    if (axis->standing == axis->state) {
+        axis->shutdown = od->shutdown_option;
+        axis->disable = od->disable_option;
+    }
+}
+
 /* Act on the controlword of one axis. `fresh`: it has just come. */
 static void take_controlword(struct drive *d, int i, bool fresh, bool may_enable)
 {
@@ -71,9 +83,7 @@ static void take_controlword(struct drive *d, int i, bool fresh, bool may_enable
     const bool was_fault = axis->state == CIA402_FAULT;
     const bool permitted =
         fresh && command_guard_permits(&d->command_guard, i, axis->changes, d->od->claim_required != 0, drive_now(d));
-    if (axis->state != CIA402_QUICK_STOP_ACTIVE) { /* a stop goes on as it began */
-        axis->quick_stop = d->od->axis[i].quick_stop_option;
-    }
+    take_options(axis, &d->od->axis[i]);
     cia402_command(axis, d->od->axis[i].controlword, may_enable && permitted);
     if (fresh && cia402_enable_pending(axis)) {
         command_guard_refused(&d->command_guard, i, drive_now(d));

@@ -13,8 +13,8 @@ STATE, ENABLED, SWITCH_ON_DISABLED = 0x6F, 0x27, 0x40
 Y = 0x800  # from an object of axis x to that of axis y
 EMCY_OF_MEMORY, EMCY_OF_PARAMETER, EMCY_OF_VALUE = 0x5510, 0xFF18, 0x8200
 HEARTBEAT_LOST, PLC_ID = 0x8130, 20
-FAULT_RESET, FAULT = 0x80, 0x08
-NOT_IN_THIS_STATE = 0x0800_0022
+FAULT_RESET, FAULT_REACTION, FAULT = 0x80, 0x0F, 0x08
+NOT_IN_THIS_STATE, TOO_LOW = 0x0800_0022, 0x0609_0032
 PROFILE_VELOCITY, SPEED_UMPS = 3, 20_000
 
 
@@ -204,3 +204,26 @@ def test_ramps_limits_and_homing_are_written_to_an_enabled_axis_as_function_bloc
     assert abs(end - here - 5_000_000) < 10_000
     assert master.states() == (ENABLED, ENABLED)
     assert EMCY_OF_MEMORY not in master.codes()
+
+
+def test_motor_is_not_known_to_the_drive(rig: Rig) -> None:
+    master = Master(rig)
+    for axis in (0, Y):
+        assert master.read(0x6402 + axis) == 0
+        assert master.link.node.sdo.upload(0x6403 + axis, 0) == b"-"
+
+
+@pytest.mark.motion
+@pytest.mark.parametrize(("option", "first"), [(1, FAULT_REACTION), (2, FAULT)])
+def test_lost_master_stops_on_the_path_or_cuts_the_power_but_never_does_nothing(
+    rig: Rig, option: int, first: int
+) -> None:
+    assert Master(rig).write(0x1016, 1, 4, PLC_ID << 16 | 50) == 0
+    master = _jogging(rig)
+    assert master.write(0x6007, 0, 2, 0) == TOO_LOW
+    assert master.write(0x6007, 0, 2, option) == 0
+    rig.link.send(0x700 + PLC_ID, b"\x05")
+    assert rig.link.wait(lambda: master.states()[0] != ENABLED, 1.0)
+    assert master.states()[0] == first
+    assert rig.link.wait(lambda: master.states() == (FAULT, FAULT), 1.0)
+    assert master.codes() == [HEARTBEAT_LOST]
