@@ -2,6 +2,10 @@
 """Holds on the path (M0, M1, M6): the axes stand there until the operator, or a master, lets them go on."""
 
 import itertools
+import os
+import pty
+import select
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -100,3 +104,28 @@ def test_operator_is_asked_once_and_goes_on_by_the_panel(capsys: pytest.CaptureF
     assert not release(-1)
     assert "M6 in line 6" in capsys.readouterr().err
     assert Release(planned().program, panel, yes=True)(-1)
+
+
+def test_enter_from_before_a_hold_does_not_let_the_path_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    keyboard, terminal = pty.openpty()
+    with os.fdopen(keyboard, "wb", buffering=0) as typed, os.fdopen(terminal, "r") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        release = Release(planned().program, Panel(), yes=False)
+        typed.write(b"\n\n")
+        assert select.select([stdin], [], [], 10.0)[0]
+        assert not release(-2)
+        typed.write(b"\n")
+        assert select.select([stdin], [], [], 10.0)[0]
+        assert release(-2)
+
+
+def test_hold_without_standard_input_says_how_to_go_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", None)
+    panel = Panel()
+    release = Release(planned().program, panel, yes=False)
+    assert not release(-2)
+    assert f"kill -USR2 {os.getpid()}" in capsys.readouterr().err
+    panel.held = False
+    assert release(-2)

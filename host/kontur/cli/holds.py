@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import sys
 from dataclasses import dataclass
@@ -33,8 +34,11 @@ class Release:
 
             self.asked, self.panel.held = hold, True
             event = held(self.program)[hold]
+            while sys.stdin is not None and sys.stdin.isatty() and _entered():
+                pass  # typed before the path was held, so not meant for this hold
             click.echo(
-                f"\nThe path is held at {event.word} in line {event.line}. Press Enter to go on, Ctrl-C to stop.",
+                f"\nThe path is held at {event.word} in line {event.line}. "
+                f"Press Enter to go on (from another terminal: kill -USR2 {os.getpid()}), Ctrl-C to stop.",
                 err=True,
             )
         if _entered():
@@ -44,6 +48,8 @@ class Release:
 
 def _entered() -> bool:
     """Whether a line has come from the terminal, or from what stands in for it."""
+    if sys.stdin is None:  # closed
+        return False
     try:
         ready, _, _ = select.select([sys.stdin], [], [], 0.0)
     except (OSError, ValueError):  # no file that can be waited for
