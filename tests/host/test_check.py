@@ -77,7 +77,7 @@ def test_events_have_the_time_at_which_the_path_is_there(tmp_path: Path) -> None
         "M5": (1, 6),
     }
     assert events["M3"]["time_s"] == 0.0
-    assert events["M8"]["time_s"] == pytest.approx(1.1, abs=0.15)
+    assert events["M8"]["time_s"] == pytest.approx(2.1, abs=0.15)  # after the dwell
     assert events["M5"]["time_s"] == pytest.approx(found["duration_s"], abs=0.01)
 
 

@@ -125,20 +125,17 @@ def _planned(
 
 def _events(trajectory: Trajectory) -> list[dict[str, Any]]:
     """Each kind of word that switches something, how often it stands there, and where first: line and time."""
-    import numpy as np
+    from kontur.path.geometry import KNOT_S
+    from kontur.planning.outputs import boundaries
 
-    from kontur.path.geometry import KNOT_S, Move
-
-    program = trajectory.program
-    length_m = [item.segment.length_m if isinstance(item, Move) else 0.0 for item in program.items]
-    before_m = np.append(0.0, np.cumsum(length_m))
     found: dict[str, dict[str, Any]] = {}
-    for event in program.events:
+    arrives, _ = boundaries(trajectory)
+    for event in trajectory.program.events:
         if event.kind in found:
             found[event.kind]["count"] += 1
         else:
-            reached = int(np.searchsorted(trajectory.path_s_m, before_m[event.before] - 1e-9))
-            found[event.kind] = {"word": event.kind, "count": 1, "line": event.line, "time_s": reached * KNOT_S}
+            time_s = float(arrives[event.before]) * KNOT_S
+            found[event.kind] = {"word": event.kind, "count": 1, "line": event.line, "time_s": time_s}
     return list(found.values())
 
 

@@ -93,7 +93,7 @@ def words(trajectory: Trajectory, tool: Tool) -> NDArray[np.uint32]:
     events = trajectory.program.events
     if not events:
         return np.zeros(count, dtype=np.uint32)
-    arrives, departs = _boundaries(trajectory)
+    arrives, departs = boundaries(trajectory)
     state = _State()
     after = [(state.digital, 0.0)]
     for event in events:
@@ -151,7 +151,7 @@ def of_rest(word: NDArray[np.uint32], rest: Rest) -> NDArray[np.uint32]:
     return left
 
 
-def _boundaries(trajectory: Trajectory) -> tuple[_Index, _Index]:
+def boundaries(trajectory: Trajectory) -> tuple[_Index, _Index]:
     """The knots (items + 1,) at which the path comes to the place before each item, and the end, and leaves it."""
     items = trajectory.program.items
     length_m = np.array([item.segment.length_m if isinstance(item, Move) else 0.0 for item in items])
