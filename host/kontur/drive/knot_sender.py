@@ -113,7 +113,10 @@ def stopped_after(device: Device, knots_nm: NDArray[np.int32]) -> int:
     total, executed, checksum = (int(device.read_stable(f"stream.{n}")) for n in ("total", "executed", "checksum"))
     known = zlib.crc32(np.ascontiguousarray(knots_nm[:executed], dtype="<i4").tobytes())
     if total not in (0, len(knots_nm)) or checksum != known:  # 0: it was stopped while it was planned
-        raise StreamError(f"the drive has left another path than this one, at knot {executed} of {total}")
+        raise StreamError(
+            f"the drive has left another path than this one, at knot {executed}; "
+            "give the file and the options of the run that was stopped"
+        )
     return executed
 
 
