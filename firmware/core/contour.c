@@ -158,8 +158,9 @@ static inline void reference_at_standstill(const struct path_state *path, struct
  * large error would shake the axes. */
 static inline num share_of(const struct contour_cfg *cfg, const struct frame *f, vec2 error)
 {
-    const num reach = n_mul(cfg->lag_max, n_add(f->speed, f->v_reg));
-    const num size = n_max(n_abs(error.x), n_abs(error.y));
+    const num eighth = NUM(0.125); /* at full speed the reach itself would leave the range of num */
+    const num reach = n_mul(n_mul(eighth, cfg->lag_max), n_add(f->speed, f->v_reg));
+    const num size = n_mul(eighth, n_max(n_abs(error.x), n_abs(error.y)));
     return n_lt(reach, size) ? n_div(reach, size) : NUM(1);
 }
 

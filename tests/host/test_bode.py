@@ -130,7 +130,7 @@ def test_command_shows_saves_and_prints_json(tmp_path: Path) -> None:
         (("x", "--from", "50", "--to", "20"), "must be below"),
         (("x", "--controller", "all"), "of one controller"),
         (("z",), "is not one of"),
-        (("x", "-o", "b.pdf"), "must end in"),
+        (("x", "-o", "b.xls"), "must end in"),
     ],
 )
 def test_command_refuses_in_words(arguments: tuple[str, ...], words: str) -> None:

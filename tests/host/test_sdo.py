@@ -62,6 +62,10 @@ def write(link: Link, index: int, sub: int, data: bytes) -> int:
     return OK
 
 
+OFF = {o.name for o in OBJECTS for e in o.entries if e.name == "cob_id" and e.default & 1 << 31}
+"""PDOs that are off by default."""
+
+
 def encoded(entry: objects.Entry, value: int) -> bytes:
     return value.to_bytes(entry.type.bits // 8, "little", signed=entry.type.signed)
 
@@ -77,9 +81,9 @@ def expected(name: str, entry: objects.Entry, value: int) -> int:
         return STORE  # no signature
     if entry.name.startswith("cob_id") or name in ("sync_cob_id", "emcy_cob_id"):
         return VALUE  # neither 0 nor FFFFFFFFh is an identifier of 11 bits
-    if name == "rpdo4_map":
-        return OK if value == 0 else NO_OBJECT  # not in use; its third entry is empty
-    if name.endswith("_map") or ("pdo" in name and name != "rpdo4" and entry.name in ("inhibit", "sync_start")):
+    if name.endswith("_map") and name.removesuffix("_map") in OFF:
+        return OK if value == 0 else NO_OBJECT  # its fifth entry is empty
+    if name.endswith("_map") or ("pdo" in name and name not in OFF and entry.name in ("inhibit", "sync_start")):
         return STATE  # the PDO is in use, or its entries are
     if (name, entry.name, value) in (
         ("smc", "k_bar", entry.high),

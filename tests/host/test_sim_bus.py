@@ -73,6 +73,8 @@ def test_runs_with_the_same_seed_are_equal_and_with_another_differ() -> None:
 
     def run(seed: int) -> list[tuple[float, int, bytes]]:
         with open_bus(seed=seed, machine=smooth) as bus:
+            switch_on = [0x23, 0x02, 0x18, 1, 0x81, 3, 0, 0]  # TPDO3, which has the positions
+            bus.send(can.Message(arbitration_id=0x601, data=switch_on, is_extended_id=False))
             bus.send(can.Message(arbitration_id=0, data=[1, 0], is_extended_id=False))
             bus.send(can.Message(arbitration_id=0x201, data=[6, 0, 6, 0], is_extended_id=False))
             bus.send(can.Message(arbitration_id=0x201, data=[7, 0, 7, 0], is_extended_id=False))

@@ -23,6 +23,7 @@ import pytest
 from kontur import machine as machines
 from kontur.can import link, wire
 from kontur.can.bus import open_bus
+from kontur.drive import pdos
 from kontur.drive.device import Device, connected
 from kontur.drive.stream import Operator, stream
 from kontur.drive.target import Target, tell
@@ -522,6 +523,7 @@ def test_client_that_never_reads_blocks_no_other_one(sim: SimProcess) -> None:
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         deaf.sendall(b"O\r")
         with connected(open_bus(sim.options()), 1) as device:
+            device.pdos.require(*pdos.TELEMETRY)
             device.link.send(wire.NMT, bytes([wire.NMT_START, 1]))
             before = device.link.frames
             assert device.link.wait(lambda: device.link.frames > before + 20_000, TIMEOUT_S)  # 400 kB for each client
@@ -559,7 +561,8 @@ def _flood(client: socket.socket, text: bytes, stop: threading.Event) -> None:
 def test_client_that_does_not_read_does_not_stop_the_drive() -> None:
     with start(slcan_tcp="0", pace="sync") as sim:
         with socket.create_connection(("127.0.0.1", port_of(sim)), TIMEOUT_S) as deaf:
-            deaf.sendall(b"O\rt00020101\r" + b"t0800\r" * 20_000)  # 20 s of telemetry, 1 MB
+            switch_on = b"".join(b"t6018230%d1801%02X0%d0000\r" % (n, 0x81, n + 1) for n in (1, 2))  # TPDO2, 3
+            deaf.sendall(b"O\r" + switch_on + b"t00020101\r" + b"t0800\r" * 20_000)  # 20 s of telemetry, 1 MB
             deaf.shutdown(socket.SHUT_WR)
             end_s = time.monotonic() + TIMEOUT_S
             while "frames were dropped, since the client did not read them" not in sim.messages():

@@ -113,7 +113,7 @@ def words(trajectory: Trajectory, tool: Tool) -> NDArray[np.uint32]:
 def passed_over(trajectory: Trajectory) -> list[str]:
     """A sentence on places of events that share a knot with a later place, so that what they switch is never seen."""
     events = trajectory.program.events
-    arrives, _ = _boundaries(trajectory)
+    arrives, _ = boundaries(trajectory)
     lost = [
         event.line
         for event, later in pairwise(events)
