@@ -17,14 +17,16 @@ from kontur.cli import main
 from kontur.cli.holds import Release
 from kontur.cli.live_page import Panel
 from kontur.drive.stream import Operator
-from kontur.drive.target import Target
+from kontur.drive.target import Target, open_drive
+from kontur.errors import StreamError
 from kontur.path import gcode
 from kontur.path.smoothing import TOLERANCE_M
 from kontur.planning.bounds import limits
-from kontur.planning.outputs import SPINDLE, held, of_words, words
+from kontur.planning.outputs import SPINDLE, Tool, held, of_words, words
 from kontur.planning.path_time import PathTime
 from kontur.planning.planner import Trajectory, plan
-from kontur.runs.runner import RunResult, run
+from kontur.runs.runner import RunOptions, RunResult, run
+from kontur.sim import process as sim_process
 
 MACHINE = machine.load()
 PROGRAM = "T1 M6\nM3 S500\nG1 X5 F3000\nM0\nX10\nT2 M6\nG1 X15\nM5\n"
@@ -129,3 +131,22 @@ def test_hold_without_standard_input_says_how_to_go_on(
     assert f"kill -USR2 {os.getpid()}" in capsys.readouterr().err
     panel.held = False
     assert release(-2)
+
+
+def test_resume_with_other_outputs_is_refused_before_anything_moves() -> None:
+    with sim_process.start(slcan_tcp="0", pace="sync", machine=MACHINE) as sim:
+        target = Target(machine=MACHINE, bus={"interface": sim.interface, "channel": sim.channel})
+        with open_drive(target) as device, device.master.held():
+            device.parameters.set(MACHINE.parameters(1))
+        t, waits = planned(), itertools.count()
+        options = RunOptions(approach=limits(MACHINE))
+        stopped = Operator(release=lambda _: False, stop_requested=lambda: next(waits) > 700)
+        assert not run(t, "ccu", target, options, operator=stopped).completed
+        with open_drive(target) as device:
+            executed = device.read("stream.executed")
+        with pytest.raises(StreamError, match=r"has switched other outputs so far.*--full-s"):
+            run(t, "ccu", target, RunOptions(resume=True, tool=Tool(full_s=700.0)))
+        with open_drive(target) as device:
+            assert device.read("stream.executed") == executed
+        go = Operator(release=lambda _: True)
+        assert run(t, "ccu", target, RunOptions(resume=True), operator=go).completed

@@ -38,6 +38,10 @@ class Outputs:
         """CRC-32 of the changes, as the drive counts it (2180h:4)."""
         return zlib.crc32(np.stack([self.knot, self._words()], axis=1).astype("<u4").tobytes())
 
+    def first(self, count: int) -> Outputs:
+        """The first `count` changes."""
+        return Outputs(self.knot[:count], self.digital[:count], self.power[:count])
+
     def frames(self) -> dict[int, bytes]:
         """The frame (RPDO5) that precedes each knot with a change."""
         frames = np.empty((len(self), 6), dtype=np.uint8)

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 from kontur.can import emcy
+from kontur.can.outputs import Outputs
 from kontur.drive.device import Device
 from kontur.drive.knot_sender import STOPPED, stopped_after
 from kontur.drive.stream import UNATTENDED, Operator, stream
@@ -66,6 +67,16 @@ def left_by(device: Device, trajectory: Trajectory, reach_m: float) -> Left:
             "back in a straight line from where they stand"
         )
     return left
+
+
+def check_outputs(device: Device, outputs: Outputs) -> None:
+    """Raises StreamError where the drive has switched other outputs than these up to where it stopped."""
+    changes, checksum = (int(device.read_stable(f"outputs.{name}")) for name in ("changes", "checksum"))
+    if changes > len(outputs) or checksum != outputs.first(changes).checksum:
+        raise StreamError(
+            "the drive has switched other outputs so far than this program does; give the file and the options of the "
+            "run that was stopped, such as --laser and --full-s"
+        )
 
 
 def return_to(device: Device, left: Left, limits: Limits, operator: Operator) -> tuple[Rest, bool]:

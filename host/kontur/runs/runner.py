@@ -158,6 +158,7 @@ def _run(
                 trajectory = trajectory.trajectory()
             if options.resume and isinstance(trajectory, Trajectory):
                 left = resume.left_by(device, trajectory, resume.RETURN_MAX_M if options.approach is None else math.inf)
+                resume.check_outputs(device, of_words(of_rest(words(trajectory, options.tool), left.driven)))
             with device.axes.enabled(also=TELEMETRY):
                 if left is None:
                     placed = target.in_process and target.place_at_start
