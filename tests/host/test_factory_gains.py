@@ -15,7 +15,9 @@ from kontur.machine import Machine, load
 
 LAG_S = 0.5e-3
 MS = 2.0  # a modulus margin of 0.5
-UNSEEN = range(700, 704)  # seeds of draws; docs/adr/0028 has those that the gains were found on
+# Seeds of draws: unseen ones, and two on which what cancels the ripple once looked like a spring of the cascade. The
+# others that the gains were found on are in docs/adr/0028.
+DRAWN = (*range(700, 704), 510, 518)
 
 
 def careful(machine: Machine) -> Machine:
@@ -24,14 +26,13 @@ def careful(machine: Machine) -> Machine:
     return dataclasses.replace(machine, x=x, y=y, delay_periods=1, gains={})
 
 
-MACHINES = [careful(machine) for machine in (load(), *machines.packaged(), *map(machines.draw, UNSEEN))]
+MACHINES = [careful(machine) for machine in (load(), *machines.packaged(), *map(machines.draw, DRAWN))]
 
 
 @pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.name)
 def test_factory_gains_keep_a_modulus_margin_of_a_half(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
     """As it is, and with its resonances 10 % and its masses 20 % beside what the drive is told."""
-    monkeypatch.setattr(loop, "_PERIODS", 6144)  # a slow law takes long to settle, and
-    monkeypatch.setattr(loop, "_IMPULSE_M", 4e-6)  # its answer is small
+    monkeypatch.setattr(loop, "_IMPULSE_M", 4e-6)  # the answer of a slow law is small
     found = {name: max(axis.margins.ms for axis in predicted(Problem(machine, name, "full", MS, MS), {}))
              for name in CONTROLLERS}  # fmt: skip
     assert max(found.values()) <= MS, found

@@ -85,7 +85,9 @@ def _ccc(law: Sequence[float]) -> Gains:
     return _cascade(law[:3]) | {"cascade.coupling_gain": law[3]}
 
 
-# While the response of the law is taken: no adaptation, no limits, and no reaction to the impulse.
+# While the response of the law is taken: no adaptation, no limits, and no reaction to the impulse. Nothing is cancelled
+# by the angle of the screw, which the drive does for an axis in every second period: an impulse would make a spring of
+# it, of either sign. docs/adr/0077.
 _FROZEN = {
     "smc.xi": 0.0,
     "compensator.rho": 0.0,
@@ -94,6 +96,8 @@ _FROZEN = {
     "force_continuous_x.force": 0.0,
     "force_continuous_y.force": 0.0,
     "oscillation.limit": 0.0,
+    "screw_x.lead": 0.0,
+    "screw_y.lead": 0.0,
 }
 # A section of the force filter, which may be a notch: frequencies of zeros and poles, times that of the first mode.
 _FILTER = (
