@@ -93,7 +93,7 @@ uint32_t count_now(void)
 
 void *_sbrk(int bytes)
 {
-    static char heap[8192];
+    static char heap[4096];
     static int used;
     if (used + bytes > (int)sizeof heap) {
         return (void *)-1;

@@ -36,7 +36,6 @@ OFFSETS_M = (-50e-6, -10e-6, 0.0, 10e-6, 50e-6)
 BINS = (0.05, 0.1, 0.2, np.inf)
 """Upper ends of the bins of lag over the smallest radius of curvature between foot point and reference."""
 
-_NO_LIMIT_MS = 1000  # of the lag: what 1 mm takes at the lowest speed
 _MARGIN = 12  # knots at either end of a stretch of path, after which its ends are forgotten
 _ROWS = 40  # a stretch: positions of the axes
 
@@ -121,7 +120,8 @@ def experiment(
         else:
             lag_ms = LAG_M / speed_mps * 1e3
             pieces = _steady(named[name], speed_mps, lag_ms, stretches, rng)
-            found = _compare(pieces, lag_ms, (_NO_LIMIT_MS, drive_ms), num, rng)
+            beyond_ms = max(drive_ms, min(1000, math.ceil(2.0 * lag_ms)))
+            found = _compare(pieces, lag_ms, (beyond_ms, drive_ms), num, rng)
         spline_nm[name] = max(spline_nm.get(name, 0.0), found.spline_nm)
         cells += found.cells(name, speed_mps)
         progress((i + 1) / len(grid))

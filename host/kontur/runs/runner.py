@@ -204,8 +204,9 @@ def _move(
     driven, has_knots = whole(trajectory), False
     if left is not None:
         driven, has_knots = resume.return_to(device, left, bounds, operator)
-    off = np.zeros(1, dtype=np.uint32)
-    word = of_rest(words(trajectory, options.tool), driven) if isinstance(trajectory, Trajectory) else off
+    word = np.zeros(1, dtype=np.uint32)
+    if isinstance(trajectory, Trajectory) and trajectory.program.events:
+        word = of_rest(words(trajectory, options.tool), driven)
     device.write("energy.reset", 1)
     start_nm = device.position_nm()
 
