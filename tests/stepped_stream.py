@@ -41,4 +41,4 @@ class SteppedStream:
     def advance_to(self, share: float) -> None:
         """Send knots until the drive has executed this share of them."""
         while self.sender.share < share:
-            self.step()
+            self.sender.advance()

@@ -47,8 +47,8 @@ def test_lag_stays_with_a_master_whose_clock_is_faster(rig: Rig) -> None:
 @pytest.mark.motion
 def test_record_that_is_lost_is_told_and_stops_the_path(rig: Rig) -> None:
     master, record = _started(rig)
-    for _ in range(1200):  # twice as many as path time takes
-        _send(rig, record, 2)
+    for _ in range(1200):  # six times as many as path time takes
+        _send(rig, record, 6)
         rig.link.wait(lambda: False, 1e-3)
     assert QUEUE_FULL in master.codes()
     assert rig.link.wait(lambda: master.read(0x2200, 5) == STOPPED, 1.0)

@@ -53,18 +53,19 @@ def crc8(data: ArrayLike) -> NDArray[np.uint8]:
     return crc ^ np.uint8(0xFF)
 
 
-def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int], number: int = 0) -> bytes:
+def pack_knots(knots_nm: NDArray[np.int32], start_nm: tuple[int, int], number: int = 0) -> bytearray:
     """The knot frames (RPDO2) of a trajectory, or of its part from knot `number` on.
 
     `knots_nm` (N, 2); `start_nm` is the position that the first is a difference to. Returns N payloads of 8 bytes in
     one.
     Raises PathError when a step between knots does not fit into the 24 bits of the wire.
     """
-    frames = np.empty((len(knots_nm), 8), dtype=np.uint8)
+    packed = bytearray(8 * len(knots_nm))
+    frames = np.frombuffer(packed, dtype=np.uint8).reshape(-1, 8)
     for first in range(0, len(knots_nm), _PACKED):  # in parts, to bound memory
         rows = slice(first, first + _PACKED)
         _pack(frames[rows], knots_nm[rows], start_nm if first == 0 else knots_nm[first - 1], number + first)
-    return frames.tobytes()
+    return packed
 
 
 def _pack(frames: NDArray[np.uint8], knots_nm: NDArray[np.int32], before_nm: ArrayLike, number: int) -> None:

@@ -227,7 +227,11 @@ class KnotSender:
     def _pack(self) -> None:
         knots_nm, packed = self._knots.knots_nm, len(self._frames) // 8
         before = start_nm(knots_nm[packed - 1 :] if packed else knots_nm)
-        self._frames += wire.pack_knots(knots_nm[packed:], before, packed)
+        frames = wire.pack_knots(knots_nm[packed:], before, packed)
+        if packed:
+            self._frames += frames
+        else:
+            self._frames = frames  # an hour of them is not copied
 
     def _handle_status(self, before_s: float) -> None:
         """Acknowledge knots by the latest TPDO1, and go back if one was lost. The one before came at `before_s`."""
