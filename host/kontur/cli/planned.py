@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import ctypes
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from kontur.cli.options import progress_bar
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
     from kontur.planning.bounds import Limits
     from kontur.planning.checks import Travel
 
+_M_MMAP_THRESHOLD = -3  # malloc.h; mallopt(3)
 _SHOWN_S = 0.05  # between two steps of the progress
 
 
@@ -22,6 +25,8 @@ def planned(program: Program, bounds: Limits, travel_m: Travel, tolerance_mm: fl
     from kontur.planning.ahead import Ahead
     from kontur.planning.planner import Planning
 
+    with suppress(OSError, AttributeError):  # where the C library is glibc
+        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, 1 << 20)  # arrays that are freed go back to the system at once
     program = toleranced(program, None if tolerance_mm is None else tolerance_mm * 1e-3)
     ahead = Ahead(Planning(program, bounds, None, travel_m, TOLERANCE_M))
     with progress_bar("planning") as progress:
