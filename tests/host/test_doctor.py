@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from kontur.can import wire
+from kontur.can.link import Link
 from kontur.can.simulated import simulated
 from kontur.cli import main
 from kontur.commissioning import doctor, doctor_bus
@@ -66,6 +67,23 @@ def test_nothing_moves_and_no_parameter_changes() -> None:
         assert (truth.pos_m == truth.pos_m[0]).all()
         assert device.parameters.dump() == before
         assert device.read("master.holder") == 0
+
+
+def test_nothing_is_written_so_a_drive_that_another_program_holds_has_good_mappings() -> None:
+    with open_drive(Target()) as device, Device(Link(device.link.bus, 1)).master.held():
+        sent: list[bytes] = []
+        send = device.link.send
+
+        def noted(identifier: int, data: bytes) -> None:
+            sent.append(data if identifier == 0x601 else b"")
+            send(identifier, data)
+
+        device.link.send = noted  # type: ignore[method-assign]
+        found = list(doctor.findings(device))
+        assert level_of(found, "master") == "warning"
+        assert level_of(found, "PDO mappings") == "ok"
+        assert any(sent)
+        assert not [data.hex() for data in sent if data and data[0] >> 5 == 1]  # downloads
 
 
 @pytest.mark.parametrize(

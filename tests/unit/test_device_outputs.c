@@ -224,6 +224,19 @@ static void test_fault_switches_off_in_the_tick_that_sees_it(void)
     expect_power(false, false);
 }
 
+/* The heartbeat is there again; the fault is reset, the axes are enabled, and the stream is resumed. */
+static void come_back(void)
+{
+    rig.heartbeat_every_ms = 50;
+    rig_ms(&rig, 100);
+    rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
+    rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
+    rig_controlwords(&rig, SWITCH_ON, SWITCH_ON);
+    rig_controlwords(&rig, ENABLE, ENABLE);
+    rig_ms(&rig, 2);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2200, 1, 1, RESUME));
+}
+
 static void test_fault_that_stops_on_the_path_switches_off_and_resuming_brings_the_outputs_back(void)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2181, 0, 2, COOLANT));
@@ -240,14 +253,7 @@ static void test_fault_that_stops_on_the_path_switches_off_and_resuming_brings_t
     expect_outputs(0, 0);
     expect_power(true, true); /* they stop on the path first */
     rig_ms(&rig, 400);
-    rig.heartbeat_every_ms = 50;
-    rig_ms(&rig, 100);
-    rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
-    rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
-    rig_controlwords(&rig, SWITCH_ON, SWITCH_ON);
-    rig_controlwords(&rig, ENABLE, ENABLE);
-    rig_ms(&rig, 2);
-    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2200, 1, 1, RESUME));
+    come_back();
     expect_outputs(0, 0);
     run();
     rig_run(&rig, 1);
@@ -334,14 +340,7 @@ static void test_hold_lasts_over_a_fault(void)
     rig.heartbeat_every_ms = 0;
     rig_ms(&rig, 400);
     rig_expect_states(&rig, RIG_FAULT, RIG_FAULT);
-    rig.heartbeat_every_ms = 50;
-    rig_ms(&rig, 100);
-    rig_controlwords(&rig, FAULT_RESET, FAULT_RESET);
-    rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
-    rig_controlwords(&rig, SWITCH_ON, SWITCH_ON);
-    rig_controlwords(&rig, ENABLE, ENABLE);
-    rig_ms(&rig, 2);
-    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2200, 1, 1, RESUME));
+    come_back();
     run();
     rig_ms(&rig, 100);
     TEST_ASSERT_EQUAL_UINT32(301, rig_read(&rig, 0x2180, 5));

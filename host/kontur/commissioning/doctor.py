@@ -152,7 +152,7 @@ def _can(device: Device) -> Iterator[Finding]:
 
 def _pdos(device: Device) -> Iterator[Finding]:
     try:
-        device.pdos.require(*COMMANDS, *TELEMETRY)
+        device.pdos.check(*COMMANDS, *TELEMETRY)
     except NoAnswerError:
         raise
     except DeviceError as error:

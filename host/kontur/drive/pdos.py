@@ -75,14 +75,25 @@ class Pdos:
             f"{self._message(differing)}; they do not stay as they are set: does another master set them?"
         )
 
+    def check(self, *pdos: str) -> None:
+        """Raise DeviceError where require() of `pdos` would. The drive stays as it is, and need not be claimed."""
+        self._needed = frozenset(pdos)
+        wanted = [pdo for pdo in self._wanted(pdos) if not self._is_only_off(pdo)]
+        if differing := {name: is_ for pdo in wanted for name, is_ in self._differing(pdo)}:
+            raise DeviceError(self._message(differing))
+
     def _switch_on(self, pdos: tuple[str, ...]) -> None:
         for pdo in pdos:
-            name = f"{pdo}.cob_id"
-            if int(self._objects.default(name)) & _UNUSED and list(self._differing(pdo)) == [
-                (name, self._declared(name) | _UNUSED)
-            ]:
+            if self._is_only_off(pdo):
+                name = f"{pdo}.cob_id"
                 self._objects.write(name, self._declared(name))
                 self._switched_on.append(pdo)
+
+    def _is_only_off(self, pdo: str) -> bool:
+        """Whether a PDO that is needed is as declared, but off, as it is by default."""
+        name = _EMCY if pdo == _EMCY else f"{pdo}.cob_id"
+        off = [(name, self._declared(name) | _UNUSED)]
+        return bool(int(self._objects.default(name)) & _UNUSED) and list(self._differing(pdo)) == off
 
     def _wanted(self, needed: tuple[str, ...]) -> list[str]:
         """What is needed, and others that have an identifier of it: their frames would be taken for these."""
