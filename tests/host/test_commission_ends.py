@@ -140,6 +140,9 @@ def test_commissioning_that_was_broken_off_goes_on_after_its_last_step(
     assert result["saved"] is True
     assert result["axes"] == first["axes"]
     assert (tmp_path / "proof.html").exists()
+    Steps(monkeypatch, "identify x", KeyboardInterrupt)
+    assert commission(tmp_path, *machine).exit_code == 130  # has found nothing, so the record stays
+    assert json.loads((tmp_path / "commission.json").read_text()) == result
     steps = Steps(monkeypatch)
     assert commission(tmp_path, *machine).exit_code == 0  # a finished one begins anew
     assert steps.did[0] == "identify x"

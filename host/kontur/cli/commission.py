@@ -106,7 +106,8 @@ def command(
         result["diagnosis"] = {"kind": getattr(error, "kind", "error"), "text": str(error)}
         raise
     finally:
-        _write(out, result)
+        if result["axes"] or "diagnosis" in result:  # else the record of an earlier one stays
+            _write(out, result)
         if as_json:
             print_json(result)
     if not result["saved"]:

@@ -92,6 +92,8 @@ def paper_command(
 ) -> None:
     """Run the paper's circles: 4.488 mm/s r 4 mm (low), 100 mm/s r 20 mm (high), 100 mm/s r 4 mm (high-tight)."""
     check_output(output, ".svg", ".pdf")
+    if out is not None and out.suffix in (".svg", ".pdf"):
+        raise click.UsageError(f"--out {out}: is the folder that keeps the runs; a picture goes to -o {out}")
     cases, controllers = cases or tuple(CASES), CONTROLLERS if "all" in controllers else controllers
     kept = rows_file(out, "paper")
     with progress_bar("experiment paper") as progress:
