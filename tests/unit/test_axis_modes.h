@@ -12,6 +12,16 @@ enum { DONE = 4 };
 #define ABORT_STATE 0x08000022u
 #define ABORT_VALUE 0x06090030u
 
+/* Controlwords that stop an axis, and the state that it comes to. */
+static const struct {
+    uint16_t word;
+    unsigned state;
+} axis_stops[] = {{RUN | HALT, RIG_ENABLED},
+                  {QUICK_STOP, RIG_DISABLED},
+                  {SHUTDOWN, RIG_READY},
+                  {0x07, RIG_SWITCHED_ON},
+                  {0, RIG_DISABLED}};
+
 static struct rig rig;
 
 static inline void start_at(double x_m, double y_m)

@@ -377,26 +377,18 @@ static void test_bit_that_flips_frees_no_axis(void)
 
 static void test_every_stop_is_obeyed(void)
 {
-    static const struct {
-        uint16_t word;
-        unsigned state;
-    } stops[] = {{RUN | HALT, RIG_ENABLED},
-                 {QUICK_STOP, RIG_DISABLED},
-                 {SHUTDOWN, RIG_READY},
-                 {0x07, RIG_SWITCHED_ON},
-                 {0, RIG_DISABLED}};
-    for (unsigned n = 0; n < sizeof stops / sizeof stops[0]; n++) {
+    for (unsigned n = 0; n < sizeof axis_stops / sizeof axis_stops[0]; n++) {
         setUp();
         start_torque();
         cycles(40, 200, 150);
         TEST_ASSERT_TRUE(mmps(0) > 80);
-        rig_controlwords(&rig, stops[n].word, stops[n].word);
+        rig_controlwords(&rig, axis_stops[n].word, axis_stops[n].word);
         rig_run(&rig, 2);
         TEST_ASSERT_TRUE(force_N(0) != 120 && force_N(1) != 90);
         cycle(200, 150);
         TEST_ASSERT_FALSE(status(0, FOLLOWS) || status(1, FOLLOWS));
         cycles(100, 200, 150); /* its master goes on all the same */
-        rig_expect_states(&rig, stops[n].state, stops[n].state);
+        rig_expect_states(&rig, axis_stops[n].state, axis_stops[n].state);
         TEST_ASSERT_DOUBLE_WITHIN(0.1, 0, mmps(0));
         TEST_ASSERT_DOUBLE_WITHIN(0.1, 0, mmps(1));
         TEST_ASSERT_EQUAL_UINT(0, rig.emcy_count);
