@@ -7,8 +7,8 @@
 #include "port/stm32f405/cpu.h"
 
 struct chip chip;
-uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4],
-    chip_emulated_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
+uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
+volatile uint32_t kontur_emulated_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
 uint32_t kontur_stack_bottom[16];
 struct spline_ring kontur_emulated_knots;
 chip_answer *chip_waits;
@@ -37,7 +37,7 @@ void chip_reset(void)
     chip.rcc.CR = RCC_CR_HSION | RCC_CR_HSIRDY;
     cpu_detect_emulator();
     memset(chip_store, 0xFF, sizeof chip_store);
-    memset(chip_emulated_store, 0, sizeof chip_emulated_store);
+    memset((void *)kontur_emulated_store, 0, sizeof kontur_emulated_store);
     chip_waits = succeed;
     chip_waited = 0;
 }

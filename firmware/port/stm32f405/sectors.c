@@ -15,17 +15,16 @@ enum { FIRST_SECTOR = 1 };
 /* A poll takes 10 cycles or more, so 168e6 polls are 10 s or more, ten times the longest erasure. */
 #define POLLS 168000000u
 
+#define STORE_WORDS (HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4)
 #ifdef __arm__
 #define STORE ((volatile uint32_t *)0x08004000u)
-/* QEMU's flash is read only, so in QEMU the store lies in RAM that the image does not use. It is inverted, so that
- * RAM at power-on reads as erased. It survives resets of the processor as long as QEMU runs. */
-#define EMULATED_STORE ((volatile uint32_t *)0x20018000u)
 #else
-extern uint32_t chip_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4],
-    chip_emulated_store[HAL_FLASH_SECTORS * HAL_FLASH_BYTES / 4];
+extern uint32_t chip_store[STORE_WORDS];
 #define STORE ((volatile uint32_t *)chip_store)
-#define EMULATED_STORE ((volatile uint32_t *)chip_emulated_store)
 #endif
+/* QEMU's flash is read only, so in QEMU the store lies in RAM that the image does not use (kontur.ld). It is inverted,
+ * so that RAM at power-on reads as erased. It survives resets of the processor as long as QEMU runs. */
+extern volatile uint32_t kontur_emulated_store[STORE_WORDS];
 
 static bool inside(unsigned sector, uint32_t offset, uint32_t bytes)
 {
@@ -35,7 +34,7 @@ static bool inside(unsigned sector, uint32_t offset, uint32_t bytes)
 
 static volatile uint32_t *at(unsigned sector, uint32_t offset)
 {
-    return (cpu_emulated() ? EMULATED_STORE : STORE) + (sector * HAL_FLASH_BYTES + offset) / 4;
+    return (cpu_emulated() ? kontur_emulated_store : STORE) + (sector * HAL_FLASH_BYTES + offset) / 4;
 }
 
 static uint32_t read_word(unsigned sector, uint32_t offset)
