@@ -19,8 +19,9 @@ void amplifier_step(struct amplifier *a, const struct od_axis *od, bool on, unsi
 {
     /* One that says "ready" is live at once. When it has not done so in time, it is taken as live all the same, and so the
      * tick raises its fault. */
-    const bool ready =
-        a->state == AMPLIFIER_STARTING && od->wiring.ready != 0 && (inputs & (unsigned)HAL_AMPLIFIER_FAULT) == 0;
+    const bool says_ready = (inputs & (unsigned)HAL_AMPLIFIER_FAULT) == 0;
+    const bool ready = a->state == AMPLIFIER_STARTING && od->wiring.ready != 0 && says_ready && a->inhibited;
+    a->inhibited = !says_ready || (a->inhibited && !amplifier_holds(a));
     if (!on) {
         enter(a, AMPLIFIER_OFF, ms);
         return;

@@ -31,6 +31,7 @@ enum amplifier_state {
 struct amplifier {
     enum amplifier_state state;
     uint32_t since_ms; /* when it became so */
+    bool inhibited;    /* its "ready" output has said no since the axis was held the last time: a yes is news */
 };
 
 /* Switch the power on or off, and go on with what has lasted long enough. `inputs`: enum hal_input; ms: now. */

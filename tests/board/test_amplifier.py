@@ -66,3 +66,28 @@ def test_an_amplifier_that_does_not_become_ready_is_a_fault_after_its_time(board
     assert not board.powered()
     assert board.read(0x603F) == 0x5400
     assert {x for _, x, _ in board.dac.history} == {2048}
+
+
+@general
+def test_a_ready_contact_that_has_not_opened_since_the_last_time_does_not_end_the_wait(board: Board) -> None:
+    board.start()
+    board.write(0x2104, 6, DELAY_MS, 2)
+    board.write(0x2104, 7, 1, 1)
+    inputs = board.gpio("C").outside
+    inputs[FAULT_INPUT] = True
+    board.run(5)
+    _command_enable(board)
+    inputs[FAULT_INPUT] = False
+    board.run(3)
+    assert board.statusword() & 0x6F == 0x27
+    board.command(0)
+    assert not board.powered()
+    _command_enable(board)  # sooner than the amplifier opens its contact
+    board.tim2.move(50)
+    board.dac.history.clear()
+    board.run(DELAY_MS - 6)
+    assert board.powered()
+    assert {x for _, x, _ in board.dac.history} == {2048}
+    assert board.statusword() & 0x6F == 0x23
+    board.run(6)
+    assert board.statusword() & 0x6F == 0x27

@@ -177,8 +177,12 @@ def test_a_break_while_the_amplifiers_start_is_a_fault_though_they_become_ready(
     assert board.read(0x603F) == 0x5400
     assert not board.powered()
     assert not [e for e in board.gpio("D").edges if e[1] == 2 and e[2]]  # the brake stays engaged
+    for inputs, pin in ready:
+        inputs[pin] = True
     board.command(0)
     board.command(0x80)
     board.enable()
+    for inputs, pin in ready:
+        inputs[pin] = False
     board.run(10)
     _push(board)

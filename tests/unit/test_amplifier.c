@@ -58,13 +58,34 @@ static void test_without_times_all_is_done_in_one_step(void)
 static void test_one_that_says_ready_is_live_at_once(void)
 {
     od.wiring.ready = 1;
-    expect_after(0, 0, AMPLIFIER_STARTING); /* what it says without power counts not */
-    expect_after(1, HAL_AMPLIFIER_FAULT, AMPLIFIER_STARTING);
+    expect_after(0, HAL_AMPLIFIER_FAULT, AMPLIFIER_STARTING);
     expect_after(1, HAL_LIMIT_MIN, AMPLIFIER_RELEASING);
     od.wiring.ready = 0;
-    amplifier_step(&amplifier, &od, false, 0, now);
+    amplifier_step(&amplifier, &od, false, HAL_AMPLIFIER_FAULT, now);
     expect_after(0, 0, AMPLIFIER_STARTING);
     expect_after(1, 0, AMPLIFIER_STARTING); /* this one never says so */
+}
+
+/* A contact that sticks, or one that has not opened yet since the axis was live: neither says that it is live now. */
+static void test_ready_counts_only_where_it_was_not_ready_before(void)
+{
+    od.wiring.ready = 1;
+    expect_after(0, 0, AMPLIFIER_STARTING);
+    expect_after(LIVE, 0, AMPLIFIER_STARTING);
+    expect_after(1, 0, AMPLIFIER_RELEASING);
+    amplifier_step(&amplifier, &od, false, 0, now);
+    expect_after(1, 0, AMPLIFIER_STARTING);
+    expect_after(1, 0, AMPLIFIER_STARTING);
+    expect_after(1, HAL_AMPLIFIER_FAULT, AMPLIFIER_STARTING);
+    expect_after(1, 0, AMPLIFIER_RELEASING);
+    expect_after(1, 0, AMPLIFIER_RELEASING);
+    amplifier_step(&amplifier, &od, false, 0, now); /* it has not opened yet */
+    expect_after(1, 0, AMPLIFIER_STARTING);
+    expect_after(1, 0, AMPLIFIER_STARTING);
+    amplifier_step(&amplifier, &od, false, HAL_AMPLIFIER_FAULT, now); /* while it is off */
+    amplifier_step(&amplifier, &od, false, 0, now);
+    expect_after(1, 0, AMPLIFIER_STARTING);
+    expect_after(1, 0, AMPLIFIER_RELEASING);
 }
 
 static void test_power_ends_at_once_in_each_state(void)
@@ -72,7 +93,7 @@ static void test_power_ends_at_once_in_each_state(void)
     const enum amplifier_state states[] = {AMPLIFIER_OFF, AMPLIFIER_STARTING, AMPLIFIER_RELEASING, AMPLIFIER_LIVE,
                                            AMPLIFIER_ENGAGING};
     for (unsigned i = 0; i < sizeof states / sizeof states[0]; i++) {
-        amplifier = (struct amplifier){states[i], now};
+        amplifier = (struct amplifier){.state = states[i], .since_ms = now};
         amplifier_step(&amplifier, &od, false, 0, now);
         TEST_ASSERT_EQUAL(AMPLIFIER_OFF, amplifier.state);
     }
@@ -138,6 +159,7 @@ int main(void)
     RUN_TEST(test_each_step_takes_at_least_its_time);
     RUN_TEST(test_without_times_all_is_done_in_one_step);
     RUN_TEST(test_one_that_says_ready_is_live_at_once);
+    RUN_TEST(test_ready_counts_only_where_it_was_not_ready_before);
     RUN_TEST(test_power_ends_at_once_in_each_state);
     RUN_TEST(test_the_brake_has_its_time_before_the_axis_loses_its_power);
     RUN_TEST(test_an_axis_that_keeps_its_power_after_all_releases_its_brake_again);

@@ -165,6 +165,8 @@ static const struct variable variables[] = {
     DRIVE(amplifier[1].state),
     DRIVE(amplifier[0].since_ms),
     DRIVE(amplifier[1].since_ms),
+    FLAG(device.drive.amplifier[0].inhibited),
+    FLAG(device.drive.amplifier[1].inhibited),
     DRIVE(configured),
     DRIVE(path.stream),
     DRIVE(configured_ms),
