@@ -111,13 +111,19 @@ static bool hold_path(struct servo_loop *loop, uint32_t at)
     return holds;
 }
 
+/* Whether the path runs an axis into a limit switch. The background makes a fault of it (FF12h) a millisecond later. */
+static bool on_switch(const struct servo_loop *loop)
+{
+    return !LOAD(loop->standing) && ((loop->inputs[0] | loop->inputs[1]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0;
+}
+
 /* Some output beside the axes is on, or the knot that path time is at switches it on. While the path stands or is to stop
- * they are off, but for those that are kept. Without power on both axes, and with a fault that stops them, all are. */
+ * they are off, but for those that are kept. Without power on both axes, and with what stops them, all are. */
 __attribute__((noinline)) static void switch_outputs(struct servo_loop *loop, const struct servo_loop_cfg *cfg,
                                                      uint32_t at, struct hal_drive_out *out)
 {
     uint32_t now = 0;
-    if (out->enable[0] && out->enable[1] && (LOAD(loop->faults) & cfg->stop) == 0) {
+    if (out->enable[0] && out->enable[1] && (LOAD(loop->faults) & cfg->stop) == 0 && !on_switch(loop)) {
         const bool runs = may_run(loop, cfg) && LOAD(loop->command.rate) != 0u && !LOAD(loop->standing);
         const bool on = runs && !hold_path(loop, at);
         now = on ? power_of(loop, at) << 16 | (at & KNOT_DIGITAL) : LOAD(loop->outputs) & LOAD(loop->command.kept);

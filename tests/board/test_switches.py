@@ -68,3 +68,17 @@ def test_fault_of_an_amplifier_switches_them_off(board: Board) -> None:
     board.run(0.5)  # three ticks until an input counts
     assert switched(board) == 0
     assert board.tim1.duty(1) == 0.0
+
+
+@general
+@pytest.mark.parametrize("switch", range(4))
+def test_a_limit_switch_switches_them_off_in_a_tick(board: Board, switch: int) -> None:
+    board.start()
+    board.enable()
+    run_stream(board)
+    board.gpio("C").outside[switch] = True
+    board.run(0.5)  # three ticks until an input counts
+    assert switched(board) == 0
+    assert board.tim1.duty(1) == 0.0
+    board.run(3)
+    assert board.read(0x603F) == 0xFF12

@@ -224,6 +224,24 @@ static void test_fault_switches_off_in_the_tick_that_sees_it(void)
     expect_power(false, false);
 }
 
+static void test_limit_switch_switches_off_what_is_kept_too_in_the_tick_that_sees_it(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2181, 0, 2, COOLANT));
+    for (unsigned axis = 0; axis < 2; axis++) {
+        setUp();
+        TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2181, 0, 2, COOLANT));
+        fill(laser, CHANGES);
+        run();
+        rig_ms(&rig, 650);
+        rig.inputs[axis] = axis == 0 ? HAL_LIMIT_MAX : HAL_LIMIT_MIN;
+        rig_run(&rig, 1);
+        expect_outputs(0, 0);
+        rig_ms(&rig, 400);
+        expect_fault(0xFF12);
+        expect_outputs(0, 0);
+    }
+}
+
 /* The heartbeat is there again; the fault is reset, the axes are enabled, and the stream is resumed. */
 static void come_back(void)
 {
@@ -502,6 +520,7 @@ int main(void)
     RUN_TEST(test_what_is_kept_goes_off_with_the_power_and_with_the_next_stream);
     RUN_TEST(test_power_off_of_an_axis_switches_what_is_kept_off);
     RUN_TEST(test_fault_switches_off_in_the_tick_that_sees_it);
+    RUN_TEST(test_limit_switch_switches_off_what_is_kept_too_in_the_tick_that_sees_it);
     RUN_TEST(test_fault_that_stops_on_the_path_switches_off_and_resuming_brings_the_outputs_back);
     RUN_TEST(test_override_of_0_switches_off_and_a_lower_one_does_not);
     RUN_TEST(test_power_by_rate_goes_with_the_override_and_ends_at_its_range);
