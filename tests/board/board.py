@@ -29,6 +29,7 @@ class Wiring:
     alive: Pin
     spi: tuple[str, Pin]  # of the serial DAC, and its SYNC
     brake: tuple[Pin, Pin] | None = None
+    outputs: tuple[Pin, ...] = ()  # the first of those beside the axes
 
 
 _GENERAL = Wiring(
@@ -36,6 +37,7 @@ _GENERAL = Wiring(
     (*(("C", n) for n in range(6)), ("B", 1), ("A", 6)),
     {"amplifier x": ("C", 5), "amplifier y": ("B", 1), "stop": ("C", 4), "break": ("A", 6)},
     "usart1", ("C", 13), ("B", 0), ("spi3", ("C", 11)), (("D", 2), ("A", 3)),
+    (("B", 11), ("B", 13), ("C", 14), ("C", 9), ("A", 7), ("C", 15)),
 )  # fmt: skip
 _FEATHER = Wiring(
     "kontur-feather", 10000, 12e6, (("C", 3), ("C", 2)), ("tim3", "tim4"),
@@ -86,6 +88,16 @@ class Board(Chip):
 
     def powered(self) -> bool:
         return self.enabled(0) or self.enabled(1)
+
+    def rises(self, since_ns: float) -> list[tuple[float, Pin]]:
+        """Each time at which an enable, brake or switched output has gone high since then."""
+        pins = (*self.wiring.enable, *(self.wiring.brake or ()), *self.wiring.outputs)
+        return [
+            (ns, (port, pin))
+            for port, pin in pins
+            for ns, edge, high in self.gpio(port).edges
+            if edge == pin and high and ns > since_ns
+        ]
 
     # ---- the master ----
 

@@ -91,11 +91,13 @@ def test_safe_outputs_break_off_what_the_servo_tick_is_sending(board: Board, shi
     board.run(shift_us * 1e-3)
     assert tuple(board.serial_dac.codes) != ZERO
     board.rcc.fail_crystal()
+    since_ns = board.now_ns
     board.run(0.05)
     for _ in range(50):
         assert tuple(board.serial_dac.codes) == ZERO
         assert not board.powered()
         board.run(0.02)
+    assert not board.rises(since_ns)
     board.broken.clear()  # a frame was broken off
 
 

@@ -171,6 +171,19 @@ static bool leave_safe_state(const struct hal_drive_out *out)
     return !safe_state;
 }
 
+static void switch_on(const struct hal_drive_out *out)
+{
+    for (int i = 0; i < AXES; i++) {
+        if (out->enable[i]) {
+            pin_write(axes[i].enable, true);
+        }
+        if (out->release[i]) {
+            pin_write(axes[i].brake, true);
+        }
+    }
+    switches_write(out);
+}
+
 void output_write(const struct hal_drive_out *out)
 {
     uint32_t dac[AXES];
@@ -205,16 +218,10 @@ void output_write(const struct hal_drive_out *out)
     if (has_spi_dac()) {
         spi_dac_write(serial[AXIS_X], serial[AXIS_Y]);
     }
-    for (int i = 0; i < AXES; i++) {
-        if (out->enable[i]) {
-            pin_write(axes[i].enable, true);
-        }
-        if (out->release[i]) {
-            pin_write(axes[i].brake, true);
-        }
+    if (!safe_state) {
+        switch_on(out);
     }
-    switches_write(out);
-    if (safe_state) { /* an interrupt has called output_safe() meanwhile */
+    if (safe_state) { /* an interrupt has called output_safe() meanwhile: it has the last word */
         output_safe();
     }
 }
