@@ -14,7 +14,7 @@ export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test docs test-c test-target test-board test-host test-hil test-install lint lib firmware flash flash-dfu \
-  fuzz mutants setup clean
+  cost fuzz mutants setup clean
 
 # Configure, build and, where it has tests, run each of these presets.
 workflow = for preset in $(1); do cmake --workflow --preset $$preset || exit 1; done
@@ -42,6 +42,12 @@ test-target: build/need/qemu-system-arm lib firmware
 	@cmake --build --preset host-fix --target hash && cmake --build --preset host-f32 --target hash stages
 	@$(call workflow,m4-f32 m4-fix m3-fix)
 	$(PY) tools/cost.py --check
+
+cost: setup build/need/qemu-system-arm  ## what a servo tick costs: instructions, cycles by a model, stack, flash, RAM
+	@cmake --workflow --preset image && cmake --preset host-f32 && cmake --build --preset host-f32 --target stages
+	@for preset in m4-f32 m4-fix m3-fix; do cmake --preset $$preset && cmake --build --preset $$preset --target bench_step || exit 1; done
+	@cmake --build --preset m4-f32 --target bench_port
+	$(PY) tools/cost.py
 
 # The images on models of the chip's peripherals.
 test-board: firmware

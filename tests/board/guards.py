@@ -66,6 +66,14 @@ class Wwdg(Peripheral):
         self.words = {0: 0x7F, 4: 0x7F}
         self.deadline_ns = FOREVER
         self.feeds: list[float] = []
+        self.count_ns = 0.0  # of the clock that it counts by now
+
+    def clock_changed(self) -> None:
+        if self.deadline_ns < FOREVER:
+            before_ns, self.count_ns = self.count_ns, self._count_ns()
+            now_ns = self.chip.now_ns
+            self.deadline_ns = now_ns + (self.deadline_ns - now_ns) * self.count_ns / before_ns
+            self.chip.at(self.deadline_ns, self._look)
 
     def _count_ns(self) -> float:
         return 4096 * (1 << (self.words[4] >> 7 & 3)) / self.chip.rcc.bus_hz("APB1") * 1e9
@@ -81,7 +89,8 @@ class Wwdg(Peripheral):
                     self.chip.request_reset("WWDG")
             if value & 0x80 or self.deadline_ns < FOREVER:
                 self.feeds.append(self.chip.now_ns)
-                self.deadline_ns = self.chip.now_ns + ((value & 0x7F) - 0x3F) * self._count_ns()
+                self.count_ns = self._count_ns()
+                self.deadline_ns = self.chip.now_ns + ((value & 0x7F) - 0x3F) * self.count_ns
                 self.chip.at(self.deadline_ns, self._look)
         super().write(offset, value)
 

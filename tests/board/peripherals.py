@@ -185,6 +185,7 @@ class Rcc(Peripheral):
 
     def _update(self) -> None:
         self.chip.cycle_ns = 1e9 / self.system_hz()
+        self.chip.wwdg.clock_changed()
 
     def fail_crystal(self) -> None:
         """The crystal stops (RM0090 7.2.7)."""

@@ -8,7 +8,7 @@ LIVE_MS, RELEASE_MS, ENGAGE_MS = 20, 30, 40
 with_brakes = pytest.mark.parametrize("board", ["kontur", "kontur-20khz"], indirect=True)  # the Feather has no pin left
 
 
-def _enable(board: Board) -> None:
+def enable(board: Board) -> None:
     board.start()
     for axis in (0, 0x800):
         board.write(0x2104 + axis, 6, LIVE_MS, 2)
@@ -21,7 +21,7 @@ def _enable(board: Board) -> None:
 
 
 def _enabled(board: Board) -> None:
-    _enable(board)
+    enable(board)
     board.run(LIVE_MS + RELEASE_MS + 5)
     assert board.statusword() & 0x6F == 0x27
     assert board.released() == (True, True)
@@ -33,7 +33,7 @@ def _edge_ms(board: Board, pin: tuple[str, int], rising: bool = False) -> float:
 
 @with_brakes
 def test_a_brake_is_released_when_the_amplifier_is_live_and_the_axis_may_move_later(board: Board) -> None:
-    _enable(board)
+    enable(board)
     assert board.powered()
     assert board.released() == (False, False)
     assert board.run_until(lambda: board.released() == (True, True), LIVE_MS)

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The serial 16-bit DAC (DAC8563) as output of the axes (2104h:1 = 2)."""
 
-import struct
-
 import pytest
 from analog import MID_SCALE
 from board import Board
 from conftest import general
+from test_watchdogs import hang
 from unicorn import arm_const as arm
 
 ZERO = (MID_SCALE, MID_SCALE)
@@ -105,8 +104,7 @@ def test_a_reset_of_the_chip_sets_it_to_no_force(board: Board) -> None:
     _enable(board)
     _push(board)
     board.run(5)
-    board.uc.mem_write(0x2001F000, struct.pack("<1001H", *[0xBF00] * 1000, 0xE000 | (-1002 & 0x7FF)))
-    board.uc.reg_write(arm.UC_ARM_REG_PC, 0x2001F000)
+    hang(board)
     board.uc.reg_write(arm.UC_ARM_REG_PRIMASK, 1)
     board.run(3.3)
     assert [cause for _, cause in board.resets[1:]] == ["WWDG"]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The image starts on a chip: clock, bus, and ST's loader before it."""
 
+import pytest
 from board import Board
 from conftest import general
 
@@ -67,3 +68,23 @@ def test_a_crystal_that_stops_cuts_the_power_within_a_microsecond(board: Board) 
     assert not board.powered()
     assert board.read(0x603F) == 0x5200
     assert board.rcc.system_hz() == 168e6
+
+
+@general
+@pytest.mark.parametrize(
+    ("cause", "tells", "fault"),
+    [("power", 1, 0), ("pin", 2, 0), ("software", 3, 0), ("IWDG", 4, 0x6010), ("WWDG", 4, 0x6010)],
+)
+def test_after_each_reset_it_is_off_and_says_why_it_has_started(
+    board: Board, cause: str, tells: int, fault: int
+) -> None:
+    board.start()
+    board.enable()
+    since_ns = board.now_ns
+    board.request_reset(cause)
+    board.run(0.001)
+    assert not board.powered()
+    assert board.run_until(lambda: any(f[1] == 0x701 for f in board.can.sent), 300)
+    board.run(3)
+    assert (board.read(0x2031), board.read(0x603F)) == (tells, fault)
+    assert not board.rises(since_ns)

@@ -13,13 +13,18 @@ NOPS = 1000
 MOST_MS = 3.3
 
 
-def _hang(board: Board, *, masked: bool) -> None:
+def hang(board: Board) -> None:
     """The core runs in a loop for ever, a long one of NOP, because the emulator is slow at each branch."""
-    assert board.run_until(lambda: not board.active, 1, 0.001)  # in an interrupt it would keep all others out
     board.uc.mem_write(NOWHERE, struct.pack(f"<{NOPS + 1}H", *[0xBF00] * NOPS, 0xE000 | (-NOPS - 2 & 0x7FF)))
     board.uc.reg_write(arm.UC_ARM_REG_PC, NOWHERE)
-    board.uc.reg_write(arm.UC_ARM_REG_PRIMASK, int(masked))
     board.asleep = False
+
+
+def _hang(board: Board, *, masked: bool) -> None:
+    """The same outside of interrupts, where it would keep all others out."""
+    assert board.run_until(lambda: not board.active, 1, 0.001)
+    hang(board)
+    board.uc.reg_write(arm.UC_ARM_REG_PRIMASK, int(masked))
 
 
 def _gaps_ms(feeds: list[float]) -> list[float]:
