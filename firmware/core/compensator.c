@@ -20,15 +20,20 @@ void compensator_adapt(const struct compensator_cfg *cfg, struct compensator_sta
     }
 }
 
-/* z within the limit. Where z exceeds it, the model's position *q_bar is moved so that it does not. */
-static num limit_z(num z, num limit, pos_t q, pos_t *q_bar)
+/* The model's position *q_bar, from which q is further off than the limit, is moved so that it is not. Not inline, so that
+ * it costs nothing where that is not so. */
+__attribute__((noinline, cold)) static num move_model(num z, num limit, const pos_t *q, pos_t *q_bar)
 {
-    if (!n_lt(limit, n_abs(z))) {
-        return z;
-    }
     const num limited = n_lt(z, NUM(0)) ? n_neg(limit) : limit;
-    *q_bar = pos_add(q, n_neg(limited));
+    *q_bar = pos_add(*q, n_neg(limited));
     return limited;
+}
+
+/* q - q_bar, within the limit */
+static inline num model_error(num limit, const pos_t *q, pos_t *q_bar)
+{
+    const num z = pos_sub(*q, *q_bar);
+    return rarely(n_lt(limit, n_abs(z))) ? move_model(z, limit, q, q_bar) : z;
 }
 
 void compensator_step(const struct compensator_cfg *cfg, const struct plant_cfg *plant, struct compensator_state *state,
@@ -36,8 +41,8 @@ void compensator_step(const struct compensator_cfg *cfg, const struct plant_cfg 
 {
     const num z_max = n_div(cfg->phi, cfg->alpha);
     vec2 z; /* (17) */
-    z.x = limit_z(pos_sub(q[0], state->q_bar[0]), z_max, q[0], &state->q_bar[0]);
-    z.y = limit_z(pos_sub(q[1], state->q_bar[1]), z_max, q[1], &state->q_bar[1]);
+    z.x = model_error(z_max, &q[0], &state->q_bar[0]);
+    z.y = model_error(z_max, &q[1], &state->q_bar[1]);
     const vec2 z_dot = v2_sub(q_dot, state->q_bar_dot);
     out->z_n = v2_to_frame(t, z);
     const vec2 zn_dot = v2_to_frame(t, v2_mad(z_dot, theta_dot, v2_ie(z)));

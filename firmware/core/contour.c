@@ -18,19 +18,19 @@ struct curve {
     const pos_t *q;
 };
 
-static inline struct curve_point point_on_piece(struct curve curve, uint32_t knot, num u)
+static inline struct curve_point point_on_piece(const struct curve *curve, uint32_t knot, num u)
 {
-    const struct spline_piece *piece = spline_cached_piece(curve.cache, curve.ring, curve.count, knot);
-    const vec2 q = v2(pos_sub(curve.q[0], piece->pos[0]), pos_sub(curve.q[1], piece->pos[1]));
+    const struct spline_piece *piece = spline_cached_piece(curve->cache, curve->ring, curve->count, knot);
+    const vec2 q = v2(pos_sub(curve->q[0], piece->pos[0]), pos_sub(curve->q[1], piece->pos[1]));
     const struct curve_point at = {.piece = piece, .q = q, .u = u};
     return at;
 }
 
 /* The point u knots after knot `knot`, where u is outside 0..1, so
  * that it lies on another piece. Path time 0 is the earliest point. */
-__attribute__((noinline)) static struct curve_point change_piece(struct curve curve, uint32_t knot, num u)
+__attribute__((noinline)) static struct curve_point change_piece(const struct curve *curve, uint32_t knot, num u)
 {
-    curve.cache->piece_changed = true;
+    curve->cache->piece_changed = true;
     int32_t knots = n_to_scaled(u, 1);
     num fraction = n_sub(u, n_ratio(knots, 1));
     if (n_lt(fraction, NUM(0))) {
@@ -42,10 +42,10 @@ __attribute__((noinline)) static struct curve_point change_piece(struct curve cu
 }
 
 /* Move the point along the path by t_T0, but not to before path time 0. */
-static inline void move_along(struct curve curve, struct curve_point *at, num t_T0)
+static inline void move_along(const struct curve *curve, struct curve_point *at, num t_T0)
 {
     at->u = n_mad(at->u, NUM(SPLINE_PER_T0), t_T0);
-    if (!n_lt(n_abs(n_sub(at->u, NUM(0.5))), NUM(0.5))) {
+    if (rarely(!n_lt(n_abs(n_sub(at->u, NUM(0.5))), NUM(0.5)))) {
         *at = change_piece(curve, at->piece->knot, at->u);
     }
 }
@@ -81,7 +81,7 @@ static inline vec2 divide(vec2 a, num speed)
 static inline struct frame frame_at(const struct contour_cfg *cfg, vec2 d1)
 {
     const num speed = v2_norm(d1);
-    if (!n_lt(NUM(CONTOUR_SPEED_MIN), speed)) {
+    if (rarely(!n_lt(NUM(CONTOUR_SPEED_MIN), speed))) {
         const struct frame standstill = {.standstill = true, .t = {NUM(1), NUM(0)}};
         return standstill;
     }
@@ -103,8 +103,8 @@ static inline num foot_slope(const struct frame *f, const struct foot *foot)
 }
 
 /* (4)-(6): the error in the frame at r(s), the delay t_d and the foot point. Returns the frame at the foot point. */
-static inline struct frame find_foot(const struct contour_cfg *cfg, struct curve curve, struct curve_point *at, vec2 d1,
-                                     struct foot *foot, struct contour_out *o)
+static inline struct frame find_foot(const struct contour_cfg *cfg, const struct curve *curve, struct curve_point *at,
+                                     vec2 d1, struct foot *foot, struct contour_out *o)
 {
     const struct frame ref = frame_at(cfg, d1);
     o->e_l = v2_to_frame(ref.t, o->e_w); /* (4) */
@@ -115,7 +115,7 @@ static inline struct frame find_foot(const struct contour_cfg *cfg, struct curve
 
     if (cfg->newton) {
         const struct frame f = frame_at(cfg, foot->d1);
-        if (!f.standstill) {
+        if (usually(!f.standstill)) {
             step = n_div(v2_dot(foot->e, f.t), foot_slope(&f, foot));
             move_along(curve, at, n_within(step, cfg->lag_max));
             *foot = foot_at(at);
@@ -161,7 +161,7 @@ static inline num share_of(const struct contour_cfg *cfg, const struct frame *f,
     const num eighth = NUM(0.125); /* at full speed the reach itself would leave the range of num */
     const num reach = n_mul(n_mul(eighth, cfg->lag_max), n_add(f->speed, f->v_reg));
     const num size = n_mul(eighth, n_max(n_abs(error.x), n_abs(error.y)));
-    return n_lt(reach, size) ? n_div(reach, size) : NUM(1);
+    return rarely(n_lt(reach, size)) ? n_div(reach, size) : NUM(1);
 }
 
 /* (7)-(9). r_a is the foot point, and r_n = r + f n with f = n . (r_a - r). In the frame, most of what (8) adds to
@@ -200,7 +200,7 @@ void contour_step(const struct contour_cfg *cfg, struct spline_cache *cache, con
                   const struct path_state *path, const pos_t q[2], vec2 q_dot, struct contour_out *out)
 {
     const struct curve curve = {ring, cache, path->count, q};
-    struct curve_point at = point_on_piece(curve, path->knot, n_ratio(path->fraction, PATH_ONE));
+    struct curve_point at = point_on_piece(&curve, path->knot, n_ratio(path->fraction, PATH_ONE));
     const struct spline_local ref = spline_eval(at.piece, at.u);
     out->r_dot = v2_scale(path->rate, ref.d1);
     out->r_ddot = v2_mad(v2_scale(n_mul(path->rate, path->rate), ref.d2), path->rate_dot, ref.d1);
@@ -208,9 +208,9 @@ void contour_step(const struct contour_cfg *cfg, struct spline_cache *cache, con
     out->e_w_dot = v2_sub(q_dot, out->r_dot);
 
     struct foot foot;
-    const struct frame f = find_foot(cfg, curve, &at, ref.d1, &foot, out);
+    const struct frame f = find_foot(cfg, &curve, &at, ref.d1, &foot, out);
     out->t = f.t;
-    if (f.standstill) {
+    if (rarely(f.standstill)) {
         reference_at_standstill(path, out);
     } else {
         adjust_reference(cfg, path, &f, &foot, q_dot, out);

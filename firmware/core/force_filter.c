@@ -93,9 +93,7 @@ static inline unsigned sections(const struct force_filter_cfg *cfg, int i)
     return cfg->count[i] < FORCE_SECTIONS ? cfg->count[i] : FORCE_SECTIONS;
 }
 
-/* A function of its own, so that a tick without filters is as short as before. */
-__attribute__((noinline)) vec2 force_filter_step(const struct force_filter_cfg *cfg, struct force_filter_state *state,
-                                                 vec2 force)
+vec2 force_filter_step(const struct force_filter_cfg *cfg, struct force_filter_state *state, vec2 force)
 {
     return v2(filter(cfg->section[0], state->section[0], sections(cfg, 0), force.x),
               filter(cfg->section[1], state->section[1], sections(cfg, 1), force.y));

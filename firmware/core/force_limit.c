@@ -19,9 +19,7 @@ static inline num limit(acc_t *heat, num share, num rate, num continuous, num pe
     return n_min(peak, n_mad(continuous, part, n_sub(peak, continuous)));
 }
 
-/* A function of its own, so that a tick without this limit is as short as before. */
-__attribute__((noinline)) vec2 force_limit_step(const struct force_limit_cfg *cfg, struct force_limit_state *state,
-                                                vec2 force, vec2 peak)
+vec2 force_limit_step(const struct force_limit_cfg *cfg, struct force_limit_state *state, vec2 force, vec2 peak)
 {
     const vec2 share = v2_mul(force, cfg->inverse);
     state->limit = v2(limit(&state->heat[0], share.x, cfg->rate[0], cfg->continuous.x, peak.x),

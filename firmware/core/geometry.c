@@ -26,8 +26,10 @@ static num without_step(struct geometry_placed *s, num placed, bool bridged, num
     if (bridged) {
         s->bridge = n_add(s->bridge, n_sub(s->placed, placed));
     }
-    const num left = n_sub(n_abs(s->bridge), n_mul(NUM(GEOMETRY_ORIGIN_RATE), dt));
-    s->bridge = n_lt(left, NUM(0)) ? NUM(0) : n_state(n_lt(s->bridge, NUM(0)) ? n_neg(left) : left);
+    if (n_lt(NUM(0), n_abs(s->bridge))) {
+        const num left = n_sub(n_abs(s->bridge), n_mul(NUM(GEOMETRY_ORIGIN_RATE), dt));
+        s->bridge = n_lt(left, NUM(0)) ? NUM(0) : n_state(n_lt(s->bridge, NUM(0)) ? n_neg(left) : left);
+    }
     s->placed = n_state(placed);
     return n_add(placed, s->bridge);
 }

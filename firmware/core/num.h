@@ -42,6 +42,17 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+/* What holds in nearly every control period, and what does not: the compiler keeps the usual way together. */
+static inline bool usually(bool holds)
+{
+    return __builtin_expect(holds, true) != 0;
+}
+
+static inline bool rarely(bool holds)
+{
+    return __builtin_expect(holds, false) != 0;
+}
+
 #define ACC_GAIN 1024
 #define POS_PER_NM 65536
 
@@ -58,7 +69,7 @@ static inline pos_t pos_from_nm(int64_t nm)
 /* The nearest nm, saturated to int32 (+-2.147 m). */
 static inline int32_t pos_to_nm(pos_t p)
 {
-    const int64_t nm = (p + (p < 0 ? -POS_PER_NM / 2 : POS_PER_NM / 2)) / POS_PER_NM;
+    const int64_t nm = (p + POS_PER_NM / 2 - (p < 0 ? 1 : 0)) >> 16; /* a half away from 0 */
     return nm > INT32_MAX ? INT32_MAX : nm < INT32_MIN ? INT32_MIN : (int32_t)nm;
 }
 

@@ -98,7 +98,7 @@ static inline bool step(const struct oscillation_cfg *cfg, struct oscillation_st
             s->half_waves = 0;
         }
     }
-    return n_lt(a->limit, n_abs(h)) && beyond(cfg, s, a, h);
+    return rarely(n_lt(a->limit, n_abs(h))) && beyond(cfg, s, a, h);
 }
 
 /* x of an axis, N/4 */

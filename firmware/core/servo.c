@@ -36,8 +36,8 @@ static void locate(const struct servo_cfg *cfg, struct servo_state *state, const
 
 /* What comes before the observer with state->extras. It is not inline, and gets no inputs of the tick by their address, so
  * that the tick is as short as it was where all of it is off. The same holds for the other two. */
-static __attribute__((noinline)) void prepare(const struct servo_cfg *cfg, struct servo_state *state,
-                                              const struct servo_table_in *in, pos_t x, pos_t y)
+static __attribute__((noinline, flatten)) void prepare(const struct servo_cfg *cfg, struct servo_state *state,
+                                                       const struct servo_table_in *in, pos_t x, pos_t y)
 {
     state->tool[0] = x;
     state->tool[1] = y;
@@ -69,10 +69,16 @@ static inline void observe(const struct servo_cfg *cfg, struct servo_state *stat
     }
 }
 
-static void reset_laws(struct servo_state *state, const pos_t q[2], vec2 q_dot)
+/* The gains in effect */
+static inline const struct servo_gains *gains(const struct servo_cfg *cfg, const struct servo_state *state)
 {
-    smc_reset(&state->gains.smc, &state->smc);
-    compensator_reset(&state->gains.compensator, &state->compensator, q, q_dot);
+    return state->gains_lowered ? &state->gains : &cfg->gains;
+}
+
+static void reset_laws(const struct servo_cfg *cfg, struct servo_state *state, const pos_t q[2], vec2 q_dot)
+{
+    smc_reset(&gains(cfg, state)->smc, &state->smc);
+    compensator_reset(&gains(cfg, state)->compensator, &state->compensator, q, q_dot);
     cascade_reset(&state->cascade);
     state->offset = ZERO;
     state->blending = false;
@@ -81,7 +87,7 @@ static void reset_laws(struct servo_state *state, const pos_t q[2], vec2 q_dot)
 /* The direction in which friction is adapted where it has a shape of its own: the shape, and 0 at rest. */
 static vec2 while_moving(const struct servo_cfg *cfg, vec2 r_dot, vec2 shape)
 {
-    const vec2 sign = smc_direction(cfg->smc.friction_speed, r_dot);
+    const vec2 sign = smc_direction(cfg->gains.smc.friction_speed, r_dot);
     return v2_mul(shape, v2_mul(sign, sign));
 }
 
@@ -90,7 +96,7 @@ static inline struct servo_demand law(const struct servo_cfg *cfg, struct servo_
                                       enum controller controller, const pos_t q[2], struct servo_out *out,
                                       vec2 *balance)
 {
-    const struct servo_gains *laws = &state->gains;
+    const struct servo_gains *laws = gains(cfg, state);
     const struct contour_out *c = &out->contour;
     if (!cfg->friction.on) {
         state->friction.shape = smc_direction(laws->smc.friction_speed, c->r_dot);
@@ -167,8 +173,8 @@ static vec2 where_enabled(const bool enabled[2], vec2 v)
 
 /* What goes beyond the law: cancel cogging and ripple, then filter. Each axis starts with the force of now, so that its
  * filters change nothing where the force stays. */
-static __attribute__((noinline)) vec2 refine(const struct servo_cfg *cfg, struct servo_state *state, bool start,
-                                             vec2 net, vec2 balance)
+static __attribute__((noinline, flatten)) vec2 refine(const struct servo_cfg *cfg, struct servo_state *state,
+                                                      bool start, vec2 net, vec2 balance)
 {
     const vec2 force = v2_add(net, v2_add(balance, state->screw));
     if (!cfg->force_filter.on) {
@@ -204,8 +210,9 @@ static void predict_friction(const struct servo_cfg *cfg, struct servo_state *st
 {
     const vec2 r_dot = v2_mad(out->contour.r_dot, n_mul(NUM(AHEAD), cfg->dt), out->contour.r_ddot);
     const num v = axis == 0 ? r_dot.x : r_dot.y;
-    friction_step(&cfg->friction, &state->friction, axis, state->enabled[axis], v, n_sat(v, cfg->smc.friction_speed),
-                  n_mul(NUM(2), cfg->dt));
+    const bool slips = n_lt(NUM(0), cfg->friction.axis[axis].presliding);
+    const num direction = slips ? NUM(0) : n_sat(v, cfg->gains.smc.friction_speed);
+    friction_step(&cfg->friction, &state->friction, axis, state->enabled[axis], v, direction, n_mul(NUM(2), cfg->dt));
 }
 
 static num predict_screw(const struct servo_cfg *cfg, const struct servo_state *state, int axis, num force, num screw,
@@ -216,8 +223,8 @@ static num predict_screw(const struct servo_cfg *cfg, const struct servo_state *
     return n_sub(screw_cancel(&cfg->screw.axis[axis], then, demand), demand);
 }
 
-static __attribute__((noinline)) void predict(const struct servo_cfg *cfg, struct servo_state *state,
-                                              const struct servo_out *out, pos_t x, pos_t y)
+static __attribute__((noinline, flatten)) void predict(const struct servo_cfg *cfg, struct servo_state *state,
+                                                       const struct servo_out *out, pos_t x, pos_t y)
 {
     const int axis = (int)(state->slot % 2u);
     state->geometry.r_dot = where_enabled(state->enabled, out->contour.r_dot);
@@ -236,15 +243,12 @@ static __attribute__((noinline)) void predict(const struct servo_cfg *cfg, struc
 __attribute__((noinline, cold)) static void lower_gains(const struct servo_cfg *cfg, struct servo_state *state)
 {
     const num gain = n_max(NUM(OSCILLATION_GAIN_MIN), n_mul(state->gain, cfg->oscillation.gain_step));
-    struct servo_gains g;
-    g.smc = cfg->smc;
-    g.compensator = cfg->compensator;
-    g.cascade = cfg->cascade;
-    num *const gains[] = {&g.smc.lambda,  &g.smc.gamma,         &g.smc.k_0,          &g.smc.k_max,
-                          &g.smc.zeta,    &g.compensator.alpha, &g.compensator.mu_0, &g.compensator.mu_max,
-                          &g.cascade.k_p, &g.cascade.k_v,       &g.cascade.k_i};
-    for (unsigned i = 0; i < sizeof gains / sizeof gains[0]; i++) {
-        *gains[i] = n_mul(*gains[i], gain);
+    struct servo_gains g = cfg->gains;
+    num *const lowered[] = {&g.smc.lambda,  &g.smc.gamma,         &g.smc.k_0,          &g.smc.k_max,
+                            &g.smc.zeta,    &g.compensator.alpha, &g.compensator.mu_0, &g.compensator.mu_max,
+                            &g.cascade.k_p, &g.cascade.k_v,       &g.cascade.k_i};
+    for (unsigned i = 0; i < sizeof lowered / sizeof lowered[0]; i++) {
+        *lowered[i] = n_mul(*lowered[i], gain);
     }
     state->gains = g;
     state->gain = gain;
@@ -259,16 +263,13 @@ static __attribute__((noinline)) void copy_configuration(const struct servo_cfg 
     if (!cfg->force_limit.on) {
         state->force_limit.limit = cfg->plant.force_max;
     }
-    if (!state->gains_lowered) {
-        state->gains = (struct servo_gains){cfg->smc, cfg->compensator, cfg->cascade};
-    }
 }
 
 static void take_gains(const struct servo_cfg *cfg, struct servo_state *state)
 {
+    state->gains = cfg->gains; /* in effect where a bit of gains_lowered flips */
     state->gains_lowered = false;
     state->gain = NUM(1);
-    copy_configuration(cfg, state);
 }
 
 void servo_reset_oscillation(const struct servo_cfg *cfg, struct servo_state *state)
@@ -290,8 +291,9 @@ void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const p
     feedforward_reset(&state->feedforward);
     force_filter_reset(&state->force_filter, ZERO);
     force_limit_reset(&state->force_limit, cfg->plant.force_max);
+    copy_configuration(cfg, state);
     take_gains(cfg, state);
-    reset_laws(state, measured, ZERO);
+    reset_laws(cfg, state, measured, ZERO);
 }
 
 static bool is_forced(uint32_t forced, int axis)
@@ -326,7 +328,7 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     state->slot = (state->slot + 1u) % SERVO_SLOTS;
     struct servo_demand *applied = &state->demand[state->slot % 2u]; /* replaced at the end by this period's */
     pos_t measured[2] = {in->measured[0], in->measured[1]};
-    if (state->slot == SERVO_SLOTS - 1u) {
+    if (rarely(state->slot == SERVO_SLOTS - 1u)) {
         copy_configuration(cfg, state);
     }
     if (state->extras) {
@@ -337,20 +339,20 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     observe(cfg, state, measured, applied->net, q, &out->velocity);
     struct servo_demand demand = {ZERO, ZERO};
     const bool enabling_changed = in->enabled[0] != state->enabled[0] || in->enabled[1] != state->enabled[1];
-    if (!in->enabled[0] && !in->enabled[1]) { /* there is no reference */
+    if (rarely(!in->enabled[0] && !in->enabled[1])) { /* there is no reference */
         *out = (struct servo_out){.velocity = out->velocity};
         state->oscillation[0].half_waves = state->oscillation[1].half_waves = 0; /* an oscillation ends */
     } else {
         contour_step(&cfg->contour, &state->spline_cache, in->ring, &in->path, q, out->velocity, &out->contour);
-        if (in->forced != 0u) {
+        if (rarely(in->forced != 0u)) {
             leave_path(&out->contour, in->forced);
         }
         const bool switched =
             in->controller != state->controller || in->forced != state->forced || state->gains_changed;
         state->gains_changed = false;
         compensator_model(&cfg->plant, &state->compensator, applied->model, cfg->dt);
-        if (enabling_changed || switched) {
-            reset_laws(state, q, out->velocity);
+        if (rarely(enabling_changed || switched)) {
+            reset_laws(cfg, state, q, out->velocity);
         }
         vec2 balance;
         demand = law(cfg, state, in->controller, q, out, &balance);
@@ -358,12 +360,12 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
             const struct geometry_axis_state *g = state->geometry.axis;
             balance = v2_add(balance, v2(g[0].gap_force, g[1].gap_force));
         }
-        if (switched && !enabling_changed) {
+        if (rarely(switched && !enabling_changed)) {
             state->offset =
                 v2_sub(v2_sub(state->force, state->filtering), v2_add(demand.net, v2_add(balance, state->screw)));
             state->blending = true;
         }
-        if (state->blending) {
+        if (rarely(state->blending)) {
             const vec2 offset = switched ? state->offset : blend(cfg, state);
             demand.net = v2_add(demand.net, offset);
             demand.model = v2_add(demand.model, offset);
@@ -376,7 +378,7 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
             demand.net = v2_add(demand.net, state->filtering);
             demand.model = v2_add(demand.model, state->filtering);
         }
-        if (in->forced != 0u || !within_limits(state->force_limit.limit, in, out->force)) {
+        if (rarely(in->forced != 0u || !within_limits(state->force_limit.limit, in, out->force))) {
             const vec2 unlimited = in->forced != 0u ? where_given(in, out->force) : out->force;
             const vec2 limited = limit(unlimited, state->force_limit.limit);
             const vec2 beyond = v2_sub(unlimited, limited);

@@ -43,16 +43,21 @@
 #define SERVO_SLOTS 4u
 #define SERVO_OFFSET_MIN 2.5e-4 /* N: an offset below it is set to 0 */
 
+/* The laws. Their gains may be lowered by a factor: then each law keeps its shape, and its poles move towards zero. */
+struct servo_gains {
+    struct smc_cfg smc;
+    struct compensator_cfg compensator;
+    struct cascade_cfg cascade;
+};
+
 struct servo_cfg {
     num dt;    /* control period, T0 */
     num blend; /* factor per period on the switching offset, 0..1 */
     struct plant_cfg plant;
     struct observer_cfg observer;
     struct contour_cfg contour;
-    struct smc_cfg smc;
-    struct compensator_cfg compensator;
+    struct servo_gains gains;
     struct feedforward_cfg feedforward;
-    struct cascade_cfg cascade;
     struct energy_cfg energy[2];
     struct force_filter_cfg force_filter;
     struct force_limit_cfg force_limit;
@@ -61,13 +66,6 @@ struct servo_cfg {
     struct oscillation_cfg oscillation;
     struct dual_feedback_cfg dual_feedback[2]; /* only with geometry.on */
     struct geometry_cfg geometry;              /* last, since it is the largest */
-};
-
-/* The laws with their gains times a factor. Each law keeps its shape: its poles move towards zero. */
-struct servo_gains {
-    struct smc_cfg smc;
-    struct compensator_cfg compensator;
-    struct cascade_cfg cascade;
 };
 
 /* Only with geometry.on. In memory of its own, so that the tick keeps the rest of its inputs in registers. */
@@ -115,19 +113,21 @@ struct servo_state {
     uint32_t slot;                 /* of this period, 0..SERVO_SLOTS - 1 */
     vec2 force;                    /* of the last period, N */
     struct servo_demand demand[2]; /* of even and odd periods: the one before the last has just been applied */
-    struct servo_gains gains;      /* in effect: those of the configuration, or lowered */
+    struct servo_gains gains;      /* in effect where gains_lowered */
     struct oscillation_state oscillation[2];
-    struct spline_cache spline_cache; /* the caller empties it when in.ring gets another sequence of knots */
-    struct friction_state friction;   /* of an axis: persists while it is enabled */
-    vec2 filtering;                   /* what the force filters have added to the force of the last period, N */
-    vec2 screw;                       /* what cancels cogging and ripple in the next period, N */
-    pos_t tool[2];                    /* with geometry.on, its position in this period */
+    struct friction_state friction; /* of an axis: persists while it is enabled */
+    vec2 filtering;                 /* what the force filters have added to the force of the last period, N */
+    vec2 screw;                     /* what cancels cogging and ripple in the next period, N */
+    pos_t tool[2];                  /* with geometry.on, its position in this period */
     struct force_limit_state force_limit;
     struct dual_feedback_state dual_feedback[2];
     struct geometry_state geometry;
     struct force_filter_state force_filter;
     /* The tool less the encoders, um: what goes by the user's position and no second encoder sees, and all else */
     vec2 correction, placed;
+    /* The caller empties it when in.ring gets another sequence of knots. Last, since it is large, and a float is loaded in
+     * one instruction from the first 1020 bytes only. */
+    struct spline_cache spline_cache;
 };
 
 struct servo_out {

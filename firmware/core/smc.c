@@ -13,7 +13,7 @@ static struct surface surface(const struct smc_cfg *cfg, num e, num e_dot)
 {
     num x = n_mul(cfg->k_bar, e);
     num x_dot = n_mul(cfg->k_bar, e_dot);
-    if (n_lt(cfg->e_max, n_abs(e))) {
+    if (rarely(n_lt(cfg->e_max, n_abs(e)))) {
         x = n_mul(cfg->k_bar, n_lt(e, NUM(0)) ? n_neg(cfg->e_max) : cfg->e_max);
         x_dot = NUM(0);
     }

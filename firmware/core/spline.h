@@ -114,7 +114,8 @@ static inline const struct spline_piece *spline_cached_piece(struct spline_cache
                                                              uint32_t count, uint32_t knot)
 {
     const struct spline_piece *piece = &cache->piece[knot % SPLINE_CACHE_SIZE];
-    return piece->final == knot + 1u && knot + 2u < count ? piece : spline_update_piece(cache, ring, count, knot);
+    return usually(piece->final == knot + 1u && knot + 2u < count) ? piece
+                                                                   : spline_update_piece(cache, ring, count, knot);
 }
 /* Prefetch one piece, if there is one within the look-ahead and its control points are accepted. Does nothing in a
  * control period in which the foot point has moved to another piece, so that no period computes two, unless path

@@ -19,7 +19,7 @@ static struct trig_cosh cosh_small(num a)
 /* For |x| > 1/2, x/8 is doubled three times: sinh 2a = 2 sinh a cosh a, cosh 2a = 1 + 2 sinh^2 a. */
 struct trig_cosh trig_cosh(num x)
 {
-    if (!n_lt(SMALL, n_abs(x))) {
+    if (usually(!n_lt(SMALL, n_abs(x)))) {
         return cosh_small(x);
     }
     struct trig_cosh r = cosh_small(n_mul(n_within(x, NUM(TRIG_COSH_MAX)), NUM(0.125)));

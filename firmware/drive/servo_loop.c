@@ -82,7 +82,7 @@ static inline void step_path(struct servo_loop *loop, const struct servo_loop_cf
     const bool complete = LOAD(loop->command.complete);
     const bool run = may_run(loop, cfg);
     const bool on = run && LOAD(loop->command.rate) == 1000u && LOAD(loop->command.stream) == LOAD(loop->stream);
-    if (on && path_clock_run_on(&loop->path, LOAD(loop->ring->count), complete, STEP)) {
+    if (usually(on && path_clock_run_on(&loop->path, LOAD(loop->ring->count), complete, STEP))) {
         STORE(loop->executed, loop->path.at.knot + 1u);
     } else {
         change_path(loop, cfg, complete, run);
@@ -190,10 +190,11 @@ static inline unsigned watched(const struct servo_loop_cfg *cfg, const struct ha
     return in->inputs[i] & ~(powered[i] ? 0u : cfg->ready[i]);
 }
 
-SELDOM static void supervise_in_detail(struct servo_loop *loop, const struct servo_loop_cfg *cfg, unsigned inputs,
-                                       const bool powered[2], const struct servo_out *out)
+SELDOM static void supervise_in_detail(struct servo_loop *loop, const struct servo_loop_cfg *cfg,
+                                       const struct hal_drive_in *in, const bool powered[2],
+                                       const struct servo_out *out)
 {
-    supervise_inputs(loop, inputs);
+    supervise_inputs(loop, watched(cfg, in, powered, 0) | watched(cfg, in, powered, 1));
     if (!finite(loop, out)) {
         servo_loop_raise(loop, FAULT_LAW);
         loop->configured = UINT32_MAX; /* The state has to be reset: the next tick takes the configuration over anew. */
@@ -214,7 +215,7 @@ SELDOM static void supervise_in_detail(struct servo_loop *loop, const struct ser
 static inline void supervise(struct servo_loop *loop, const struct servo_loop_cfg *cfg, const struct hal_drive_in *in,
                              const bool powered[2], const struct servo_out *out)
 {
-    const unsigned inputs = watched(cfg, in, powered, 0) | watched(cfg, in, powered, 1);
+    const unsigned inputs = (unsigned)in->inputs[0] | in->inputs[1];
     const vec2 v = out->velocity;
     const vec2 e_w = out->contour.e_w;
     const vec2 model = loop->servo.demand[loop->servo.slot % 2u].model;
@@ -226,7 +227,7 @@ static inline void supervise(struct servo_loop *loop, const struct servo_loop_cf
         n_finite(n_add(n_sub(model.x, model.x), n_sub(model.y, model.y)))) {
         loop->following_ticks[0] = loop->following_ticks[1] = 0;
     } else {
-        supervise_in_detail(loop, cfg, inputs, powered, out);
+        supervise_in_detail(loop, cfg, in, powered, out);
     }
 }
 
@@ -243,11 +244,11 @@ SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_i
 }
 
 /* What the geometry needs. Not inline, so that it costs nothing where the encoders are at the tool. */
-__attribute__((noinline)) static void read_for_geometry(struct servo_loop *loop, const struct hal_drive_in *in,
-                                                        struct servo_table_in *table)
+__attribute__((noinline)) static void read_for_geometry(struct servo_loop *loop, const struct servo_loop_cfg *cfg,
+                                                        const struct hal_drive_in *in, struct servo_table_in *table)
 {
     for (int i = 0; i < 2; i++) {
-        if (loop->cfg_in_use->servo.dual_feedback[i].on) { /* the first step makes up for those left out */
+        if (cfg->servo.dual_feedback[i].on) { /* the first step makes up for those left out */
             table->second[i] = loop->first_pos[i] + encoder_step(&loop->second[i], in->second[i]);
         }
         table->origin_nm[i] = LOAD(loop->command.origin_nm[i]);
@@ -389,6 +390,19 @@ SELDOM static void take_forces(const struct servo_loop *loop, uint32_t forced, s
     }
 }
 
+/* An axis at least has no power, or less of it than usual. */
+SELDOM static void power_of_axes(const struct servo_loop *loop, const struct servo_loop_cfg *cfg,
+                                 struct servo_in *servo, struct hal_drive_out *drive)
+{
+    const bool cut = (LOAD(loop->faults) & cfg->cut) != 0;
+    for (int i = 0; i < 2; i++) {
+        const uint32_t powered = LOAD(loop->command.powered[i]);
+        drive->release[i] = !cut && powered == SERVO_LOOP_ON;
+        servo->enabled[i] = drive->release[i] || (!cut && powered == SERVO_LOOP_BRAKED);
+        drive->enable[i] = servo->enabled[i] || (!cut && powered == SERVO_LOOP_STARTING);
+    }
+}
+
 /* Publish the record, and switch to the next one. */
 static inline void publish(struct servo_loop *loop)
 {
@@ -427,7 +441,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
         configure(loop, configured, servo.measured);
     }
     if (cfg->servo.geometry.on) {
-        read_for_geometry(loop, &in, &table);
+        read_for_geometry(loop, cfg, &in, &table);
     }
     if (LOAD(loop->command.energy_reset)) {
         reset_energy(loop);
@@ -438,13 +452,13 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
 
     /* reference, law */
     step_path(loop, cfg);
-    const bool cut = (LOAD(loop->faults) & cfg->cut) != 0;
-    bool on[2], release[2];
-    for (int i = 0; i < 2; i++) {
-        const uint32_t powered = LOAD(loop->command.powered[i]);
-        release[i] = !cut && powered == SERVO_LOOP_ON;
-        servo.enabled[i] = release[i] || (!cut && powered == SERVO_LOOP_BRAKED);
-        on[i] = servo.enabled[i] || (!cut && powered == SERVO_LOOP_STARTING);
+    struct hal_drive_out drive;
+    if (usually(LOAD(loop->command.powered[0]) == SERVO_LOOP_ON && LOAD(loop->command.powered[1]) == SERVO_LOOP_ON &&
+                (LOAD(loop->faults) & cfg->cut) == 0)) {
+        servo.enabled[0] = servo.enabled[1] = true;
+        drive.enable[0] = drive.enable[1] = drive.release[0] = drive.release[1] = true;
+    } else {
+        power_of_axes(loop, cfg, &servo, &drive);
     }
     servo.controller = (enum controller)LOAD(loop->command.controller);
     servo.forced = 0u;
@@ -460,7 +474,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     /* limits */
     supervise(loop, cfg, &in, servo.enabled, out);
     if ((LOAD(loop->faults) & cfg->cut) != 0) {
-        on[0] = on[1] = release[0] = release[1] = false;
+        drive.enable[0] = drive.enable[1] = drive.release[0] = drive.release[1] = false;
         out->force = v2(NUM(0), NUM(0));
     }
     if (LOAD(loop->command.excite) == SERVO_LOOP_EXCITE) {
@@ -468,11 +482,9 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     }
 
     /* write */
-    struct hal_drive_out drive = {
-        .force_mN = {n_to_scaled(out->force.x, 1000), n_to_scaled(out->force.y, 1000)},
-        .enable = {on[0], on[1]},
-        .release = {release[0], release[1]},
-    };
+    drive.force_mN[0] = n_to_scaled(out->force.x, 1000);
+    drive.force_mN[1] = n_to_scaled(out->force.y, 1000);
+    drive.digital = drive.power = 0;
     const uint32_t outputs = loop->ring->outputs[loop->path.at.knot % SPLINE_RING];
     if ((outputs | LOAD(loop->outputs)) != 0) {
         switch_outputs(loop, cfg, outputs, &drive);

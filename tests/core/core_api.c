@@ -105,35 +105,35 @@ static struct servo_cfg config(const struct api_params *p)
                   .coulomb = in2(p->coulomb, 1),
                   .force_max = in2(p->force_max, 1)},
         .contour = {.v_min = mk(p->v_min / MPS), .lag_max = mk(p->lag_max / T0), .newton = p->newton != 0},
-        .smc = {.lambda = mk(p->lambda * T0),
-                .gamma = mk(p->gamma * T0),
-                .beta = mk(p->beta),
-                .k_bar = mk(p->k_bar * UM),
-                .e_max = mk(p->e_max / UM),
-                .psi_printed = p->psi_printed != 0,
-                .k_0 = mk(p->k_0 * T0),
-                .k_max = mk(p->k_max * T0),
-                .zeta = mk(p->zeta * T0),
-                .zeta_rate = mk(p->zeta_rate * T0 * T0 * ACC_GAIN),
-                .xi = mk(p->xi * UM * T0 * ACC_GAIN),
-                .epsilon = mk(p->epsilon / MPS),
-                .friction_speed = mk(p->friction_speed / MPS)},
-        .compensator = {.alpha = mk(p->alpha * T0),
-                        .mu_0 = mk(p->mu_0 / MPS2),
-                        .mu_max = mk(p->mu_max / MPS2),
-                        .rho = mk(p->rho * T0 * T0 * ACC_GAIN),
-                        .phi = mk(p->phi / MPS),
-                        .dead_zone = mk(p->dead_zone / MPS),
-                        .law_printed = p->mu_printed != 0,
-                        .input_printed = p->input_printed != 0},
+        .gains.smc = {.lambda = mk(p->lambda * T0),
+                      .gamma = mk(p->gamma * T0),
+                      .beta = mk(p->beta),
+                      .k_bar = mk(p->k_bar * UM),
+                      .e_max = mk(p->e_max / UM),
+                      .psi_printed = p->psi_printed != 0,
+                      .k_0 = mk(p->k_0 * T0),
+                      .k_max = mk(p->k_max * T0),
+                      .zeta = mk(p->zeta * T0),
+                      .zeta_rate = mk(p->zeta_rate * T0 * T0 * ACC_GAIN),
+                      .xi = mk(p->xi * UM * T0 * ACC_GAIN),
+                      .epsilon = mk(p->epsilon / MPS),
+                      .friction_speed = mk(p->friction_speed / MPS)},
+        .gains.compensator = {.alpha = mk(p->alpha * T0),
+                              .mu_0 = mk(p->mu_0 / MPS2),
+                              .mu_max = mk(p->mu_max / MPS2),
+                              .rho = mk(p->rho * T0 * T0 * ACC_GAIN),
+                              .phi = mk(p->phi / MPS),
+                              .dead_zone = mk(p->dead_zone / MPS),
+                              .law_printed = p->mu_printed != 0,
+                              .input_printed = p->input_printed != 0},
         .feedforward = {.friction_rate = mk(p->friction_rate * T0),
                         .mass_rate = mk(p->mass_rate * T0),
                         .acceleration = mk(p->feedforward_acceleration / MPS2)},
-        .cascade = {.k_p = mk(p->k_p * T0),
-                    .k_v = mk(p->k_v * T0),
-                    .k_i = mk(p->k_i * T0),
-                    .coupling = mk(p->coupling),
-                    .integral_max = mk(p->integral_max / UM)},
+        .gains.cascade = {.k_p = mk(p->k_p * T0),
+                          .k_v = mk(p->k_v * T0),
+                          .k_i = mk(p->k_i * T0),
+                          .coupling = mk(p->coupling),
+                          .integral_max = mk(p->integral_max / UM)},
     };
     c.observer = observer_design(mk(p->observer * T0), c.dt);
     static const uint32_t order[SCREW_HARMONICS] = {1, 2, 6};
@@ -276,12 +276,12 @@ void api_law(const api_drive *d, const struct api_law_in *in, double *k_hat, str
                              .e_dot = in2(in->e_dot, MPS),
                              .a_n = in2(in->a_n, MPS2),
                              .q_dot = in2(in->q_dot, MPS),
-                             .direction = smc_direction(d->cfg.smc.friction_speed, in2(in->r_dot, MPS))};
+                             .direction = smc_direction(d->cfg.gains.smc.friction_speed, in2(in->r_dot, MPS))};
     struct smc_state state = {.k_hat = {acc_from(mk(k_hat[0] * T0)), acc_from(mk(k_hat[1] * T0))}};
     struct smc_out o;
-    smc_step(&d->cfg.smc, &d->cfg.plant, &state, &x, &o);
-    smc_adapt(&d->cfg.smc, &state, 0, o.s_bar, d->cfg.dt);
-    smc_adapt(&d->cfg.smc, &state, 1, o.s_bar, d->cfg.dt);
+    smc_step(&d->cfg.gains.smc, &d->cfg.plant, &state, &x, &o);
+    smc_adapt(&d->cfg.gains.smc, &state, 0, o.s_bar, d->cfg.dt);
+    smc_adapt(&d->cfg.gains.smc, &state, 1, o.s_bar, d->cfg.dt);
     out2(v2(acc_to(state.k_hat[0]), acc_to(state.k_hat[1])), 1 / T0, k_hat);
     out2(o.s_bar, MPS, out->s_bar);
     out2(o.u_linear, 1, out->u_linear);
@@ -297,10 +297,10 @@ void api_compensation(const api_drive *d, const struct api_frame *frame, const i
     const pos_t at[2] = {pos_of(q[0]), pos_of(q[1])};
     struct compensator_out o;
     bound_path_time = 0;
-    compensator_step(&d->cfg.compensator, &d->cfg.plant, &state, at, in2(q_dot, MPS), in2(frame->t, 1),
+    compensator_step(&d->cfg.gains.compensator, &d->cfg.plant, &state, at, in2(q_dot, MPS), in2(frame->t, 1),
                      mk(frame->theta_dot * T0), &o);
-    compensator_adapt(&d->cfg.compensator, &state, 0, o.s, d->cfg.dt);
-    compensator_adapt(&d->cfg.compensator, &state, 1, o.s, d->cfg.dt);
+    compensator_adapt(&d->cfg.gains.compensator, &state, 0, o.s, d->cfg.dt);
+    compensator_adapt(&d->cfg.gains.compensator, &state, 1, o.s, d->cfg.dt);
     q_bar[0] = result_pos(state.q_bar[0]);
     q_bar[1] = result_pos(state.q_bar[1]);
     out2(v2(acc_to(state.mu[0]), acc_to(state.mu[1])), MPS2, mu);
@@ -436,7 +436,7 @@ void api_cascade(const api_drive *d, const struct api_contour *c, int coupled, d
                                   .e_n = in2(c->e_n, UM),
                                   .e_n_dot = in2(c->e_n_dot, MPS)};
     struct cascade_state state = {.integral = in2(integral, UM), .coupled = mk(integral[2] / UM)};
-    out2(cascade_step(&d->cfg.cascade, &d->cfg.plant, &state, &x, coupled != 0, d->cfg.dt), 1, force);
+    out2(cascade_step(&d->cfg.gains.cascade, &d->cfg.plant, &state, &x, coupled != 0, d->cfg.dt), 1, force);
     out2(state.integral, UM, integral);
     integral[2] = result(state.coupled) * UM;
 }
@@ -466,7 +466,7 @@ void api_force_limit(const api_drive *d, double *heat, const double *force, doub
 void api_friction(api_drive *d, const double *r_dot, double *shape)
 {
     const vec2 v = in2(r_dot, MPS);
-    const vec2 direction = smc_direction(d->cfg.smc.friction_speed, v);
+    const vec2 direction = smc_direction(d->cfg.gains.smc.friction_speed, v);
     friction_step(&d->cfg.friction, &d->state.friction, 0, true, v.x, direction.x, d->cfg.dt);
     friction_step(&d->cfg.friction, &d->state.friction, 1, true, v.y, direction.y, d->cfg.dt);
     out2(d->state.friction.shape, 1, shape);

@@ -161,7 +161,7 @@ static void modules(const struct servo_cfg *c)
     }
     vector = "smc";
     struct smc_state law;
-    smc_reset(&c->smc, &law);
+    smc_reset(&c->gains.smc, &law);
     for (int i = 0; i < 16; i++) {
         struct smc_in a;
         a.t = in_tangent();
@@ -169,11 +169,11 @@ static void modules(const struct servo_cfg *c)
         a.e_dot = in2(50000);
         a.a_n = in2(60000);
         a.q_dot = in2(500000);
-        a.direction = smc_direction(c->smc.friction_speed, in2(400));
+        a.direction = smc_direction(c->gains.smc.friction_speed, in2(400));
         struct smc_out o;
-        smc_step(&c->smc, &c->plant, &law, &a, &o);
-        smc_adapt(&c->smc, &law, 0, o.s_bar, c->dt);
-        smc_adapt(&c->smc, &law, 1, o.s_bar, c->dt);
+        smc_step(&c->gains.smc, &c->plant, &law, &a, &o);
+        smc_adapt(&c->gains.smc, &law, 0, o.s_bar, c->dt);
+        smc_adapt(&c->gains.smc, &law, 1, o.s_bar, c->dt);
         put2(o.s_bar);
         put2(o.u_linear);
         put2(o.u_friction);
@@ -183,16 +183,16 @@ static void modules(const struct servo_cfg *c)
     vector = "compensator";
     struct compensator_state u;
     const pos_t origin[2] = {0, 0};
-    compensator_reset(&c->compensator, &u, origin, v2(NUM(0), NUM(0)));
+    compensator_reset(&c->gains.compensator, &u, origin, v2(NUM(0), NUM(0)));
     for (int i = 0; i < 16; i++) {
         pos_t q[2];
         in_pos2(12000, q);
         struct compensator_out o;
         const vec2 t = in_tangent();
         const vec2 q_dot = in2(8000);
-        compensator_step(&c->compensator, &c->plant, &u, q, q_dot, t, in(200), &o);
-        compensator_adapt(&c->compensator, &u, 0, o.s, c->dt);
-        compensator_adapt(&c->compensator, &u, 1, o.s, c->dt);
+        compensator_step(&c->gains.compensator, &c->plant, &u, q, q_dot, t, in(200), &o);
+        compensator_adapt(&c->gains.compensator, &u, 0, o.s, c->dt);
+        compensator_adapt(&c->gains.compensator, &u, 1, o.s, c->dt);
         compensator_model(&c->plant, &u, in2(100000), c->dt);
         put2(o.z_n);
         put2(o.s);
@@ -210,7 +210,7 @@ static void modules(const struct servo_cfg *c)
     for (int i = 0; i < 8; i++) {
         const vec2 r_dot = in2(400);
         const vec2 r_ddot = in2(60000);
-        const vec2 direction = smc_direction(c->smc.friction_speed, r_dot);
+        const vec2 direction = smc_direction(c->gains.smc.friction_speed, r_dot);
         const vec2 added = in2(50000);
         feedforward_step(&c->feedforward, &c->plant, &l, 0, direction, r_ddot, added, c->dt);
         feedforward_step(&c->feedforward, &c->plant, &l, 1, direction, r_ddot, added, c->dt);
@@ -228,7 +228,7 @@ static void modules(const struct servo_cfg *c)
         o.e_w_dot = in2(50000);
         o.e_n = in2(20000);
         o.e_n_dot = in2(50000);
-        put2(cascade_step(&c->cascade, &c->plant, &pi, &o, i % 2 == 0, c->dt));
+        put2(cascade_step(&c->gains.cascade, &c->plant, &pi, &o, i % 2 == 0, c->dt));
     }
     vector = "observer";
     struct observer_state ob;

@@ -345,9 +345,9 @@ static bool of_no_meaning(const struct variable *v, size_t bit)
     offsetof(struct rig, device.drive.loop.cfg[0].member), offsetof(struct rig, device.drive.loop.cfg[1].member)
     static const size_t bools[] = {
         IN_BOTH(servo.contour.newton),
-        IN_BOTH(servo.smc.psi_printed),
-        IN_BOTH(servo.compensator.law_printed),
-        IN_BOTH(servo.compensator.input_printed),
+        IN_BOTH(servo.gains.smc.psi_printed),
+        IN_BOTH(servo.gains.compensator.law_printed),
+        IN_BOTH(servo.gains.compensator.input_printed),
         IN_BOTH(servo.force_filter.on),
         IN_BOTH(servo.force_limit.on),
         IN_BOTH(servo.friction.on),

@@ -78,7 +78,7 @@ static void test_contouring_law(void)
                              .xi = 10203040,
                              .epsilon = 1234567};
     od.contour.friction_speed = 87654;
-    const struct smc_cfg a = configuration_servo(&od).smc;
+    const struct smc_cfg a = configuration_servo(&od).gains.smc;
     near(173.205 * T0, a.lambda); /* 1/s */
     near(1.234 * T0, a.gamma);
     near(5.678, a.beta);
@@ -93,7 +93,7 @@ static void test_contouring_law(void)
     near(1.234567e-3 / UM * T0, a.epsilon);
     near(87.654e-6 / UM * T0, a.friction_speed);
     od.smc.psi_printed = 0;
-    TEST_ASSERT_FALSE(configuration_servo(&od).smc.psi_printed);
+    TEST_ASSERT_FALSE(configuration_servo(&od).gains.smc.psi_printed);
 }
 
 static void test_watch_for_oscillation(void)
@@ -138,7 +138,7 @@ static void test_uncertainty_compensator(void)
                                              .dead_zone = 2222222,
                                              .law_printed = 1,
                                              .input_printed = 0};
-    const struct compensator_cfg u = configuration_servo(&od).compensator;
+    const struct compensator_cfg u = configuration_servo(&od).gains.compensator;
     near(61.234 * T0, u.alpha);
     near(1.234567 / UM * T0 * T0, u.mu_0); /* m/s2 */
     near(4.567890 / UM * T0 * T0, u.mu_max);
@@ -149,15 +149,15 @@ static void test_uncertainty_compensator(void)
     TEST_ASSERT_FALSE(u.input_printed);
     od.compensator.law_printed = 0;
     od.compensator.input_printed = 1;
-    TEST_ASSERT_FALSE(configuration_servo(&od).compensator.law_printed);
-    TEST_ASSERT_TRUE(configuration_servo(&od).compensator.input_printed);
+    TEST_ASSERT_FALSE(configuration_servo(&od).gains.compensator.law_printed);
+    TEST_ASSERT_TRUE(configuration_servo(&od).gains.compensator.input_printed);
 }
 
 static void test_cascade(void)
 {
     od.cascade = (struct od_cascade){
         .position_gain = 67891, .velocity_gain = 301234, .integral_gain = 77123, .coupling_gain = 1234};
-    const struct cascade_cfg c = configuration_servo(&od).cascade;
+    const struct cascade_cfg c = configuration_servo(&od).gains.cascade;
     near(67.891 * T0, c.k_p);
     near(301.234 * T0, c.k_v);
     near(77.123 * T0, c.k_i);

@@ -27,9 +27,6 @@ static double place(double behind_um, double out_um)
 static void tick(void)
 {
     state.extras = true;
-    if (!state.gains_lowered) {
-        state.gains = (struct servo_gains){cfg.smc, cfg.compensator, cfg.cascade};
-    }
     if (!cfg.force_limit.on) {
         state.force_limit.limit = cfg.plant.force_max;
     }
@@ -79,7 +76,7 @@ static void test_reset_is_at_rest_where_the_encoders_are(void)
     TEST_ASSERT_FALSE(state.enabled[0] || state.enabled[1]);
     for (int i = 0; i < 2; i++) { /* and each would begin here */
         TEST_ASSERT_TRUE(state.compensator.q_bar[i] == in.measured[i]);
-        TEST_ASSERT_EQUAL_DOUBLE(acc_val(acc_from(cfg.smc.k_0)), acc_val(state.smc.k_hat[i]));
+        TEST_ASSERT_EQUAL_DOUBLE(acc_val(acc_from(cfg.gains.smc.k_0)), acc_val(state.smc.k_hat[i]));
     }
     tick();
     TEST_ASSERT_EQUAL_DOUBLE(0, val(out.velocity.x));
@@ -156,7 +153,7 @@ static void test_models_get_the_force_that_the_filters_let_through(void)
     step(-30, 10); /* a step of the force, of which the filters let a part through */
     TEST_ASSERT_TRUE(fabs(val(state.filtering.x)) > 1);
     TEST_ASSERT_TRUE(fabs(val(state.filtering.y)) > 1);
-    const vec2 balance = v2_mul(cfg.plant.coulomb, smc_direction(cfg.smc.friction_speed, out.contour.r_dot));
+    const vec2 balance = v2_mul(cfg.plant.coulomb, smc_direction(cfg.gains.smc.friction_speed, out.contour.r_dot));
     const vec2 net = v2_sub(out.force, balance);
     ASSERT_NEAR(val(net.x), val(demand()->net.x), 600.0);
     ASSERT_NEAR(val(net.y), val(demand()->net.y), 600.0);
@@ -236,8 +233,8 @@ static void test_laws_start_anew_when_an_axis_is_enabled_or_disabled_and_not_whi
 {
     for (int axis = 0; axis < 2; axis++) {
         setUp();
-        cfg.smc.zeta = cfg.smc.k_max; /* (16) is its constant rate */
-        const double grown = val(cfg.smc.k_0) + 4.5 * val(cfg.smc.zeta_rate) / ACC_GAIN * 4 * DT;
+        cfg.gains.smc.zeta = cfg.gains.smc.k_max; /* (16) is its constant rate */
+        const double grown = val(cfg.gains.smc.k_0) + 4.5 * val(cfg.gains.smc.zeta_rate) / ACC_GAIN * 4 * DT;
         for (int other = 0; other < 3; other++) {
             in.enabled[1 - axis] = other == 1;
             run(CONTROLLER_CC, 3);
@@ -372,7 +369,7 @@ static void test_friction_feedforward_does_not_move_the_observer(void)
     in.controller = CONTROLLER_CASCADE;
     at_um(500, 0, in.measured);
     servo_reset(&cfg, &state, in.measured);
-    cfg.cascade.k_v = mk(0);
+    cfg.gains.cascade.k_v = mk(0);
     for (int k = 0; k < 3; k++) {
         in.path = path_at(&ring, 50);
         tick();
@@ -401,12 +398,12 @@ static void test_reference_model_is_driven_by_the_linear_part_of_the_delayed_for
 
 static void test_reference_model_as_printed_sees_the_friction_term(void)
 {
-    cfg.compensator.input_printed = true;
+    cfg.gains.compensator.input_printed = true;
     step(20, 4);
     step(20, 4);
     const double total = val(out.smc.u_linear.x) + val(out.smc.u_friction.x);
     ASSERT_NEAR(total, val(demand()->model.x), 700.0);
-    cfg.compensator.input_printed = false;
+    cfg.gains.compensator.input_printed = false;
     step(20, 4);
     ASSERT_NEAR(val(out.smc.u_linear.x), val(demand()->model.x), 700.0);
 }
@@ -504,7 +501,7 @@ static void test_the_feedforward_is_added_to_the_force_and_is_no_part_of_the_mod
     state.feedforward.mass[1] = acc_from(mk(0.25));
     step(20, 4);
     const vec2 feedforward = feedforward_force(
-        &state.feedforward, smc_direction(cfg.smc.friction_speed, out.contour.r_dot), out.contour.r_ddot);
+        &state.feedforward, smc_direction(cfg.gains.smc.friction_speed, out.contour.r_dot), out.contour.r_ddot);
     ASSERT_NEAR(val(out.smc.u_linear.x) + val(out.compensator.u.x), val(demand()->net.x), 1000);
     ASSERT_NEAR(val(out.smc.u_linear.y) + val(out.compensator.u.y), val(demand()->net.y), 1000);
     ASSERT_NEAR(val(out.smc.u_linear.x) + val(out.smc.u_friction.x) + val(out.compensator.u.x) + val(feedforward.x),
@@ -655,21 +652,21 @@ static void test_lowered_gains_are_those_of_the_configuration_times_the_factor(v
     watch_for_oscillation(true);
     shake(1500);
     const struct servo_gains *g = &state.gains;
-    ASSERT_NEAR(0.5 * val(cfg.smc.lambda), val(g->smc.lambda), 1.0);
-    ASSERT_NEAR(0.5 * val(cfg.smc.gamma), val(g->smc.gamma), 1.0);
-    ASSERT_NEAR(0.5 * val(cfg.smc.k_0), val(g->smc.k_0), 1.0);
-    ASSERT_NEAR(0.5 * val(cfg.smc.k_max), val(g->smc.k_max), 2.0);
-    ASSERT_NEAR(0.5 * val(cfg.smc.zeta), val(g->smc.zeta), 1.0);
-    ASSERT_NEAR(0.5 * val(cfg.compensator.alpha), val(g->compensator.alpha), 1.0);
-    ASSERT_NEAR(0.5 * val(cfg.compensator.mu_0), val(g->compensator.mu_0), 25.0);
-    ASSERT_NEAR(0.5 * val(cfg.compensator.mu_max), val(g->compensator.mu_max), 100.0);
-    ASSERT_NEAR(0.5 * val(cfg.cascade.k_p), val(g->cascade.k_p), 1.0);
-    ASSERT_NEAR(0.5 * val(cfg.cascade.k_v), val(g->cascade.k_v), 2.0);
-    ASSERT_NEAR(0.5 * val(cfg.cascade.k_i), val(g->cascade.k_i), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.smc.lambda), val(g->smc.lambda), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.smc.gamma), val(g->smc.gamma), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.smc.k_0), val(g->smc.k_0), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.smc.k_max), val(g->smc.k_max), 2.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.smc.zeta), val(g->smc.zeta), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.compensator.alpha), val(g->compensator.alpha), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.compensator.mu_0), val(g->compensator.mu_0), 25.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.compensator.mu_max), val(g->compensator.mu_max), 100.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.cascade.k_p), val(g->cascade.k_p), 1.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.cascade.k_v), val(g->cascade.k_v), 2.0);
+    ASSERT_NEAR(0.5 * val(cfg.gains.cascade.k_i), val(g->cascade.k_i), 1.0);
     /* and the rest is that of the configuration */
-    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.smc.beta), val(g->smc.beta));
-    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.compensator.phi), val(g->compensator.phi));
-    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.cascade.coupling), val(g->cascade.coupling));
+    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.gains.smc.beta), val(g->smc.beta));
+    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.gains.compensator.phi), val(g->compensator.phi));
+    TEST_ASSERT_EQUAL_DOUBLE(val(cfg.gains.cascade.coupling), val(g->cascade.coupling));
 }
 
 static void test_gains_are_lowered_again_down_to_a_least_factor_and_come_back_without_a_step_of_the_force(void)
@@ -691,7 +688,7 @@ static void test_gains_are_lowered_again_down_to_a_least_factor_and_come_back_wi
     step(20 + 2 * sin(0.1 * periods), 4);
     ASSERT_NEAR(val(before.x), val(out.force.x), 600.0);
     ASSERT_NEAR(val(before.y), val(out.force.y), 600.0);
-    ASSERT_NEAR(val(cfg.smc.k_0), val(out.smc.k_hat.x), 1.0);
+    ASSERT_NEAR(val(cfg.gains.smc.k_0), val(out.smc.k_hat.x), 1.0);
     servo_reset_oscillation(&cfg, &state); /* nothing to do */
     TEST_ASSERT_FALSE(state.gains_changed);
 }
@@ -707,22 +704,22 @@ static void test_velocity_is_that_of_the_encoders(void)
 
 static void test_gains_are_adapted_for_one_axis_in_a_period_for_the_time_of_all_slots(void)
 {
-    cfg.smc.zeta = cfg.smc.k_max; /* (16) is its constant rate */
-    cfg.compensator.law_printed = true;
+    cfg.gains.smc.zeta = cfg.gains.smc.k_max; /* (16) is its constant rate */
+    cfg.gains.compensator.law_printed = true;
     servo_reset(&cfg, &state, in.measured);
-    double k[2] = {val(cfg.smc.k_0), val(cfg.smc.k_0)}, mu[2] = {0, 0};
+    double k[2] = {val(cfg.gains.smc.k_0), val(cfg.gains.smc.k_0)}, mu[2] = {0, 0};
     for (int i = 1; i <= 8; i++) {
         step(20, 4);
         for (int axis = 0; axis < 2; axis++) {
             const bool slot = i % 4 == axis;
             const double s = axis == 0 ? val(out.compensator.s.x) : val(out.compensator.s.y);
-            k[axis] += slot ? val(cfg.smc.zeta_rate) / ACC_GAIN * 4 * DT : 0;
-            mu[axis] += slot ? val(cfg.compensator.rho) / ACC_GAIN * fabs(s) * 4 * DT : 0;
+            k[axis] += slot ? val(cfg.gains.smc.zeta_rate) / ACC_GAIN * 4 * DT : 0;
+            mu[axis] += slot ? val(cfg.gains.compensator.rho) / ACC_GAIN * fabs(s) * 4 * DT : 0;
             TEST_ASSERT_DOUBLE_WITHIN(1e-6, k[axis], acc_val(state.smc.k_hat[axis]));
             TEST_ASSERT_DOUBLE_WITHIN(1e-6, mu[axis], acc_val(state.compensator.mu[axis]));
         }
     }
-    TEST_ASSERT_TRUE(k[0] > val(cfg.smc.k_0) && k[1] > val(cfg.smc.k_0) && mu[0] > 0 && mu[1] > 0);
+    TEST_ASSERT_TRUE(k[0] > val(cfg.gains.smc.k_0) && k[1] > val(cfg.gains.smc.k_0) && mu[0] > 0 && mu[1] > 0);
 }
 
 static void test_energy_is_counted_for_both_axes(void)
@@ -787,7 +784,7 @@ static void cogging_on(int axis)
 static void test_without_friction_at_reversal_the_shape_is_the_sign_of_the_reference(void)
 {
     run(CONTROLLER_CASCADE, 20);
-    const vec2 sign = smc_direction(cfg.smc.friction_speed, out.contour.r_dot);
+    const vec2 sign = smc_direction(cfg.gains.smc.friction_speed, out.contour.r_dot);
     TEST_ASSERT_EQUAL_DOUBLE(val(sign.x), val(state.friction.shape.x));
     TEST_ASSERT_EQUAL_DOUBLE(val(sign.y), val(state.friction.shape.y));
     TEST_ASSERT_TRUE(val(sign.y) > 0);
@@ -1069,19 +1066,25 @@ static void test_error_once_a_turn_passes_no_crossover(void)
 
 static void test_copies_of_the_configuration_are_made_anew(void)
 {
-    const struct servo_state before = state;
     state.extras = true;
     state.force_limit.limit = v2(mk(3000), mk(0));
-    state.gains.smc.k_max = mk(0);
-    state.gains.cascade.k_v = mk(0);
-    state.gains.compensator.mu_max = mk(0);
     for (unsigned k = 0; k < SERVO_SLOTS; k++) {
         servo_step(&cfg, &state, &in, &out);
     }
     TEST_ASSERT_FALSE(state.extras);
     TEST_ASSERT_EQUAL_DOUBLE(val(cfg.plant.force_max.x), val(state.force_limit.limit.x));
     TEST_ASSERT_EQUAL_DOUBLE(val(cfg.plant.force_max.y), val(state.force_limit.limit.y));
-    TEST_ASSERT_EQUAL_MEMORY(&before.gains, &state.gains, sizeof before.gains);
+}
+
+static void test_gains_are_those_of_the_configuration_unless_they_are_lowered(void)
+{
+    run(CONTROLLER_CCU, 20);
+    const vec2 expected = out.force;
+    setUp();
+    state.gains = (struct servo_gains){.smc = {.lambda = mk(3)}};
+    run(CONTROLLER_CCU, 20);
+    TEST_ASSERT_EQUAL_DOUBLE(val(expected.x), val(out.force.x));
+    TEST_ASSERT_EQUAL_DOUBLE(val(expected.y), val(out.force.y));
 }
 
 int main(void)
@@ -1147,5 +1150,6 @@ int main(void)
     RUN_TEST(test_error_once_a_turn_belongs_to_what_goes_by_the_users_position);
     RUN_TEST(test_error_once_a_turn_passes_no_crossover);
     RUN_TEST(test_copies_of_the_configuration_are_made_anew);
+    RUN_TEST(test_gains_are_those_of_the_configuration_unless_they_are_lowered);
     return UNITY_END();
 }

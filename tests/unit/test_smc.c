@@ -17,7 +17,7 @@ static struct smc_out out;
  * frame. */
 void setUp(void)
 {
-    cfg = nominal().smc;
+    cfg = nominal().gains.smc;
     cfg.lambda = mk(1);
     cfg.gamma = mk(0.5);
     cfg.k_bar = mk(1.0 / 128);
