@@ -143,7 +143,8 @@ def eds_entry(e: Entry, units: bool, object_description: str = "") -> list[str]:
         lines.append(f"DefaultValue={eds_value(e)}")
     if e.limited and e.access != "const":
         lines += [f"LowLimit={e.low}", f"HighLimit={e.high}"]
-    lines.append(f"PDOMapping={int(e.pdo)}")
+    if e.type.name != "domain":  # CiA 306: a domain has none
+        lines.append(f"PDOMapping={int(e.pdo)}")
     return lines + (additions(e, object_description) if units else [])
 
 
@@ -209,6 +210,7 @@ def eds(device: Device, objects: list[Object], name: str, units: bool) -> str:
                 "LSS_Supported=1",
             ],
         ),
+        ("DeviceComissioning", ["NodeID=1", "Baudrate=1000"]),  # sic, CiA 306; dcfchk wants a $NODEID
         ("DummyUsage", [f"Dummy{i:04d}={int(i > 1)}" for i in range(1, 8)]),
         ("Comments", ["Lines=1", f"Line1={about}"]),
     ]

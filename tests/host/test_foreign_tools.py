@@ -4,6 +4,7 @@ canmatrix, which converts databases of CAN."""
 
 from __future__ import annotations
 
+import configparser
 import logging
 import subprocess
 import sys
@@ -31,10 +32,19 @@ def _run(tool: str, *arguments: str, folder: Path) -> subprocess.CompletedProces
     return subprocess.run([program, *arguments], cwd=folder, capture_output=True, text=True, timeout=120)
 
 
-@pytest.mark.parametrize("node_id", ["1", "31"])
-def test_dcfchk_accepts_the_eds(tmp_path: Path, node_id: str) -> None:
-    done = _run("dcfchk", "-n", node_id, str(EDS), folder=tmp_path)
+@pytest.mark.parametrize("options", [(), ("-n", "31")])
+def test_dcfchk_accepts_the_eds(tmp_path: Path, options: tuple[str, ...]) -> None:
+    done = _run("dcfchk", *options, str(EDS), folder=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_domain_has_no_keys_that_it_has_not_in_cia_306() -> None:
+    """npm's canopen reads no EDS that says whether a domain can be mapped."""
+    eds = configparser.ConfigParser()
+    eds.read(EDS)
+    domains = [section for section in eds.values() if section.get("ObjectType") == "0x2"]
+    assert domains
+    assert not {"pdomapping", "lowlimit", "highlimit"} & {key for section in domains for key in section}
 
 
 def test_dcfgen_makes_a_master_of_the_eds_without_an_option(tmp_path: Path) -> None:

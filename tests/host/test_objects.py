@@ -124,7 +124,8 @@ def test_eds_describes_every_object_and_entry_as_cia_306_wants(sections: configp
         assert section["ParameterName"]
         if section["ObjectType"] in ("0x2", "0x7"):  # a domain, a variable
             assert section["AccessType"] in ("ro", "wo", "rw", "const"), name
-            assert section["PDOMapping"] in ("0", "1"), name
+            mapping = (None,) if section["ObjectType"] == "0x2" else ("0", "1")
+            assert section.get("PDOMapping") in mapping, name
             assert int(section["DataType"], 16) in range(1, 0x1C), name
         else:
             subs = [other for other in sections.sections() if other.startswith(f"{name}sub")]
