@@ -76,12 +76,18 @@ bool cyclic_leaves(const struct cyclic_limits *limits, int64_t nm, int64_t d1, u
     return (d1 > 0 && nm + way + stop > limits->max_nm) || (d1 < 0 && nm + way - stop < limits->min_nm);
 }
 
-/* Put those that are lost before this cycle in their places. */
-static void bridge(struct cyclic_axis *a, uint32_t cycle)
+/* Put those that are lost before this one in their places: on the parabola through it and the newest two. What had been
+ * extrapolated is not kept, since its error would grow from gap to gap. */
+static void bridge(struct cyclic_axis *a, uint32_t cycle, int32_t nm)
 {
-    while ((int32_t)(cycle - a->latest) > 1) {
-        const int64_t lost = state_at(a, a->latest + 1u).pos;
-        store(a, a->latest + 1u, (int32_t)moving_average_round(lost, FINE));
+    const uint32_t from = a->latest;
+    const int64_t gap = (int32_t)(cycle - from);
+    const int64_t p0 = newest(a);
+    const int64_t d1 = p0 - set_point(a, from - 1u);
+    const int64_t bend = nm - p0 - gap * d1;
+    for (int64_t k = 1; k < gap; k++) {
+        const int64_t lost = p0 + k * d1 + moving_average_round(bend * k * (k + 1), gap * (gap + 1));
+        store(a, from + (uint32_t)k, (int32_t)lost);
     }
 }
 
@@ -100,19 +106,18 @@ static void fill(struct cyclic_axis *a, uint32_t cycle, int32_t nm)
 static enum cyclic_result take(struct cyclic *c, int axis, uint32_t cycle, int32_t nm)
 {
     struct cyclic_axis *a = &c->axis[axis];
-    const uint32_t gap = cycle - a->latest;
     if (!a->known) {
         fill(a, cycle, nm);
         return CYCLIC_TAKEN;
     }
-    if (gap >= CYCLIC_PAST) { /* where it is on its way, it is too late for that */
+    if (cycle - a->latest >= CYCLIC_PAST) { /* where it is on its way, it is too late for that */
         fill(a, cycle - 1u, newest(a));
     }
-    bridge(a, cycle);
+    bridge(a, cycle, nm);
     const int64_t before = set_point(a, cycle - 1u);
     const int64_t d1 = nm - before;
     const int64_t d2 = d1 - before + set_point(a, cycle - 2u);
-    const int64_t allowed = a->limits.max_nmpms2 * c->ms * c->ms * (gap > 1u ? (int64_t)gap : 1);
+    const int64_t allowed = a->limits.max_nmpms2 * c->ms * c->ms;
     const int64_t most = allowed < CHANGE_MAX ? allowed : CHANGE_MAX;
     if (d1 > STEP_MAX || d1 < -STEP_MAX) {
         return CYCLIC_RANGE;
