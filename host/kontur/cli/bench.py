@@ -123,17 +123,19 @@ def bus_command(*, bitrate: int, as_json: bool) -> None:
     show_default=True,
     help="Lines of the file that is read and planned; its first knots are timed from when it is read.",
 )
+@click.option("--no-stops", is_flag=True, help="Read and plan a spiral, a file without any stop on its way.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def plan_command(*, lines: int, as_json: bool) -> None:
+def plan_command(*, lines: int, no_stops: bool, as_json: bool) -> None:
     """Plan paths of short lines, and compare their times with the least ones; read and plan a long file.
 
     The limits are those of Table 1 at 100 mm/s, the tolerance is 10 µm. The least times are those of the smooth curves
-    that the lines stand for, or of exact stops where corners are true.
+    that the lines stand for. Where corners are true they are those with exact stops ("stops"), and of any motion within
+    the tolerance, which need not stop.
     """
     from kontur.experiments.bench_plan import bench
 
     with progress_bar("planning") as progress:
-        result = bench(lines, progress)
+        result = bench(lines, progress, not no_stops)
     if as_json:
         print_json(result)
         return

@@ -26,8 +26,10 @@ _TURN = 2.0 * math.pi
 
 LEAST_S = {"circle r 20": 1.319, "circle r 4": 0.3198, "rosette": 1.912, "spiral": 2.425, "trochoid": 1.368}
 """Least times at FEED_MPS within LIMITS, by tests/host/time_optimum.py, which a test compares."""
-LEAST_WITHIN_S = {"square": 1.855, "raster": 1.486}
-"""The same, of any motion within TOLERANCE_M of a square of 40 mm and of a raster, by tests/host/tube_optimum.py."""
+LEAST_WITHIN_S = {"square of 40 mm": 1.855, "square of 10 mm": 0.656, "raster of 5 rows": 1.486, "text": 1.265}
+"""The same, of any motion within TOLERANCE_M of the paths WITHIN, by tests/host/tube_optimum.py."""
+TEXT_STOPS_S = 1.414
+"""The same of the text, with stops at its corners."""
 
 CurveFormula = Callable[[FloatArray, int], FloatArray]
 """A curve by its parameter (n,), or its derivative of some order: (n, 2) in m."""
@@ -73,6 +75,32 @@ def of_curve(curve: CurveFormula, end_u: float, count: int, feed_mps: float = FE
     return lines(curve(np.linspace(0.0, end_u, count + 1), 0), feed_mps, digits=7)
 
 
+def raster(rows: int) -> Program:
+    """Rows of 20 mm along x, to and fro, 0.5 mm apart."""
+    corner = np.arange(2 * rows)
+    return lines(np.stack([0.02 * ((corner + 1) // 2 % 2), 5e-4 * (corner // 2)], axis=1))
+
+
+def text() -> Program:
+    """Four letters, round ones of 36 and 24 lines and pointed ones, and moves from one to the next."""
+    points = [(0.0, 0.0)]
+    for x, radius, count in ((0.002, 1.5e-3, 36), (0.004, 0.0, 4), (0.01, 0.8e-3, 24), (0.011, 0.0, 3)):
+        angle = np.linspace(0.0, 0.9 * _TURN, count + 1)
+        zigzag = np.arange(count + 1)
+        letter = (radius * np.sin(angle), radius * np.cos(angle)) if radius else (1e-3 * zigzag, 4e-3 * (zigzag % 2))
+        points += list(zip(x + letter[0], letter[1], strict=True))
+    return lines(np.array(points), digits=6)
+
+
+WITHIN = {
+    "square of 40 mm": shapes.square(0.04, 0.0, FEED_MPS),
+    "square of 10 mm": shapes.square(0.01, 0.0, FEED_MPS),
+    "raster of 5 rows": raster(5),
+    "text": text(),
+}
+"""Paths with true corners."""
+
+
 @dataclass(frozen=True)
 class Case:
     """A path, and the least time of the smooth curve that it stands for, by the reference of the tests
@@ -83,17 +111,13 @@ class Case:
     least_s: float
 
 
-def raster(rows: int) -> Program:
-    """Rows of 20 mm along x, to and fro, 0.5 mm apart."""
-    corner = np.arange(2 * rows)
-    return lines(np.stack([0.02 * ((corner + 1) // 2 % 2), 5e-4 * (corner // 2)], axis=1))
-
-
 def stops_s(program: Program) -> float:
-    """Least time of lines along the axes with a stop at the end of each, at FEED_MPS and below the acceleration."""
-    length_m = np.array([move.segment.length_m for move in program.moves])
-    jerk = LIMITS.jerk_mps3[0]
-    top = np.minimum((0.5 * length_m * math.sqrt(jerk)) ** (2.0 / 3.0), FEED_MPS)
+    """Least time of lines with a stop at the end of each, at FEED_MPS and below the acceleration."""
+    starts, ends = (np.array([getattr(move.segment, name) for move in program.moves]) for name in ("start_m", "end_m"))
+    step_m = np.abs(ends - starts)
+    length_m = np.hypot(step_m[:, 0], step_m[:, 1])
+    jerk = LIMITS.jerk_mps3[0] * length_m / np.max(step_m, axis=1)
+    top = np.minimum((0.5 * length_m * np.sqrt(jerk)) ** (2.0 / 3.0), FEED_MPS)
     return float(np.sum(length_m / top + 2.0 * np.sqrt(top / jerk)))
 
 
@@ -113,9 +137,9 @@ def cases() -> Iterator[Case]:
     yield Case("circle r 4, one arc", shapes.circle(0.004, FEED_MPS), LEAST_S["circle r 4"])
     line = lines(np.array([[0.0, 0.0], [0.04, 0.0]]))
     yield Case("line of 40 mm, 4000 pieces", lines(np.linspace([0.0, 0.0], [0.04, 0.0], 4001)), stops_s(line))
-    for name, program in (("square of 40 mm", shapes.square(0.04, 0.0, FEED_MPS)), ("raster of 5 rows", raster(5))):
-        yield Case(f"{name}, stops", program, stops_s(program))
-        yield Case(name, program, LEAST_WITHIN_S[name.split()[0]])
+    for name, program in WITHIN.items():
+        yield Case(f"{name}, stops", program, TEXT_STOPS_S if name == "text" else stops_s(program))
+        yield Case(name, program, LEAST_WITHIN_S[name])
 
 
 def waves(count: int) -> str:
@@ -129,10 +153,22 @@ def waves(count: int) -> str:
     return "".join(parts)
 
 
-def bench(count: int, progress: Callable[[float], None]) -> dict[str, Any]:
-    """The ratios of all cases, and the time and memory to read and plan `count` lines: these first, since memory is the
-    most that this process has had."""
-    found = _long(count, progress)
+def spiral_lines(count: int) -> str:
+    """G-code of a spiral in `count` lines of 0.1 mm, from a radius of 5 mm and by 0.5 mm a turn, without any stop."""
+    parts = [f"G21 G90 G0 X5 Y0\nG1 F{FEED_MPS * 6e4:g}\n"]
+    for first in range(1, count + 1, 10_000):
+        length = np.arange(first, min(first + 10_000, count + 1)) * _STEP_M
+        radius = np.sqrt(25e-6 + length * 5e-4 / math.pi)
+        angle = _TURN * (radius - 5e-3) / 5e-4
+        points = 1e3 * radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        parts += ["".join(f"X{a:.4f}Y{b:.4f}\n" for a, b in points)]
+    return "".join(parts)
+
+
+def bench(count: int, progress: Callable[[float], None], stops: bool = True) -> dict[str, Any]:
+    """The ratios of all cases, and the time and memory to read and plan `count` lines, with `stops` or without: these
+    first, since memory is the most that this process has had."""
+    found = _long(waves(count) if stops else spiral_lines(count), progress)
     return {"tolerance_um": TOLERANCE_M * 1e6, "paths": [_ratio(case) for case in cases()]} | found
 
 
@@ -148,10 +184,9 @@ def _ratio(case: Case) -> dict[str, Any]:
     }
 
 
-def _long(count: int, progress: Callable[[float], None]) -> dict[str, Any]:
-    text = waves(count)
+def _long(text: str, progress: Callable[[float], None]) -> dict[str, Any]:
     started, cpu = time.perf_counter(), time.process_time()
-    program = gcode.parse(text, "waves")
+    program = gcode.parse(text, "lines")
     del text
     read = time.perf_counter()
     planning = Planning(program, LIMITS, progress, tolerance_m=TOLERANCE_M)
