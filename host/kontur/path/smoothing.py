@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from kontur.errors import PathError
 from kontur.path.geometry import Arc, Dwell, FloatArray, Line, Move, Program
 from kontur.path.line_arc import LineArcPath
 from kontur.path.polyline import Polyline
@@ -36,6 +37,9 @@ _CORNER_REACH = 4.0  # tolerances from a corner over which its turn is measured,
 _SHORT_S = 3.0
 _MOVES = 20_000  # about as many are smoothed at once, or exact, to bound memory
 _WINDOWS_S = (2.0, 4.0, 8.0, 16.0)  # of motion in the first parts, and in all that follow
+_LONG = 1.5  # of the greatest windows: a stretch that takes more is cut where the motion does not stop
+_AHEAD_S, _AHEAD_M = 1.0, 2e-3  # of path behind a window that its curve is fitted to, too
+_CLOSER = (1.0, 0.5, 0.25, 0.125)  # spacings of the knots that are tried in a window
 _SPEED_MPS, _STOP_S = 1.0, 0.05  # a guess of what a rapid move has, and of what a stop takes
 
 
@@ -61,11 +65,13 @@ class Exact:
 @dataclass(frozen=True)
 class Smooth:
     """Moves of a program that are driven along `path`, smoothed or exact, with a dwell of `dwell_s` (k + 1,) at each of
-    its stops."""
+    its stops. It `continues` the part before it, or `goes_on` in the next one, without a stop if that is possible."""
 
     moves: tuple[Move, ...]
     path: SmoothPath | LineArcPath
     dwell_s: FloatArray
+    continues: bool = False
+    goes_on: bool = False
 
 
 @dataclass
@@ -81,6 +87,12 @@ class _Stretch:
     after: tuple[Dwell, ...]
     duration_s: float
 
+    @property
+    def long(self) -> bool:
+        """Whether it is smoothed window by window."""
+        many = self.last - self.first > _LONG * _MOVES or self.duration_s > _LONG * _WINDOWS_S[-1]
+        return self.smooth and self.last > self.first and many
+
 
 def parts(program: Program, tolerance_m: float, polyline: Polyline | None = None) -> Iterator[Exact | Smooth]:
     """`program` in parts, each from standstill to standstill. `tolerance_m`: of moves that have none of their own.
@@ -93,7 +105,9 @@ def parts(program: Program, tolerance_m: float, polyline: Polyline | None = None
         return
     polyline = polyline or Polyline(moves)
     for batch in _batches(_stretches(program, polyline, tolerance)):
-        if batch[0].smooth:
+        if batch[0].long:
+            yield from _in_windows(program, polyline, batch[0])
+        elif batch[0].smooth:
             yield from _smoothed(moves, polyline, batch)
         else:
             yield from _unsmoothed(moves, batch)
@@ -107,6 +121,47 @@ def _smoothed(moves: tuple[Move, ...], polyline: Polyline, batch: list[_Stretch]
             yield Smooth(moves[chosen[0].first : chosen[-1].last + 1], fit.path(begin, end), _dwells(chosen))
         else:
             yield _exact(moves, chosen)
+
+
+def _in_windows(program: Program, polyline: Polyline, stretch: _Stretch) -> Iterator[Exact | Smooth]:
+    """A long stretch. The curve of each window goes on as that of the one before ends, up to its fourth derivative."""
+    moves, edge_m = program.moves, polyline.edge_m
+    last, windows, most_s = stretch.last, iter(_WINDOWS_S), 0.0
+    time_s = np.append(0.0, np.cumsum(_durations(moves[stretch.first : last + 1], edge_m[stretch.first : last + 2])))
+    first, head = stretch.first, None
+    while first <= last:
+        most_s = next(windows, most_s)
+        now = first - stretch.first
+        end = stretch.first + min(int(np.searchsorted(time_s, time_s[now] + most_s)), now + _MOVES, len(time_s) - 1)
+        if time_s[-1] - time_s[end - stretch.first] < most_s:
+            end = last + 1
+        ahead = stretch.first + int(np.searchsorted(time_s, time_s[end - stretch.first] + _AHEAD_S))
+        ahead = min(last + 1, max(ahead, int(np.searchsorted(edge_m, edge_m[end] + _AHEAD_M))))
+        window = replace(stretch, first=first, last=end - 1)
+        window.before = stretch.before if first == stretch.first else ()
+        window.after = stretch.after if end == last + 1 else ()
+        for spacing in _CLOSER:
+            fit, good = fitted(polyline, [first], ahead - 1, stretch.tolerance_m, head, spacing)
+            if good[0]:
+                break
+        if good[0]:
+            path = fit.path(0, 1).until(float(edge_m[end] - edge_m[first]))
+            yield Smooth(moves[first:end], path, _dwells([window]), head is not None, end <= last)
+            head = np.concatenate([path.derivative(path.stops_m[1:], order) for order in range(5)])
+        elif head is None:
+            yield _exact(moves, [window])
+        else:  # the curve has left the file's path, within the tolerance, so that this cannot go on
+            raise PathError(
+                f"{program.where(moves[first].line)}: no smooth curve within {stretch.tolerance_m * 1e6:g} µm goes on "
+                "from here; use another --tolerance, or 0"
+            )
+        first = end
+
+
+def _durations(moves: tuple[Move, ...], edge_m: FloatArray) -> FloatArray:
+    """About what moves (n,) between the distances `edge_m` (n + 1,) take."""
+    feed = np.fromiter((min(move.feed_mps, _SPEED_MPS) for move in moves), float, len(moves))
+    return np.asarray(np.diff(edge_m) / feed)
 
 
 def _unsmoothed(moves: tuple[Move, ...], batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
@@ -158,7 +213,12 @@ def _batches(stretches: Iterator[_Stretch]) -> Iterator[list[_Stretch]]:
     windows, duration_s = iter(_WINDOWS_S), 0.0
     most_s = next(windows)
     for stretch in stretches:
-        full = batch and (stretch.last - batch[0].first >= _MOVES or (batch[0].smooth and duration_s >= most_s))
+        full = batch and (
+            stretch.long
+            or batch[0].long
+            or stretch.last - batch[0].first >= _MOVES
+            or (batch[0].smooth and duration_s >= most_s)
+        )
         if batch and (full or stretch.smooth != batch[0].smooth or stretch.tolerance_m != batch[0].tolerance_m):
             yield batch
             batch, duration_s = [], 0.0
@@ -193,8 +253,7 @@ def _cut(
     smooth = np.logical_or.reduceat(np.append(bends, False), first) & (tolerance[first] > 0.0)
     if np.any(smooth):  # lines between corners are splines, too: exact ones, and the parts are fewer
         smooth |= np.logical_and.reduceat(polyline.straight, first) & (tolerance[first] > 0.0)
-    feed = np.fromiter((min(move.feed_mps, _SPEED_MPS) for move in moves), float, count)
-    duration = np.add.reduceat(np.diff(polyline.edge_m) / feed, first) + _STOP_S
+    duration = np.add.reduceat(_durations(moves, polyline.edge_m), first) + _STOP_S
     return first.tolist(), last.tolist(), smooth.tolist(), tolerance[first].tolist(), duration.tolist()
 
 

@@ -48,6 +48,11 @@ class SmoothPath:
     def length_m(self) -> float:
         return float(self.stops_m[-1])
 
+    def until(self, length_m: float) -> SmoothPath:
+        """The beginning of a path without stops on its way."""
+        grid = np.append(self.grid_m[self.grid_m < length_m - 1e-9], length_m)
+        return SmoothPath(self.spline, grid, np.array([0.0, length_m]), self.deviation_m)
+
     def derivative(self, s_m: FloatArray, order: int) -> FloatArray:
         """Derivative (n, 2) by the distance along the file's path; order 0 is the point."""
         return np.asarray(self.spline(np.clip(s_m, 0.0, self.stops_m[-1]), order))
@@ -65,13 +70,22 @@ class SmoothPath:
         return np.asarray(cross / np.hypot(first[:, 0], first[:, 1]) ** 3)
 
 
-def fitted(polyline: Polyline, first: list[int], last: int, tolerance_m: float) -> tuple[Fit, npt.NDArray[np.bool_]]:
+def fitted(
+    polyline: Polyline,
+    first: list[int],
+    last: int,
+    tolerance_m: float,
+    head: FloatArray | None = None,
+    spacing: float = 1.0,
+) -> tuple[Fit, npt.NDArray[np.bool_]]:
     """The fit to stretches that begin with the moves `first` and follow one another up to `last`, and which of them are
-    within the tolerance."""
+    within the tolerance. `head` (5, 2): point and derivatives with which a single stretch begins. `spacing`: of the
+    knots, as a share of what is usual.
+    """
     stops = polyline.edge_m[[*first, last + 1]]
     at, turn = polyline.features(first[0], last)
     inside = ~np.isin(at, stops)
-    fit = Fit(polyline, _knots(at[inside], turn[inside], stops, tolerance_m), at[inside], tolerance_m)
+    fit = Fit(polyline, _knots(at[inside], turn[inside], stops, spacing * tolerance_m), at[inside], tolerance_m, head)
     fit.relax()
     late = np.flatnonzero(fit.late())
     for _ in range(_TIGHTENING):
@@ -137,9 +151,17 @@ class Fit:
     """Splines for stretches of a path at once. Their parameter is the distance along them, one after the other; stops
     are knots of full multiplicity."""
 
-    def __init__(self, polyline: Polyline, knots: list[FloatArray], joints: FloatArray, tolerance_m: float) -> None:
+    def __init__(
+        self,
+        polyline: Polyline,
+        knots: list[FloatArray],
+        joints: FloatArray,
+        tolerance_m: float,
+        head: FloatArray | None = None,
+    ) -> None:
         k = _DEGREE
         self._polyline, self._knots, self._joints, self._tolerance_m = polyline, knots, joints, tolerance_m
+        self._head = head
         spans = np.array([len(g) - 1 for g in knots])
         start = np.array([g[0] for g in knots])
         length = np.array([g[-1] - g[0] for g in knots])
@@ -164,6 +186,12 @@ class Fit:
         greville = np.mean([self._t[1 + i : 1 + i + self._n] for i in range(k)], axis=0)
         owner = np.searchsorted(self._first, np.arange(self._n), side="right") - 1
         self._start = polyline.point(greville + self._shift[owner])
+        self._fixed = np.concatenate([self._first[:-1], self._first[1:] - 1])  # coefficients
+        if head is not None:
+            self._fixed = np.append(np.arange(k), self._fixed[1:])
+            basis = BSpline(self._t[: 2 * k + 2], np.eye(k + 1), k)
+            slopes = np.stack([basis(self._t[k], order)[:k] for order in range(k)])
+            self._start[:k] = np.linalg.solve(slopes, head)
         self._step = np.zeros_like(self._start)
         self._rest = polyline.point(at.ravel()).T.reshape(2, *at.shape) - self._values(self._start)
         self._weight = np.ones_like(at)
@@ -187,7 +215,9 @@ class Fit:
     def part(self, stretches: _Index) -> Fit:
         """A fit of some of the stretches, with the weights up to now."""
         inside = np.isin(self._stretch[self._joint_span], stretches)
-        out = Fit(self._polyline, [self._knots[i] for i in stretches], self._joints[inside], self._tolerance_m)
+        out = Fit(
+            self._polyline, [self._knots[i] for i in stretches], self._joints[inside], self._tolerance_m, self._head
+        )
         spans, rows = self._rows(stretches)
         out._weight = self._weight[:, spans]
         out._step = self._step[rows]
@@ -290,7 +320,6 @@ class Fit:
                 right[self._base + i, axis] += np.sum(weighted * self._rest[axis], axis=0)
             for j in range(i, _DEGREE + 1):
                 band[j - i, self._base + i] += np.sum(weighted * self._basis[j], axis=0)
-        ends = np.concatenate([self._first[:-1], self._first[1:] - 1])
-        band[0, ends] *= 1e9  # they stay where they are
-        right[ends] = 0.0
+        band[0, self._fixed] *= 1e9  # they stay where they are
+        right[self._fixed] = 0.0
         self._step = np.asarray(solveh_banded(band, right, lower=True, check_finite=False))

@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -33,9 +34,9 @@ from kontur.errors import PathError
 from kontur.path import smoothing
 from kontur.path.geometry import DURATION_MAX_S, KNOT_S, FloatArray, Move, Program
 from kontur.path.polyline import Polyline
-from kontur.path.smoothing import Exact
+from kontur.path.smoothing import Exact, Smooth
 from kontur.path.spline_fit import SmoothPath
-from kontur.planning import knots, s_curve, time_law
+from kontur.planning import joined, knots, s_curve, time_law
 from kontur.planning.bounds import Limits, pieces_of, planned
 from kontur.planning.checks import (
     RING,
@@ -51,6 +52,7 @@ from kontur.planning.checks import (
     jumps_m,
 )
 from kontur.planning.feed import Bounds, Feed, reached
+from kontur.planning.joined import Windows
 from kontur.planning.knots import POSITION_RANGE_M
 
 __all__ = ["Limits", "PlannerError", "Trajectory", "plan"]
@@ -138,6 +140,7 @@ class Planning:
         self.rows = Rows()
         self._driven: list[Move] = []
         self._bounds = Bounds()
+        self._count = 0  # rows, with those that have no knots yet
         self._jumps_m = np.empty(0)  # of what has no knots yet
 
     def steps(self) -> Iterator[None]:
@@ -172,44 +175,70 @@ class Planning:
 
     def _parts(self) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Distances (n,) and points (n, 2) at each millisecond, part by part."""
-        program, edge_m = self.program, self._polyline.edge_m
-        inside, done, count = planned(self._limits), 0, 0
-        for part in smoothing.parts(program, self._tolerance_m, self._polyline):
-            moves = part.moves
-
-            def share(of_part: float, done: int = done, more: int = len(moves)) -> None:
-                self._report((done + 0.9 * of_part * more) / len(program.moves))
-
-            def check(duration_s: float, count: int = count) -> None:
-                check_duration(program, count * KNOT_S + duration_s)
-
+        edge_m = self._polyline.edge_m
+        inside, done = planned(self._limits), 0
+        windows = Windows(inside, self._limits)
+        for part in smoothing.parts(self.program, self._tolerance_m, self._polyline):
+            at_m = float(edge_m[done])
+            ends = edge_m[done + 1 : done + len(part.moves) + 1] - at_m
+            share = partial(self._share, done, len(part.moves))
             if isinstance(part, Exact):
-                pieces = pieces_of(replace(program, items=part.items), inside, share)
-                control = s_curve.distance(pieces, self._limits.average_s, check, share)
+                yield from self._moved(windows.rest())
+                pieces = pieces_of(replace(self.program, items=part.items), inside, share)
+                control = s_curve.distance(pieces, self._limits.average_s, self._check_more, share)
+                motion = iter([(control, part.moves, at_m)])
+                self._driven += part.moves
             else:
-                feed = np.array([move.feed_mps for move in moves])
-                ends = edge_m[done + 1 : done + len(moves) + 1] - edge_m[done]
-                check(float(np.sum(np.diff(ends, prepend=0.0) / feed)))
+                feed = np.array([move.feed_mps for move in part.moves])
+                self._check_more(float(np.sum(np.diff(ends, prepend=0.0) / feed)))
                 pieces = time_law.pieces(part.path, feed, ends, inside)
-                law = time_law.distances(part.path, part.dwell_s, feed, ends, inside, self._limits, share)
-                control = np.pad(law, 1, mode="edge")
+                motion = self._fastest(part, windows, feed, ends, at_m, share)
                 self.deviation_m = max(self.deviation_m, part.path.deviation_m)
-                if isinstance(part.path, SmoothPath):
-                    moves = (Move(part.path, math.inf, line=moves[0].line),)
             self._bounds.add(pieces)
-            self._jumps_m = np.append(self._jumps_m, edge_m[done] + jumps_m(pieces))
-            self._driven += moves
-            count += len(control) - 2
-            check_duration(program, count * KNOT_S)
+            self._jumps_m = np.append(self._jumps_m, at_m + jumps_m(pieces))
+            yield from self._moved(motion)
+            done += len(part.moves)
+        yield from self._moved(windows.rest())
+
+    def _fastest(
+        self,
+        part: Smooth,
+        windows: Windows,
+        feed: FloatArray,
+        ends: FloatArray,
+        at_m: float,
+        share: Callable[[float], None],
+    ) -> Iterator[joined.Rows]:
+        """The motion along `part`, which begins at the distance `at_m`; its windows may be known to a place in them."""
+        moves = part.moves
+        if isinstance(part.path, SmoothPath):
+            moves = (Move(part.path, math.inf, line=moves[0].line),)
+        self._driven += moves
+        if part.continues or part.goes_on:
+            yield from windows.add(part, moves[0], feed, ends, at_m, share)
+            return
+        yield from windows.rest()
+        law = time_law.distances(part.path, part.dwell_s, feed, ends, windows.limits, self._limits, share)
+        yield np.pad(law, 1, mode="edge"), moves, at_m
+
+    def _moved(self, motion: Iterator[joined.Rows]) -> Iterator[tuple[FloatArray, FloatArray]]:
+        for control, moves, from_m in motion:
+            self._count += len(control) - 2
+            self._check_more(0.0)
             s = s_curve.spline_values(control)
             edge = np.append(0.0, np.cumsum([move.segment.length_m for move in moves]))
             for first in range(0, len(s), knots.ROWS):
                 chunk = s[first : first + knots.ROWS]
                 position = positions(moves, chunk, edge)
                 if self.deviation_m > 0.0:
-                    check_smoothed(program, position, self._travel_m)
-                yield edge_m[done] + chunk, position
-            done += len(part.moves)
+                    check_smoothed(self.program, position, self._travel_m)
+                yield from_m + chunk, position
+
+    def _share(self, done: int, more: int, of_part: float) -> None:
+        self._report((done + 0.9 * of_part * more) / len(self.program.moves))
+
+    def _check_more(self, duration_s: float) -> None:
+        check_duration(self.program, self._count * KNOT_S + duration_s)
 
 
 class Rows:

@@ -22,6 +22,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +31,6 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d
 
 from kontur.path.geometry import KNOT_S, FloatArray
-from kontur.path.line_arc import LineArcPath
-from kontur.path.spline_fit import SmoothPath
 from kontur.planning import knots
 from kontur.planning.bounds import AXIS_SPEED, BEND_LIMITS, Limits, Piece
 
@@ -51,8 +50,19 @@ _AROUND = 24  # ms
 _TINY = 1e-10  # m, nearer than this to a stop is at rest
 _WINDOW = 4000  # samples that are solved for at once, up to the next stop
 
-DrivenPath = SmoothPath | LineArcPath
 _Index = npt.NDArray[np.intp]
+
+
+class DrivenPath(Protocol):
+    """A path by the distance along the file's, which rests at `stops_m` (k + 1,). `grid_m` (n,): distances that are
+    close together where it bends."""
+
+    @property
+    def stops_m(self) -> FloatArray: ...
+    @property
+    def grid_m(self) -> FloatArray: ...
+    def point(self, s_m: FloatArray) -> FloatArray: ...
+    def derivative(self, s_m: FloatArray, order: int) -> FloatArray: ...
 
 
 def distances(
@@ -157,17 +167,7 @@ class _Law:
         return out
 
     def _ratios(self, stretches: list[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        s = np.concatenate(stretches)
-        control = knots.control_points(self.path.point(_spline_values(s)))
-        checked = self.checked
-
-        def ratio(values: FloatArray, limit: tuple[float, float]) -> FloatArray:
-            return np.asarray(np.max(np.abs(values) / np.array(limit), axis=1))
-
-        speed = np.pad(ratio((control[2:] - control[:-2]) / (2.0 * KNOT_S), checked.velocity_mps), 1)
-        acceleration = np.pad(ratio(np.diff(control, 2, axis=0) / KNOT_S**2, checked.acceleration_mps2), 1)
-        between = np.pad(ratio(np.diff(control, 3, axis=0) / KNOT_S**3, checked.jerk_mps3), 2)
-        return speed, acceleration, np.maximum(between[1:], between[:-1])
+        return _ratios(self.path, np.concatenate(stretches), self.checked)
 
     def shares(self, s: FloatArray, rests: _Index) -> FloatArray:
         """Shares (n, 2) of the limits of acceleration and jerk to plan with at the samples `s`, so that they are kept
@@ -188,6 +188,25 @@ class _Law:
             of_each = np.split(excess, ends)
             stretches = [_slower(one, e) if np.max(e) > 1.0 else one for one, e in zip(stretches, of_each, strict=True)]
         return stretches
+
+
+def _ratios(path: DrivenPath, control_m: FloatArray, checked: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Speed, acceleration and jerk (n,) over their limits of the axis that comes nearest to them, for control points
+    (n,) of the distance."""
+    control = knots.control_points(path.point(_spline_values(control_m)))
+
+    def ratio(values: FloatArray, limit: tuple[float, float]) -> FloatArray:
+        return np.asarray(np.max(np.abs(values) / np.array(limit), axis=1))
+
+    speed = np.pad(ratio((control[2:] - control[:-2]) / (2.0 * KNOT_S), checked.velocity_mps), 1)
+    acceleration = np.pad(ratio(np.diff(control, 2, axis=0) / KNOT_S**2, checked.acceleration_mps2), 1)
+    between = np.pad(ratio(np.diff(control, 3, axis=0) / KNOT_S**3, checked.jerk_mps3), 2)
+    return speed, acceleration, np.maximum(between[1:], between[:-1])
+
+
+def excess(path: DrivenPath, control_m: FloatArray, checked: Limits, edge: int) -> float:
+    """The greatest of the speed, acceleration and jerk over their limits, but in so many rows at either end."""
+    return max(float(np.max(one[edge:-edge])) for one in _ratios(path, control_m, checked))
 
 
 def samples(grid_m: FloatArray) -> FloatArray:
