@@ -95,6 +95,11 @@ class Device(Objects):
         x, y = self.position_nm()
         return (x * wire.M_PER_NM, y * wire.M_PER_NM)
 
+    def demand_m(self) -> tuple[float, float]:
+        """Where the drive holds its enabled axes (6062h)."""
+        x, y = (int(self.read(f"position_demand_{axis}")) * wire.M_PER_NM for axis in "xy")
+        return (x, y)
+
     def select_controller(self, name: str) -> None:
         """Use a controller from now on, by either of its names. Raises ParameterError."""
         self.write("controller.select", CONTROLLERS.index(named(name)))

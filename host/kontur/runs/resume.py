@@ -98,7 +98,7 @@ def return_to(device: Device, left: Left, limits: Limits, operator: Operator) ->
 
 def go_straight(device: Device, to_m: tuple[float, float], limits: Limits, operator: Operator) -> None:
     """Let the enabled axes go to `to_m` in a straight line. Raises KeyboardInterrupt: the operator requested a stop."""
-    here_m = device.position_m()
+    here_m = device.demand_m()
     line = Program("approach", (Move(Line(here_m, to_m), LINE_FEED_MPS),), here_m)
     only_stop = Operator(stop_requested=operator.stop_requested)
     if not stream(device, plan(line, limits).knots_nm, only_stop).completed:

@@ -70,7 +70,7 @@ class RunOptions:
 
 
 DEFAULTS = RunOptions()
-PLACED_WITHIN_M = 1e-6  # of the start: a simulated drive begins its path there
+_AT_START_M = 1e-6  # where the axes are held so near the start, the path begins there
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _run(
                 if left is None:
                     placed = target.in_process and target.place_at_start
                     _go_to_start(device, trajectory.program.start_m, options.approach, operator,
-                                 limits(target.machine) if placed else None)  # fmt: skip
+                                 limits(target.machine), placed)  # fmt: skip
                 driven, streamed = _move(device, trajectory, left, recorder, options, operator, limits(target.machine))
             if isinstance(trajectory, Ahead) and trajectory.error is not None:
                 raise trajectory.error
@@ -234,17 +234,23 @@ def _move(
 
 
 def _go_to_start(
-    device: Device, start_m: tuple[float, float], approach: Limits | None, operator: Operator, placed: Limits | None
+    device: Device,
+    start_m: tuple[float, float],
+    approach: Limits | None,
+    operator: Operator,
+    bounds: Limits,
+    placed: bool,
 ) -> None:
-    """Go to the start within the limits `approach`. Axes that the simulator has put there go the last bit, within the
-    limits `placed`: their encoders may see them elsewhere, and they may have crept."""
-    here_m = device.position_m()
-    window_m = device.read("limits.start_window") * 1e-6
+    """Go to the start within the limits `approach`. The last bit, within which the drive would begin the path with a
+    step, it goes without them, too, within `bounds`; so do axes that the simulator has `placed` there: their encoders
+    may see them elsewhere, and they may have crept."""
+    here_m = device.demand_m()
+    near_m = resume.RETURN_MAX_M if placed else device.read("limits.start_window") * 1e-6
     away_m = max(abs(a - b) for a, b in zip(here_m, start_m, strict=True))
-    if placed is not None and PLACED_WITHIN_M < away_m <= resume.RETURN_MAX_M:
-        resume.go_straight(device, start_m, placed, operator)
+    if away_m <= _AT_START_M:
         return
-    if away_m <= window_m:
+    if away_m <= near_m:
+        resume.go_straight(device, start_m, bounds, operator)
         return
     if approach is None:
         raise DeviceError(
