@@ -7,6 +7,8 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,13 +72,17 @@ def test_report_says_where_the_drive_stopped_and_shows_no_text_of_others_as_html
     assert page.count("<img") == 1
 
 
-@pytest.mark.parametrize(("stops", "words"), [("fault", "stopped on r4@20 ccw"), ("high", "exceeds 2.2")])
+@pytest.mark.parametrize(
+    ("stops", "words"),
+    [("fault", "on r4@20 ccw with the new gains, the drive stopped in ccw: FF1Fh"), ("high", "exceeds 2.2")],
+)
 def test_proof_that_does_not_hold_says_why_and_the_code_is_1(
     stops: str, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def measured(target: Target, candidates: Sequence[Candidate], *_: object) -> Evidence:
         good = Proof("r4@20 ccw", "ccu", 3.0, 1.0, 1.9, 2.0)
-        return Evidence([replace(good, after_um=None) if stops == "fault" else replace(good, ms_measured=2.3)])
+        stopped = replace(good, after_um=None, after_stopped="the drive stopped in ccw: FF1Fh")
+        return Evidence([stopped if stops == "fault" else replace(good, ms_measured=2.3)])
 
     monkeypatch.setattr(prove, "candidate", lambda model, name, values: None)
     monkeypatch.setattr(prove, "prove", measured)
@@ -90,14 +96,42 @@ def test_circle_on_which_the_drive_stops_counts_and_a_drive_that_is_held_does_no
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fails(error: Exception) -> None:
-        def circle_test(*_: object, **__: object) -> object:
+        def circle_test(setup: object, feeds: object, bounds: object, target: object, progress: Any, *_: object) -> Any:
+            progress("20 mm/s, cw", 0.0)
             raise error
 
         monkeypatch.setattr(prove, "circle_test", circle_test)
 
     _, setup = prove._circles(Target(), "ccu", 0.004, 0.02)
     fails(EmcyError(0x8611, 1, b"", "following"))
-    assert prove._run(Target(), setup, 0.02, lambda: False, None) == (None, (None, None))
+    found = prove._run(Target(), setup, 0.02, lambda: False, None)
+    assert found == (None, (None, None), "the drive stopped in cw: following")
     fails(HeldError("held"))
     with pytest.raises(HeldError):
         prove._run(Target(), setup, 0.02, lambda: False, None)
+
+
+def test_why_the_drive_stopped_is_in_the_text_the_json_and_the_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def circle_test(setup: Any, feeds: object, bounds: object, target: object, progress: Any, *_: object) -> Any:
+        progress("20 mm/s, cw", 0.0)
+        raise EmcyError(0xFF1F, 1, b"", "the drive reports FF1Fh: an axis oscillated. Remedy: lower the gains <i>")
+
+    response = SimpleNamespace(hz=np.array([50.0]), sensitivity=np.array([1.5]), sensitivity_sigma=np.array([0.1]))
+    monkeypatch.setattr(prove, "_CIRCLES", ((0.004, 0.02),))
+    monkeypatch.setattr(prove, "_sensitivity", lambda *_: (response, response))
+    monkeypatch.setattr(prove, "circle_test", circle_test)
+    report = tmp_path / "proof.html"
+    ask = ["prove", "--params", str(DESIGN), "-o", str(report)]
+    done = CliRunner().invoke(main, [*ask, "--json"])
+    assert done.exit_code == 1
+    why = "the drive stopped in cw: the drive reports FF1Fh: an axis oscillated. Remedy: lower the gains <i>"
+    row = json.loads(done.stdout)["proof"][0]
+    assert (row["after_um"], row["before_stopped"], row["after_stopped"]) == (None, why, why)
+    page = report.read_text()
+    assert "<li>ccu, r4@20, after: the drive stopped in cw: the drive reports FF1Fh" in page
+    assert page.count("lower the gains &lt;i&gt;") == 3  # the verdict, before and after
+    done = CliRunner().invoke(main, ask)
+    assert f"ccu: r4@20, after: {why}." in done.stderr
+    assert "on r4@20 ccw with the new gains, the drive stopped in cw" in done.stderr

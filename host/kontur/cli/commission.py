@@ -7,7 +7,7 @@ import dataclasses
 import json
 import signal
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,7 +41,7 @@ _STEPS = {
     "prove": "The sensitivity of each axis is measured with the new gains, and circles are run in both senses at two "
     "speeds, before and after.",
 }
-HEADINGS = {
+_HEADINGS = {
     "case": "circle",
     "controller": "controller",
     "before_um": "before µm",
@@ -185,6 +185,11 @@ def _commission(target: Target, asked: _Asked, stop_requested: StopRequest, resu
         progress.end()
 
 
+def show_proof(rows: Sequence[Mapping[str, Any]]) -> None:
+    """A table of the circles."""
+    print_table([{key: row[key] for key in _HEADINGS} for row in rows], "Proof", _HEADINGS)
+
+
 def _within_limits(machine: Machine, device: Device) -> Machine:
     """The machine with the soft limits of a drive on a bus, where these are narrower."""
     axes = {}
@@ -307,7 +312,7 @@ def _prove(
     evidence = prove.prove(target, candidates, restored, asked.say, stop_requested, drive_of, view())
     result["proof"] = [one.as_json() for one in evidence.proof]
     if not asked.as_json:
-        print_table(result["proof"], "Proof", HEADINGS)
+        show_proof(result["proof"])
     problem = prove.problem_of(evidence.proof, _CONTROLLERS[0])
     verdict = f"Not stored: {problem}" if problem else "The proof holds; the parameters are stored in the drive."
     filed.write_report(asked.out / "proof.html", verdict, about, evidence, candidates, before)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from kontur import machine as machines
-from kontur.cli.commission import HEADINGS
+from kontur.cli.commission import show_proof
 from kontur.cli.live_page import view
 from kontur.cli.options import (
     CONTROLLER,
@@ -21,7 +21,7 @@ from kontur.cli.options import (
     parameters_of,
     target_options,
 )
-from kontur.cli.output import print_json, print_table
+from kontur.cli.output import print_json
 from kontur.drive.controllers import described
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def command(
     if as_json:
         print_json({"proof": rows, "holds": not problem, "problem": problem})
     else:
-        print_table(rows, "Proof", HEADINGS)
+        show_proof(rows)
     if problem:
         click.echo(f"The proof does not hold: {problem}", err=True)
         sys.exit(1)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from kontur.commissioning.prove import Candidate, Evidence
+from kontur.commissioning.prove import Candidate, Evidence, stops
 from kontur.drive.device import Device
 from kontur.drive.target import Target
 from kontur.machine import told_text
@@ -54,6 +54,7 @@ def write_report(
         for name, value in candidates[0].parameters.items()
         if before.get(name) != value
     ]
-    write_proof_report(
-        path, verdict, about, [one.as_json() for one in evidence.proof], curves, evidence.circles, changed
-    )
+    rows = [
+        {key: value for key, value in one.as_json().items() if not key.endswith("_stopped")} for one in evidence.proof
+    ]
+    write_proof_report(path, verdict, about, rows, curves, evidence.circles, changed, stops(evidence.proof))

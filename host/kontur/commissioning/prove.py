@@ -35,8 +35,9 @@ _FORCE_PER_KG, _LEAST_N = 0.3, 10.0
 @dataclass(frozen=True)
 class Proof:
     """A circle under a controller. Errors are means in µm: the true ones of a simulation, the drive's own estimates on
-    a bus; None: the drive stopped. `ms_*`: of both axes the larger. `iso_*`: circularity of both senses together, G(b)
-    of ISO 230-4, of the same circles, by the true position where it is known."""
+    a bus; None: the drive stopped, `*_stopped` says in which sense and why. `ms_*`: of both axes the larger. `iso_*`:
+    circularity of both senses together, G(b) of ISO 230-4, of the same circles, by the true position where it is known.
+    """
 
     case: str
     controller: str
@@ -46,6 +47,8 @@ class Proof:
     ms_measured: float
     iso_before_um: float | None = None
     iso_after_um: float | None = None
+    before_stopped: str | None = None
+    after_stopped: str | None = None
 
     def as_json(self) -> dict[str, object]:
         return asdict(self)
@@ -98,21 +101,37 @@ def prove(
         for radius_m, feed_mps in _CIRCLES:
             case, setup = _circles(target, one.controller, radius_m, feed_mps)
             say(f"{one.controller}: {case} in both senses, before and after")
-            tests, errors_um = [], []
-            for parameters in (before, one.parameters):
-                test, error_um = _run(target, replace(setup, parameters=parameters), feed_mps, stop_requested, watch)
+            tests, errors_um, stopped = [], [], []
+            for when, parameters in (("before", before), ("after", one.parameters)):
+                test, error_um, why = _run(
+                    target, replace(setup, parameters=parameters), feed_mps, stop_requested, watch
+                )
                 tests.append(test)
                 errors_um.append(error_um)
+                stopped.append(why)
+                if why is not None:
+                    say(f"{one.controller}: {case}, {when}: {why.removesuffix('.')}")
             found.circles[one.controller, case] = (tests[0], tests[1])
             iso_um = [None if test is None else test.circles[0].best.figures.g_both_um for test in tests]
             for i, sense in enumerate(_SENSES):
                 found.proof.append(
                     Proof(
                         f"{case} {sense}", one.controller, errors_um[0][i], errors_um[1][i],
-                        max(largest(one.axes)), measured, iso_um[0], iso_um[1],
+                        max(largest(one.axes)), measured, iso_um[0], iso_um[1], stopped[0], stopped[1],
                     )
                 )  # fmt: skip
     return found
+
+
+def stops(proof: Sequence[Proof]) -> list[str]:
+    """Where and why the drive stopped, a line for each circle."""
+    lines = [
+        f"{one.controller}, {one.case.rsplit(maxsplit=1)[0]}, {when}: {why}"
+        for one in proof
+        for when, why in (("before", one.before_stopped), ("after", one.after_stopped))
+        if why is not None
+    ]
+    return list(dict.fromkeys(lines))
 
 
 def problem_of(proof: Sequence[Proof], controller: str) -> str:
@@ -122,7 +141,7 @@ def problem_of(proof: Sequence[Proof], controller: str) -> str:
         if one.ms_measured > MS_MAX:
             return f"the measured Ms of {one.ms_measured:.2f} exceeds {MS_MAX:g}; ask for a quieter design: --for quiet"
         if one.after_um is None:
-            return f"the drive stopped on {one.case} with the new gains"
+            return f"on {one.case} with the new gains, {one.after_stopped}"
     before = [one.before_um for one in kept if one.before_um is not None]
     after = [one.after_um for one in kept if one.after_um is not None]
     if len(before) == len(after) and sum(after) > sum(before):
@@ -177,14 +196,21 @@ def _circles(target: Target, controller: str, radius_m: float, feed_mps: float) 
 
 def _run(
     target: Target, setup: Circles, feed_mps: float, stop_requested: Callable[[], bool], watch: Watcher | None
-) -> tuple[CircleTest | None, tuple[float | None, float | None]]:
-    """The circular test and the mean errors in µm of both senses; None where the drive stopped by itself."""
+) -> tuple[CircleTest | None, tuple[float | None, float | None], str | None]:
+    """The circular test and the mean errors in µm of both senses; where the drive stopped by itself, in place of them
+    in which sense and why."""
     bounds = limits(target.machine)
+    on = _SENSES[0]
+
+    def progress(what: str, share: float) -> None:
+        nonlocal on
+        on = what.rsplit(maxsplit=1)[1]
+
     try:
-        ((circle, runs),) = circle_test(setup, [feed_mps], bounds, target, stop_requested=stop_requested, watch=watch)
+        ((circle, runs),) = circle_test(setup, [feed_mps], bounds, target, progress, stop_requested, watch)
     except (NoAnswerError, HeldError):
         raise
-    except DeviceError:
-        return None, (None, None)
+    except DeviceError as error:
+        return None, (None, None), f"the drive stopped in {on}: {error}"
     ccw_um, cw_um = (summary.summarise(run.log).mean_um for run in runs)
-    return CircleTest(setup.radius_m * 1e3, {"controller": setup.controller}, (circle,)), (ccw_um, cw_um)
+    return CircleTest(setup.radius_m * 1e3, {"controller": setup.controller}, (circle,)), (ccw_um, cw_um), None

@@ -63,7 +63,9 @@ def circle_test(
     for feed, both in zip(feeds_mps, planned, strict=True):
         runs = []
         for sense, trajectory in zip(SENSES, both, strict=True):
-            operator = Operator(_named(progress, f"{feed * 1e3:g} mm/s, {sense}"), stop_requested)
+            what = f"{feed * 1e3:g} mm/s, {sense}"
+            progress(what, 0.0)
+            operator = Operator(_named(progress, what), stop_requested)
             options = RunOptions(
                 parameters=setup.parameters, approach=setup.approach, score_from_s=setup.score_from_s, watch=watch
             )

@@ -56,9 +56,12 @@ def write_proof_report(
     curves: Mapping[str, tuple[Curve, Curve]],
     circles: Mapping[tuple[str, str], tuple[CircleTest | None, CircleTest | None]],
     parameters: Sequence[Mapping[str, Any]],
+    stops: Sequence[str] = (),
 ) -> None:
     """Write the report. `verdict`: one sentence; `proof`, `parameters`: rows of tables; `curves`: of x and y by
-    controller; `circles`: tests before and after by controller and circle. Raises FileError."""
+    controller; `circles`: tests before and after by controller and circle; `stops`: where and why the drive stopped.
+
+    Raises FileError."""
     with style():
         pictures = [
             pictured(_sensitivity(pair), f"{name}: sensitivity", "Lines: predicted; points: measured on the drive.",
@@ -74,9 +77,11 @@ def write_proof_report(
             for (name, case), (before, after) in circles.items() if after is not None
         ]  # fmt: skip
     shown = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in facts.items())
+    stopped = "".join(f"<li>{escape(text)}</li>" for text in stops)
     content = "\n".join(
         [
             _table("Proof", proof, _NOTE),
+            f"<section><h2>Where the drive stopped</h2><ul>{stopped}</ul></section>" if stops else "",
             f'<div class="pair">{"".join(pictures)}</div>',
             f'<section><h2>What was measured</h2><dl class="facts">{shown}</dl></section>',
             _table("Parameters that changed", parameters, "") if parameters else "",
