@@ -155,7 +155,7 @@ def test_steps_of_another_machine_are_not_taken(tmp_path: Path, monkeypatch: pyt
     done = commission(tmp_path, "--machine", str(MACHINES / "stiff_scale.toml"), "--untold")
     assert done.exit_code == 1
     assert "progress.json: is of a commissioning that was broken off with another machine" in done.stderr
-    assert "delete it to begin anew" in done.stderr
+    assert "name another folder with --out, or delete this file to begin anew" in done.stderr
     assert steps.did == []
     (tmp_path / "progress.json").write_text("[1]")
     assert "is not what kontur commission writes" in commission(tmp_path).stderr

@@ -7,7 +7,9 @@ import dataclasses
 import json
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +21,7 @@ from kontur.cli.live_page import view
 from kontur.cli.options import NumberRange, StopRequest, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.drive.axes import AXES
-from kontur.errors import FileError, KonturError
+from kontur.errors import FileError, InputError, KonturError
 from kontur.files import write_atomically
 
 if TYPE_CHECKING:
@@ -95,18 +97,23 @@ def command(
     except OSError as error:
         raise FileError(out, f"cannot be made: {error.strerror}") from error
     asked = _Asked(out, aim, force_N, speed * 1e-3, index_mm, length_checked, yes, as_json)
-    result: dict[str, Any] = {"axes": {}, "design": {}, "proof": [], "saved": False}
+    result: dict[str, Any] = {"axes": {}, "design": {}, "proof": [], "saved": False, "time": {}}
+    begun, worth_keeping = None, True
     try:
         with interruptible() as stop_requested:
-            _commission(target, asked, stop_requested, result)
+            begun = _begin(target, asked)
+            _commission(begun, asked, stop_requested, result)
+            if not as_json:
+                _show_time(result["time"])
     except KeyboardInterrupt:
         click.echo("Interrupted: the axes have slowed down, and the parameters are as they were.", err=True)
         sys.exit(stop_requested.exit_code)
     except KonturError as error:
         result["diagnosis"] = {"kind": getattr(error, "kind", "error"), "text": str(error)}
+        worth_keeping = bool(result["axes"]) or not isinstance(error, InputError)
         raise
     finally:
-        if result["axes"] or "diagnosis" in result:  # else the record of an earlier one stays
+        if begun is not None and worth_keeping and (result["axes"] or "diagnosis" in result):
             _write(out, result)
         if as_json:
             print_json(result)
@@ -136,38 +143,57 @@ class _Asked:
         if not self.as_json or not self.yes:
             click.echo(f"\n{step}: {_STEPS[step]}", err=True)
         if not self.yes:
-            _ask(lambda: click.confirm("Go on?", abort=True, err=True))
+            _go_on("Go on?")
 
 
 class _Gauge:
     """A gauge that the user reads."""
 
     def ready(self, axis: str) -> None:
-        _ask(
-            lambda: click.confirm(
-                f"Axis {axis} will move slowly by some 20 mm. Set a gauge or a rule at it to zero. Ready?",
-                abort=True, err=True,
-            )
-        )  # fmt: skip
+        _go_on(f"Axis {axis} will move slowly by some 20 mm. Set a gauge or a rule at it to zero. Ready?")
 
     def distance_m(self, axis: str, counted_m: float) -> float:
         text = f"How far has axis {axis} moved, in mm"
         return float(_ask(lambda: click.prompt(text, type=NumberRange(0.001, 2000.0), err=True))) * 1e-3
 
 
+def _go_on(question: str) -> None:
+    """Raises InputError where the answer is no."""
+    if not _ask(lambda: click.confirm(question, err=True)):
+        raise InputError("Not gone on. Nothing was stored; the same command goes on after the last step that was done.")
+
+
 def _ask(question: Callable[[], Any]) -> Any:
-    """The answer; Ctrl-C meanwhile is one at once."""
+    """The answer; Ctrl-C meanwhile is one at once. Raises InputError: there is nobody to answer."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
+        if sys.stdin is None:
+            raise EOFError
         return question()
+    except (click.Abort, EOFError) as error:
+        if isinstance(error.__context__, KeyboardInterrupt):
+            raise KeyboardInterrupt from error
+        raise InputError(
+            "nobody can answer this question, since the standard input has ended: answer in a terminal, or give --yes, "
+            "and where a gauge is asked for also --index-distance or --length-checked"
+        ) from error
     finally:
         signal.signal(signal.SIGINT, before)
 
 
-def _commission(target: Target, asked: _Asked, stop_requested: StopRequest, result: dict[str, Any]) -> None:
+@dataclass(frozen=True)
+class _Begun:
+    """A commissioning whose drive has answered, and whose folder is its own. `before`: parameters of the drive."""
+
+    target: Target
+    progress: Progress
+    about: Mapping[str, str]
+    before: Mapping[str, float]
+
+
+def _begin(target: Target, asked: _Asked) -> _Begun:
     from kontur.commissioning import filed
     from kontur.commissioning.folder import Progress, identity
-    from kontur.commissioning.session import commissioned
 
     with drive_of(target) as device:
         about = filed.facts(target, device)
@@ -177,12 +203,45 @@ def _commission(target: Target, asked: _Asked, stop_requested: StopRequest, resu
         now = device.parameters.dump()
     before = progress.done("before", {}) or now
     progress.keep("before", {}, before)
-    with commissioned(target, before, lambda text: click.echo(text, err=True)) as session:
+    return _Begun(target, progress, about, before)
+
+
+def _commission(begun: _Begun, asked: _Asked, stop_requested: StopRequest, result: dict[str, Any]) -> None:
+    from kontur.commissioning.session import commissioned
+
+    target, progress = begun.target, begun.progress
+    with commissioned(target, begun.before, lambda text: click.echo(text, err=True)) as session:
         phases = _identify(target, asked, progress, stop_requested, result)
         after = _tune(target, asked, progress, phases, stop_requested, result)
-        _prove(target, asked, after, before, session, about, stop_requested, result)
+        with _timed(target) as taken:
+            _prove(target, asked, after, begun.before, session, begun.about, stop_requested, result)
+        _add_time("prove", taken, result)
     if result["saved"]:
         progress.end()
+
+
+@contextmanager
+def _timed(target: Target) -> Iterator[dict[str, float]]:
+    """What a step takes of the drive's time, and of this program's processor time; known at the end."""
+    drive_s, computing_s = target.stopwatch.drive_s, time.process_time()
+    taken: dict[str, float] = {}
+    yield taken
+    taken["drive_s"] = round(target.stopwatch.drive_s - drive_s, 3)
+    taken["computing_s"] = round(time.process_time() - computing_s, 3)
+
+
+def _add_time(step: str, taken: Mapping[str, float], result: dict[str, Any]) -> None:
+    """Add what a step took to the sum."""
+    steps = result["time"].get("steps", {}) | {step: taken}
+    result["time"] = {name: round(sum(one[name] for one in steps.values()), 3) for name in taken} | {"steps": steps}
+
+
+def _show_time(taken: Mapping[str, Any]) -> None:
+    click.echo(
+        f"It took {taken['drive_s']:.0f} s of the drive's time and {taken['computing_s']:.0f} s of computing (with the "
+        "simulation, where the drive is simulated in this process).",
+        err=True,
+    )
 
 
 def show_proof(rows: Sequence[Mapping[str, Any]]) -> None:
@@ -220,7 +279,7 @@ def _identify(
         asked.explain("identify")
         ratings = {f"plant_{name}.force_limit": getattr(target.machine, name).force_limit_N for name in AXES}
         gauge = None if asked.yes or target.in_process or asked.length_checked else _Gauge()
-        with drive_of(target) as device:
+        with _timed(target) as taken, drive_of(target) as device:
             agreed = agreed_of(target, device, AXES, ratings, asked.force_N, asked.speed_mps, asked.index_mm, gauge)
             unproven = [name for name, one in agreed.items() if one.index_m == 0.0 and one.gauge is None]
             if unproven and not target.in_process and not asked.length_checked:
@@ -236,12 +295,14 @@ def _identify(
             "axes": {name: machine_file.as_json(one) for name, one in found.items()},
             "machine": machine_file.text(machine),
             "parameters": machine_file.parameters(found),
+            "time": taken,
         }
         _pictures(asked.out, found)
         progress.keep("identify", options, kept)
         if not asked.as_json:
             show(found)
     result["axes"] = kept["axes"]
+    _add_time("identify", kept["time"], result)
     write_atomically(asked.out / "machine.toml", kept["machine"].encode())
     parameters: dict[str, float] = kept["parameters"]
     return parameters
@@ -267,14 +328,17 @@ def _tune(
     else:
         asked.explain("tune")
         machine = load(asked.out / "machine.toml")
-        designs = [_design(machine, name, ms, force_step_N, stop_requested) for name in _CONTROLLERS]
+        with _timed(target) as taken:
+            designs = [_design(machine, name, ms, force_step_N, stop_requested) for name in _CONTROLLERS]
         asked.say(designs[0].limit.removesuffix("."))
         kept = {
             "design": {one.controller: _as_json(one) for one in designs},
             "after": {one.controller: {**one.parameters, **phases} for one in designs},
+            "time": taken,
         }
         progress.keep("tune", options, kept)
     result["design"] = kept["design"]
+    _add_time("tune", kept["time"], result)
     after: dict[str, dict[str, float]] = {
         name: {
             key: value

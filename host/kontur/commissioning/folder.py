@@ -16,13 +16,15 @@ from kontur.files import read_text, write_atomically
 _NAME = "progress.json"
 _OF_THE_AXIS = ("wiring_", "second_encoder_", "position_limit_")
 """Parameters, besides the lengths of counts, that make an axis another one for what was found."""
+_OF_THE_RESULT = ("drive", "machine")
+"""What a finished folder belongs to. A commissioning may have set the rest itself."""
 
 
 def identity(target: Target, device: Device) -> dict[str, Any]:
-    """What drive, what machine, and how it is wired."""
+    """What drive, what machine, and how it is wired. Serial number and node tell two drives of one kind apart."""
     names = [name for name in device.declared if name.startswith(_OF_THE_AXIS) or name.endswith(".encoder")]
     return {
-        "drive": [str(device.read("device_name")), int(device.read("identity.serial"))],
+        "drive": [str(device.read("device_name")), int(device.read("identity.serial")), target.node_id],
         "machine": json.loads(json.dumps(target.machine.described())),
         "told": target.told if target.in_process else None,
         "wiring": {name: device.read(name) for name in names},
@@ -30,10 +32,10 @@ def identity(target: Target, device: Device) -> dict[str, Any]:
 
 
 class Progress:
-    """The steps in a folder that are done. Each has the options that it was done with."""
+    """The steps in a folder that are done, each with the options that it was done with; or that all of them are."""
 
     def __init__(self, out: Path, who: Mapping[str, Any]) -> None:
-        """Go on with what is in `out`, or begin. Raises FileError where steps of another drive or machine are done."""
+        """Go on with what is in `out`, or begin. Raises FileError where it is another drive's or machine's."""
         self.file = out / _NAME
         self._steps: dict[str, Any] = {"who": dict(who)}
         if not self.file.exists():
@@ -41,18 +43,20 @@ class Progress:
         try:
             steps = json.loads(read_text(self.file))
             before = steps["who"]
-            changed = [name for name in who if before.get(name) != who[name]]
+            ended = bool(steps.get("ended"))
+            of = _OF_THE_RESULT if ended else tuple(who)
+            changed = [name for name in of if before.get(name) != who[name]]
         except (ValueError, LookupError, TypeError, AttributeError) as error:
             raise FileError(self.file, "is not what kontur commission writes; delete it to begin anew") from error
-        if changed and not steps.keys() > {"who", "before"}:
-            return  # no step is done yet: the user has mended something
-        if changed:
+        if changed and (ended or steps.keys() > {"who", "before"}):
             raise FileError(
                 self.file,
-                f"is of a commissioning that was broken off with another {' and '.join(changed)}; delete it to begin "
-                "anew, or name another folder with --out",
+                f"is of a commissioning that {'was finished' if ended else 'was broken off'} with another "
+                f"{' and '.join(changed)}; name another folder with --out, or delete this file to "
+                f"{'overwrite what is in this one' if ended else 'begin anew'}",
             )
-        self._steps = steps
+        if not changed and not ended:  # what has changed before the first step is done was mended
+            self._steps = steps
 
     def done(self, step: str, options: Mapping[str, Any]) -> Any:
         """What `step` has found with these options; None where it is not done."""
@@ -65,5 +69,5 @@ class Progress:
         write_atomically(self.file, (json.dumps(self._steps) + "\n").encode())
 
     def end(self) -> None:
-        """All is done: the next one begins anew."""
-        self.file.unlink(missing_ok=True)
+        """All is done: the next one with the same drive and machine begins anew. Raises FileError."""
+        write_atomically(self.file, (json.dumps({"who": self._steps["who"], "ended": True}) + "\n").encode())

@@ -18,6 +18,13 @@ SIMULATED = "kontur"
 BAD_BUS = "kontur-bad-bus"
 
 
+@dataclass
+class Stopwatch:
+    """`drive_s`: for how long connections to a drive were open, by its own time."""
+
+    drive_s: float = 0.0
+
+
 @dataclass(frozen=True)
 class Target:
     """Which drive. `bus` are python-can's options; None: a drive that is simulated in this process.
@@ -31,7 +38,8 @@ class Target:
     simulated in this process is told of `machine` (kontur.machine.TOLD, COMPENSATIONS). A drive on a bus is told
     nothing: it keeps its parameters.
 
-    `plant` makes a machine in Python that a drive in this process moves, in place of the simulator's.
+    `plant` makes a machine in Python that a drive in this process moves, in place of the simulator's. `stopwatch` runs
+    while open_drive() is open, of this target and of those that are made of it by replace().
     """
 
     machine: Machine = field(default_factory=load)
@@ -45,6 +53,7 @@ class Target:
     told: str = ALL
     compensation: str = FULL
     plant: MakePlant | None = None
+    stopwatch: Stopwatch = field(default_factory=Stopwatch, compare=False)
 
     @property
     def in_process(self) -> bool:
@@ -77,7 +86,11 @@ def open_drive(target: Target) -> Iterator[Device]:
         device.pdos.may_set = target.set_pdos
         if simulated(device.link.bus):
             device.parameters.set(target.parameters())
-        yield device
+        began_s = device.link.time_s
+        try:
+            yield device
+        finally:
+            target.stopwatch.drive_s += device.link.time_s - began_s
 
 
 def tell(target: Target) -> None:
