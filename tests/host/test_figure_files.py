@@ -101,7 +101,7 @@ def test_frequency_response_for_a_column(tmp_path: Path, name: str, check: objec
 def test_circles_of_the_paper_for_a_column(tmp_path: Path, name: str, check: object) -> None:
     words = ["experiment", "paper", "--case", "high-tight", "--controller", "ccu", "--controller", "cc", "--seeds", "2"]
     assert callable(check)
-    check(made(tmp_path, [*words, "-o"], name))
+    check(made(tmp_path, [*words, "--picture"], name))
 
 
 def test_picture_of_the_circles_has_the_mean_of_all_seeds_and_the_greatest_error() -> None:
@@ -125,10 +125,3 @@ def test_log_for_matlab_has_all_columns_and_what_was_run(tmp_path: Path, logs: l
     for name, values in run.columns.items():
         np.testing.assert_array_equal(found[name], values[:, None], err_msg=name)
     assert json.loads(found["meta"][0]) == run.meta
-
-
-def test_folder_of_the_runs_of_the_paper_is_no_picture(tmp_path: Path) -> None:
-    result = CliRunner().invoke(main, ["experiment", "paper", "--out", str(tmp_path / "p.svg")])
-    assert result.exit_code == 2
-    assert "a picture goes to -o" in result.output
-    assert not (tmp_path / "p.svg").exists()

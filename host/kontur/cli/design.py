@@ -59,7 +59,7 @@ _HEADINGS = {
 )
 @click.option(
     "-o",
-    "--out",
+    "--output",
     type=click.Path(dir_okay=False, path_type=Path),
     required=True,
     metavar="PARAMS.toml",
@@ -68,7 +68,7 @@ _HEADINGS = {
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def command(
-    *, machine: str, controller: str, compensation: str, ms: float, force_step: float, out: Path, as_json: bool
+    *, machine: str, controller: str, compensation: str, ms: float, force_step: float, output: Path, as_json: bool
 ) -> None:
     """Find gains for the machine of a file: the least true error of a short move within margins.
 
@@ -80,14 +80,14 @@ def command(
     from kontur.design import figure
     from kontur.design.search import design
 
-    check_output(out, ".toml")
+    check_output(output, ".toml")
     plan = machines.load(machine)
     names = CONTROLLERS if controller == "all" else (controller,)
     results: list[dict[str, Any]] = []
     for name in names:
         with progress_bar(name) as progress:
             found = design(plan, name, compensation, ms, force_step, progress)
-        file = log_path(out, name, len(names) > 1)
+        file = log_path(output, name, len(names) > 1)
         write_atomically(file, found.text.encode())
         write_atomically(file.with_suffix(".svg"), figure.picture(found, ms, "svg"))
         results.append(_as_json(found, file))

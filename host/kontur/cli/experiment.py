@@ -73,7 +73,7 @@ def command() -> None:
     "--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Number of seeds, from --seed on."
 )
 @parameter_option
-@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path),
+@click.option("--picture", type=click.Path(dir_okay=False, path_type=Path),
               help="Save mean and greatest errors as a picture for a column of a paper (.svg, .pdf).")  # fmt: skip
 @work_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
@@ -84,16 +84,16 @@ def paper_command(
     controllers: tuple[str, ...],
     seeds: int,
     parameters: tuple[tuple[str, str], ...],
-    output: Path | None,
+    picture: Path | None,
     out: Path | None,
     workers: int | str | None,
     as_json: bool,
     target: Target,
 ) -> None:
     """Run the paper's circles: 4.488 mm/s r 4 mm (low), 100 mm/s r 20 mm (high), 100 mm/s r 4 mm (high-tight)."""
-    check_output(output, ".svg", ".pdf")
+    check_output(picture, ".svg", ".pdf")
     if out is not None and out.suffix in (".svg", ".pdf"):
-        raise click.UsageError(f"--out {out}: is the folder that keeps the runs; a picture goes to -o {out}")
+        raise click.UsageError(f"--out {out}: is the folder that keeps the runs; a picture goes to --picture {out}")
     cases, controllers = cases or tuple(CASES), CONTROLLERS if "all" in controllers else controllers
     kept = rows_file(out, "paper")
     with progress_bar("experiment paper") as progress:
@@ -107,11 +107,11 @@ def paper_command(
             workers,
             progress,
         )
-    if output is not None:
+    if picture is not None:
         from kontur.report import column
 
         with column.column_style():
-            write_atomically(output, column.as_file(column.of_cases(rows), output.suffix.lower()[1:]))
+            write_atomically(picture, column.as_file(column.of_cases(rows), picture.suffix.lower()[1:]))
     if kept is not None:
         write_table(rows, kept)
     if as_json:

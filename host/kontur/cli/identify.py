@@ -31,7 +31,7 @@ FORCE_SHARE = 0.5  # of the force limit, where no force is given
               help="Largest force.  [default: half of the force limit]")  # fmt: skip
 @click.option("--speed", type=NumberRange(5.0, 1000.0), default=200.0, show_default=True, metavar="MM_PER_S",
               help="Largest speed.")  # fmt: skip
-@click.option("-o", "--out", type=click.Path(dir_okay=False, path_type=Path), metavar="MACHINE.toml",
+@click.option("-o", "--output", type=click.Path(dir_okay=False, path_type=Path), metavar="MACHINE.toml",
               help="Write the machine file of what was found here, of both axes.")  # fmt: skip
 @click.option("--params", type=click.Path(dir_okay=False, path_type=Path), metavar="PARAMS.toml",
               help="Write the parameters of the drive for it here.")  # fmt: skip
@@ -46,7 +46,7 @@ def command(
     force_N: float | None,
     speed: float,
     index_mm: float | None,
-    out: Path | None,
+    output: Path | None,
     params: Path | None,
     as_json: bool,
 ) -> None:
@@ -55,9 +55,9 @@ def command(
     A slow ramp of the force finds the direction first, and stops the axis within a millimetre where it is wrong. The
     drive keeps its parameters. Ctrl-C stops.
     """
-    check_output(out, ".toml")
+    check_output(output, ".toml")
     check_output(params, ".toml")
-    if only is not None and (out or params):
+    if only is not None and (output or params):
         raise click.UsageError("--axis: a machine file has both axes; leave out --axis, or -o and --params")
     require_length(target, index_mm)
     from kontur.commissioning import machine_file
@@ -72,10 +72,10 @@ def command(
             click.echo("Interrupted: the axes have slowed down, and the parameters are as they were.", err=True)
             sys.exit(stop_requested.exit_code)
         declared = device.declared
-    if out is not None or params is not None:
+    if output is not None or params is not None:
         machine = machine_file.machine(target.machine, found)
-        if out is not None:
-            write_atomically(out, machine_file.text(machine).encode())
+        if output is not None:
+            write_atomically(output, machine_file.text(machine).encode())
         if params is not None:
             values = machine.parameters() | machine_file.parameters(found)
             write_atomically(params, parameter_file.text(values, declared).encode())
