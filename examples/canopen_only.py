@@ -29,7 +29,7 @@ RADIUS_NM = 2_000_000
 LAP_S = 2.0
 REST = 3  # equal points at both ends: a path starts and ends at rest
 RECORD_MS = 10
-RECORD_LAG_MS = 100  # a thread of Python is late now and then; from 66 ms on the path stops on itself
+RECORD_LAG_MS = 600  # a thread of Python is late now and then, by much on a busy machine; 600 is the most
 WINDOW = 63  # knots on their way: their numbers count to 256
 RESEND_S = 0.1
 STATE_S, MOTION_S = 5.0, 60.0  # longer than these nothing is waited for
@@ -144,7 +144,7 @@ def by_records(node, progress, start_nm):
         pdo["ip_record_x.position"].raw, pdo["ip_record_y.position"].raw = point
         pdo.transmit()
 
-    ahead = 30  # the path starts when there is enough to stop on it
+    ahead = 100  # records; the path starts with a second of them
     for i, point in enumerate(circle(start_nm, RECORD_MS * 1e-3)):
         send(point)
         if i == ahead:
