@@ -88,7 +88,7 @@ def test_calls_become_moves_in_machine_coordinates_with_the_lines_they_come_from
     assert ends_mm(program) == [(50.8, 0.0), (50.8, 25.4)]
     assert [(move.line, round(move.feed_mps, 9)) for move in program.moves] == [(123456, 0.0254), (7, 0.0254)]
     assert program.moves[1].segment.length_m == pytest.approx(math.pi * 12.7 * MM)
-    assert [(event.word, event.line) for event in program.events] == [("M3", 3), ("Z25.4", 8), ("M5", 9)]
+    assert [(event.word, event.line) for event in program.events] == [("M3", 3), ("Z1", 8), ("M5", 9)]
     assert program.items[-1] == Dwell(2.5, 9)
 
 
@@ -96,8 +96,6 @@ def test_calls_become_moves_in_machine_coordinates_with_the_lines_they_come_from
     ("call", "message"),
     [
         ("N4 NURBS_FEED(4, ...)", "p.ngc:4: NURBS_FEED: this canonical function has no meaning for two axes"),
-        ("N4 SET_XY_ROTATION(30.0000)", "p.ngc:4: SET_XY_ROTATION: coordinate systems cannot be turned"),
-        ("N4 ARC_FEED(1, 1, 0, 1, 3, 0, 0, 0, 0)", "p.ngc:4: ARC_FEED: an arc of several turns"),
         ("N4 STRAIGHT_FEED(1, 1, 5, 0, 0, 0)", "p.ngc:4: Z5: z changes while x and y cut"),
     ],
 )
@@ -111,9 +109,9 @@ def test_call_without_a_meaning_for_two_axes_is_refused(
 
 
 def test_arc_in_another_plane_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plane, arc = "N2 SELECT_PLANE(CANON_PLANE_XZ)", "N4 ARC_FEED(1, 1, 0, 1, 1, 0, 0, 0, 0)"
+    plane, arc = "N2 SELECT_PLANE(CANON_PLANE_XZ)", "N4 ARC_FEED(0, 1, 0, 0.5, 1, 1, 0, 0, 0)"
     fake(tmp_path, monkeypatch, calls("N1 SET_FEED_RATE(60.0000)", plane, arc))
-    with pytest.raises(FileError, match=r"p\.ngc:4: ARC_FEED: arcs lie in the plane of x and y, G17"):
+    with pytest.raises(FileError, match=r"p\.ngc:4: X1 Y1 I0 J0\.5: arcs lie in the plane of x and y, G17"):
         by_rs274("rubbish")
 
 
@@ -167,6 +165,25 @@ def test_parameters_loops_cycles_and_compensation_are_expanded() -> None:
         *((4.2, 5.6), (5.0, 6.0), (10.0, 6.0), (20.0, 0.0)),
     ]
     assert [event.word for event in program.events].count("Z-1") == 2
+
+
+@needs_rs274
+def test_arc_of_a_program_in_inches_may_miss_its_end_as_far_as_for_rs274() -> None:
+    text = "G20\nF60\nG2 X5 Y0 I2.4986 J0\nM2\n"
+    assert ends_mm(by_rs274(text)) == ends_mm(gcode.parse(text, "p.ngc")) == [(127.0, 0.0)]
+
+
+@needs_rs274
+def test_arc_in_another_plane_is_the_only_refusal_of_its_program() -> None:
+    _, refusals = gcode.read("F600\nG18\nG2 X4 Z0 K2 I2\nG17\nG2 X6 Y0 I1\nM2\n", "p", source=interpreter.blocks)
+    assert [error.line for error, _ in refusals] == [3]
+
+
+@needs_rs274
+def test_subroutines_in_files_beside_the_program_are_found(tmp_path: Path) -> None:
+    (tmp_path / "there.ngc").write_text("o<there> sub\nG1 X#1 F600\no<there> endsub\nM2\n")
+    program = gcode.parse("o<there> call [7]\nM2\n", str(tmp_path / "main.ngc"), source=interpreter.blocks)
+    assert ends_mm(program) == [(7.0, 0.0)]
 
 
 @needs_rs274

@@ -40,21 +40,25 @@ def center_from_radius(here: complex, to: complex, radius: float, left: bool) ->
     return here + half + side * 1j * half / abs(half) * math.sqrt(max(height_squared, 0.0))
 
 
-def segment(here: complex, to: complex, center: complex, left: bool) -> Segment:
-    """The arc from `here` about `center` to `to`, to the left or right; a full turn where it would turn by nothing."""
+def segment(here: complex, to: complex, center: complex, left: bool, turns: int = 1) -> Segment:
+    """The arc from `here` about `center` to `to`, to the left or right; a full turn where it would turn by nothing.
+    `turns`: the number of turns that it begins."""
     sense = 1.0 if left else -1.0
+    more = (turns - 1) * _TURN
     if to == here:
-        return _arc(here, center, sense * _TURN)
-    sweep = _sweep(here - center, to - center, sense)
+        return _arc(here, center, sense * (_TURN + more))
+    sweep = _sweep(here - center, to - center, sense) + more
     chord = (to - here) / abs(to - here)
     shift = ((center - (here + to) / 2.0) * chord.conjugate()).real
     # A circle about a centre shifted along the chord, so that both ends lie on it, leaves the even change by this:
     uneven = 0.21 * abs(shift) * (sweep / math.pi) ** 3
     if uneven > _UNEVEN_MAX_M or abs(shift) > _SHIFT_SHARE_MAX * abs(here - center):
         start, rise = abs(here - center), (abs(to - center) - abs(here - center)) / sweep
-        return Curve(partial(spiral_formula, center, start, rise, here - center, sense), np.linspace(0.0, sweep, 65))
+        return Curve(
+            partial(spiral_formula, center, start, rise, here - center, sense), np.linspace(0.0, sweep, 64 * turns + 1)
+        )
     center -= shift * chord
-    return _arc(here, center, sense * _sweep(here - center, to - center, sense))
+    return _arc(here, center, sense * (_sweep(here - center, to - center, sense) + more))
 
 
 def _arc(here: complex, center: complex, sweep: float) -> Arc:

@@ -15,11 +15,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 
 from kontur.path import arcs, gcode_words
 from kontur.path.gcode_words import Block, Refusals
 from kontur.path.geometry import Dwell, Event, Line, Move, Point, Program, Segment
+from kontur.path.offsets import AXES, SYSTEMS, Offsets, zeros
 
 Z_MODES = ("pen", "ignore", "refuse")
 """What becomes of axes beside x and y. pen: z goes up and down where x and y stand or go rapidly, at rest, as an event;
@@ -30,14 +30,13 @@ Source = Callable[[str, Refusals], Iterator[Block]]
 _INCH_M = 25.4e-3
 _SAME = 1e-9  # m or degrees: positions nearer than this are one
 _LONG_DWELL_S = 10.0
-_AXES = "XYZABC"
-_SYSTEMS = (540, 550, 560, 570, 580, 590, 591, 592, 593)
 _END = (2, 30)
+_TURNS_MAX = 1000
 HOLD_REST_S = 0.7
 """Time for which a path rests at a hold: what a drive needs to stop path time, at most (docs/protocol.md)."""
 _PORTS, _ANALOG = (62, 63, 64, 65), (67, 68)
 _BELONGS = {  # words that have a meaning beside certain codes only: G codes as ten times their number, and M codes
-    "P": ((40, 100, 640, *_PORTS), "P belongs to G4, G10, G64 or M62 to M65"),
+    "P": ((20, 30, 40, 100, 640, *_PORTS), "P belongs to G2, G3, G4, G10, G64 or M62 to M65"),
     "Q": ((640, *_ANALOG), "Q belongs to G64, M67 or M68"),
     "E": (_ANALOG, "E belongs to M67 and M68"),
     "L": ((100,), "L belongs to G10"),
@@ -96,44 +95,24 @@ def _notes(items: tuple[Move | Dwell, ...], events: tuple[Event, ...]) -> tuple[
     return tuple(notes)
 
 
-def _zeros() -> dict[str, float]:
-    return dict.fromkeys(_AXES, 0.0)
-
-
-@dataclass
-class _Offsets:
-    """Where the origin of the program is: of the chosen coordinate system (G54 to G59.3), and G92's besides."""
-
-    systems: list[dict[str, float]] = field(default_factory=lambda: [_zeros() for _ in _SYSTEMS])
-    chosen: int = 0
-    g92: dict[str, float] = field(default_factory=_zeros)
-    g92_holds: bool = False
-
-    def of(self, axis: str) -> float:
-        return self.systems[self.chosen][axis] + self.shift(axis)
-
-    def shift(self, axis: str) -> float:
-        """G92's part."""
-        return self.g92[axis] if self.g92_holds else 0.0
-
-
 class _Reader:
     """The modal state, and the program so far. Positions are the machine's, in m (A, B, C in degrees)."""
 
     def __init__(self, refusals: Refusals, start_m: Point, z: str) -> None:
         self.refusals = refusals
         self.z = z
-        self.at = _zeros() | {"X": start_m[0], "Y": start_m[1]}
+        self.at = zeros() | {"X": start_m[0], "Y": start_m[1]}
         self.items: list[Move | Dwell] = []
         self.events: list[Event] = []
-        self.offsets = _Offsets()
-        self.homes = {280: _zeros(), 300: _zeros()}
+        self.offsets = Offsets()
+        self.homes = {280: zeros(), 300: zeros()}
         self.unit_m = 1e-3
         self.motion: int | None = None
         self.plane = 170
         self.feed: float | None = None  # m/s, or with G93 moves per s
         self.inverse_time = False
         self.tolerance_m: float | None = None
+        self.stops = False
         self.relative = False
         self.center_absolute = False
 
@@ -143,7 +122,7 @@ class _Reader:
         for letter, (owners, what) in _BELONGS.items():
             if letter in values and not any(code in owners for code in (*codes.values(), *block.m)):
                 self._refuse(block, letter, f"{what}; remove it")
-        if values.pop("K", 0.0) != 0.0:
+        if values.pop("K", 0.0) != 0.0 and codes.get("plane", self.plane) == 170:
             self._refuse(block, "K", "arcs lie in the plane of x and y: their centre is given by I and J")
         if self.z == "refuse":
             for letter in "ZABC":
@@ -164,8 +143,8 @@ class _Reader:
         elif non_modal in (921, 922, 923):
             self.offsets.g92_holds = non_modal == 923
             if non_modal == 921:
-                self.offsets.g92 = _zeros()
-        elif non_modal != 40:
+                self.offsets.g92 = zeros()
+        elif non_modal != 40 or "motion" in codes:
             self._go(block)
         for m in block.m:
             if m in (0, 1, 60):
@@ -222,9 +201,9 @@ class _Reader:
         values = block.values
         if not values.get("P", -1.0) >= 0.0:
             self._refuse(block, "P", "G4 needs the time to wait in seconds, not negative, like G4 P0.5")
-        elif "motion" in block.codes or any(letter in values for letter in "XYZABCIJR"):
-            letter = next((letter for letter in "XYZABCIJR" if letter in values), "")
-            self._refuse(block, letter, "a dwell and a move on one line; put them on two lines")
+        elif "motion" not in block.codes and any(letter in values for letter in "XYZABCIJR"):
+            letter = next(letter for letter in "XYZABCIJR" if letter in values)
+            self._refuse(block, letter, "a dwell and a move without its G code on one line; put them on two lines")
         elif values["P"] > 0.0:
             self.items.append(Dwell(values["P"], block.line))
 
@@ -234,7 +213,7 @@ class _Reader:
         if "motion" in codes or "cycle" in codes:
             self.motion = codes.get("motion")
         if "coordinate system" in codes:
-            self.offsets.chosen = _SYSTEMS.index(codes["coordinate system"])
+            self.offsets.chosen = SYSTEMS.index(codes["coordinate system"])
         if "distance" in codes:
             self.relative = codes["distance"] == 910
         if "path control" in codes:
@@ -243,8 +222,10 @@ class _Reader:
             self.center_absolute = codes["arc centre"] == 901
 
     def _set_tolerance(self, block: Block) -> None:
-        """G61: the exact path; G64 P: within P of it; G64: within what the host is told."""
-        if block.codes["path control"] == 610:
+        """G61: the exact path; G61.1: with a stop after each move; G64 P: within P of it; G64: within what the host is
+        told."""
+        self.stops = block.codes["path control"] == 611
+        if block.codes["path control"] != 640:
             self.tolerance_m = 0.0
             return
         tolerance = block.values.get("P")
@@ -255,30 +236,27 @@ class _Reader:
     def _set_offset(self, block: Block, code: int) -> None:
         """G92, and G10 with L2 or L20: where the origin of the program is."""
         values, offsets = block.values, self.offsets
-        axes = [axis for axis in _AXES if axis in values]
+        axes = [axis for axis in AXES if axis in values]
         if "motion" in block.codes and axes:
             self._refuse(block, axes[0], "G10 or G92 and a motion on one line; put them on two lines")
         elif code == 920:
             if not axes:
                 self._refuse(block, "", "G92 needs the coordinates of where the machine is, like G92 X0 Y0")
-            if not offsets.g92_holds:
-                offsets.g92 = _zeros()
-            for axis in axes:
-                offsets.g92[axis] = self.at[axis] - offsets.systems[offsets.chosen][axis] - self._length(block, axis)
-            offsets.g92_holds = True
+            offsets.set_here(self.at, {axis: self._length(block, axis) for axis in axes})
         else:
             kind, system = values.get("L"), values.get("P", -1.0)
             if kind not in (2.0, 20.0) or system not in range(10):
                 self._refuse(
                     block, "L", "of G10, L2 and L20 with P0 to P9 set an origin; the others are not understood"
                 )
-            elif values.get("R", 0.0) != 0.0:
-                self._refuse(block, "R", "coordinate systems cannot be turned; let the CAM program turn the part")
+            elif kind == 20.0 and "R" in values:
+                self._refuse(block, "R", "G10 L20 turns no coordinate system; use L2")
             else:
-                origin = offsets.systems[int(system) - 1 if system else offsets.chosen]
-                for axis in axes:
-                    length = self._length(block, axis)
-                    origin[axis] = length if kind == 2.0 else self.at[axis] - offsets.shift(axis) - length
+                number = int(system) - 1 if system else offsets.chosen
+                if "R" in values:
+                    offsets.turn(number, values["R"])
+                places = {axis: self._length(block, axis) for axis in axes}
+                offsets.set_origin(number, None if kind == 2.0 else self.at, places)
 
     def _length(self, block: Block, axis: str) -> float:
         """The value of a word in m, or degrees."""
@@ -287,13 +265,28 @@ class _Reader:
     def _target(self, block: Block) -> dict[str, float]:
         """Where the block goes, for each axis that it names."""
         machine = block.codes.get("non-modal") == 530
+        if self.offsets.turned and not machine:
+            return self._turned_target(block)
         target = {}
-        for axis in _AXES:
+        for axis in AXES:
             if axis in block.values:
                 base = 0.0 if machine else self.at[axis] if self.relative else self.offsets.of(axis)
                 to = base + self._length(block, axis)
                 target[axis] = self.at[axis] if abs(to - self.at[axis]) < _SAME else to
         return target
+
+    def _turned_target(self, block: Block) -> dict[str, float]:
+        """The same in a coordinate system that is turned: x and y of the machine depend on both."""
+        offsets = self.offsets
+        place = offsets.local(self.at)
+        for axis in AXES:
+            if axis in block.values:
+                base = place[axis] if self.relative else offsets.shift(axis)
+                place[axis] = base + self._length(block, axis)
+        named = {axis for axis in AXES if axis in block.values}
+        xy = offsets.in_machine(place["X"] - offsets.shift("X"), place["Y"] - offsets.shift("Y"))
+        target = {axis: place[axis] + offsets.systems[offsets.chosen][axis] for axis in named}
+        return target | ({"X": xy.real, "Y": xy.imag} if named & {"X", "Y"} else {})
 
     def _go_home(self, block: Block, home: dict[str, float]) -> None:
         """G28, G30: by way of the point that is named to the place kept for each axis that is named, or for all."""
@@ -302,13 +295,13 @@ class _Reader:
             return
         target = self._target(block)
         self._move(block, 0, target)
-        self._move(block, 0, {axis: home[axis] for axis in target or _AXES})
+        self._move(block, 0, {axis: home[axis] for axis in target or AXES})
 
     def _go(self, block: Block) -> None:
         """The move of a block, if it has one."""
         codes, values = block.codes, block.values
         arc_word = next((letter for letter in "IJR" if letter in values), None)
-        word = next((letter for letter in _AXES if letter in values), arc_word)
+        word = next((letter for letter in AXES if letter in values), arc_word)
         if word is None:
             return
         motion = self.motion
@@ -376,6 +369,8 @@ class _Reader:
         if self.inverse_time:
             feed_mps *= segment.length_m
         self.items.append(Move(segment, feed_mps, motion == 0, block.line, tolerance_m=self.tolerance_m))
+        if self.stops:
+            self.items.append(Dwell(0.0, block.line))
 
     def _arc(self, block: Block, start: Point, end: Point) -> Segment | None:
         values, left = block.values, self.motion == 30
@@ -405,7 +400,14 @@ class _Reader:
                 refuse("an arc needs R, or I and J (with G90.1 both of them)")
                 return None
             center = complex(values.get("I", 0.0), values.get("J", 0.0)) * self.unit_m
-            center += complex(self.offsets.of("X"), self.offsets.of("Y")) if self.center_absolute else here
+            if self.center_absolute:
+                center = self.offsets.in_machine(center.real, center.imag)
+            else:
+                center = center * self.offsets.turns[self.offsets.chosen] + here
+        turns = values.get("P", 1.0) if block.codes.keys().isdisjoint(("non-modal", "path control")) else 1.0
+        if turns not in range(1, _TURNS_MAX + 1):
+            self._refuse(block, "P", f"P of an arc is the number of its turns, 1 to {_TURNS_MAX}")
+            return None
         start_r, end_r = abs(here - center), abs(to - center)
         if start_r < _SAME or end_r < _SAME:
             refuse("the centre of the arc is one of its ends; correct I and J")
@@ -416,4 +418,4 @@ class _Reader:
                 f"{end_r / self.unit_m:.4f} at its end; correct X, Y, I or J, or give more digits"
             )
             return None
-        return arcs.segment(here, to, center, left)
+        return arcs.segment(here, to, center, left, int(turns))

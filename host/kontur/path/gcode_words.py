@@ -30,7 +30,7 @@ _GROUP = {
     400: "cutter compensation",
     **dict.fromkeys((430, 490), "tool length"),
     **dict.fromkeys((540, 550, 560, 570, 580, 590, 591, 592, 593), "coordinate system"),
-    **dict.fromkeys((610, 640), "path control"),
+    **dict.fromkeys((610, 611, 640), "path control"),
     **dict.fromkeys((900, 910), "distance"),
     **dict.fromkeys((901, 911), "arc centre"),
     **dict.fromkeys((930, 940), "feed mode"),
@@ -42,17 +42,31 @@ _INTERPRETER = "read the file by LinuxCNC's interpreter (--interpreter)"
 _COMPENSATION = f"there is no cutter compensation; {_INTERPRETER}, or let the CAM program offset the path"
 _CYCLE = f"drilling cycles move in z; {_INTERPRETER}, or let the CAM program write single moves"
 _REFUSED_G = {
-    611: "there is no exact stop mode; G61 stops at every corner that is not tangent",
     **dict.fromkeys((410, 411, 420, 421), _COMPENSATION),
     950: "the feed is in units per minute (G94) or inverse time (G93); there is none per revolution",
     960: "the speed of a spindle cannot follow the path; use G97",
     **dict.fromkeys((730, 740, 760, *range(810, 900, 10)), _CYCLE),
 }
+_NOT_UNDERSTOOD = (
+    "subroutines and loops (O words) are not understood",
+    "variables and expressions are not understood",
+)
 _REFUSED_M = dict.fromkeys((98.0, 99.0), f"subroutines are not understood; {_INTERPRETER}")
 _REFUSED_LETTER = {
     **dict.fromkeys("UVW", "the machine has two axes, x and y; remove the word"),
 }
 _LETTERS = frozenset("NXYZABCIJKRFPQSTHDLE")
+_NUMBER_MAX = 1e12
+
+
+def known(letter: str, value: float) -> bool:
+    """Whether a word is one of those in docs/paths.md, whatever it is beside."""
+    return _g(value) in _GROUP if letter == "G" else value in KNOWN_M if letter == "M" else letter in _LETTERS
+
+
+def _g(value: float) -> int:
+    """Ten times the number of a G code; -1: there is none of this number."""
+    return round(10.0 * value) if value < 1000.0 and abs(10.0 * value - round(10.0 * value)) < 1e-6 else -1
 
 
 @dataclass
@@ -72,10 +86,18 @@ class Refusals:
 
     def __init__(self, name: str) -> None:
         self.name = name
+        self._closed = 0  # the last line whose words are not all understood
         self._found: dict[tuple[str | None, str], tuple[FileError, int]] = {}
 
+    def close(self, line: int) -> None:
+        """Leave out what else this line is refused for: it follows from what has been refused."""
+        self._closed = line
+
     def add(self, problem: str, line: int | None = None, word: str | None = None) -> None:
-        kind = word if word is None or _CODE.match(word) else _NUMBER.sub("", word)
+        if line is not None and line == self._closed:
+            return
+        word_kind = word if word is None or _CODE.match(word) else _NUMBER.sub("", word)
+        kind = None if problem.startswith(_NOT_UNDERSTOOD) else word_kind
         key = kind, _NUMBER.sub("", problem)
         first, count = self._found.get(key, (None, 0))
         self._found[key] = first or FileError(self.name, problem, line, word), count + 1
@@ -112,38 +134,46 @@ def blocks(text: str, refusals: Refusals) -> Iterator[Block]:
 
 
 def _block(code: str, line: int, refusals: Refusals) -> Block:
-    block = Block(line)
+    block, refused = Block(line), False
+
+    def refuse(what: str, word: str) -> None:
+        nonlocal refused
+        refused = True
+        refusals.add(what, line, word)
+
     at = 0
     while at < len(code):
         match = _WORD.match(code, at)
         if match is None or match[1] in "Oo":
-            refusals.add(_unreadable(code[at : at + 2]), line, code[at : at + 12])
+            refuse(_unreadable(code[at : at + 2]), code[at : at + 12])
             break
         at = match.end()
         exponent = None if match[1] in "Mm" else _EXPONENT.match(code, at)  # M67 E0
         if exponent is not None:
             what = "a number with an exponent; write it out, like X0.0015 in place of X1.5e-3"
-            refusals.add(what, line, match[0] + exponent[0])
+            refuse(what, match[0] + exponent[0])
             at = exponent.end()
             continue
         problem = _taken(block, match[1].upper(), float(match[2]), match[0])
         if problem is not None:
-            refusals.add(problem, line, match[0])
+            refuse(problem, match[0])
+    if refused:
+        refusals.close(line)
     return block
 
 
 def _unreadable(start: str) -> str:
     if start[0] in "Oo":
-        return f"subroutines and loops (O words) are not understood; {_INTERPRETER}"
+        return f"{_NOT_UNDERSTOOD[0]}; {_INTERPRETER}"
     if "#" in start or "[" in start:
-        return f"variables and expressions are not understood; {_INTERPRETER}, or write numbers"
+        return f"{_NOT_UNDERSTOOD[1]}; {_INTERPRETER}, or write numbers"
     return "not a word; words are a letter and a decimal number, like X12.5"
 
 
 def _taken(block: Block, letter: str, value: float, text: str) -> str | None:
     """Put one word into its block; why not, where it is refused."""
     if letter == "G":
-        code = round(10.0 * value) if value < 1000.0 and abs(10.0 * value - round(10.0 * value)) < 1e-6 else -1
+        code = _g(value)
         group = _GROUP.get(code)
         if group is None:
             return _REFUSED_G.get(
@@ -162,7 +192,7 @@ def _taken(block: Block, letter: str, value: float, text: str) -> str | None:
         return _REFUSED_LETTER.get(letter, "this word is not understood; remove it")
     elif letter in block.values:
         return f"a second {letter} word on the line; put it on a line of its own"
-    elif not abs(value) < 1e9:
+    elif not abs(value) < _NUMBER_MAX:
         return "the number is too large"
     else:
         block.values[letter] = value

@@ -8,6 +8,8 @@ and to 2.5 um in one in inches. Each line gets its number as N word, by which rs
 
 from __future__ import annotations
 
+import cmath
+import math
 import os
 import re
 import shutil
@@ -41,6 +43,7 @@ _SWITCHES = {
     "CHANGE_TOOL": "M6",
     "PROGRAM_END": "M2",
 }
+_PLANES = {"CANON_PLANE_XY": 170, "CANON_PLANE_XZ": 180, "CANON_PLANE_YZ": 190}
 _OUTPUT = re.compile(r"(SET|CLEAR)_(MOTION|AUX)_OUTPUT_(BIT|VALUE)")  # M62 to M65, M67 and M68
 _OFF = {5: {3, 4}, 9: {7, 8}}  # M codes that switch off, and what
 # Calls that change nothing for two axes that go exactly on the path.
@@ -48,6 +51,7 @@ _NOTHING = (
     *("COMMENT", "MESSAGE", "ON_RESET", "SET_FEED_REFERENCE", "SET_FEED_MODE", "SET_SPINDLE_MODE", "START_CHANGE"),
     *("SET_MOTION_CONTROL_MODE", "SET_NAIVECAM_TOLERANCE", "USE_TOOL_LENGTH_OFFSET", "CHANGE_TOOL_NUMBER"),
     *("ENABLE_FEED_OVERRIDE", "ENABLE_SPEED_OVERRIDE", "SET_TOOL_TABLE_ENTRY", "PALLET_SHUTTLE", "SELECT_TOOL"),
+    *("DISABLE_FEED_OVERRIDE", "DISABLE_SPEED_OVERRIDE", "FINISH"),
     *("ENABLE_FEED_HOLD", "DISABLE_ADAPTIVE_FEED", "LOG", "LOGOPEN", "LOGCLOSE", "LOGAPPEND"),
 )
 
@@ -94,6 +98,9 @@ def _interpreted(text: str, name: str) -> tuple[list[str], list[str], int]:
         )
         files["tools.tbl"].write_text("".join(_TOOL.format(tool) for tool in range(1, _TOOLS + 1)))
         files["parameters.var"].touch()
+        for beside in Path(name).parent.glob("*.ngc"):
+            if not os.path.lexists(Path(folder, beside.name)):
+                Path(folder, beside.name).symlink_to(beside.absolute())
         environment = os.environ | {"HOME": folder}  # where rs274 maps a file of tools, which two runs must not share
         command = [program, "-g", "-t", "tools.tbl", "-v", "parameters.var", "program.ngc"]
         try:
@@ -126,10 +133,11 @@ class _Calls:
     """The state of LinuxCNC's canonical machine as far as it has a meaning here."""
 
     def __init__(self) -> None:
-        self.unit_m = 1e-3
-        self.xy = True
+        self.unit_mm = 1.0
+        self.plane = 170
         self.on: set[int] = set()  # M codes that have switched something on
         self.g5x_mm = self.g92_mm = [0.0] * 6
+        self.turn = 1.0 + 0.0j
 
     def block(self, line: int, name: str, words: list[str]) -> Block | str | None:
         """The block of a call, None where it needs none, or why it is refused."""
@@ -156,7 +164,10 @@ class _Calls:
         elif name == "SET_FEED_RATE":
             if float(words[0]) <= 0.0:
                 return None
-            self._say(block, "F", float(words[0]) * self.unit_m * 1e3)
+            self._say(block, "F", float(words[0]))
+        elif name == "USE_LENGTH_UNITS":
+            inch = words[0] == "CANON_UNITS_INCHES"
+            self.unit_mm, block.codes["units"] = (25.4, 200) if inch else (1.0, 210)
         elif name == "DWELL":
             block.codes["non-modal"] = 40
             self._say(block, "P", float(words[0]))
@@ -166,41 +177,37 @@ class _Calls:
 
     def _modes(self, name: str, words: list[str]) -> str | None:
         """A call that only changes the state, or that is refused."""
-        if name == "USE_LENGTH_UNITS":
-            self.unit_m = {"CANON_UNITS_INCHES": 25.4e-3}.get(words[0], 1e-3)
-        elif name == "SELECT_PLANE":
-            self.xy = words[0] == "CANON_PLANE_XY"
+        if name == "SELECT_PLANE":
+            self.plane = _PLANES[words[0]]
         elif name == "SET_G5X_OFFSET":
             self.g5x_mm = self._mm([float(word) for word in words[1:7]])
         elif name == "SET_G92_OFFSET":
             self.g92_mm = self._mm([float(word) for word in words[:6]])
         elif name == "SET_XY_ROTATION":
-            if float(words[0]) != 0.0:
-                return "coordinate systems cannot be turned; let the CAM program turn the part"
+            self.turn = cmath.rect(1.0, math.radians(float(words[0])))
         elif name not in _NOTHING:
             return "this canonical function has no meaning for two axes; remove what causes it"
         return None
 
     def _mm(self, values: list[float]) -> list[float]:
         """Six values of axes; x, y and z in mm."""
-        return [value * (self.unit_m * 1e3 if axis < 3 else 1.0) for axis, value in enumerate(values)]
+        return [value * (self.unit_mm if axis < 3 else 1.0) for axis, value in enumerate(values)]
 
     def _put(self, block: Block, letters: str, values: list[float]) -> None:
-        """Positions of axes, given in the coordinates of the program."""
-        for axis, value in enumerate(self._mm(values)):
-            self._say(block, letters[axis], value + self.g5x_mm[axis] + self.g92_mm[axis])
+        """Positions of axes, given in the coordinates of the program, in those of the machine."""
+        places = [value + shift for value, shift in zip(self._mm(values), self.g92_mm, strict=False)]
+        xy = complex(*places[:2]) * self.turn
+        for axis, (letter, place) in enumerate(zip(letters, [xy.real, xy.imag, *places[2:]], strict=True)):
+            self._say(block, letter, (place + self.g5x_mm[axis]) / (self.unit_mm if axis < 3 else 1.0))
 
-    def _arc(self, block: Block, values: list[float]) -> Block | str:
+    def _arc(self, block: Block, values: list[float]) -> Block:
         """ARC_FEED(first_end, second_end, first_axis, second_axis, rotation, axis_end_point, a, b, c)"""
         first, second, center_first, center_second, turns, third, a, b, c = values
-        if not self.xy:
-            return "arcs lie in the plane of x and y, G17"
-        if abs(turns) != 1.0:
-            return "an arc of several turns; let the CAM program write single ones"
-        block.codes |= {"motion": 30 if turns > 0.0 else 20, "arc centre": 901}
-        self._put(block, "XYZABC", [first, second, third, a, b, c])
-        for axis, (letter, value) in enumerate(zip("IJ", (center_first, center_second), strict=True)):
-            self._say(block, letter, value * self.unit_m * 1e3 + self.g5x_mm[axis] + self.g92_mm[axis])
+        block.codes |= {"motion": 30 if turns > 0.0 else 20, "arc centre": 901, "plane": self.plane}
+        ends = {170: (first, second, third), 180: (second, third, first), 190: (third, first, second)}
+        self._put(block, "XYZABC", [*ends[self.plane], a, b, c])
+        self._put(block, "IJ", [center_first, center_second])
+        self._say(block, "P", abs(turns))
         return block
 
     @staticmethod
