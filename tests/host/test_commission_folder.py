@@ -7,17 +7,18 @@ What a step finds is made up, as in test_commission_ends.
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from click.testing import CliRunner
 from test_commission_ends import Steps, commission, on
 
 from kontur.cli import main
+from kontur.cli.commission import _ask
+from kontur.errors import InputError
 from kontur.machine import MACHINES
 from kontur.sim import process
 
@@ -98,14 +99,10 @@ def test_ctrl_c_at_a_question_interrupts(tmp_path: Path, monkeypatch: pytest.Mon
     assert "Interrupted: the axes have slowed down, and the parameters are as they were." in done.stderr
 
 
-def test_standard_input_that_is_closed_is_one_message(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "kontur.cli", "commission", "--out", str(tmp_path), *BALL]
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, preexec_fn=lambda: os.close(0), timeout=120
-    )
-    assert done.returncode == 1
-    assert "nobody can answer this question" in done.stderr
-    assert "Traceback" not in done.stderr
+def test_standard_input_that_is_closed_is_the_same_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", None)
+    with pytest.raises(InputError, match="nobody can answer this question"):
+        _ask(lambda: click.confirm("Go on?"))
 
 
 def test_time_of_all_steps_is_summed_over_a_break(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,3 +129,15 @@ def test_time_of_all_steps_is_summed_over_a_break(tmp_path: Path, monkeypatch: p
     for name in ("drive_s", "computing_s"):
         assert taken[name] == pytest.approx(sum(step[name] for step in taken["steps"].values()), abs=2e-3)
     assert f"It took {taken['drive_s']:.0f} s of the drive's time" in done.stderr
+
+
+def test_machine_file_of_the_user_is_not_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = Steps(monkeypatch)
+    mine = tmp_path / "machine.toml"
+    mine.write_text((MACHINES / "ball_screw.toml").read_text())
+    before = contents(tmp_path)
+    done = commission(tmp_path, "--machine", str(mine), "--untold")
+    assert done.exit_code == 1
+    assert "machine.toml: is of no commissioning in this folder, and would be overwritten" in done.stderr
+    assert steps.did == []
+    assert contents(tmp_path) == before

@@ -270,6 +270,7 @@ def _identify(
     """Write the machine file; returns parameters that it cannot say."""
     from kontur.commissioning import machine_file
     from kontur.commissioning.first_moves import Diagnosis
+    from kontur.commissioning.folder import MACHINE
     from kontur.commissioning.session import identify_axes
 
     options = {"force_N": asked.force_N, "speed_mps": asked.speed_mps, "index_mm": asked.index_mm}
@@ -303,7 +304,7 @@ def _identify(
             show(found)
     result["axes"] = kept["axes"]
     _add_time("identify", kept["time"], result)
-    write_atomically(asked.out / "machine.toml", kept["machine"].encode())
+    write_atomically(asked.out / MACHINE, kept["machine"].encode())
     parameters: dict[str, float] = kept["parameters"]
     return parameters
 
@@ -317,17 +318,18 @@ def _tune(
     result: dict[str, Any],
 ) -> dict[str, dict[str, float]]:
     """Parameters for the drive by controller."""
+    from kontur.commissioning.folder import MACHINE
     from kontur.drive import parameter_file
     from kontur.drive.target import open_drive
     from kontur.machine import load
 
     ms, force_step_N = AIMS[asked.aim]
-    options = {"aim": asked.aim, "machine": (asked.out / "machine.toml").read_text()}
+    options = {"aim": asked.aim, "machine": (asked.out / MACHINE).read_text()}
     if (kept := progress.done("tune", options)) is not None:
         asked.say("tune: is done already")
     else:
         asked.explain("tune")
-        machine = load(asked.out / "machine.toml")
+        machine = load(asked.out / MACHINE)
         with _timed(target) as taken:
             designs = [_design(machine, name, ms, force_step_N, stop_requested) for name in _CONTROLLERS]
         asked.say(designs[0].limit.removesuffix("."))
@@ -365,11 +367,12 @@ def _prove(
     result: dict[str, Any],
 ) -> None:
     from kontur.commissioning import filed, prove
+    from kontur.commissioning.folder import MACHINE
     from kontur.drive.target import open_drive
     from kontur.machine import load
 
     asked.explain("prove")
-    model = load(asked.out / "machine.toml")
+    model = load(asked.out / MACHINE)
     candidates = [prove.candidate(model, name, values) for name, values in after.items()]
     changed = {name for values in after.values() for name in values}
     restored = {name: value for name, value in session.before.items() if name in changed}
@@ -422,4 +425,6 @@ def _pictures(out: Path, found: dict[str, Identified]) -> None:
 
 
 def _write(out: Path, result: dict[str, Any]) -> None:
-    write_atomically(out / "commission.json", (json.dumps(result, indent=2) + "\n").encode())
+    from kontur.commissioning.folder import RESULT
+
+    write_atomically(out / RESULT, (json.dumps(result, indent=2) + "\n").encode())

@@ -13,6 +13,7 @@ from kontur.drive.target import Target
 from kontur.errors import FileError
 from kontur.files import read_text, write_atomically
 
+MACHINE, RESULT = "machine.toml", "commission.json"
 _NAME = "progress.json"
 _OF_THE_AXIS = ("wiring_", "second_encoder_", "position_limit_")
 """Parameters, besides the lengths of counts, that make an axis another one for what was found."""
@@ -39,6 +40,11 @@ class Progress:
         self.file = out / _NAME
         self._steps: dict[str, Any] = {"who": dict(who)}
         if not self.file.exists():
+            if (out / MACHINE).exists() and not (out / RESULT).exists():
+                raise FileError(
+                    out / MACHINE,
+                    "is of no commissioning in this folder, and would be overwritten; name another folder with --out",
+                )
             return
         try:
             steps = json.loads(read_text(self.file))
