@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A path begins where the axes are held, however stiff the loop is: within the window of its start they go there first.
 
-A step of the reference by some µm saturates the force of stiff gains, and those that a filter makes conditionally
-stable do not come to rest from there.
+A step of the reference by some µm saturates the force of stiff gains, and not all come to rest from there.
 """
 
 from pathlib import Path
