@@ -8,9 +8,15 @@
 
 enum { ANY_SUB = 0xFF, AXIS_STEP = OBJ_CONTROLWORD_Y - OBJ_CONTROLWORD_X };
 
+/* What is handled now comes by the channel that all masters have, while the drive is held. */
+static bool by_common_channel(const struct device_objects *d)
+{
+    return d->drive->command_guard.holder != 0 && !co_by_second_sdo(d->node);
+}
+
 bool device_objects_foreign(const struct device_objects *d)
 {
-    return d->drive->command_guard.holder != 0 && co_has_second_sdo(d->node) && !co_by_second_sdo(d->node);
+    return by_common_channel(d) && (co_has_second_sdo(d->node) || !command_guard_told(&d->drive->command_guard));
 }
 
 static int axis_of(const struct od_entry *entry)
@@ -102,7 +108,7 @@ static void report_holder(const struct device_objects *d, const struct od_entry 
 static void draw_ticket(const struct device_objects *d, const struct od_entry *entry)
 {
     (void)entry;
-    if (!device_objects_foreign(d)) { /* nobody else makes the holder's ticket void */
+    if (!by_common_channel(d) || !co_has_second_sdo(d->node)) { /* nobody else makes the holder's ticket void */
         const struct hal *hal = d->node->config.hal;
         if (hal->entropy != NULL) {
             command_guard_stir(&d->drive->command_guard, hal->entropy(hal->ctx));
@@ -386,16 +392,20 @@ static bool is_stop(uint32_t controlword)
     return (controlword & CW_FAULT_RESET) == 0 && ((controlword & enable) != enable || (controlword & CW_HALT) != 0);
 }
 
-/* What is not the holder's alone: a stop, and a claim, which has its own answer. */
-static bool is_open_to_all(const struct object *o, int64_t value)
+/* What is not the holder's alone: a stop, and a claim, which has its own answer. While the holder has no channel of its own,
+ * it shows its ticket or opens one. */
+static bool is_open_to_all(const struct device_objects *d, const struct od_entry *entry, const struct object *o,
+                           int64_t value)
 {
-    return (o->index == OBJ_CONTROLWORD_X && is_stop((uint32_t)value)) || o->command == claim;
+    const bool stop = o->index == OBJ_CONTROLWORD_X && is_stop((uint32_t)value);
+    const bool introduces = o->command == arm || entry->index == OBJ_SDO_SERVER_2;
+    return stop || o->command == claim || (introduces && !co_has_second_sdo(d->node));
 }
 
 uint32_t device_objects_before_write(const struct device_objects *d, const struct od_entry *entry, int64_t value)
 {
     const struct object *o = object_of(entry);
-    if (device_objects_foreign(d) && !is_open_to_all(o, value)) {
+    if (device_objects_foreign(d) && !is_open_to_all(d, entry, o, value)) {
         tell_holder(d);
         return SDO_ABORT_LOCAL;
     }

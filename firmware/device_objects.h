@@ -20,8 +20,8 @@ struct device_objects {
     struct settings *settings;
 };
 
-/* Whether what is handled now came from another master than the one that holds the drive, and has a channel of its own
- * (1201h). */
+/* Whether what is handled now came from another master than the one that holds the drive: not by the holder's own channel
+ * (1201h) or, where it has none, not within a second after its ticket (2140h). */
 bool device_objects_foreign(const struct device_objects *d);
 /* Before a write: check `value`, which is in the object's range, and carry out the command that the write is. Returns SDO_OK,
  * or the abort code with which the write is refused. */

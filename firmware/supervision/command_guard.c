@@ -10,7 +10,7 @@ static void hold(struct command_guard *g, uint8_t id, uint32_t key)
 {
     g->holder = id;
     g->key = key;
-    g->silent = g->drawn = g->armed = false;
+    g->silent = g->drawn = g->told = g->armed = false;
 }
 
 bool command_guard_claim(struct command_guard *g, uint8_t id, uint32_t key, bool powered)
@@ -34,12 +34,13 @@ void command_guard_holder_silent(struct command_guard *g)
 
 static bool in_time(const struct command_guard *g, uint32_t now)
 {
-    return g->armed && now - g->armed_at < COMMAND_GUARD_ARM_MS * (CONTROL_HZ / 1000u);
+    return now - g->armed_at < COMMAND_GUARD_ARM_MS * (CONTROL_HZ / 1000u);
 }
 
 bool command_guard_expire(struct command_guard *g, bool powered, uint32_t now)
 {
-    g->armed = in_time(g, now);
+    g->told = g->told && in_time(g, now);
+    g->armed = g->armed && g->told;
     if (!g->silent || powered) {
         return false;
     }
@@ -73,11 +74,16 @@ bool command_guard_arm(struct command_guard *g, uint32_t ticket, uint32_t now)
 {
     const bool right = g->holder != 0 && (g->drawn || g->armed) && ticket == g->ticket;
     if (right && g->drawn) {
-        g->armed = true;
+        g->told = g->armed = true;
         g->armed_at = now;
     }
     g->drawn = false;
     return right;
+}
+
+bool command_guard_told(const struct command_guard *g)
+{
+    return g->told;
 }
 
 void command_guard_disarm(struct command_guard *g)
@@ -104,7 +110,7 @@ void command_guard_drained(struct command_guard *g, uint32_t now)
 bool command_guard_permits(const struct command_guard *g, int axis, uint32_t changes, bool claim_required, uint32_t now)
 {
     const struct command_guard_axis *a = &g->axis[axis];
-    const bool armed = in_time(g, now) && !g->silent;
+    const bool armed = g->armed && in_time(g, now) && !g->silent;
     return a->known == changes && now - a->known_at >= COMMAND_GUARD_PERIODS &&
            (g->holder != 0 ? armed : !claim_required);
 }

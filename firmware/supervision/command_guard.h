@@ -9,6 +9,7 @@
  *   burst is. The time counts from when all frames had been handled that had come before the statusword was sent;
  * - if the drive is held: after the present ticket has been written back, once, for COMMAND_GUARD_ARM_MS. A replay has an
  *   old ticket.
+ * For as long the ticket also tells the holder from others by SDO, if it has no channel of its own (device_objects.c).
  * Nothing here keeps anybody from stopping the axes or switching them off.
  *
  * Pure, background only. drive.c asks it for permission, device.c reports statuswords and the holder's heartbeat to it.
@@ -30,7 +31,8 @@ struct command_guard {
     uint32_t key;   /* that the holder claimed with: tells it from another one with the same id; 0: none */
     bool silent;    /* its heartbeat has ceased: it holds the drive until no axis has power */
     bool drawn;     /* a ticket has been read, */
-    bool armed;     /* and written back */
+    bool told;      /* and written back in the last COMMAND_GUARD_ARM_MS, */
+    bool armed;     /* and has not been used to enable since */
     uint32_t ticket;
     uint32_t noise;    /* all that tickets were drawn with, also before a reset */
     uint32_t armed_at; /* servo periods */
@@ -57,6 +59,8 @@ uint32_t command_guard_draw(struct command_guard *g, uint32_t now);
 /* A ticket has been written to 2140h arm. Returns false if it is another one, or if nobody holds the drive. The same ticket may come again until it is used or
  * its time is over, since an answer may have been lost; only a new one gives more time. */
 bool command_guard_arm(struct command_guard *g, uint32_t ticket, uint32_t now);
+/* Whether a ticket has been written back in the last COMMAND_GUARD_ARM_MS. */
+bool command_guard_told(const struct command_guard *g);
 /* An axis has lost its power, or both have it: the next command to enable needs another ticket. */
 void command_guard_disarm(struct command_guard *g);
 /* A statusword has been sent for the state after so many changes. */

@@ -101,5 +101,22 @@ def test_master_that_comes_after_a_holder_has_the_first_channel(rig: Rig) -> Non
     with rig.device.master.held():
         pass
     assert foreign.write(0x2140, 2, 4, 5) == 0  # it claims, and has no channel of its own
+    assert foreign.write(0x2140, 4, 4, foreign.read(0x2140, 3)) == 0
     assert foreign.write(0x2000, 1, 1, 1) == 0
     assert foreign.write(0x2140, 2, 4, 0) == 0
+
+
+def test_holder_without_a_channel_is_told_from_others_by_its_ticket(rig: Rig) -> None:
+    master = Foreign(rig)
+    writes = [(0x6060, 0, 1, 3), (0x60FF, 0, 4, 370_000), (0x2000, 1, 1, 0), (0x2131, 0, 2, 1200), (0x2001, 1, 1, 9),
+              (0x1010, 1, 4, SAVE)]  # fmt: skip
+    assert master.write(0x2140, 2, 4, 127) == 0
+    rig.link.send_heartbeat()
+    assert {master.write(*write) for write in writes} == {LOCAL_CONTROL}
+    assert master.read(0x2140, 5) == len(writes)
+    assert master.write(0x2140, 4, 4, master.read(0x2140, 3)) == 0
+    assert [master.write(*write) for write in writes[:4]] == [0] * 4
+    rig.link.wait(lambda: False, 1.1)
+    assert {master.write(*write) for write in writes} == {LOCAL_CONTROL}
+    assert master.write(0x6040, 0, 2, 0) == 0
+    assert master.write(0x2140, 2, 4, 0) == 0

@@ -83,6 +83,7 @@ static const struct variable variables[] = {
     DRIVE(command_guard.axis),
     FLAG(device.drive.command_guard.silent),
     FLAG(device.drive.command_guard.drawn),
+    FLAG(device.drive.command_guard.told),
     FLAG(device.drive.command_guard.armed),
     VAR(device.node.nmt.state),
     VAR(device.node.nmt.watched),

@@ -145,6 +145,7 @@ static void test_time_of_1016h_is_that_of_its_node_alone(void)
 static void test_who_writes_1016h_does_not_take_the_guard_off_the_holder(void)
 {
     hold();
+    TEST_ASSERT_EQUAL_HEX32(0, arm(read(TICKET)));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1016, 1, 4, 0));
     enable_held();
     TEST_ASSERT_EQUAL_HEX32(ABORT_STATE, rig_write(&rig, 0x1016, 1, 4, 127 << 16 | 60000));

@@ -35,6 +35,11 @@ static void open_channel(void)
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x1201, 1, 4, REQUEST));
 }
 
+static void show_ticket(void)
+{
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 4, 4, rig_read(&rig, 0x2140, 3)));
+}
+
 static void hold(void)
 {
     rig_nmt(&rig, 1);
@@ -156,7 +161,89 @@ static void test_channel_of_a_holder_that_is_gone_is_closed_by_the_next_one_and_
     TEST_ASSERT_EQUAL_HEX32(0, write(0x2140, 2, 4, 0));
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 4, 5));
     TEST_ASSERT_EQUAL_HEX32(0x80000000, rig_read(&rig, 0x1201, 1));
+    show_ticket();
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2000, 1, 1, 1));
+}
+
+/* Held by a master that opens no channel of its own, so it has the one that all have. */
+static void hold_without_channel(void)
+{
+    rig_nmt(&rig, 1);
+    rig.heartbeat_every_ms = 50;
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 4, HOLDER_ID));
+}
+
+static void test_holder_without_a_channel_writes_within_a_second_after_its_ticket(void)
+{
+    static const struct {
+        uint16_t index;
+        uint8_t sub, size;
+        uint32_t value;
+    } writes[] = {{0x6060, 0, 1, 3},    {0x60FF, 0, 4, 370000}, {0x2000, 1, 1, 1},
+                  {0x2131, 0, 2, 500},  {0x2110, 1, 4, 123456}, {0x1016, 1, 4, 0},
+                  {0x1014, 0, 4, 0x81}, {0x2001, 1, 1, 9},      {0x1010, 1, 4, 0x65766173}};
+    hold_without_channel();
+    for (unsigned k = 0; k < 3; k++) {
+        for (unsigned i = 0; i < sizeof writes / sizeof writes[0]; i++) {
+            const uint32_t code = rig_write(&rig, writes[i].index, writes[i].sub, writes[i].size, writes[i].value);
+            TEST_ASSERT_EQUAL_HEX32(k == 1 ? 0 : ABORT_LOCAL, code);
+        }
+        if (k == 0) {
+            show_ticket();
+        } else {
+            rig_ms(&rig, 1000);
+        }
+    }
+    TEST_ASSERT_EQUAL_UINT32(2 * sizeof writes / sizeof writes[0], rig_read(&rig, 0x2140, 5));
+    TEST_ASSERT_TRUE(rig_had_emcy(&rig, SECOND_MASTER));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x6040, 0, 2, 0)); /* a stop needs none */
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 4, 0)); /* nor does its end */
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2000, 1, 1, 2));
+}
+
+static void test_ticket_of_one_holder_is_not_that_of_the_next(void)
+{
+    hold_without_channel();
+    show_ticket();
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 4, 0));
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2140, 2, 4, 5));
+    TEST_ASSERT_EQUAL_HEX32(ABORT_LOCAL, rig_write(&rig, 0x2000, 1, 1, 1));
+}
+
+static void test_ticket_that_has_enabled_the_axes_still_tells_the_holder(void)
+{
+    hold_without_channel();
+    rig_controlwords(&rig, SHUTDOWN, SHUTDOWN);
+    show_ticket();
+    rig_ms(&rig, 2);
+    rig_controlwords_at_once(&rig, ENABLE, ENABLE);
+    rig_ms(&rig, 2);
+    rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2131, 0, 2, 500));
+    rig_ms(&rig, 1000);
+    TEST_ASSERT_EQUAL_HEX32(ABORT_LOCAL, rig_write(&rig, 0x2131, 0, 2, 1000));
+    rig_expect_states(&rig, RIG_ENABLED, RIG_ENABLED);
+}
+
+static void test_lss_of_a_holder_without_a_channel_needs_its_ticket(void)
+{
+    const uint8_t on[8] = {0x04, 1}, id[8] = {0x11, 9};
+    hold_without_channel();
+    rig_send(&rig, 0x7E5, 8, on);
+    rig_send(&rig, 0x7E5, 8, id);
+    TEST_ASSERT_EQUAL_UINT8(1, rig.device.od.node.id);
+    show_ticket();
+    rig_send(&rig, 0x7E5, 8, id);
+    TEST_ASSERT_EQUAL_UINT8(9, rig.device.od.node.id);
+}
+
+/* Whoever held the drive before, the one that opens the channel first after the claim has it. */
+static void test_channel_is_opened_without_a_ticket_and_only_while_it_is_closed(void)
+{
+    hold_without_channel();
+    open_channel();
+    TEST_ASSERT_EQUAL_HEX32(ABORT_LOCAL, rig_write(&rig, 0x1201, 1, 4, 0x80000000));
+    TEST_ASSERT_EQUAL_HEX32(0, write(0x2000, 1, 1, 1));
 }
 
 int main(void)
@@ -170,5 +257,10 @@ int main(void)
     RUN_TEST(test_ticket_of_the_holder_is_not_made_void_by_a_read_of_another);
     RUN_TEST(test_lss_configures_and_stores_nothing_of_a_held_drive);
     RUN_TEST(test_channel_of_a_holder_that_is_gone_is_closed_by_the_next_one_and_not_by_itself);
+    RUN_TEST(test_holder_without_a_channel_writes_within_a_second_after_its_ticket);
+    RUN_TEST(test_ticket_of_one_holder_is_not_that_of_the_next);
+    RUN_TEST(test_ticket_that_has_enabled_the_axes_still_tells_the_holder);
+    RUN_TEST(test_lss_of_a_holder_without_a_channel_needs_its_ticket);
+    RUN_TEST(test_channel_is_opened_without_a_ticket_and_only_while_it_is_closed);
     return UNITY_END();
 }
