@@ -14,6 +14,7 @@ from kontur.experiments.bench_plan import (
     spiral_curve,
     trochoid_curve,
 )
+from kontur.path import gcode
 
 TURN = 2.0 * math.pi
 
@@ -46,3 +47,17 @@ def letters(count, seed=1, feed_mps=0.05):
             points += list(zip(x + radius * np.sin(angle), radius * np.cos(angle), strict=True))
         x += 3e-3
     return lines(points, feed_mps, digits=6)
+
+
+def lines_and_arcs(seed):
+    """Lines in all directions, each with half a circle behind it, at feeds of up to 300 mm/s, and corners."""
+    random = np.random.default_rng(seed)
+    rows = ["G21 G91 G0 X1 Y1", "G1 F18000"]
+    for _ in range(12):
+        angle, length = random.uniform(0.0, TURN), random.uniform(0.2, 60.0)
+        x, y = length * math.cos(angle), length * math.sin(angle)
+        rows.append(f"G1 X{x:.4f} Y{y:.4f} F{random.choice([2000, 6000, 18000])}")
+        radius = random.uniform(0.5, 30.0)
+        i, j = -radius * math.sin(angle), radius * math.cos(angle)
+        rows.append(f"G3 X{2 * i:.4f} Y{2 * j:.4f} I{i:.4f} J{j:.4f}")
+    return gcode.parse("\n".join(rows), "random.ngc")

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from cam_paths import TURN, circle, letters, rosette, spiral, trochoid
+from cam_paths import TURN, circle, letters, lines_and_arcs, rosette, spiral, trochoid
 from knot_spline import assert_within
 from time_optimum import duration_s
 
@@ -174,3 +174,9 @@ def test_a_long_file_of_short_lines_is_planned_in_seconds():
     trajectory = smooth(program)
     assert time.process_time() - started < 12.0
     assert trajectory.duration_s < 1.3 * program.length_m / 0.1
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_exceeds_a_limit_is_slowed_until_it_keeps_it_on_a_machine_with_a_slow_mode(seed):
+    of, program = limits(load(MACHINES / "long_axis.toml")), lines_and_arcs(seed)
+    assert smooth(program, of).duration_s < plan(program, of).duration_s

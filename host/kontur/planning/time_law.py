@@ -46,7 +46,7 @@ _REST = 3  # equal control points at a stop
 _NEAR = 11  # ms around an excess in which a limit is lowered
 _NEAR_CAP = 0.88
 _SLOWING = 8  # rounds
-_AROUND = 24  # ms
+_AROUND = 24  # ms, in the first round; half as much more in each that follows
 _TINY = 1e-10  # m, nearer than this to a stop is at rest
 _WINDOW = 4000  # samples that are solved for at once, up to the next stop
 
@@ -179,14 +179,17 @@ class _Law:
 
     def slowed(self, stretches: list[FloatArray]) -> list[FloatArray]:
         """The stretches, slowed around where they exceed the limits until they keep them."""
-        for _ in range(_SLOWING):
+        for turn in range(_SLOWING):
+            around = _AROUND * (2 + turn) // 2
             speed, acceleration, jerk = self._ratios(stretches)
             excess = np.maximum(np.maximum(speed, np.sqrt(acceleration)), np.cbrt(jerk))
             if np.max(excess) <= 1.0:
                 break
             ends = np.cumsum([len(one) for one in stretches])[:-1]
             of_each = np.split(excess, ends)
-            stretches = [_slower(one, e) if np.max(e) > 1.0 else one for one, e in zip(stretches, of_each, strict=True)]
+            stretches = [
+                _slower(one, e, around) if np.max(e) > 1.0 else one for one, e in zip(stretches, of_each, strict=True)
+            ]
         return stretches
 
 
@@ -258,13 +261,13 @@ def _spline_values(control: FloatArray) -> FloatArray:
     return np.asarray((padded[:-2] + 4.0 * padded[1:-1] + padded[2:]) / 6.0)
 
 
-def _slower(control: FloatArray, excess: FloatArray) -> FloatArray:
-    """The same motion, slowed smoothly around the rows where `excess` (n,) is above 1."""
+def _slower(control: FloatArray, excess: FloatArray, around: int) -> FloatArray:
+    """The same motion, slowed smoothly for so many ms `around` the rows where `excess` (n,) is above 1."""
     needed = np.where(excess > 1.0, 1.002 * excess, 1.0)
-    factor = _averaged(_averaged(maximum_filter1d(needed, 2 * _AROUND + 1), _AROUND), _AROUND)
+    factor = _averaged(_averaged(maximum_filter1d(needed, 2 * around + 1), around), around)
     time = np.append(0.0, np.cumsum(0.5 * (factor[1:] + factor[:-1])))
     rows = np.arange(len(control), dtype=np.float64)
-    at = np.interp(np.arange(math.ceil(time[-1]) + 1), time, rows)
+    at = np.minimum(CubicSpline(time, rows)(np.minimum(np.arange(math.ceil(time[-1]) + 1), time[-1])), rows[-1])
     slow = np.asarray(CubicSpline(rows, control, bc_type="clamped")(at))
     slow = np.maximum.accumulate(np.clip(slow, control[0], control[-1]))
     return np.concatenate([control[:1], slow, control[-1:]])
