@@ -39,7 +39,7 @@ _NEAR = 0.7  # logarithm of the factor on gains within which a filter is searche
 _SEED = 1
 _UNSTABLE = 1e4  # above every logarithm of an error with
 _EXCESS = 10.0  # times the logarithm of what exceeds a limit, which keeps the search within it
-_TOLERANCE = 0.01  # of the limits
+_INSIDE = 0.995  # share of a limit that a candidate beyond it is brought to
 _MU_MPS2 = 6.0
 _LEARNING_PER_S = 2.0  # of the adaptive feedforward: slow beside every loop that a machine with a mode allows
 _DIGITS = 5
@@ -231,10 +231,13 @@ class Problem:
 
 
 class _Search:
-    """The cost of a trial on a grid of frequencies, whose plants are computed once."""
+    """The cost of a trial on a grid of frequencies, whose plants are computed once, with these limits."""
 
-    def __init__(self, problem: Problem, ms: float, points: int = 160, near: int = 25) -> None:
+    def __init__(
+        self, problem: Problem, ms: float, points: int = 160, near: int = 25, force_step_N: float | None = None
+    ) -> None:
         self.problem, self.ms = problem, ms
+        self.force_step_N = problem.force_step_N if force_step_N is None else force_step_N
         self.grid = loop.Grid.around(problem.machine.axes, problem.control_hz, points, near)
         self.plants = [loop.plant(self.grid, place.axis, problem.machine.delay_periods) for place in problem.places]
 
@@ -259,7 +262,7 @@ class _Search:
             if place.number == 1 or not any(p.swapped for p in problem.places):  # the contour error is along the normal
                 energy += loop.reversal_error(grid, place.axis, problem.at, law, plant, s[0]) ** 2
                 energy += loop.screw_error(grid, place.axis, law, plant, s[0]) ** 2 if problem.at == 1 else 0.0
-        excess += max(0.0, math.log(loop.force_step(*change_N) / problem.force_step_N))
+        excess += max(0.0, math.log(loop.force_step(*change_N) / self.force_step_N))
         return 0.5 * math.log(energy / 2.0) + _EXCESS * excess
 
 
@@ -302,13 +305,13 @@ def _searched(problem: Problem, progress: Callable[[float], None]) -> loop.Float
     for candidate in _candidates(problem, progress):
         worst, step_N = _used(problem, candidate)
         excess.append((max(worst / problem.ms, step_N / problem.force_step_N), worst, step_N))
-        if excess[-1][0] <= 1.0 + _TOLERANCE:
+        if excess[-1][0] <= 1.0:
             found.append((trial({**problem.told, **problem.gains(candidate)}), candidate))
     if not found:
         _, worst, step_N = min(excess)
         raise MachineError(
             f"machine {problem.machine.name!r}: no gains of {problem.controller} keep Ms <= {problem.ms:g} and a force "
-            f"step of {problem.force_step_N:g} N; the nearest have {worst:.2f} and {step_N:.3g} N. Allow more: --ms, "
+            f"step of {problem.force_step_N:g} N; the nearest have {worst:.4g} and {step_N:.4g} N. Allow more: --ms, "
             "--force-step"
         )
     error, best = min(found, key=lambda result: result[0])
@@ -353,14 +356,15 @@ def _used(problem: Problem, vector: loop.Floats) -> tuple[float, float]:
 
 
 def _within(problem: Problem, vector: loop.Floats) -> loop.Floats:
-    """Near `vector`, within the limits: a peak between the points of a coarse grid tightens the limit."""
-    limit = problem.ms
-    for _ in range(3):
+    """Near `vector`, within the limits: what the coarse grid does not see tightens the limit that it exceeds."""
+    ms, force_step_N = problem.ms, problem.force_step_N
+    for _ in range(4):
         worst, step_N = _used(problem, vector)
-        if worst <= 1.002 * problem.ms and step_N <= (1.0 + 0.5 * _TOLERANCE) * problem.force_step_N:
+        if worst <= problem.ms and step_N <= problem.force_step_N:
             break
-        limit *= min(1.0, 0.995 * problem.ms / worst)
-        vector = _polished(_Search(problem, limit, 400, 51), vector, 0.01, 20)
+        ms *= _INSIDE * problem.ms / worst if worst > problem.ms else 1.0
+        force_step_N *= _INSIDE * problem.force_step_N / step_N if step_N > problem.force_step_N else 1.0
+        vector = _polished(_Search(problem, ms, 400, 51, force_step_N), vector, 0.01, 20)
     return vector
 
 
