@@ -144,3 +144,13 @@ def test_a_drive_that_does_not_know_its_mass_says_so_where_the_axis_lags() -> No
     assert "8611h" in result.stderr
     assert "mass or friction are not those of the axis" in result.stderr
     assert "set plant_x and plant_y as the machine is" in result.stderr
+
+
+def test_a_drive_with_other_lengths_of_a_count_moves_nothing_and_says_why() -> None:
+    """It takes a count of 200 nm for one of 76.29 nm."""
+    command = ["run", "circle", "--radius", "4", "--machine", str(LEAD_SCREW), "--untold", "all"]
+    ran = CliRunner().invoke(main, command)
+    assert ran.exit_code != 0
+    assert "the axes stand at the start, (4.000, 0.000) mm, and the drive takes it for (1.526, 0.000) mm" in ran.output
+    assert "--set plant_x.encoder" in ran.output
+    assert "jog there" not in ran.output
