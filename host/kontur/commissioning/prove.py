@@ -27,6 +27,7 @@ MS_MAX = 2.2
 """Largest measured sensitivity of gains that are kept."""
 _CIRCLES = ((0.020, 0.1), (0.004, 0.02))  # radius, feed
 _SENSES = ("ccw", "cw")
+_LEAD = 0.25  # turns to speed up, and to slow down: less of the drive's time than a half
 _UNSCORED_S = 0.3
 _BAND_HZ, _POINTS, _WINDOW_S = (10.0, 500.0), 16, 0.5
 _FORCE_PER_KG, _LEAST_N = 0.3, 10.0
@@ -190,7 +191,7 @@ def _circles(target: Target, controller: str, radius_m: float, feed_mps: float) 
     centre_m = (float(0.5 * (low[0] + high[0])), float(0.5 * (low[1] + high[1])))
     radius_m = min(radius_m, 0.4 * float(np.min(high - low)))
     bounds = limits(target.machine)
-    setup = Circles(radius_m, centre_m, controller=controller, approach=bounds, score_from_s=_UNSCORED_S)
+    setup = Circles(radius_m, centre_m, _LEAD, controller=controller, approach=bounds, score_from_s=_UNSCORED_S)
     return f"r{radius_m * 1e3:g}@{feed_mps * 1e3:g}", setup
 
 
