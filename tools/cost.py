@@ -45,7 +45,10 @@ STAGES = {
     "compensator, feedforward": ("compensator.c", "feedforward.c", "friction.c", "screw.c"),
     "watch for oscillation": ("oscillation.c",),
     "supervision": ("supervise", "supervise_in_detail", "supervise_axis", "supervise_inputs"),
-    "telemetry, scope": ("publish", "telemetry.c", "telemetry_gen.h", "scope_runs", "scope.c"),
+    "telemetry, scope": (
+        *("publish", "widen_range", "contour_range.c", "contour_range.h"),
+        *("telemetry.c", "telemetry_gen.h", "scope_runs", "scope.c"),
+    ),
     "composing, output": (
         *("servo_loop.c", "servo.c", "onchip_plant.c", "configuration.c"),
         *("rig.c", "bench_step.c", "semihost.c"),

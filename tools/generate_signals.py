@@ -33,7 +33,7 @@ KINDS = {
 COPIES = {**KINDS, "acc": "num"}
 BASES = {
     **{"out": "servo_out", "servo": "servo_state", "path": "path_state"},
-    **{"in": "hal_drive_in", "scope": "scope"},
+    **{"in": "hal_drive_in", "scope": "scope", "range": "contour_range"},
 }
 UNITS = {
     **{"": ("1", ""), "%": ("0.01", "")},
@@ -314,7 +314,8 @@ def telemetry_header(signals: list[Signal]) -> str:
     for s, p in published(signals):
         if p.copy:
             copies.setdefault(s.place, (s, p))
-    headers = ("core/servo.h", "drive/telemetry_counts.h", "hal/hal.h", "od/od.h", "supervision/servo_snapshot.h")
+    headers = ("core/servo.h", "drive/contour_range.h", "drive/telemetry_counts.h")
+    headers += ("hal/hal.h", "od/od.h", "supervision/servo_snapshot.h")
     lines = [C_HEAD, "#ifndef TELEMETRY_GEN_H", "#define TELEMETRY_GEN_H"]
     lines += [f'#include "{header}"' for header in headers]
     lines += ["", "/* Signals that are published but are not in struct servo_out */", "struct telemetry_copies {"]

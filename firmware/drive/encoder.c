@@ -13,6 +13,7 @@ void encoder_scale(struct encoder *e, uint32_t length_10fm)
     const uint32_t part = (uint32_t)((x % 3125u << 32) / 3125u);
     e->length = (uint32_t)(x / 3125u) + (part >> 31);
     e->length_fraction = (int32_t)part;
+    e->half_count = n_mul(NUM(0.5), pos_sub((pos_t)e->length, 0));
     const int64_t low = (e->count & 0xFFFF) * (int64_t)e->length_fraction;
     const int64_t high = (e->count >> 16) * (int64_t)e->length_fraction + (low >> 16);
     e->pos = e->count * (int64_t)e->length + (high >> 16);

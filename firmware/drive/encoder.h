@@ -22,6 +22,7 @@ struct encoder {
     uint32_t length;         /* of a count, as the nearest multiple of pos_t's unit, */
     int32_t length_fraction; /* and the difference to it, 2^-32 of that unit */
     int32_t edge_nm;         /* position when a limit switch opened or closed last */
+    num half_count;          /* half the length of a count, um */
 };
 
 /* Before the first tick: the counter stands at `count`. A length must be given before the position is used. */

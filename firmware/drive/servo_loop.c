@@ -403,11 +403,21 @@ SELDOM static void power_of_axes(const struct servo_loop *loop, const struct ser
     }
 }
 
+/* Add the contour error of this period to the range of the millisecond. */
+static inline void widen_range(struct servo_loop *loop, const pos_t measured[2], const struct contour_out *c)
+{
+    const struct servo_state *servo = &loop->servo;
+    const pos_t *at = servo->extras ? servo->tool : measured;
+    const vec2 apart = v2(contour_range_apart(at[0], servo->observer[0].pos, loop->encoder[0].half_count),
+                          contour_range_apart(at[1], servo->observer[1].pos, loop->encoder[1].half_count));
+    contour_range_step(&loop->contour_range, loop->phase == 0u, c, apart);
+}
+
 /* Publish the record, and switch to the next one. */
 static inline void publish(struct servo_loop *loop)
 {
     const uint32_t ms = LOAD(loop->published) + 1u;
-    telemetry_complete(loop->record, ms, &loop->servo, &loop->path.at, &loop->contour_statistics,
+    telemetry_complete(loop->record, ms, &loop->servo, &loop->path.at, &loop->contour_statistics, &loop->contour_range,
                        !LOAD(loop->standing));
     loop->record = &loop->records[(ms + 1u) % SERVO_LOOP_RECORDS];
     atomic_signal_fence(memory_order_release);
@@ -470,6 +480,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     servo.ring = loop->ring;
     servo.table = &table;
     servo_step(&cfg->servo, &loop->servo, &servo, out);
+    widen_range(loop, servo.measured, &out->contour);
 
     /* limits */
     supervise(loop, cfg, &in, servo.enabled, out);

@@ -121,9 +121,10 @@ struct servo_loop {
     uint32_t following_ticks[2];     /* periods since the following error is too large */
     struct telemetry_record *record; /* to be published next */
     struct contour_statistics contour_statistics;
-    struct encoder second[2]; /* counts from 0 at power-on, */
-    int32_t first_count[2];   /* where the first encoder stood at this, */
-    pos_t first_pos[2];       /* and by its present length was at this position */
+    struct contour_range contour_range; /* of this millisecond */
+    struct encoder second[2];           /* counts from 0 at power-on, */
+    int32_t first_count[2];             /* where the first encoder stood at this, */
+    pos_t first_pos[2];                 /* and by its present length was at this position */
     struct servo_loop_excitation excitation;
 
     struct servo_loop_cfg cfg[2];

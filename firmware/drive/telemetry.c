@@ -29,10 +29,11 @@ static void add_contour_error(struct contour_statistics *statistics, int32_t err
 
 __attribute__((noinline)) void telemetry_complete(struct telemetry_record *r, uint32_t ms,
                                                   const struct servo_state *servo, const struct path_state *path,
-                                                  struct contour_statistics *statistics, bool path_runs)
+                                                  struct contour_statistics *statistics,
+                                                  const struct contour_range *range, bool path_runs)
 {
     r->ms = ms;
-    telemetry_copy(&r->copies, servo, path);
+    telemetry_copy(&r->copies, servo, path, range);
     if (path_runs) {
         add_contour_error(statistics, n_to_scaled(r->out.contour.e_n.y, 1000));
     }

@@ -32,7 +32,8 @@ void telemetry_collect(struct telemetry_record *r, const struct servo_state *ser
 /* Servo tick, at the end of millisecond `ms`: write all other signals. The statistics include the contour error of each
  * millisecond in which path time runs. */
 void telemetry_complete(struct telemetry_record *r, uint32_t ms, const struct servo_state *servo,
-                        const struct path_state *path, struct contour_statistics *statistics, bool path_runs);
+                        const struct path_state *path, struct contour_statistics *statistics,
+                        const struct contour_range *range, bool path_runs);
 
 /* Background: make the snapshot of a record. `encoder` has the lengths of a count. */
 void telemetry_scale(struct servo_snapshot *s, const struct telemetry_record *r, const struct encoder encoder[2]);

@@ -14,7 +14,8 @@ from kontur.can import bus_load, wire
 from kontur.can.link import Link
 from kontur.cli import main
 from kontur.drive.device import Device
-from kontur.drive.pdos import TELEMETRY
+from kontur.drive.master import CHANNELS
+from kontur.drive.pdos import RANGE, TELEMETRY
 from kontur.drive.target import Target, open_drive
 from kontur.sim.process import SimProcess, start
 
@@ -96,9 +97,11 @@ def test_no_tpdo_has_an_identifier_of_another_node(node_id: int) -> None:
     """CiA 301: those of PDOs are 180h, 200h, ... 500h + the node id, and no service has 680h to 6DFh."""
     with can.Bus(interface="kontur", channel="sim", node_id=node_id) as bus:
         device = Device(Link(bus, node_id))
-        device.pdos.require(*TELEMETRY)
-        for cob_id in device.pdos.sent().values():
-            assert cob_id & 0x7F == node_id or 0x680 <= cob_id < 0x6A0
+        device.pdos.require(*TELEMETRY, *RANGE)
+        sent = device.pdos.sent()
+        assert set(sent) == {"tpdo1", *TELEMETRY, *RANGE}
+        for cob_id in sent.values():
+            assert cob_id & 0x7F == node_id or 0x680 <= cob_id < CHANNELS.start
 
 
 def test_info_says_what_the_drive_sends() -> None:

@@ -77,6 +77,7 @@ def test_telemetry_is_scaled_to_si() -> None:
     frames = millisecond(7, (-1500, 42), (3, -4))
     frames.append((wire.TPDO4, struct.pack("<hhHH", -1234, 567, 1000, 1)))
     frames.append((wire.TPDO5, struct.pack("<HHI", 1000, 2500, 123456)))
+    frames.append((wire.TPDO6, struct.pack("<ii", -70_001, 12)))
     row = telemetry(frames)
     assert row.tick.tolist() == [7]
     np.testing.assert_allclose(row.columns("tangential_error", "contour_error"), [[-1.5e-6, 42e-9]], rtol=1e-12)
@@ -85,6 +86,9 @@ def test_telemetry_is_scaled_to_si() -> None:
     np.testing.assert_allclose(row.columns("adaptive_gain_1", "adaptive_gain_2"), [[100.0, 0.1]], rtol=1e-12)
     np.testing.assert_allclose(row.columns("switching_gain_1", "switching_gain_2"), [[1.0, 2.5]], rtol=1e-12)
     np.testing.assert_allclose(row.values["energy"], [123.456], rtol=1e-12)
+    np.testing.assert_allclose(
+        row.columns("contour_error_least", "contour_error_greatest"), [[-70.001e-6, 12e-9]], rtol=1e-12
+    )
 
 
 def test_tick_and_position_continue_past_their_wrap() -> None:

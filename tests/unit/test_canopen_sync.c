@@ -155,8 +155,9 @@ static void test_event_before_operational_ended_is_not_sent_in_the_next(void)
 
 static void test_all_pdos_may_be_synchronous_and_go_in_the_order_of_their_numbers(void)
 {
-    static const uint16_t ids[] = {0x185, 0x285, 0x385, 0x485, 0x685};
+    static const uint16_t ids[] = {0x185, 0x285, 0x385, 0x485, 0x685, 0x6A5};
     bus_telemetry_on(&bus);
+    bus_sdo(&bus, "23 05 18 01 A5 06 00 40", "60 05 18 01 00 00 00 00");
     for (unsigned i = 0; i < OD_TPDOS; i++) {
         char request[32], answer[32];
         (void)snprintf(request, sizeof request, "2F %02X 18 02 01 00 00 00", i);

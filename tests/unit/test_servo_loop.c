@@ -716,6 +716,30 @@ static void test_map_of_the_screw_is_by_the_users_position(void)
     TEST_ASSERT_INT32_WITHIN(1, 7000, s->position_nm[1]);
 }
 
+/* Both ranges hold what one period of ten has shown, within half a count of 0.1 um, and not longer than a millisecond. */
+static void test_range_of_the_contour_error_has_each_period_of_the_millisecond(void)
+{
+    power(); /* the path stands, so along x is along it */
+    tick(10u - loop.phase);
+    tick(3);
+    wires.count[1] = 7;
+    tick(1);
+    wires.count[1] = 0;
+    tick(2);
+    wires.count[1] = -4;
+    tick(1);
+    wires.count[1] = 0;
+    tick(3);
+    const struct servo_snapshot *s = servo_loop_snapshot(&loop);
+    TEST_ASSERT_INT32_WITHIN(2, 650, s->contour_error_greatest_nm);
+    TEST_ASSERT_INT32_WITHIN(2, -350, s->contour_error_least_nm);
+    TEST_ASSERT_INT32_WITHIN(300, 0, s->contour_error_nm);
+    tick(10);
+    s = servo_loop_snapshot(&loop);
+    TEST_ASSERT_INT32_WITHIN(52, 0, s->contour_error_greatest_nm);
+    TEST_ASSERT_INT32_WITHIN(52, 0, s->contour_error_least_nm);
+}
+
 /* x is at the motor's 12.3 mm when it is switched on, and the second encoder counts from any number. */
 static void start_with_second(int32_t second_count)
 {
@@ -967,5 +991,6 @@ int main(void)
     RUN_TEST(test_reference_of_a_stream_is_its_own_from_the_first_period_on);
     RUN_TEST(test_end_of_a_complete_stream_is_distinguished_from_a_stop);
     RUN_TEST(test_want_of_knots_is_reported_until_the_path_is_at_full_rate_again);
+    RUN_TEST(test_range_of_the_contour_error_has_each_period_of_the_millisecond);
     return UNITY_END();
 }

@@ -18,6 +18,7 @@ from kontur.can import EDS
 BITRATE = 1_000_000
 _RPDO, _TPDO = (0x1400, 0x1600), (0x1800, 0x1A00)  # CiA 301: first communication and mapping objects
 _KNOTS = "knot"  # an RPDO that carries this object is sent once a knot
+_RANGE = "telemetry.contour_error_least"  # a TPDO that carries this one is on in a circular test alone
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def worst_case_bits(data_bytes: int) -> int:
 def loads(bitrate: int = BITRATE, eds: str | Path = EDS) -> list[Load]:
     """Every kind of frame that is sent cyclically while knots are streamed and telemetry is on, by the EDS.
 
-    SDO, EMCY and the TPDO1 of a change of state are not cyclic and not among them.
+    SDO, EMCY and the TPDO1 of a change of state are not cyclic and not among them, nor is TPDO6 of a circular test.
     """
     import canopen
 
@@ -47,6 +48,8 @@ def loads(bitrate: int = BITRATE, eds: str | Path = EDS) -> list[Load]:
 
     dictionary = canopen.import_od(str(eds), 1)
     knot_hz = 1e6 / dictionary["clock.knot_us"].default
+    in_test = dictionary[_RANGE]
+    range_address = in_test.index << 8 | in_test.subindex
     found: list[Load] = []
 
     def add(name: str, rate_hz: float, data_bytes: int) -> None:
@@ -59,8 +62,9 @@ def loads(bitrate: int = BITRATE, eds: str | Path = EDS) -> list[Load]:
                 continue
             entries = [_value(dictionary, mapping + i, k + 1) for k in range(_value(dictionary, mapping + i, 0))]
             if kind == "TPDO":
+                of_stream = all(entry >> 8 != range_address for entry in entries)
                 event_ms = _value(dictionary, communication + i, 5)
-                rate_hz = 1000.0 / event_ms if event_ms else 0.0
+                rate_hz = 1000.0 / event_ms if event_ms and of_stream else 0.0
             else:
                 rate_hz = knot_hz if any(entry >> 16 == dictionary[_KNOTS].index for entry in entries) else 0.0
             if rate_hz:

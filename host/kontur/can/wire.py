@@ -25,8 +25,8 @@ TICK_PERIOD_S = 1e-3
 NMT, NMT_START, NMT_PRE_OPERATIONAL = 0x000, 1, 128
 RPDO1, RPDO2, RPDO5 = 0x200, 0x300, 0x500
 SYNC = 0x080
-TPDO1, TPDO2, TPDO3, TPDO4, TPDO5 = 0x180, 0x280, 0x380, 0x480, 0x680
-TELEMETRY = (TPDO2, TPDO3, TPDO4, TPDO5)
+TPDO1, TPDO2, TPDO3, TPDO4, TPDO5, TPDO6 = 0x180, 0x280, 0x380, 0x480, 0x680, 0x6A0
+TELEMETRY = (TPDO2, TPDO3, TPDO4, TPDO5, TPDO6)
 HEARTBEAT = 0x700
 HOST_NODE_ID = 127
 
@@ -111,7 +111,7 @@ class Telemetry:
 
     `tick` (n,) unwrapped milliseconds since power-on modulo 2**16 at the first row; `values`: a column (n,) for each
     signal that the TPDOs carry, by name, in SI units (kontur.can.signals). A signal that comes less often has the
-    latest value at or before the row, NaN before the first. `frames_lost`: frames of any of the four PDOs missing
+    latest value at or before the row, NaN before the first. `frames_lost`: frames of any of these PDOs missing
     between the first and the last.
     """
 
@@ -168,7 +168,7 @@ class TelemetryStream:
 
     @property
     def frames_lost(self) -> int:
-        """Frames of any of the four PDOs missing between the first and the last."""
+        """Frames of any of these PDOs missing between the first and the last."""
         periods = ((_TELEMETRY_PERIOD[cob], *seen) for cob, seen in self._seen.items())
         return sum(max(0, (last - first) // period + 1 - count) for period, first, last, count in periods)
 

@@ -18,8 +18,9 @@ from kontur.errors import DeviceError, HeldError, KonturError, NoAnswerError
 
 _HEARTBEAT_TIMEOUT_MS = 500  # of the drive, for the heartbeat of the master that holds it
 _KEY_BITS = 24
-CHANNELS = range(0x6A0, 0x6E0, 2)
-"""Requests of a holder's own SDO channel; the answers have the next identifier. No service of CiA 301 has these."""
+CHANNELS = range(0x6C0, 0x6E0, 2)
+"""Requests of a holder's own SDO channel; the answers have the next identifier. No service of CiA 301 has these, nor
+TPDO5 and TPDO6."""
 _UNUSED = 1 << 31
 _ATTEMPTS = 5
 _STOP_TIMEOUT_S = 5.0  # limits.path_stop_time is at most 1 s

@@ -22,6 +22,8 @@ OUTPUTS = ("rpdo5",)
 """Outputs tied to knots; off by default."""
 TELEMETRY = ("tpdo2", "tpdo3", "tpdo4", "tpdo5")
 """Off by default."""
+RANGE = ("tpdo6",)
+"""Off by default; the contour error of all control periods."""
 DATED = TELEMETRY[:2]
 """These carry the drive's tick."""
 

@@ -3,6 +3,9 @@
 
 Each sense is a run of its own. It begins at 45 degrees, where no axis reverses, with an arc in which the axes speed up,
 goes one whole turn that is measured, and slows down in another arc. The second sense goes back the same way.
+
+The drive's own figures are of its contour error, the distance to the circle, in all control periods: of each
+millisecond it sends the least and the greatest one.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from kontur.planning.bounds import Limits
 from kontur.planning.planner import Trajectory, plan
 from kontur.runs.circle_record import Circle, trace
 from kontur.runs.circularity import SENSES, Floats, lap
+from kontur.runs.log import RANGE
 from kontur.runs.recorder import Watcher
 from kontur.runs.runner import RunOptions, RunResult, run
 
@@ -67,8 +71,9 @@ def circle_test(
             progress(what, 0.0)
             operator = Operator(_named(progress, what), stop_requested)
             options = RunOptions(
-                parameters=setup.parameters, approach=setup.approach, score_from_s=setup.score_from_s, watch=watch
-            )
+                parameters=setup.parameters, approach=setup.approach, score_from_s=setup.score_from_s, watch=watch,
+                error_range=True,
+            )  # fmt: skip
             runs.append(run(trajectory, setup.controller, target, options, operator))
             if not runs[-1].completed:
                 raise KeyboardInterrupt
@@ -102,8 +107,9 @@ def _turn(setup: Setup, trajectory: Trajectory) -> Floats:
 def _measured(setup: Setup, feed_mps: float, ccw: RunResult, cw: RunResult) -> Circle:
     centre_mm = (setup.centre_m[0] * 1e3, setup.centre_m[1] * 1e3)
     traces = {}
-    for by, position_mm in (("true", _true_mm), ("drive", _reported_mm)):
-        laps = [lap(position, centre_mm, setup.lead) for run in (ccw, cw) if (position := position_mm(run)) is not None]
+    reported = (_reported_mm(ccw, setup, 1.0), _reported_mm(cw, setup, -1.0))
+    for by, positions in (("true", (_true_mm(ccw), _true_mm(cw))), ("drive", reported)):
+        laps = [lap(position, centre_mm, setup.lead) for position in positions if position is not None]
         if laps:
             traces[by] = trace(laps[0], laps[1], setup.radius_m * 1e3)
     return Circle(round(feed_mps * 1e3, 3), traces)
@@ -114,8 +120,20 @@ def _true_mm(run: RunResult) -> Floats | None:
     return run.truth.pos_m * 1e3 if run.truth is not None else None
 
 
-def _reported_mm(run: RunResult) -> Floats:
-    return np.column_stack([run.log.columns[f"position_{axis}_mm"] for axis in "xy"])
+def _reported_mm(run: RunResult, setup: Setup, sense: float) -> Floats:
+    """Two points (2 n, 2) a millisecond, where the drive was furthest in and out.
+
+    The contour error is positive on the left, which is inside the circle where `sense` is 1, counter-clockwise.
+    """
+    columns = run.log.columns
+    away = np.column_stack([columns[f"position_{axis}_mm"] for axis in "xy"]) - np.array(setup.centre_m) * 1e3
+    middle = 0.5 * (away[1:] + away[:-1])
+    error_mm = np.column_stack([columns[name][1:] for name in RANGE]) * 1e-3
+    known = np.isfinite(error_mm[:, 0])
+    direction = middle[known] / np.hypot(middle[known, 0], middle[known, 1])[:, None]
+    radius_mm = setup.radius_m * 1e3 - sense * error_mm[known]
+    points = radius_mm[:, :, None] * direction[:, None, :] + np.array(setup.centre_m) * 1e3
+    return np.asarray(points.reshape(-1, 2))
 
 
 def _named(progress: Callable[[str, float], None], what: str) -> Callable[[float], None]:

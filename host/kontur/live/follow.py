@@ -15,13 +15,18 @@ from kontur.drive.device import Device
 from kontur.drive.pdos import TELEMETRY
 from kontur.errors import DeviceError
 from kontur.live.view import View
+from kontur.runs import log
 from kontur.runs.columns import measured
 from kontur.runs.recorder import WATCHED_S
 
 _COLUMNS = (
     ("tick", 0),
     ("time_s", 6),
-    *((s.column.name, s.column.digits) for s in signals.SIGNALS if s.telemetry is not None and s.column is not None),
+    *(
+        (s.column.name, s.column.digits)
+        for s in signals.SIGNALS
+        if s.telemetry is not None and s.column is not None and s.column.name not in log.RANGE
+    ),
 )
 
 

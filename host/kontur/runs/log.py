@@ -83,6 +83,9 @@ COLUMNS = (
     Column("true_tangential_error_um", "um", 6, "true error along the programmed path, negative behind"),
 )
 
+RANGE = ("contour_error_least_um", "contour_error_greatest_um")
+"""Columns of a run that asks for them."""
+
 SWITCHED = ("digital", "power")
 """Columns of a path that switches something."""
 

@@ -59,7 +59,8 @@ class Recorder:
     rows of the log and the truth in memory; else a long log is thinned there (RunLog.even), and no truth is kept.
     `watch` gets the rows as they come, `watch_s` of them at a time.
 
-    `switches`: the trajectory switches outputs, so the log has columns of them.
+    `switches`: the trajectory switches outputs, so the log has columns of them. `error_range`: it has columns of the
+    drive's contour error in all control periods, which its TPDO6 sends.
 
     `problem`: why the log could not be written any further; None while all is well.
     """
@@ -76,9 +77,10 @@ class Recorder:
         whole: bool = True,
         watch: Watcher | None = None,
         switches: bool = False,
+        error_range: bool = False,
     ) -> None:
         self._switches = switches
-        left_out = () if switches else logs.SWITCHED
+        left_out = (*(() if switches else logs.SWITCHED), *(() if error_range else logs.RANGE))
         known = [c for c in logs.COLUMNS if sim is not None or not c.name.startswith("true_")]
         self._columns = [c for c in known if c.name not in left_out]
         names = [column.name for column in self._columns]

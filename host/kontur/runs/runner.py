@@ -22,7 +22,7 @@ from kontur.can.simulated import Truth, simulated
 from kontur.drive import scope as scopes
 from kontur.drive.controllers import named
 from kontur.drive.device import Device
-from kontur.drive.pdos import TELEMETRY
+from kontur.drive.pdos import RANGE, TELEMETRY
 from kontur.drive.stream import UNATTENDED, Operator, StreamResult, stream
 from kontur.drive.target import Target, open_drive
 from kontur.errors import DeviceError, EmcyError, FileError, KonturError
@@ -53,7 +53,8 @@ class RunOptions:
 
     `log`: write the log to this .csv or .mf4 file while the run goes. `whole`: the result has all rows of the log, and
     the truth, in memory (0.9 MB a second); else the rows of a long run are thinned (RunLog.even), and no truth is kept.
-    `watch` gets the rows of the log as they come.
+    `watch` gets the rows of the log as they come. `error_range`: the log has the least and the greatest contour
+    error of each millisecond, too, by the drive.
     """
 
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -67,6 +68,7 @@ class RunOptions:
     log: Path | None = None
     whole: bool = True
     watch: Watcher | None = None
+    error_range: bool = False
 
 
 DEFAULTS = RunOptions()
@@ -151,6 +153,7 @@ def _run(
             whole=options.whole,
             watch=options.watch,
             switches=bool(trajectory.program.events),
+            error_range=options.error_range,
         )
         try:
             left = None
@@ -159,7 +162,7 @@ def _run(
             if options.resume and isinstance(trajectory, Trajectory):
                 left = resume.left_by(device, trajectory, resume.RETURN_MAX_M if options.approach is None else math.inf)
                 resume.check_outputs(device, of_words(of_rest(words(trajectory, options.tool), left.driven)))
-            with device.axes.enabled(also=TELEMETRY):
+            with device.axes.enabled(also=TELEMETRY + (RANGE if options.error_range else ())):
                 if left is None:
                     placed = target.in_process and target.place_at_start
                     _go_to_start(device, trajectory.program.start_m, options.approach, operator,
