@@ -133,6 +133,19 @@ def test_a_spike_has_its_place_sense_height_and_width(number: int, place: str) -
     assert found.f_max_cw_um == pytest.approx(4.0, abs=0.06)
 
 
+def test_a_spike_of_two_points_at_each_angle_is_as_wide_as_its_outer_ones() -> None:
+    """As the drive reports it: the least and the greatest deviation."""
+
+    def outer(t: Floats, _: float) -> Floats:
+        return R + 0.004 * np.maximum(1.0 - np.abs(np.rad2deg((t + np.pi) % (2.0 * np.pi) - np.pi)) / 2.0, 0.0)
+
+    ends = (round_with(outer), round_with(lambda t, sense: 0.5 * (R + outer(t, sense))))
+    ccw, cw = (np.concatenate(pair) for pair in zip(*ends, strict=True))
+    found = spike(circularity(ccw, cw, R), "x+", "ccw")
+    assert found.height_um == pytest.approx(4.0, abs=0.06)
+    assert found.width_deg == pytest.approx(2.0, abs=0.05)
+
+
 def test_a_spike_is_what_goes_beyond_the_levels_before_and_after_the_step_of_backlash() -> None:
     """The gap of 5 um is crossed within 2 degrees after the reversal, with a spike of 3 um at its end."""
 

@@ -31,6 +31,7 @@ PLACES = ("x+", "y+", "x-", "y-")
 PROFILE = 1440  # angles of a profile, from 0 degrees on
 _NEAR_DEG = 15.0  # of a reversal: a spike is looked for there, and the causes are not fitted there
 _GAP_DEG = 5.0  # widest from point to point
+_SAME_DIGITS = 6  # of an angle in rad: points with the same ones are at one place, of which the outer one counts
 _TURNS_MAX = 50  # of the fit of a circle, which converges within a few
 _FITTED_MM = 1e-12
 
@@ -202,19 +203,20 @@ def _spike(place: int, name: str, angle: Floats, deviation: Floats, sense: Float
     """The spike of one sense at the reversal number `place`."""
     away = (angle - 0.5 * np.pi * place + np.pi) % (2.0 * np.pi) - np.pi
     near = np.flatnonzero(np.abs(away) <= np.deg2rad(_NEAR_DEG))
-    near = near[np.argsort(away[near])]
     causes = _causes(angle[near], sense[near])
     gap = 6 + place % 2
     step = np.abs(causes[:, gap] * size[gap])  # half of the step that backlash makes here
     size = np.where(np.arange(len(size)) == gap, 0.0, size)
     rest = deviation[near] - causes @ size
     beyond = np.sign(rest) * np.maximum(np.abs(rest) - step, 0.0)
-    top = int(np.argmax(np.abs(beyond)))
-    height = float(beyond[top])
+    height = float(beyond[np.argmax(np.abs(beyond))])
     if height == 0.0:
         return Spike(PLACES[place], name, 0.0, 0.0)
-    share = beyond / height - 0.5
-    edges = [_edge(share[side], away[near][side]) for side in (slice(top, None), slice(top, None, -1))]
+    place_rad, at = np.unique(np.round(away[near], _SAME_DIGITS), return_inverse=True)
+    share = np.full(len(place_rad), -np.inf)
+    np.maximum.at(share, at, beyond / height - 0.5)
+    top = int(np.argmax(share))
+    edges = [_edge(share[side], place_rad[side]) for side in (slice(top, None), slice(top, None, -1))]
     return Spike(PLACES[place], name, 1e3 * height, float(np.rad2deg(edges[0] - edges[1])))
 
 
