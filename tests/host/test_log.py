@@ -27,7 +27,7 @@ def test_csv_gives_back_meta_and_columns_to_the_digits_of_the_table(tmp_path: Pa
     again = log.read(tmp_path / "a.csv")
     assert again.meta == run.meta
     assert list(again.columns) == list(run.columns)
-    for column in log.COLUMNS:
+    for column in (column for column in log.COLUMNS if column.name not in log.RANGE):
         np.testing.assert_allclose(
             again.columns[column.name], run.columns[column.name], rtol=0, atol=0.5000001 * 10.0**-column.digits
         )
