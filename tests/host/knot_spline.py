@@ -25,3 +25,14 @@ def assert_within(trajectory, of):
     ):
         values = np.abs(curve(middle if order == 3 else t, order)) * 1e3**order
         assert np.all(values <= np.array(limit) * (1.0 + 1e-3) + slack)
+
+
+def greatest_force_N(trajectory, machine):
+    """What a machine's axes (2,) need at most for the motion, at all knots and between them."""
+    curve = spline(trajectory.knots_nm * 1e-9)
+    t = np.arange(0, (len(trajectory.knots_nm) - 1) * 4 + 1) / 4.0
+    speed, acceleration = curve(t, 1) * 1e3, curve(t, 2) * 1e6
+    moving = np.where(np.abs(speed) > ROUNDING[0], np.sign(speed), 0.0)
+    of = [(axis.mass_kg, axis.viscous_Nspm, axis.coulomb_N) for axis in machine.axes]
+    mass, viscous, coulomb = np.array(of).T
+    return np.max(np.abs(mass * acceleration + viscous * speed + coulomb * moving), axis=0)

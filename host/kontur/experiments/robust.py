@@ -191,7 +191,7 @@ def _one(job: tuple[int, Machine, str, dict[str, float], tuple[str, ...]]) -> di
 def _limits(drawn: Draw) -> Limits:
     """Jerk reaches the acceleration in 25 ms; steps of a quarter of it are allowed where the curvature jumps."""
     a = drawn.acceleration_mps2
-    return replace(limits(drawn.machine, a, 40.0 * a), centripetal_step_mps2=0.25 * a)
+    return replace(limits(drawn.machine, a, 40.0 * a), centripetal_step_mps2=0.25 * a, force=None)
 
 
 def _with_force_limits(machine: Machine, trajectory: Trajectory) -> Machine:

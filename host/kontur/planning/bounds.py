@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +20,9 @@ CORNER_RAD = 2e-3  # a change of direction beyond this is a corner, where the mo
 _VELOCITY_SHARE = 0.999
 _ACCELERATION_SHARE = 0.98
 _JERK_SHARE = 0.95
+_FORCE_SHARE = 0.98
+_ALONG_SHARE = 0.05  # of the force, along a bend that takes the rest
+_FORCE_LEFT = 0.1  # of the force: what friction has to leave at the greatest speed
 _STEP_SHARE = 0.35  # of the acceleration limit: greatest step, where curvature or direction jumps
 _BUILD_UP_S = 4.0 * KNOT_S  # shortest time to build up the acceleration: knots could not follow a shorter one
 _CENTRIPETAL_SHARE = 0.8  # of the acceleration may be centripetal; the rest is left for changes of speed
@@ -44,8 +48,49 @@ AVERAGE_MAX_S = 1.0
 
 
 @dataclass(frozen=True)
+class Force:
+    """What moves an axis of `mass_kg`: `limit_N` at most, less friction: `coulomb_N`, and `viscous_Nspm` times the
+    speed."""
+
+    limit_N: float
+    mass_kg: float
+    viscous_Nspm: float
+    coulomb_N: float
+
+    def gaining_mps2(self, speed_mps: FloatArray) -> FloatArray:
+        """The greatest acceleration (n,) that raises the speeds (n,), which are no less than 0."""
+        return np.asarray((self.limit_N - self.coulomb_N - self.viscous_Nspm * speed_mps) / self.mass_kg)
+
+    def ramp_mps2(self, along: float, speed_mps: float, jerk_mps3: float, bend_mps2: float = 0.0) -> float:
+        """The greatest acceleration along a line, of which this axis has the share `along`, up to `speed_mps`, or in
+        a bend whose centripetal acceleration is `bend_mps2` there.
+
+        It falls by `jerk_mps3` before that speed is reached. So it is greatest, a, up to a speed of v - a^2/2j, where
+        m a + c (v - a^2/2j) is what the force has left.
+        """
+        if along == 0.0:
+            return math.inf
+        moving_N = math.sqrt(max((self.limit_N - self.coulomb_N) ** 2 - (self.mass_kg * bend_mps2) ** 2, 0.0))
+        left_N = moving_N / along - self.viscous_Nspm * speed_mps
+        per_a2 = 0.5 * self.viscous_Nspm / jerk_mps3
+        under_root = self.mass_kg**2 - 4.0 * per_a2 * left_N
+        return 2.0 * left_N / (self.mass_kg + math.sqrt(under_root)) if under_root >= 0.0 else math.inf
+
+    def bending_mps2(self, speed_mps: float) -> float:
+        """The greatest centripetal acceleration at up to `speed_mps`, which leaves something along the path."""
+        along_N = self.viscous_Nspm * speed_mps + _ALONG_SHARE * self.limit_N
+        return math.sqrt(max((self.limit_N - self.coulomb_N) ** 2 - along_N**2, 0.0)) / self.mass_kg
+
+    def braking_mps2(self) -> float:
+        """The greatest one that lowers the speed, if friction does not help."""
+        return self.limit_N / self.mass_kg
+
+
+@dataclass(frozen=True)
 class Limits:
     """What the axes may do, (x, y) each, and the step of acceleration allowed where the path's curvature jumps.
+
+    `force`: what the axes have for it; None: enough.
 
     `average_s`: distance travelled is averaged over this time, in whole ms, so that the snap is bounded where an axis
     has a mode of this period; the path stays what it is. 0: not averaged.
@@ -58,12 +103,13 @@ class Limits:
     jerk_mps3: tuple[float, float] = (100.0, 100.0)
     centripetal_step_mps2: float = 1.0
     average_s: float = 0.0
+    force: tuple[Force, Force] | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.average_s <= AVERAGE_MAX_S:
             raise PathError(f"limit average_s is {self.average_s:g}; it must be 0..{AVERAGE_MAX_S:g}")
         for name, values in vars(self).items():
-            if name == "average_s":
+            if name in ("average_s", "force"):
                 continue
             for value in values if isinstance(values, tuple) else (values,):
                 if not LIMIT_RANGE[0] <= value <= LIMIT_RANGE[1]:
@@ -91,7 +137,12 @@ def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: 
         jerk_mps3=(x.jerk_mps3, y.jerk_mps3) if jerk_mps3 is None else (jerk_mps3,) * 2,
         centripetal_step_mps2=machine.centripetal_step_mps2,
         average_s=min(math.ceil(1.0 / (min(modes_Hz) * KNOT_S)) * KNOT_S, AVERAGE_MAX_S) if modes_Hz else 0.0,
+        force=(_force(x), _force(y)),
     )
+
+
+def _force(axis: Axis) -> Force:
+    return Force(axis.force_limit_N, axis.mass_kg, axis.viscous_Nspm, axis.coulomb_N)
 
 
 @dataclass(slots=True)
@@ -110,23 +161,43 @@ class Piece:
 
 
 def planned(limits: Limits) -> Limits:
-    """The limits to plan with."""
-    vx, vy = limits.velocity_mps
+    """The limits to plan with. Raises PathError: an axis whose friction takes its force."""
     ax, ay = (_ACCELERATION_SHARE * a for a in limits.acceleration_mps2)
     jx, jy = limits.jerk_mps3
+    x, y = (_VELOCITY_SHARE * v for v in limits.velocity_mps)
+    if limits.force is not None:
+        x, y = min(x, _fastest("x", limits.force[0])), min(y, _fastest("y", limits.force[1]))
     return Limits(
-        velocity_mps=(_VELOCITY_SHARE * vx, _VELOCITY_SHARE * vy),
+        velocity_mps=(x, y),
         acceleration_mps2=(ax, ay),
         jerk_mps3=(min(_JERK_SHARE * jx, ax / _BUILD_UP_S), min(_JERK_SHARE * jy, ay / _BUILD_UP_S)),
         centripetal_step_mps2=min(limits.centripetal_step_mps2, _STEP_SHARE * min(ax, ay)),
         average_s=limits.average_s,
+        force=limits.force,
     )
+
+
+def _fastest(axis: str, force: Force) -> float:
+    """The speed at which friction leaves _FORCE_LEFT of the force."""
+    left_N = (_FORCE_SHARE - _FORCE_LEFT) * force.limit_N - force.coulomb_N
+    if left_N <= 0.0:
+        raise PathError(
+            f"force of axis {axis}: {force.limit_N:g} N (force_limit_N) less the friction of "
+            f"{force.coulomb_N:g} N leaves too little to accelerate {force.mass_kg:g} kg; see the machine file"
+        )
+    return left_N / force.viscous_Nspm if force.viscous_Nspm > 0.0 else math.inf
 
 
 def clipped(limits: Limits) -> list[str]:
     """Which of `limits` are not planned with as they are, since others do not let them: a sentence each."""
     plan, jerk, step = planned(limits), min(limits.jerk_mps3), limits.centripetal_step_mps2
     out = []
+    for axis, v, limit in zip("xy", plan.velocity_mps, limits.velocity_mps, strict=True):
+        if v < _VELOCITY_SHARE * limit:
+            out.append(
+                f"Axis {axis} is planned with {v * 1e3:.4g} mm/s at most instead of {limit * 1e3:.4g}: its force "
+                "(force_limit_N) does not do more against its friction."
+            )
     if min(plan.jerk_mps3) < _JERK_SHARE * jerk:
         out.append(
             f"A jerk of {min(plan.jerk_mps3):.4g} m/s³ is planned instead of {jerk:.4g}: the acceleration takes "
@@ -142,18 +213,21 @@ def clipped(limits: Limits) -> list[str]:
 
 def pieces_of(program: Program, limits: Limits, report: Callable[[float], None]) -> list[Piece]:
     """The pieces of the path in order; one that begins with a stop has `entry` 0. The last one is empty: the end."""
+    if limits.force is not None:
+        x, y = (replace(force, limit_N=_FORCE_SHARE * force.limit_N) for force in limits.force)
+        limits = replace(limits, force=(x, y))
     pieces: list[Piece] = []
-    before: Segment | None = None
-    dwell = 0.0
-    for i, item in enumerate(program.items):
+    entry, dwell = (0.0, False), 0.0
+    for i, (item, after) in enumerate(itertools.zip_longest(program.items, program.items[1:])):
         if isinstance(item, Dwell):
             dwell += item.duration_s
-            before = None
             continue
-        first, *others = _cut(item, limits, program.where(item.line))
-        first.entry, first.jump = _entry(before, item.segment, limits)
+        leaving = _entry(item.segment, after.segment, limits) if isinstance(after, Move) else (0.0, False)
+        alone = entry[0] == 0.0 and leaving[0] == 0.0
+        first, *others = _cut(item, limits, program.where(item.line), alone)
+        first.entry, first.jump = entry
         first.dwell = dwell
-        dwell, before = 0.0, item.segment
+        entry, dwell = leaving, 0.0
         for piece in (first, *others):
             if not (pieces and _merged(pieces[-1], piece)):
                 pieces.append(piece)
@@ -162,22 +236,39 @@ def pieces_of(program: Program, limits: Limits, report: Callable[[float], None])
     return [*pieces, Piece(0.0, 1.0, 1.0, 1.0, entry=0.0, dwell=dwell)]
 
 
-def _cut(move: Move, limits: Limits, where: str) -> list[Piece]:
+def _cut(move: Move, limits: Limits, where: str, alone: bool) -> list[Piece]:
+    """The pieces of a move, which is `alone` between two stops or not."""
     segment = move.segment
     if isinstance(segment, Line):
         along = np.abs(segment.tangent(np.zeros(1))[0])
-        with np.errstate(divide="ignore"):
-            v, a, j = (
-                float(np.min(np.array(limit) / along))
-                for limit in (limits.velocity_mps, limits.acceleration_mps2, limits.jerk_mps3)
-            )
-        return [_piece(segment.length_m, min(v, move.feed_mps), a, j, AXIS_SPEED if v < move.feed_mps else "")]
+
+        def most(limit: tuple[float, float]) -> float:
+            with np.errstate(divide="ignore"):
+                return float(np.min(np.array(limit) / along))
+
+        top, a, j = most(limits.velocity_mps), most(limits.acceleration_mps2), most(limits.jerk_mps3)
+        v = min(top, move.feed_mps)
+        reached = min(v, _reached(segment.length_m, a, j)) if alone else v
+        for force, share in zip(limits.force or (), along.tolist(), strict=False):
+            a = min(a, force.ramp_mps2(share, reached, j))
+        return [_piece(segment.length_m, v, a, j, AXIS_SPEED if top < move.feed_mps else "")]
     v = min(move.feed_mps, *limits.velocity_mps)
+    if limits.force is not None:  # it has to do for the bend, and some more along it
+        most_a = min(force.bending_mps2(v) for force in limits.force) / _CENTRIPETAL_SHARE
+        x, y = (min(a, most_a) for a in limits.acceleration_mps2)
+        limits = replace(limits, acceleration_mps2=(x, y))
     limit = AXIS_SPEED if v < move.feed_mps else ""
     if isinstance(segment, Arc):
         return [_bent(segment.length_m, v, 1.0 / segment.radius_m, 0.0, limits, limit)]
     assert isinstance(segment, Curve)
     return _cut_curve(segment, v, limits, where, limit)
+
+
+def _reached(length: float, a: float, j: float) -> float:
+    """The greatest speed from rest to rest."""
+    if 0.5 * length * j**2 <= a**3:
+        return float((0.5 * length * math.sqrt(j)) ** (2.0 / 3.0))
+    return 0.5 * a * (math.sqrt((a / j) ** 2 + 4.0 * length / a) - a / j)
 
 
 def _cut_curve(segment: Curve, v: float, limits: Limits, where: str, limit: str) -> list[Piece]:
@@ -252,6 +343,8 @@ def _bent(length: float, v: float, bend: float, change: float, limits: Limits, l
         j_s = share * (j - along)
         across = math.sqrt(j**2 - (j_s + along) ** 2) - change * v**3
         a_s = min(a_left, max(across, 0.0) / (3.0 * bend * v)) if bend > 0.0 else a_left
+        for force in limits.force or ():
+            a_s = min(a_s, force.ramp_mps2(1.0, v, j_s, bend * v**2))
         if a_s > 0.0:
             choices.append((v / a_s + a_s / j_s, a_s, j_s))
     _, a_s, j_s = min(choices)  # the fastest from rest to the greatest speed
@@ -277,14 +370,12 @@ def _piece(length: float, v: float, a: float, j: float, limit: str) -> Piece:
     return Piece(float(length), v, a, j, limit, fastest=float(length) / v)
 
 
-def _entry(before: Segment | None, after: Segment, limits: Limits) -> tuple[float, bool]:
+def _entry(before: Segment, after: Segment, limits: Limits) -> tuple[float, bool]:
     """Bound of the speed where `after` follows `before`, and whether curvature or direction jumps there by more than
     rounding.
 
     A change of direction by `turn` is spread over one knot by the spline: an acceleration of speed times turn a knot.
     """
-    if before is None:
-        return 0.0, False
     end, start = np.array([before.length_m]), np.zeros(1)
     (x0, y0), (x1, y1) = before.tangent(end)[0], after.tangent(start)[0]
     turn = abs(math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1))

@@ -134,11 +134,18 @@ def check_motion(limits: Limits, control: FloatArray, smooth: npt.NDArray[np.boo
 def _check_part(limits: Limits, control: FloatArray, smooth: npt.NDArray[np.bool_], first: int) -> None:
     speed, acceleration, jerk = _motion(control)
     jerk = jerk * smooth[1:-2, None]
-    for name, values, limit in (
+    checked = [
         ("velocity", speed, limits.velocity_mps),
         ("acceleration", acceleration, limits.acceleration_mps2),
         ("jerk", jerk, limits.jerk_mps3),
-    ):
+    ]
+    if limits.force is not None:
+        mass, viscous, coulomb = (
+            np.array([getattr(one, name) for one in limits.force]) for name in ("mass_kg", "viscous_Nspm", "coulomb_N")
+        )
+        force = mass * acceleration + viscous * speed + coulomb * np.sign(speed)
+        checked.append(("force", force, (limits.force[0].limit_N, limits.force[1].limit_N)))
+    for name, values, limit in checked:
         excess = np.abs(values) / np.array(limit)
         if not np.all(excess <= 1.0 + 1e-6):
             row, axis = np.unravel_index(np.argmax(excess), excess.shape)

@@ -201,10 +201,25 @@ def _ratios(path: DrivenPath, control_m: FloatArray, checked: Limits) -> tuple[F
     def ratio(values: FloatArray, limit: tuple[float, float]) -> FloatArray:
         return np.asarray(np.max(np.abs(values) / np.array(limit), axis=1))
 
-    speed = np.pad(ratio((control[2:] - control[:-2]) / (2.0 * KNOT_S), checked.velocity_mps), 1)
-    acceleration = np.pad(ratio(np.diff(control, 2, axis=0) / KNOT_S**2, checked.acceleration_mps2), 1)
+    velocity, second = (control[2:] - control[:-2]) / (2.0 * KNOT_S), np.diff(control, 2, axis=0) / KNOT_S**2
+    speed = np.pad(ratio(velocity, checked.velocity_mps), 1)
+    upper, lower = _accelerations(velocity, checked)
+    acceleration = np.pad(np.max(np.maximum(second / upper, -second / lower), axis=1), 1)
     between = np.pad(ratio(np.diff(control, 3, axis=0) / KNOT_S**3, checked.jerk_mps3), 2)
     return speed, acceleration, np.maximum(between[1:], between[:-1])
+
+
+def _accelerations(velocity: FloatArray, limits: Limits) -> tuple[FloatArray, FloatArray]:
+    """The greatest accelerations (n, 2) of the axes at `velocity` (n, 2), upwards and downwards, both above zero."""
+    upper = np.tile(np.array(limits.acceleration_mps2), (len(velocity), 1))
+    lower = upper.copy()
+    if limits.force is not None:
+        for axis, force in enumerate(limits.force):
+            v = velocity[:, axis]
+            gaining = np.maximum(force.gaining_mps2(np.abs(v)), 1e-3 * force.braking_mps2())
+            upper[:, axis] = np.minimum(upper[:, axis], np.where(v >= 0.0, gaining, force.braking_mps2()))
+            lower[:, axis] = np.minimum(lower[:, axis], np.where(v <= 0.0, gaining, force.braking_mps2()))
+    return upper, lower
 
 
 def excess(path: DrivenPath, control_m: FloatArray, checked: Limits, edge: int) -> float:
@@ -305,9 +320,9 @@ class _Barrier:
             )
         self._top = np.fmin(speed, _RATE_MAX)
         inner = slice(1, -1)
-        acceleration = shares[:, :1] * np.array(limits.acceleration_mps2)
+        upper, lower = (shares[:, :1] * most for most in _accelerations(first, limits))
         jerk = shares[:, 1:] * np.array(limits.jerk_mps3)
-        self._limit = [(acceleration[inner, axis], jerk[inner, axis]) for axis in (0, 1)]
+        self._limit = [(upper[inner, axis], lower[inner, axis], jerk[inner, axis]) for axis in (0, 1)]
         self._acceleration: list[_Form] = []
         self._jerk: list[_Form] = []
         for axis in (0, 1):
@@ -317,7 +332,7 @@ class _Barrier:
             self._jerk.append((curve - swing, p3 - 2.0 * curve, curve + swing))
         least = max(
             float(np.max(1.0 / self._top)),
-            float(np.max(np.abs(second) / acceleration)),
+            float(np.max(np.maximum(second / upper, -second / lower))),
             float(np.max(np.abs(third) / jerk)) ** (2.0 / 3.0),
         )
         self._b = np.full(len(position), 0.5 / least)
@@ -341,9 +356,9 @@ class _Barrier:
         root = inside**-0.5
         out = [self._top - b]
         for axis in (0, 1):
-            acceleration, jerk = self._limit[axis]
+            upper, lower, jerk = self._limit[axis]
             now = _value(self._acceleration[axis], b)
-            out += [acceleration - now, acceleration + now]
+            out += [upper - now, lower + now]
             now, most = _value(self._jerk[axis], b), jerk * root
             out += [most - now, most + now]
         return out
@@ -364,7 +379,7 @@ class _Barrier:
             _add_square(band, form, (upper**2 + lower**2) / weight)
             upper, lower = (weight / one for one in slack[3 + 4 * axis : 5 + 4 * axis])
             before, at, behind = self._jerk[axis]
-            fall = -0.5 * self._limit[axis][1] * b[1:-1] ** -1.5
+            fall = -0.5 * self._limit[axis][2] * b[1:-1] ** -1.5
             _add_gradient(gradient, (before, at, behind), upper - lower)
             gradient[1:-1] -= (upper + lower) * fall
             _add_square(band, (before, at - fall, behind), upper**2 / weight)
