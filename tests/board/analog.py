@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The serial DAC of a board: the SPI that sends to it, and a DAC8563 (TI, SLAS719E) that receives."""
+"""The serial DAC of a board: the SPI that sends to it, and a DAC8563 (TI, SLAS719E) that receives.
+
+The times of its pins are those of the DAC8568, whose interface is the same (TI, SBAS430F, timing requirements, 2.7 to
+5.5 V): a clock of SCLK 20 ns, SYNC high 80 ns, SYNC low 13 ns before the first falling edge of SCLK, and SYNC high
+10 ns after the last one.
+"""
 
 from __future__ import annotations
 
@@ -76,7 +81,7 @@ class Dac8563:
     def power_on(self) -> None:
         self.bits = self.word = 0
         self.selected = False
-        self.rose_ns = -1e9
+        self.rose_ns = self.fell_ns = self.clocked_ns = -1e9
         self.history: list[tuple[float, int, int]] = []
         self._reset()
 
@@ -89,9 +94,13 @@ class Dac8563:
         if high:
             if self.selected and self.bits != 24:
                 self._broken(f"SYNC rises after {self.bits} bits (8.5.1)")
+            if self.selected and self.chip.now_ns - self.clocked_ns < 10:
+                self._broken("SYNC rises less than 10 ns after the last falling edge of SCLK (7.6)")
             self.rose_ns = self.chip.now_ns
         elif self.chip.now_ns - self.rose_ns < 80:
             self._broken("SYNC is high for less than 80 ns (7.6)")
+        else:
+            self.fell_ns = self.chip.now_ns
         self.selected, self.bits, self.word = not high, 0, 0
 
     def clock_in(self, byte: int, cr1: int, bit_ns: float) -> None:
@@ -101,6 +110,9 @@ class Dac8563:
             self._broken("it takes a bit at the falling edge of SCLK: CPHA and CPOL must differ (7.6)")
         if bit_ns < 20:
             self._broken(f"SCLK has {1e3 / bit_ns:.0f} MHz, more than 50 (7.6)")
+        self.clocked_ns = self.chip.now_ns - bit_ns / 2
+        if self.bits == 0 and self.clocked_ns - 7 * bit_ns - self.fell_ns < 13:
+            self._broken("SYNC falls less than 13 ns before the first falling edge of SCLK (7.6)")
         self.word, self.bits = self.word << 8 | byte, self.bits + 8
         if self.bits == 24:
             self._command(self.word >> 19 & 7, self.word >> 16 & 7, self.word & 0xFFFF)
