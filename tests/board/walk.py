@@ -7,6 +7,8 @@
 - No brake is released without power.
 - No power while something lasts that cuts it: a fault of an amplifier, a stop for longer than its reaction may take, a
   low supply, a crystal that has just stopped, a break of PWM; nor after 3.3 ms of a halt.
+- No force before an amplifier that says "ready" has said so, and no power when it has not in its time. Some of them
+  never do, and some contacts stick.
 - Both watchdogs are fed in time: a reset has a reason.
 - No rule of the models is broken.
 
@@ -25,6 +27,8 @@ from board import WIRINGS, Board
 from wires import FRAMING, NOISE
 
 DAC, PWM, SERIAL = range(3)  # 2104h:1
+ENABLE_DELAY_MS = 10  # of amplifiers that say "ready"
+NEVER = 1e9  # ms
 FILTER_TICKS = 4  # an input counts after three equal reads
 STOP_MS = 300  # a quick stop takes 2130h:2, then the brake its time
 SAFE_MS = 0.02  # what makes the outputs safe by an interrupt
@@ -32,8 +36,40 @@ START_MS = 8.0  # after a reset, or the halt that it came in: until the image ha
 HALT_MS = 3.3
 
 
+class Amplifier:
+    """One that says "ready" only while it is live: its contact is open until some time after it is enabled, and again
+    when it fails. Or its contact sticks."""
+
+    def __init__(self, walk: Walk, axis: int) -> None:
+        self.walk, self.axis = walk, axis
+        self.port, self.pin = walk.board.wiring.causes[f"amplifier {'xy'[axis]}"]
+        self.sticks = walk.random.random() < 0.3
+        self.enabled_ms: float | None = None
+        self.takes_ms = self.fails_ms = NEVER
+
+    def follow(self, now_ms: float) -> None:
+        """Its contact opens or closes."""
+        if not self.walk.board.enabled(self.axis):
+            self.enabled_ms = None
+        elif self.enabled_ms is None:
+            self.enabled_ms = now_ms
+            self.takes_ms = self.walk.random.choice((1.0, 1.0, 4.0, 4.0, 8.0, NEVER))
+            self.fails_ms = self.walk.random.choice((15.0, 40.0, NEVER))
+        if not self.sticks:
+            since_ms = -1.0 if self.enabled_ms is None else now_ms - self.enabled_ms
+            self.walk.board.gpio(self.port).outside[self.pin] = not self.takes_ms <= since_ms < self.fails_ms
+
+    def may_have_force(self, now_ms: float, tick_ms: float) -> bool:
+        least_ms = ENABLE_DELAY_MS - tick_ms if self.sticks else self.takes_ms
+        return self.enabled_ms is not None and now_ms - self.enabled_ms >= least_ms
+
+    def may_have_power(self, now_ms: float, filter_ms: float) -> bool:
+        most_ms = ENABLE_DELAY_MS + 2.0 if self.takes_ms == NEVER else self.fails_ms
+        return self.sticks or self.enabled_ms is None or now_ms - self.enabled_ms < most_ms + filter_ms
+
+
 class Walk:
-    def __init__(self, board: Board, seed: int) -> None:
+    def __init__(self, board: Board, seed: int, ready: bool | None = None) -> None:
         self.board = board
         self.random = random.Random(f"{board.wiring.image} {seed}")
         self.name = f"{board.wiring.image}, seed {seed}"
@@ -43,6 +79,8 @@ class Walk:
         self.tick_ms = 1e3 / board.wiring.control_hz
         self.since: dict[str, float] = {}  # ms at which something began that cuts the power
         self.expected_resets = 1
+        ready = self.random.random() < 0.4 if ready is None else ready  # 2104h:7
+        self.amplifiers = [Amplifier(self, axis) for axis in (0, 1)] if ready else []
         self.frame_may_break = False  # of the serial DAC, without effect: safe outputs do not wait for its end
         self.released_ms = 0.0  # when the last halt ended
         self.with_power = self.with_force = 0  # checks
@@ -71,6 +109,11 @@ class Walk:
             if not board.enabled(axis):
                 assert self._idle(axis), self._told(f"a force without power on axis {axis}")
                 assert not any(released[axis : axis + 1]), self._told(f"brake {axis} is released without power")
+        for amplifier in self.amplifiers:
+            axis, filter_ms = amplifier.axis, self._allowed_ms("amplifier")
+            ready = amplifier.may_have_force(self._now_ms(), self.tick_ms)
+            assert ready or self._idle(axis), self._told(f"a force before the amplifier of axis {axis} is ready")
+            assert amplifier.may_have_power(self._now_ms(), filter_ms), self._told(f"power on axis {axis} not ready")
         if board.powered():
             for cause, since_ms in self.since.items():
                 assert self._now_ms() - since_ms < self._allowed_ms(cause), self._told(f"power in spite of {cause}")
@@ -93,6 +136,8 @@ class Walk:
         end_ns = board.now_ns + ms * 1e6
         while board.now_ns < end_ns:
             board.run(min(self.tick_ms / 2, (end_ns - board.now_ns) / 1e6 + 1e-6))
+            for amplifier in self.amplifiers:
+                amplifier.follow(self._now_ms())
             assert len(board.resets) <= self.expected_resets, self._told(f"a reset without a reason: {board.resets}")
             if not board.active:
                 self.check()
@@ -123,7 +168,8 @@ class Walk:
         self._run(self.tick_ms * self.random.uniform(0, 20))
 
     def _contact(self) -> None:
-        port, pin = self.random.choice(self.board.wiring.contacts)
+        theirs = {(amplifier.port, amplifier.pin) for amplifier in self.amplifiers}
+        port, pin = self.random.choice([c for c in self.board.wiring.contacts if c not in theirs])
         outside = self.board.gpio(port).outside
         outside[pin] = not outside[pin]
         self._note_causes()
@@ -135,6 +181,8 @@ class Walk:
     def _note_causes(self) -> None:
         """Which contacts are open, and since when."""
         for cause, (port, pin) in self.board.wiring.causes.items():
+            if self.amplifiers and cause.startswith("amplifier"):
+                continue
             if self.board.gpio(port).outside.get(pin) and (cause != "break" or self.output == PWM):
                 self.since.setdefault(cause, self._now_ms())
             else:
@@ -232,7 +280,9 @@ class Walk:
         board.start()
         for axis in (0, 0x800):
             board.write(0x2104 + axis, 1, self.output, 1)
-            board.write(0x2104 + axis, 6, self.random.choice((0, 0, 3, 10)), 2)
+            delay_ms = ENABLE_DELAY_MS if self.amplifiers else self.random.choice((0, 0, 3, 10))
+            board.write(0x2104 + axis, 6, delay_ms, 2)
+            board.write(0x2104 + axis, 7, int(bool(self.amplifiers)), 1)
             board.write(0x2160 + axis, 1, self.random.choice((0, 5)), 2)
             board.write(0x2160 + axis, 2, self.random.choice((0, 5)), 2)
         if self.output == PWM:
@@ -260,7 +310,10 @@ def main() -> None:
             walk = Walk(Board(WIRINGS[name]), seed)
             try:
                 walk.run(options.ms)
-                print(f"{walk.name}: {walk.with_power} checks with power, {walk.with_force} with force", flush=True)
+                ready = ", ready" if walk.amplifiers else ""
+                print(
+                    f"{walk.name}{ready}: {walk.with_power} checks with power, {walk.with_force} with force", flush=True
+                )
             except AssertionError as error:
                 failed += 1
                 print(error, flush=True)
