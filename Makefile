@@ -45,7 +45,8 @@ test-target: build/need/qemu-system-arm lib firmware
 
 cost: setup build/need/qemu-system-arm  ## what a servo tick costs: instructions, cycles by a model, stack, flash, RAM
 	@cmake --workflow --preset image && cmake --preset host-f32 && cmake --build --preset host-f32 --target stages
-	@for preset in m4-f32 m4-fix m3-fix; do cmake --preset $$preset && cmake --build --preset $$preset --target bench_step || exit 1; done
+	@for preset in m4-f32 m4-fix m3-fix; do \
+	  cmake --preset $$preset && cmake --build --preset $$preset --target bench_step || exit 1; done
 	@cmake --build --preset m4-f32 --target bench_port
 	$(PY) tools/cost.py
 
