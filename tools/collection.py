@@ -26,7 +26,7 @@ from kontur.path import gcode_words, programs
 TABLE, BEYOND = "words of the table alone", "other words, #, [ ], O"
 RUNS, SPACE, REFUSED = "run", "refused as a move in three dimensions, or rotary", "refused otherwise"
 _COMMENT = re.compile(r"\([^()]*\)|;.*")
-_SPACE = re.compile(r"z changes while x and y cut|a rotary axis moves|arcs lie in the plane|centre is given by I and J")
+_SPACE = re.compile("z changes while x and y cut|a rotary axis|arcs lie in the plane|centre is given by I and J")
 _NO_PROGRAM = "there is no motion in this file"
 _RS274_S = 60.0
 

@@ -4,6 +4,7 @@
 import json
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner, Result
 
@@ -100,7 +101,9 @@ def test_table_of_points_and_other_axes_are_checked_too(tmp_path: Path) -> None:
 def test_file_that_is_not_there_is_one_message() -> None:
     result = kontur("check", "nothing.ngc")
     assert result.exit_code == 1
-    assert result.stdout == "refused: cannot be read (No such file or directory); is the name right?\n"
+    assert result.stdout == (
+        "refused: no such file, and no shape either; shapes are circle, ellipse, eight, square, spiral\n"
+    )
 
 
 def test_nothing_is_opened_that_could_move(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,3 +123,39 @@ def test_run_tells_in_one_line_what_it_does_not_execute(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "Not executed, since the machine has no such thing: T ×2; first in line 1.\n" in result.stdout
     assert kontur("run", file, "--z", "refuse").exit_code == 1
+
+
+OF_A_DRIVE = {
+    *("--controller", "--set", "--params", "--override", "--approach", "--resume", "--yes"),
+    *("--log", "--report", "--live", "--scope", "--scope-trigger", "--scope-pre", "--scope-divider", "--scope-out"),
+    *("--seed", "--num", "--told", "--untold", "--compensation"),
+    *("-i", "--interface", "-c", "--channel", "-b", "--bitrate", "--bus", "--bus-faults", "--node", "--set-pdos"),
+}
+"""What check has no use for: it changes neither the path nor what the program switches."""
+
+
+def test_check_takes_every_option_of_run_that_changes_the_path_or_what_it_switches() -> None:
+    def options(verb: str) -> set[str]:
+        command = main.get_command(click.Context(main), verb)
+        assert command is not None
+        return {option for parameter in command.params for option in parameter.opts}
+
+    assert options("run") - options("check") == OF_A_DRIVE
+
+
+def test_check_takes_shapes_with_their_sizes() -> None:
+    result = kontur("check", "circle", "--radius", "4", "--feed", "50", "--json")
+    found = json.loads(result.stdout)
+    assert result.exit_code == 0
+    assert found["extent_mm"]["x"] == pytest.approx([-4.0, 4.0])
+    ran = json.loads(kontur("run", "circle", "--radius", "4", "--feed", "50", "--json").stdout)
+    assert (found["duration_s"], found["feed"]) == (ran["duration_s"], ran["feed"])
+
+
+def test_laser_has_no_power_in_rapid_moves_so_its_outputs_change_more_often(tmp_path: Path) -> None:
+    text = "M3 S500\nG1 X5 F1200\nG0 X10\nG1 X15\nM5\nX16\n"
+    spindle, _ = checked(tmp_path, text)
+    laser, _ = checked(tmp_path, text, "--laser", "--full-s", "500")
+    assert spindle["output_changes"] == 2
+    assert laser["output_changes"] == 5  # on at rest, power, none in G0, power, off
+    assert "outputs change 5 times" in kontur("check", tmp_path / "a.ngc", "--laser").stdout

@@ -244,8 +244,8 @@ def test_ctrl_c_stops_on_the_path_and_the_log_is_complete_up_to_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     @contextmanager
-    def press_ctrl_c_at_two_thirds(_what: str) -> Iterator[Callable[[float], None]]:
-        pressed = _what == "planning"
+    def press_ctrl_c_at_two_thirds(*_: object) -> Iterator[tuple[Callable[[float], None], None]]:
+        pressed = False
 
         def progress(share: float) -> None:
             nonlocal pressed
@@ -253,9 +253,9 @@ def test_ctrl_c_stops_on_the_path_and_the_log_is_complete_up_to_there(
                 pressed = True
                 signal.raise_signal(signal.SIGINT)
 
-        yield progress
+        yield progress, None
 
-    monkeypatch.setattr("kontur.cli.run.progress_bar", press_ctrl_c_at_two_thirds)
+    monkeypatch.setattr("kontur.cli.run.run_progress", press_ctrl_c_at_two_thirds)
     before = signal.getsignal(signal.SIGINT)
     file = tmp_path / "a.csv"
     result = kontur("run", "circle", "--feed", "50", "--controller", "all", "--log", str(file), "--json")

@@ -96,6 +96,7 @@ def test_calls_become_moves_in_machine_coordinates_with_the_lines_they_come_from
     ("call", "message"),
     [
         ("N4 NURBS_FEED(4, ...)", "p.ngc:4: NURBS_FEED: this canonical function has no meaning for two axes"),
+        ("N4 RIGID_TAP(0, 0, -5)", "p.ngc:4: RIGID_TAP: motion tied to the turns of a spindle"),
         ("N4 STRAIGHT_FEED(1, 1, 5, 0, 0, 0)", "p.ngc:4: Z5: z changes while x and y cut"),
     ],
 )

@@ -11,9 +11,10 @@ import click
 
 from kontur import machine as machines
 from kontur.cli.motion_options import accel_option, jerk_option, tolerance_option
-from kontur.cli.options import MACHINE, POSITIVE, progress_bar
+from kontur.cli.options import MACHINE, progress_bar
 from kontur.cli.output import print_json, print_table
-from kontur.cli.path_options import interpreter_option, z_option
+from kontur.cli.path_options import full_s_option, laser_option
+from kontur.cli.program_options import Source, program_options
 from kontur.errors import FileError, KonturError, visible
 
 if TYPE_CHECKING:
@@ -27,10 +28,7 @@ _EVENTS = {"word": "event", "count": "times", "line": "first in line", "time_s":
 
 
 @click.command(name="check")
-@click.argument("file", type=click.Path(), metavar="FILE")
-@click.option("--feed", type=POSITIVE, metavar="MM_PER_S", help="Speed along a CSV path of x,y.")
-@z_option
-@interpreter_option
+@program_options
 @click.option(
     "--machine",
     type=MACHINE,
@@ -42,40 +40,42 @@ _EVENTS = {"word": "event", "count": "times", "line": "first in line", "time_s":
 @accel_option
 @jerk_option
 @tolerance_option
+@laser_option
+@full_s_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def command(
     *,
-    file: str,
-    feed: float | None,
-    z: str,
-    interpreter: bool,
+    source: Source,
     machine: str,
     accel: float | None,
     jerk: float | None,
     tolerance: float | None,
+    laser: bool,
+    full_s: float,
     as_json: bool,
 ) -> None:
-    """Check FILE (G-code, or CSV) as `kontur run` would take it, without a drive: nothing moves.
+    """Check FILE (G-code, or CSV) or a shape as `kontur run` would take it, without a drive: nothing moves.
 
     All that the file is refused for is printed at once, each kind with its first line; the exit code is 1 then.
     Otherwise extent, time, feeds that are not reached, the slowest places, and what the program switches.
     """
-    from kontur.path import programs
     from kontur.path.smoothing import toleranced
     from kontur.planning.bounds import clipped, limits
+    from kontur.planning.outputs import Tool, of_words, words
 
     plan = machines.load(machine)
     bounds = limits(plan, accel, jerk)
-    result: dict[str, Any] = {"file": file, "machine": plan.name, "refusals": []}
+    result: dict[str, Any] = {"file": source.name, "machine": plan.name, "refusals": []}
     trajectory = None
     try:
-        program, refusals = programs.check(file, None if feed is None else feed * 1e-3, z, interpreter)
+        program, refusals = source.check()
         result["refusals"] = [_refusal(error, count) for error, count in refusals]
-        result["notes"] = [*program.notes, *clipped(bounds)]
+        result["notes"] = [*source.notes(), *program.notes, *clipped(bounds)]
         if not refusals:
             trajectory = _planned(
                 toleranced(program, None if tolerance is None else tolerance * 1e-3), bounds, plan.soft_limits_m, result
             )
+            result["output_changes"] = len(of_words(words(trajectory, Tool(full_s, laser))))
     except KonturError as error:  # of the whole file, or of its path
         result["refusals"].append(_refusal(error, 1))
     if as_json:
@@ -167,6 +167,7 @@ def _print(result: dict[str, Any], trajectory: Trajectory | None) -> None:
                 print_table(rows, headings=_SLOWEST)
         if result["events"]:
             print_table(result["events"], headings=_EVENTS)
+            click.echo(f"outputs change {result['output_changes']} times")
     for note in result.get("notes", []):
         click.echo(note)
     if not result["refusals"]:

@@ -6,24 +6,20 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import itertools
-import os
 import shlex
 import sys
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
-from click.shell_completion import CompletionItem
 
 from kontur.cli.holds import Release
 from kontur.cli.live_page import live_page, panel, view
 from kontur.cli.motion_options import accel_option, approach_option, jerk_option, params_option, tolerance_option
 from kontur.cli.options import (
     CONTROLLER,
-    POSITIVE,
     SIGNALS,
     NumberRange,
     StopRequest,
@@ -31,19 +27,18 @@ from kontur.cli.options import (
     grouped,
     held_by_signals,
     interruptible,
-    offered,
     parameter_option,
     parameter_values,
     parameters_of,
-    progress_bar,
     target_options,
 )
 from kontur.cli.output import print_json, print_table, print_warnings, warnings_json
-from kontur.cli.path_options import full_s_option, interpreter_option, laser_option, z_option
+from kontur.cli.path_options import full_s_option, laser_option
 from kontur.cli.planned import planned
+from kontur.cli.program_options import Source, program_options
+from kontur.cli.run_progress import run_progress
 from kontur.drive.controllers import CONTROLLERS, described
-from kontur.errors import FileError, KonturError
-from kontur.path.sizes import DEFAULT_FEED_MPS, SHAPES, shape
+from kontur.errors import KonturError
 from kontur.runs import RETURN_MAX_M
 
 if TYPE_CHECKING:
@@ -54,9 +49,6 @@ if TYPE_CHECKING:
     from kontur.planning.planner import Trajectory
     from kontur.runs.runner import RunOptions, RunResult
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-_MAY_BE_0 = ("corner_radius", "inner")
 _NOT_IN_COMMAND = ("log", "report", "as_json", "live", "controller", "scope_out")
 
 
@@ -96,38 +88,6 @@ class Recording:
     out: Path | None
 
 
-class _Source(click.types.StringParamType):
-    """A file or the name of a shape."""
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        return [CompletionItem(incomplete, type="file"), *offered(SHAPES, incomplete)]  # bash drops what precedes files
-
-
-def _shape_option(name: str, text: str) -> Callable[[F], F]:
-    shapes_with = [f"{shape} {defaults[name]:g}" for shape, defaults in SHAPES.items() if name in defaults]
-    unit = "" if name == "laps" else ", mm"
-    kind = NumberRange(min=0) if name in _MAY_BE_0 else POSITIVE
-    return click.option(
-        f"--{name.replace('_', '-')}", type=kind, help=f"{text}{unit} (default: {', '.join(shapes_with)})."
-    )
-
-
-def _program(source: str, feed: float | None, z: str, interpreter: bool, **sizes: float | None) -> Program:
-    """The program of FILE, or of a shape with its `sizes` in mm at `feed` mm/s."""
-    from kontur.path import programs
-
-    feed_mps = DEFAULT_FEED_MPS if feed is None else feed * 1e-3
-    given = {name: value for name, value in sizes.items() if value is not None}
-    for name in given:
-        if name not in SHAPES.get(source, {}):
-            raise click.UsageError(f"--{name.replace('_', '-')} does not belong to {source}")
-    if source in SHAPES:
-        return shape(source, given, feed_mps)
-    if not os.path.exists(source):  # Path.exists() raises OSError for a name that is too long
-        raise FileError(source, f"no such file, and no shape either; shapes are {', '.join(SHAPES)}")
-    return programs.load(source, None if feed is None else feed_mps, z, interpreter)
-
-
 def _output(log: Path | None, report: Path | None, as_json: bool, live: bool) -> Output:
     check_output(log, ".csv", ".mf4")
     check_output(report, ".html")
@@ -152,29 +112,6 @@ def _recording(
     return Recording(scope.Setup(scope.names(scope_signals), trigger, scope_pre, scope_divider), scope_out)
 
 
-_program_options = grouped(
-    "program",
-    _program,
-    click.argument("source", type=_Source(), metavar=f"FILE|{'|'.join(SHAPES)}"),
-    click.option(
-        "--feed",
-        type=POSITIVE,
-        metavar="MM_PER_S",
-        help=f"Speed along a shape (default: {DEFAULT_FEED_MPS * 1e3:g}) or a CSV path of x,y.",
-    ),
-    z_option,
-    interpreter_option,
-    _shape_option("radius", "Radius"),
-    _shape_option("half_width", "Half axis along x"),
-    _shape_option("half_height", "Half axis along y"),
-    _shape_option("size", "Width"),
-    _shape_option("side", "Side"),
-    _shape_option("corner_radius", "Radius of the corners"),
-    _shape_option("inner", "Inner radius"),
-    _shape_option("outer", "Outer radius"),
-    _shape_option("pitch", "Distance from turn to turn"),
-    _shape_option("laps", "Laps"),
-)
 _motion_options = grouped(
     "motion",
     Motion,
@@ -249,7 +186,7 @@ _output_options = grouped(
 
 
 @click.command(name="run")
-@_program_options
+@program_options
 @click.option(
     "--controller",
     type=CONTROLLER,
@@ -267,7 +204,7 @@ def command(
     ctx: click.Context,
     /,
     *,
-    program: Program,
+    source: Source,
     controller: tuple[str, ...],
     motion: Motion,
     output: Output,
@@ -300,6 +237,7 @@ def command(
         )
     if output.live:
         ctx.with_resource(live_page())
+    program = source.load()
     path, options = _plan(program, motion, recording, target)
     if motion.resume:
         output = dataclasses.replace(output, log=_of_this_part(output.log), report=_of_this_part(output.report))
@@ -307,8 +245,7 @@ def command(
     if output.report is not None:  # now, since modules in C that a second Ctrl-C breaks off while loading may crash
         importlib.import_module("kontur.report.page")
     notes = [*program.notes, *_of_outputs(path), *clipped(limits(target.machine, motion.accel, motion.jerk))]
-    if ctx.params["feed"] is None and ctx.params["source"] in SHAPES:
-        notes.insert(0, f"No --feed was given, so it is {DEFAULT_FEED_MPS * 1e3:g} mm/s.")
+    notes = [*source.notes(), *notes]
     results: list[RunResult] = []
     try:
         with interruptible() as stop_requested:
@@ -423,11 +360,10 @@ def _run(
     asked = panel()
     asked.offers, asked.percent = ("hold", "resume", "stop", "override"), motion.override
     page = view()
-    options = dataclasses.replace(options, watch=page)
-    with progress_bar(name) as progress, held_by_signals(asked):
+    with run_progress(name, trajectory, asked, page) as (progress, watch), held_by_signals(asked):
         release = Release(trajectory.program, asked, motion.yes)
         operator = Operator(progress, stop_requested, asked.rate, release, _notice)
-        result = run(trajectory, name, target, options, operator)
+        result = run(trajectory, name, target, dataclasses.replace(options, watch=watch), operator)
     if page is not None:
         page.end(_ending(result))
     return result

@@ -14,10 +14,9 @@ from kontur.can.wire import TelemetryStream
 from kontur.drive.device import Device
 from kontur.drive.pdos import TELEMETRY
 from kontur.errors import DeviceError
-from kontur.live.view import View
+from kontur.live.view import WATCHED_S, View
 from kontur.runs import log
 from kontur.runs.columns import measured
-from kontur.runs.recorder import WATCHED_S
 
 _COLUMNS = (
     ("tick", 0),

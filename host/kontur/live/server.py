@@ -27,8 +27,7 @@ from pathlib import Path
 from aiohttp import WSCloseCode, web
 
 from kontur.errors import BusError
-from kontur.live.view import OVERRIDE_MAX, OVERRIDE_MIN, View, Viewer
-from kontur.runs.recorder import WATCHED_S
+from kontur.live.view import OVERRIDE_MAX, OVERRIDE_MIN, WATCHED_S, View, Viewer
 
 ADDRESS = "127.0.0.1"
 _HOST = re.compile(r"(127\.0\.0\.1|localhost)(:\d+)?")

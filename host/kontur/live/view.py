@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.can.emcy import faults
-from kontur.runs.recorder import WATCHED_S
 
 Floats = NDArray[np.float64]
 
+WATCHED_S = 0.03
+"""Rows of so much time are shown together."""
 _RING_S = 4.0  # a viewer may be late by that
 _SKETCH_ROWS = 4000  # of what was before, for a viewer that comes late or again
 _OUTLINE_POINTS = 3000
@@ -98,6 +99,8 @@ class Viewer:
 
 class View:
     """The state of one page. `begin` and `add` are those of kontur.runs.recorder.Watcher."""
+
+    every_s = WATCHED_S
 
     def __init__(self, panel: Panel) -> None:
         self.panel = panel

@@ -12,9 +12,11 @@ machine may.
 
 from __future__ import annotations
 
+import gc
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from kontur.path import arcs, gcode_words
 from kontur.path.gcode_words import Block, Refusals
@@ -45,11 +47,9 @@ _BELONGS = {  # words that have a meaning beside certain codes only: G codes as 
 }
 
 
-def parse(
-    text: str, name: str, start_m: Point = (0.0, 0.0), z: str = "pen", source: Source = gcode_words.blocks
-) -> Program:
+def parse(text: str, name: str, start_m: Point = (0.0, 0.0), z: str = "pen", source: Source | None = None) -> Program:
     """The program of the G-code `text`, for a machine that stands at `start_m`. `name` is the file's, for messages; `z`
-    is one of Z_MODES. `source` reads the blocks: Kontur's own reader, or kontur.path.interpreter.
+    is one of Z_MODES. `source` reads the blocks, such as that of kontur.path.interpreter; None: Kontur's own.
 
     Raises FileError: anything that is not understood, with line and word; a file without motion.
     """
@@ -60,19 +60,33 @@ def parse(
 
 
 def read(
-    text: str, name: str, start_m: Point = (0.0, 0.0), z: str = "pen", source: Source = gcode_words.blocks
+    text: str, name: str, start_m: Point = (0.0, 0.0), z: str = "pen", source: Source | None = None
 ) -> tuple[Program, Refusals]:
     """The same, and all that the file is refused for; the program lacks what is refused."""
     refusals = Refusals(name)
     reader = _Reader(refusals, start_m, z)
-    for block in source(text, refusals):
-        reader.run(block)
-        if any(m in _END for m in block.m):
-            break
+    with _without_collection():
+        for block in source(text, refusals) if source else gcode_words.blocks(text, refusals, reader.step):
+            reader.run(block)
+            if any(m in _END for m in block.m):
+                break
     if not refusals and not any(isinstance(item, Move) for item in reader.items):
         refusals.add("there is no motion in this file; it needs a line like G1 X10 Y5 F1000")
     items, events = tuple(reader.items), tuple(reader.events)
     return Program(name, items, start_m, _notes(items, events), events), refusals
+
+
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """Millions of moves are made, none in a circle. To search them for circles again and again takes a third of the
+    time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def _notes(items: tuple[Move | Dwell, ...], events: tuple[Event, ...]) -> tuple[str, ...]:
@@ -102,6 +116,9 @@ class _Reader:
         self.refusals = refusals
         self.z = z
         self.at = zeros() | {"X": start_m[0], "Y": start_m[1]}
+        self.here = start_m  # x and y of `at`: the same object for the end of a line and the start of the next one
+        self.plain = True  # whether x and y of a line are where it ends, but for the origin
+        self.origin = (0.0, 0.0)
         self.items: list[Move | Dwell] = []
         self.events: list[Event] = []
         self.offsets = Offsets()
@@ -115,6 +132,33 @@ class _Reader:
         self.stops = False
         self.relative = False
         self.center_absolute = False
+
+    def step(self, line: int, code: str | None, x: str | None, y: str | None, feed: str | None) -> bool:
+        """Carry out a line of G0 or G1, x, y and F as run() would, but quickly; False: it is one for run()."""
+        motion = self.motion if code is None else 10 * int(code)
+        if not self.plain or (motion != 10 and motion != 0):
+            return False
+        feed_mps = self.feed if feed is None else float(feed) / 60.0 * self.unit_m
+        if not feed_mps:
+            return False
+        self.feed = feed_mps
+        self.motion = motion
+        here = self.here
+        end_x, end_y = here
+        if x is not None:
+            to = self.origin[0] + float(x) * self.unit_m
+            end_x = end_x if abs(to - end_x) < _SAME else to
+        if y is not None:
+            to = self.origin[1] + float(y) * self.unit_m
+            end_y = end_y if abs(to - end_y) < _SAME else to
+        end = (end_x, end_y)
+        if math.dist(here, end) < _SAME:
+            return True
+        self.here = end
+        self.at["X"], self.at["Y"] = end
+        rapid = motion == 0
+        self.items.append(Move(Line(here, end), math.inf if rapid else feed_mps, rapid, line, None, self.tolerance_m))
+        return True
 
     def run(self, block: Block) -> None:
         """Carry out one block, in the order of RS274NGC: feed, events, dwell, modes, offsets, the move, a hold."""
@@ -149,6 +193,8 @@ class _Reader:
         for m in block.m:
             if m in (0, 1, 60):
                 self._hold(block, m)
+        self.plain = not (self.relative or self.inverse_time or self.stops or self.offsets.turned)
+        self.origin = self.offsets.of("X"), self.offsets.of("Y")
 
     def _refuse(self, block: Block, letter: str, what: str) -> None:
         self.refusals.add(what, block.line, block.texts.get(letter))
@@ -323,7 +369,7 @@ class _Reader:
 
     def _move(self, block: Block, motion: int, target: dict[str, float]) -> None:
         """Go to `target`, with all axes at once."""
-        here = (self.at["X"], self.at["Y"])
+        here = self.here
         end = (target.get("X", here[0]), target.get("Y", here[1]))
         end = here if math.dist(here, end) < _SAME else end
         moves = end != here or motion >= 20
@@ -334,6 +380,7 @@ class _Reader:
             self._add(block, motion, here, end)
         if rises is False:
             self._put_pen(block, target["Z"])
+        self.here = end
         self.at |= target | {"X": end[0], "Y": end[1]}
 
     def _lift(self, block: Block, cuts: bool, target: dict[str, float]) -> bool | None:
@@ -359,9 +406,6 @@ class _Reader:
         self.items.append(Dwell(0.0, block.line))
 
     def _add(self, block: Block, motion: int, here: Point, end: Point) -> None:
-        before = self.items[-1] if self.items else None
-        if isinstance(before, Move) and isinstance(before.segment, Line) and before.segment.end_m == here:
-            here = before.segment.end_m  # once in memory
         segment: Segment | None = Line(here, end) if motion < 20 else self._arc(block, here, end)
         if segment is None:
             return

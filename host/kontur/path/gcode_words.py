@@ -7,7 +7,7 @@ A refusal is collected, and reading goes on behind its word, so that a file's re
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from kontur.errors import FileError
@@ -17,6 +17,11 @@ _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _EXPONENT = re.compile(r"[eE][+-]?[0-9]+")
 _PROGRAM_NUMBER = re.compile(r"[Oo:][0-9]+$")
+_UNSIGNED = r"(?:[0-9]{1,9}(?:\.[0-9]*)?|\.[0-9]+)"
+_STEP = re.compile(
+    rf"(?:[Nn][0-9]{{1,9}}[ \t]*)?(?:[Gg]0?([01])[ \t]*)?"
+    rf"(?:[Xx]([+-]?{_UNSIGNED})[ \t]*)?(?:[Yy]([+-]?{_UNSIGNED})[ \t]*)?(?:[Ff]({_UNSIGNED})[ \t]*)?$"
+)
 _CODE = re.compile(r"[GgMm][0-9.]+$")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 
@@ -118,10 +123,16 @@ class Refusals:
         return FileError(self.name, also, first.line, first.word)
 
 
-def blocks(text: str, refusals: Refusals) -> Iterator[Block]:
-    """The blocks of a program, without its comments, up to its second %."""
+Step = Callable[[int, str | None, str | None, str | None, str | None], bool]
+"""Takes a line that consists of G0 or G1, x, y and F, each of which may be missing; or not, then it is a block."""
+
+
+def blocks(text: str, refusals: Refusals, step: Step = lambda *_: False) -> Iterator[Block]:
+    """The blocks of a program, without its comments, up to its second %; but for those lines that `step` takes."""
     percents = 0
     for line, raw in enumerate(text_lines(text), start=1):
+        if (plain := _STEP.match(raw)) and step(line, *plain.groups()):
+            continue
         code = _COMMENT.sub("", raw).replace(" ", "").replace("\t", "")
         if "(" in code or ")" in code:
             refusals.add("a comment in parentheses must end on its line and hold no other", line, raw.strip())

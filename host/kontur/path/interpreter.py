@@ -52,8 +52,16 @@ _NOTHING = (
     *("SET_MOTION_CONTROL_MODE", "SET_NAIVECAM_TOLERANCE", "USE_TOOL_LENGTH_OFFSET", "CHANGE_TOOL_NUMBER"),
     *("ENABLE_FEED_OVERRIDE", "ENABLE_SPEED_OVERRIDE", "SET_TOOL_TABLE_ENTRY", "PALLET_SHUTTLE", "SELECT_TOOL"),
     *("DISABLE_FEED_OVERRIDE", "DISABLE_SPEED_OVERRIDE", "FINISH"),
+    *("STOP_SPEED_FEED_SYNCH", "TURN_PROBE_ON", "TURN_PROBE_OFF"),  # of what is refused
     *("ENABLE_FEED_HOLD", "DISABLE_ADAPTIVE_FEED", "LOG", "LOGOPEN", "LOGCLOSE", "LOGAPPEND"),
 )
+
+_SPINDLE = "motion tied to the turns of a spindle, which is a rotary axis, and the machine has none"
+_REFUSED = {
+    "START_SPEED_FEED_SYNC": _SPINDLE,
+    "RIGID_TAP": _SPINDLE,
+    "STRAIGHT_PROBE": "the machine has no probe; remove what probes",
+}
 
 
 def blocks(text: str, refusals: Refusals) -> Iterator[Block]:
@@ -186,7 +194,7 @@ class _Calls:
         elif name == "SET_XY_ROTATION":
             self.turn = cmath.rect(1.0, math.radians(float(words[0])))
         elif name not in _NOTHING:
-            return "this canonical function has no meaning for two axes; remove what causes it"
+            return _REFUSED.get(name, "this canonical function has no meaning for two axes; remove what causes it")
         return None
 
     def _mm(self, values: list[float]) -> list[float]:

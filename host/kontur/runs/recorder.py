@@ -31,14 +31,15 @@ from kontur.runs.scoring import ContourError, Rapids, Scorer
 
 Floats = NDArray[np.float64]
 
-WATCHED_S = 0.03
-"""Rows of so much time are handed over together to who looks on."""
 _ABOUT = ("controller", "machine", "command")
 _TRUTH = tuple(field.name for field in dataclasses.fields(Truth))
 
 
 class Watcher(Protocol):
-    """Who looks on while a run goes (kontur.live.view). Its functions are called in the thread of the run."""
+    """Who looks on while a run goes (kontur.live.view, kontur.cli.run_progress). Its functions are called in the thread
+    of the run, with the rows of `every_s` at a time."""
+
+    every_s: float
 
     def begin(
         self, about: dict[str, str], columns: Sequence[tuple[str, int]], path_m: Floats | None, paced: bool
@@ -57,7 +58,7 @@ class Recorder:
 
     `meta` is what is known before; end() adds the rest. `file`: where the log goes, None: nowhere. `whole`: keep all
     rows of the log and the truth in memory; else a long log is thinned there (RunLog.even), and no truth is kept.
-    `watch` gets the rows as they come, `watch_s` of them at a time.
+    `watch` gets the rows as they come.
 
     `switches`: the trajectory switches outputs, so the log has columns of them. `error_range`: it has columns of the
     drive's contour error in all control periods, which its TPDO6 sends.
@@ -116,7 +117,7 @@ class Recorder:
         if self._watch is None:
             self._link.record_telemetry(self._take)
         else:
-            self._link.record_telemetry(self._take, WATCHED_S)
+            self._link.record_telemetry(self._take, self._watch.every_s)
             about = {"title": str(program.name)} | {k: str(v) for k, v in self.meta.items() if k in _ABOUT}
             columns = [(column.name, column.digits) for column in self._columns]
             self._watch.begin(about, columns, trajectory.position_m, self._link.by_device_time)
