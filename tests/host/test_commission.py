@@ -14,10 +14,11 @@ from click.testing import CliRunner
 from kontur.cli import main
 from kontur.cli.commission import AIMS
 from kontur.commissioning import machine_file
-from kontur.commissioning.fit import Cogging, Dynamics, Friction, Value
+from kontur.commissioning.fit import Dynamics, Friction, Value
 from kontur.commissioning.identify import Identified
 from kontur.commissioning.prove import Proof, problem_of
 from kontur.commissioning.response import Response
+from kontur.commissioning.screw import Harmonics, Screw, Transmission
 from kontur.errors import MachineError
 from kontur.machine import MACHINES, load
 
@@ -41,7 +42,9 @@ def identified(delay: int = 1, elastic: bool = True) -> Identified:
             encoder_at="motor",
             misfit=0.5,
         ),
-        cogging=Cogging(0.01, (1.0, 0.0, 0.5), (0.0, 0.5, 0.0), 0.2),
+        screw=Screw(0.01, Harmonics((1.0, 0.0, 0.5), (0.0, 0.5, 0.0), 0.2), None),
+        transmission=None,
+        encoder_noise_m=(Value(0.0, 2.2e-8), None),
         noise_N=0.5,
         presliding_m=Value(2e-5, 1.2e-5),
         response=Response(empty, np.zeros((2, 1), complex), np.zeros((2, 1)), empty.astype(complex), empty, empty),
@@ -70,7 +73,8 @@ def test_json_has_each_figure_with_its_uncertainty_and_what_was_not_seen() -> No
     assert found_x["mass_kg"] == {"value": 100.0, "uncertainty": 2.0}
     assert found_x["resonance_Hz"] is None
     assert "resonance_Hz" in found_x["not_seen"]
-    assert "lead_error" in found_x["not_seen"]
+    for name in ("lead_error", "backlash_m", "friction_share", "ripple", "squareness_rad"):
+        assert name in found_x["not_seen"]
     assert "mass_kg" not in found_x["not_seen"]
     json.dumps(found_x)
 
@@ -80,6 +84,28 @@ def test_phases_of_cogging_are_told_to_the_drive() -> None:
     assert values["screw_x.lead"] == 10_000.0
     assert values["screw_x.cogging_cos_1"] == 1.0
     assert values["screw_x.cogging_sin_2"] == 0.5
+    assert values["screw_x.ripple_sin_2"] == 0.0
+    assert "screw_x.error_sin" not in values
+
+
+def test_what_a_scale_shows_is_in_the_machine_file_and_told_to_the_drive() -> None:
+    ripple = Harmonics((0.01, 0.0, 0.0), (0.0, 0.005, 0.0), 0.002)
+    once = Harmonics((3e-6, 0.0, 0.0), (4e-6, 0.0, 0.0), 1e-7)
+    shown = Transmission(Value(1e-4, 1e-6), once, Value(8e-6, 1e-6), Value(0.6, 0.05), ((0.0, 0.0), (0.1, 1e-5)))
+    found = replace(identified(), screw=Screw(0.01, None, ripple), transmission=shown)
+    axis = machine_file.axis(BALL_SCREW.x, found)
+    assert axis.ripple == pytest.approx(0.015)
+    assert axis.lead_once_m == pytest.approx(5e-6)
+    assert (axis.lead_error, axis.backlash_m, axis.friction_share) == (1e-4, 8e-6, 0.6)
+    values = machine_file.parameters({"x": found})
+    assert values["screw_x.ripple_cos_1"] == 0.01
+    assert values["screw_x.cogging_cos_1"] == 0.0
+    assert (values["screw_x.error_cos"], values["screw_x.error_sin"]) == (3.0, 4.0)
+    found_x = machine_file.as_json(found)
+    assert found_x["backlash_m"] == {"value": 8e-6, "uncertainty": 1e-6}
+    assert found_x["lead_map_m"] == [[0.0, 0.0], [0.1, 1e-5]]
+    assert "lead_error" not in found_x["not_seen"]
+    assert "cogging_N" in found_x["not_seen"]
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,58 +88,6 @@ def test_friction_curve_is_found_with_its_uncertainty() -> None:
         assert inside(found.breakaway, 1.25)
 
 
-def cogging_run(lead_m: float, velocity_mps: float, seed: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Positions and demands of an axis of 80 kg that cogging of 3 N a turn shakes while it moves."""
-    time = np.arange(0.0, 4.0, 0.01)
-    even = velocity_mps * time
-    omega = 2.0 * np.pi * velocity_mps / lead_m
-    swing_m = 40e-6 * np.cos(omega * time + 0.3)
-    position = even + swing_m
-    cogging = 3.0 * np.sin(2.0 * np.pi * position / lead_m + 0.5)
-    noise = 0.3 * np.random.default_rng(seed).standard_normal(len(time))
-    return position, 80.0 * -(omega**2) * swing_m - cogging + 40.0 * np.sign(velocity_mps) + noise, velocity_mps
-
-
-def kg(mass_kg: float) -> Callable[[np.ndarray], np.ndarray]:
-    """A rigid axis."""
-    return lambda hz: np.full_like(hz, mass_kg)
-
-
-@pytest.mark.parametrize("encoder_at", ["motor", "table"])
-def test_mass_that_a_force_moves_is_that_of_the_two_masses_on_their_spring(encoder_at: str) -> None:
-    axis = replace(
-        BALL_SCREW.x, encoder_at=encoder_at, resonance_damping=0.0, current_lag_s=0.0, viscous_Nspm=0.0, coulomb_N=0.0
-    )
-    hz = np.array([4.0, 12.0, 24.0, 48.0, 80.0])
-    plant = loop.plant(loop.Grid.at(hz, 1_000_000), axis, 0, ((1.0, 1.0),)).force[0][0]
-    found = fit.mass_at(dynamics(axis))(hz)
-    assert found == pytest.approx((-1.0 / (plant * (2.0 * np.pi * hz) ** 2)).real, rel=0.02)
-    rigid = fit.mass_at(replace(dynamics(axis), resonance_Hz=fit.Value(0.0, 0.0)))(hz)
-    assert rigid == pytest.approx(100.0)
-
-
-def dynamics(axis: Axis) -> fit.Dynamics:
-    """The axis as if it had been found."""
-    values = (axis.mass_kg, axis.resonance_Hz, axis.resonance_damping, axis.motor_share, axis.current_lag_s)
-    mass, resonance, damping, share, lag = (fit.Value(value, 0.0) for value in values)
-    return fit.Dynamics(mass, resonance, damping, share, lag, axis.current_lag_s, 0, axis.encoder_at, 1.0)
-
-
-def test_cogging_is_found_at_the_lead_that_it_has() -> None:
-    runs = [cogging_run(0.01, 0.02, 1), cogging_run(0.01, -0.02, 2)]
-    found = fit.cogging(runs, kg(80.0), (0.004, 0.005, 0.01, 0.016))
-    assert found is not None
-    assert found.lead_m == 0.01
-    assert complex(found.sin_N[0], found.cos_N[0]) == pytest.approx(3.0 * np.exp(0.5j), abs=0.15)
-    assert found.peak_N == pytest.approx(3.0, abs=0.4)
-
-
-def test_force_without_cogging_has_none() -> None:
-    rng = np.random.default_rng(1)
-    position = np.linspace(0.0, 0.08, 400)
-    assert fit.cogging([(position, 40.0 + rng.standard_normal(400), 0.02)], kg(80.0), (0.005, 0.01)) is None
-
-
 def test_presliding_is_found_in_reversals_behind_a_gap() -> None:
     distance = np.linspace(0.0, 1.2e-4, 60)
     k = np.arange(1, 11)[:, None]
@@ -193,24 +140,33 @@ def test_axis_that_takes_most_of_the_force_to_move_is_not_jammed() -> None:
 
 
 def test_command_finds_the_machine_and_leaves_the_drive_as_it_was(tmp_path: Path) -> None:
-    """One axis of the four; the other machines and axes are what `kontur commission` is measured with."""
-    result = CliRunner().invoke(
-        main, ["identify", "--axis", "x", "--machine", str(MACHINES / "ball_screw.toml"), "--untold", "--json"]
-    )
+    """One axis with a scale and a gap; tools/identified.py looks at others."""
+    text = (MACHINES / "stiff_scale.toml").read_text().replace("[x]\n", "[x]\nbacklash_m = 6e-6\n")
+    machine = tmp_path / "machine.toml"
+    machine.write_text(text.replace("ripple = 0.005", "ripple = 0.02"))
+    result = CliRunner().invoke(main, ["identify", "--axis", "x", "--machine", str(machine), "--untold", "--json"])
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)["axes"]["x"]
-    true = BALL_SCREW.x
+    true = load(machine).x
     for name, expected, share in (
         ("mass_kg", true.mass_kg, 0.05),
         ("viscous_Nspm", true.viscous_Nspm, 0.15),
         ("coulomb_N", true.coulomb_N, 0.15),
         ("resonance_Hz", true.resonance_Hz, 0.05),
         ("lag_delay_s", true.current_lag_s + 1e-4, 0.25),
+        ("cogging_N", true.cogging_N, 0.2),
+        ("ripple", true.ripple, 0.3),
+        ("backlash_m", true.backlash_m, 0.1),
+        ("friction_share", true.friction_share, 0.1),
+        ("lead_error", true.lead_error, 0.05),
+        ("lead_once_m", true.lead_once_m, 0.1),
     ):
         assert found[name]["value"] == pytest.approx(expected, rel=share), name
         assert abs(found[name]["value"] - expected) <= found[name]["uncertainty"], name
     assert found["screw_m"] == true.screw_m
-    assert found["cogging_N"]["value"] == pytest.approx(true.cogging_N, rel=0.2)
+    for name in ("encoder_noise_m", "scale_noise_m"):
+        assert found[name]["value"] == 0.0
+        assert found[name]["uncertainty"] > 0.0
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from kontur.cli.identify import agreed_of, require_length, show
+from kontur.cli.identify import agreed_of, encoder_known, require_length, show
 from kontur.cli.live_page import view
 from kontur.cli.options import NumberRange, StopRequest, drive_of, interruptible, progress_bar, target_options
 from kontur.cli.output import print_json, print_table
@@ -38,7 +38,8 @@ AIMS = {"finish": (2.0, 2.0), "speed": (2.0, 4.0), "quiet": (1.7, 0.7)}
 _CONTROLLERS = ("ccu", "cascade")
 _STEPS = {
     "identify": "Each axis moves within its soft limits: a slow ramp of the force first, then a slow sine, constant "
-    "speeds and a small multisine. This measures mass, friction, first mode, lag and cogging.",
+    "speeds and a small multisine. This measures mass, friction, first mode, lag, cogging and ripple, and with a scale "
+    "backlash and errors of the screw.",
     "tune": "Gains for the machine as it was measured are computed. Nothing moves.",
     "prove": "The sensitivity of each axis is measured with the new gains, and circles are run in both senses at two "
     "speeds, before and after.",
@@ -279,6 +280,8 @@ def _identify(
     else:
         asked.explain("identify")
         ratings = {f"plant_{name}.force_limit": getattr(target.machine, name).force_limit_N for name in AXES}
+        if encoder_known(target):
+            ratings |= machine_file.scales(target.machine)
         gauge = None if asked.yes or target.in_process or asked.length_checked else _Gauge()
         with _timed(target) as taken, drive_of(target) as device:
             agreed = agreed_of(target, device, AXES, ratings, asked.force_N, asked.speed_mps, asked.index_mm, gauge)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`kontur identify`: mass, friction, first mode, lag and cogging of both axes, measured by their drive."""
+"""`kontur identify`: mass, friction, first mode, lag and screw of both axes, measured by their drive."""
 
 from __future__ import annotations
 
@@ -67,7 +67,10 @@ def command(
     with drive_of(target) as device, interruptible() as stop_requested:
         try:
             agreed = agreed_of(target, device, (only,) if only else AXES, {}, force_N, speed * 1e-3, index_mm)
-            found = identify_axes(device, agreed, {}, _say(as_json), stop_requested)
+            scales = (
+                machine_file.scales(target.machine) if target.in_process and target.told == machines.LENGTHS else {}
+            )
+            found = identify_axes(device, agreed, scales, _say(as_json), stop_requested)
         except KeyboardInterrupt:
             click.echo("Interrupted: the axes have slowed down, and the parameters are as they were.", err=True)
             sys.exit(stop_requested.exit_code)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fits: a machine to its frequency response, friction to speed steps, cogging to force by position."""
+"""Fits: a machine to its frequency response, friction to speed steps, presliding to reversals."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -198,84 +198,6 @@ def friction(speed_mps: Sequence[float], force_N: Sequence[float], sigma_N: Sequ
     )
 
 
-# --- cogging ----------------------------------------------------------------------------------------------------------
-ORDERS = (1, 2, 6)
-"""Periods a turn of what the drive cancels (object 2106h)."""
-_STILL = 0.1
-
-
-@dataclass(frozen=True)
-class Cogging:
-    """Force by the angle of the screw, `lead_m` a turn: cosine and sine part of each of ORDERS in N, 3 each."""
-
-    lead_m: float
-    cos_N: tuple[float, ...]
-    sin_N: tuple[float, ...]
-    uncertainty_N: float
-
-    @property
-    def peak_N(self) -> float:
-        return float(sum(np.hypot(self.cos_N, self.sin_N)))
-
-
-def mass_at(found: Dynamics) -> Callable[[Floats], Floats]:
-    """The mass that a force at the motor moves at the place of the encoder, kg, by frequencies in Hz.
-
-    Of two masses on a spring without damping. Near the motor's antiresonance, where nothing moves, it is limited.
-    """
-
-    def mass_kg(hz: Floats) -> Floats:
-        resonance_Hz = found.resonance_Hz.value
-        if resonance_Hz == 0.0:
-            return np.full_like(hz, found.mass_kg.value)
-        ratio = 1.0 - (hz / resonance_Hz) ** 2
-        if found.encoder_at == "motor":
-            still = 1.0 - (hz / resonance_Hz) ** 2 / found.motor_share.value
-            ratio = ratio / np.where(np.abs(still) < _STILL, np.copysign(_STILL, still), still)
-        return np.asarray(found.mass_kg.value * ratio)
-
-    return mass_kg
-
-
-def cogging(
-    runs: Sequence[tuple[Floats, Floats, float]], mass_kg: Callable[[Floats], Floats], leads_m: Sequence[float]
-) -> Cogging | None:
-    """Fit force by position, `runs` of (position, force, velocity), for the most likely of `leads_m`; None: none is
-    seen. `mass_kg`: by frequency, as of mass_at().
-
-    What accelerates the axis at each harmonic is put back: cogging = m a - force, and a from the positions.
-    """
-    best: tuple[float, float, Floats, float] | None = None
-    for lead_m in leads_m:
-        normal, right, total, count = np.zeros((6, 6)), np.zeros(6), 0.0, 0
-        for position_m, force_N, velocity_mps in runs:
-            angle = 2.0 * np.pi * position_m[:, None] / lead_m * np.array(ORDERS)
-            basis = np.hstack([np.cos(angle), np.sin(angle)])
-            trend = np.column_stack([np.ones_like(position_m), np.linspace(-1.0, 1.0, len(position_m))])
-            free = basis - trend @ np.linalg.lstsq(trend, basis, rcond=None)[0]
-            # deviation from uniform motion, by harmonic: its acceleration is -omega^2 times it
-            time = np.arange(len(position_m)) / len(position_m)
-            straight = np.polyval(np.polyfit(time, position_m, 1), time)
-            deviation = np.linalg.lstsq(free, position_m - straight, rcond=None)[0]
-            hz = abs(velocity_mps) / lead_m * np.tile(ORDERS, 2)
-            load = force_N + basis @ (mass_kg(hz) * (2.0 * np.pi * hz) ** 2 * deviation)
-            load = load - trend @ np.linalg.lstsq(trend, load, rcond=None)[0]
-            normal += free.T @ free
-            right += free.T @ load
-            total += float(load @ load)
-            count += len(load)
-        x = np.linalg.solve(normal + 1e-9 * np.eye(6), right)
-        left = total - float(x @ right)
-        if best is None or left / total < best[0]:
-            best = (left / total, lead_m, np.asarray(x, dtype=np.float64), math.sqrt(left / count / (count / 12.0)))
-    assert best is not None
-    share, lead_m, x, error = best
-    if share > 0.7:
-        return None
-    uncertainty_N = 2.0 * math.sqrt(len(ORDERS)) * error  # the peak is the sum of all harmonics
-    return Cogging(lead_m, tuple(-float(c) for c in x[:3]), tuple(-float(c) for c in x[3:]), uncertainty_N)
-
-
 # --- reversal ---------------------------------------------------------------------------------------------------------
 ELEMENTS = 10  # of the simulated machine's friction
 _DISTANCES_M = np.geomspace(2e-6, 1e-4, 50)
@@ -327,3 +249,15 @@ def _slip(distance_m: Floats, whole_m: float) -> Floats:
     k = np.arange(1, ELEMENTS + 1)[:, None]
     forward = np.maximum(distance_m, 0.0)[None, :]
     return np.asarray(np.mean(np.minimum(2.0 * ELEMENTS * forward / (k * whole_m), 2.0), axis=0) - 1.0)
+
+
+# --- at rest ----------------------------------------------------------------------------------------------------------
+_QUANTUM = 1.0 / math.sqrt(12.0)
+
+
+def noise(position_m: Floats, count_m: float) -> Value:
+    """Standard deviation of an encoder at rest. What stays within a count does not show."""
+    t = np.linspace(-1.0, 1.0, len(position_m))
+    left = position_m - np.polyval(np.polyfit(t, position_m, 1), t)
+    value = float(np.std(left))
+    return Value(value, math.hypot(2.0 * value / math.sqrt(len(left)), _QUANTUM * count_m))

@@ -13,19 +13,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kontur.commissioning import first_moves, fit, response
+from kontur.commissioning import first_moves, fit, response, screw
 from kontur.commissioning.bias import Mover
 from kontur.commissioning.first_moves import Agreed, Diagnosis, explained
-from kontur.commissioning.fit import Cogging, Dynamics, Friction, Value
-from kontur.commissioning.recording import Recorder, record
+from kontur.commissioning.fit import Dynamics, Friction, Value
+from kontur.commissioning.recording import Scan, ScopeRecorder, record, scan
 from kontur.commissioning.response import Floats, Response, Setup
+from kontur.commissioning.screw import ORDERS, Harmonics, Screw, Transmission
 from kontur.drive.device import Device
 from kontur.machine import Axis
 
 _SPEEDS_MPS = (0.0015, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2)
 _LEADS_M = (0.002, 0.0025, 0.004, 0.005, 0.006, 0.008, 0.01, 0.012, 0.016, 0.02, 0.025, 0.03, 0.032, 0.04)
 _SCAN_MPS = 0.02
-_REVERSAL_MPS = 2e-4
+_FAST_MPS, _FAST_S = 0.2, 8.0  # of a scan of the whole travel
+_NOISE_S = 0.15
+_REVERSAL_MPS, _REVERSAL_S = 2e-4, 0.8
 _BIAS_MPS = 0.0873  # no whole number of Hz by common leads
 _WINDOWS = 3  # of each line and direction: their scatter is the uncertainty of a point
 _LOOSE_HZ = 20.0  # a first mode below is that of a loose coupling
@@ -34,16 +37,19 @@ _NM = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What was found of an axis. `cogging` and `presliding_m` are None where none was seen.
+    """What was found of an axis. `screw` and `presliding_m` are None where none was seen, `transmission` without scale.
 
-    `encoder_m`: length of a count. `noise_N`: scatter of the force demand. `speeds`: rows of speed and friction.
+    `encoder_m`: length of a count. `encoder_noise_m`: standard deviation of encoder and scale at rest without power.
+    `noise_N`: scatter of the force demand. `speeds`: rows of speed and friction.
     """
 
     breakaway_N: float
     encoder_m: float
     friction: Friction
     dynamics: Dynamics
-    cogging: Cogging | None
+    screw: Screw | None
+    transmission: Transmission | None
+    encoder_noise_m: tuple[Value, Value | None]
     noise_N: float
     presliding_m: Value | None
     response: Response
@@ -65,6 +71,8 @@ def identify(
     began_s = device.link.time_s
     device.select_controller("cascade")
     first_moves.prepare(device, axis)
+    with explained(axis, "without power: noise of the encoder", say):
+        encoder_noise_m = _noise(device, axis)
     with explained(axis, "the force grows slowly until the axis moves: direction, breakaway", say):
         breakaway_N = first_moves.direction(device, axis, agreed, stop_requested)
     with explained(axis, "a slow sine of a millimetre: mass, roughly", say):
@@ -86,15 +94,16 @@ def identify(
         with explained(axis, "to the limit switches: free travel", say):
             first_moves.find_travel(device, axis, agreed, breakaway_N, stop_requested)
     with (
-        explained(axis, "constant speeds both ways: friction, cogging", say),
+        explained(axis, "constant speeds both ways: friction, cogging, ripple, and what a scale shows", say),
         first_moves.moving(device, axis, stop_requested) as mover,
     ):
-        steps, runs, noise_N = _speeds(mover, agreed)
+        steps = _speeds(mover, agreed)
+        pairs = _scans(mover, agreed)
         reversals = _reversals(mover)
     found = fit.friction([v for v, _, _ in steps], [f for _, f, _ in steps], [s for _, _, s in steps])
-    cogging = fit.cogging(runs, lambda hz: np.full_like(hz, mass_kg), _LEADS_M)
+    by_angle = screw.screw(pairs[0], lambda hz: np.full_like(hz, mass_kg), _LEADS_M)
     first_moves.catch_up(device)
-    device.parameters.set(_friction_parameters(axis, found) | cogging_parameters(axis, cogging))
+    device.parameters.set(_friction_parameters(axis, found) | screw_parameters(axis, by_angle))
     with (
         explained(axis, "a small multisine on a constant speed: mass, first mode, lag and delay", say),
         first_moves.moving(device, axis, stop_requested) as mover,
@@ -109,29 +118,39 @@ def identify(
             f"axis {axis} swings at {dynamics.resonance_Hz.value:.1f} Hz against its motor: a coupling, a belt or the "
             "nut of the screw is loose",
         )
-    if cogging is not None:  # by the machine as it is known now
-        cogging = fit.cogging(runs, fit.mass_at(dynamics), (cogging.lead_m,))
+    if by_angle is not None:  # by the machine as it is known now
+        by_angle = screw.screw(pairs[0], screw.mass_at(dynamics), (by_angle.lead_m,)) or by_angle
+    transmission = screw.transmission(pairs, dynamics, by_angle.lead_m if by_angle else None)
     return Identified(
         breakaway_N=breakaway_N,
         encoder_m=base.encoder_m,
         friction=found,
         dynamics=dynamics,
-        cogging=cogging,
-        noise_N=noise_N,
-        presliding_m=fit.presliding(reversals, _stretch_m(dynamics, found)),
+        screw=by_angle,
+        transmission=transmission,
+        encoder_noise_m=encoder_noise_m,
+        noise_N=float(np.std(np.diff(pairs[0][1].force_N)) / np.sqrt(2.0)),
+        presliding_m=fit.presliding(_turns(reversals), _stretch_m(dynamics, found)),
         response=measured,
         speeds=tuple((v, f) for v, f, _ in steps),
         drive_s=device.link.time_s - began_s,
     )
 
 
-# --- friction and cogging ---------------------------------------------------------------------------------------------
-def _speeds(
-    mover: Mover, agreed: Agreed
-) -> tuple[list[tuple[float, float, float]], list[tuple[Floats, Floats, float]], float]:
-    """Rows of speed, mean friction of both directions and its standard deviation; the runs of the scan for cogging; the
-    scatter of the force."""
-    steps, runs, noise_N = [], [], 0.0
+# --- at rest ----------------------------------------------------------------------------------------------------------
+def _noise(device: Device, axis: str) -> tuple[Value, Value | None]:
+    """Noise of encoder and scale of an axis without power; below a fraction of a count nothing shows."""
+    recorder = ScopeRecorder(device, axis, _NOISE_S)
+    recorder.start()
+    found = recorder.read()
+    first_m, second_m = recorder.counts_m
+    return fit.noise(found.first_m, first_m), None if found.second_m is None else fit.noise(found.second_m, second_m)
+
+
+# --- friction, and what goes by the angle of the screw ----------------------------------------------------------------
+def _speeds(mover: Mover, agreed: Agreed) -> list[tuple[float, float, float]]:
+    """Rows of speed, mean friction of both directions and its standard deviation."""
+    steps = []
     for speed in _SPEEDS_MPS:
         if speed > agreed.speed_mps:
             break
@@ -151,38 +170,52 @@ def _speeds(
         if len(both) == 2:
             (up, up_N, up_s, _), (down, down_N, down_s, _) = both
             steps.append((0.5 * (up - down), 0.5 * (up_N - down_N), 0.5 * float(np.hypot(up_s, down_s))))
-    for sign in (1.0, -1.0):
-        if mover.longest_s(_SCAN_MPS, sign) < 3.0:
-            mover.go(mover.low_m if sign > 0.0 else mover.high_m, 0.05)
-        with mover.moving(sign * _SCAN_MPS, 0.3):
-            found = record(mover, min(4.0, mover.longest_s(_SCAN_MPS, sign)))
-        runs.append((found.position_m, found.force_N, found.velocity_mps))
-        noise_N = float(np.std(np.diff(found.force_N)) / np.sqrt(2.0))
     if len(steps) < 4:
         raise Diagnosis(
             "travel",
             f"axis {mover.axis} has too little travel or speed for its friction: {len(steps)} speeds were measured; "
             f"widen position_limit_{mover.axis} or allow more speed",
         )
-    return steps, runs, noise_N
+    return steps
 
 
-def _reversals(mover: Mover) -> list[tuple[Floats, Floats]]:
-    """Distance since the reversal, and the force by that of both senses, of slow reversals."""
+def _scans(mover: Mover, agreed: Agreed) -> list[tuple[Scan, Scan]]:
+    """Up and down at a slow speed; where there is a scale, along the whole travel at a high one, too."""
+    if mover.longest_s(_SCAN_MPS, 1.0) < 3.0:
+        mover.go(mover.low_m, min(0.05, agreed.speed_mps))
+    speed_mps = min(_SCAN_MPS, agreed.speed_mps)
+    up, down = (scan(mover, sign * speed_mps, 4.0, 0.3) for sign in (1.0, -1.0))
+    if up.second_m is None:
+        return [(up, down)]
+    fast_mps = min(_FAST_MPS, agreed.speed_mps)
+    mover.go(mover.low_m, min(0.1, agreed.speed_mps))
+    return [(up, down), (scan(mover, fast_mps, _FAST_S, 0.3), scan(mover, -fast_mps, _FAST_S, 0.3))]
+
+
+def _reversals(mover: Mover) -> list[Scan]:
+    """Slow reversals, each from the negative to the positive direction or back."""
     found = []
+    recorder = ScopeRecorder(mover.device, mover.axis, 2.0 * _REVERSAL_S)
     for k in range(4):
         sign = 1.0 if k % 2 == 0 else -1.0
-        recorder = Recorder(mover)
-        with mover.moving(-sign * _REVERSAL_MPS, 0.8):
+        with mover.moving(-sign * _REVERSAL_MPS, _REVERSAL_S):
             recorder.start()
             mover.pause(0.2)
             mover.run(sign * _REVERSAL_MPS)
-            mover.pause(0.8)
-            recording = recorder.stop()
-        position_m, force_N = sign * recording.position_m, sign * recording.force_N
+            mover.pause(recorder.duration_s - 0.2)
+        found.append(recorder.read())
+    return found
+
+
+def _turns(reversals: list[Scan]) -> list[tuple[Floats, Floats]]:
+    """Distance since the reversal, and the force by that of both senses."""
+    found = []
+    for k, one in enumerate(reversals):
+        sign = 1.0 if k % 2 == 0 else -1.0
+        position_m, force_N = sign * one.first_m, sign * one.force_N
         turn = int(np.argmin(position_m))
-        before, after = float(np.mean(force_N[: max(3, turn // 2)])), float(np.mean(force_N[-20:]))
-        if after - before > 0.0 and turn < len(position_m) - 20:
+        before, after = float(np.mean(force_N[: max(3, turn // 2)])), float(np.mean(force_N[-len(force_N) // 8 :]))
+        if after - before > 0.0 and turn < 0.8 * len(position_m):
             share = 2.0 * (force_N - before) / (after - before) - 1.0
             found.append((position_m[turn:] - position_m[turn], share[turn:]))
     return found
@@ -210,13 +243,16 @@ def _stretch_m(dynamics: Dynamics, found: Friction) -> float:
     return float(0.5 * found.coulomb_N.value * found.breakaway.value / stiffness_Npm)
 
 
-def cogging_parameters(axis: str, found: Cogging | None) -> dict[str, float]:
+def screw_parameters(axis: str, found: Screw | None) -> dict[str, float]:
     """What cancels it in the drive (object 2106h)."""
     if found is None:
         return {}
     values = {f"screw_{axis}.lead": round(found.lead_m * 1e6, 3)}
-    for n, (cos_N, sin_N) in enumerate(zip(found.cos_N, found.sin_N, strict=True), 1):
-        values |= {f"screw_{axis}.cogging_cos_{n}": round(cos_N, 3), f"screw_{axis}.cogging_sin_{n}": round(sin_N, 3)}
+    nothing = Harmonics((0.0,) * len(ORDERS), (0.0,) * len(ORDERS), 0.0)
+    for name, one, digits in (("cogging", found.cogging, 3), ("ripple", found.ripple, 6)):
+        for n, (cos, sin) in enumerate(zip((one or nothing).cos, (one or nothing).sin, strict=True), 1):
+            values |= {f"screw_{axis}.{name}_cos_{n}": round(cos, digits)}
+            values |= {f"screw_{axis}.{name}_sin_{n}": round(sin, digits)}
     return values
 
 

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from kontur.commissioning.fit import Value
-from kontur.commissioning.identify import Identified, cogging_parameters
+from kontur.commissioning.identify import Identified, screw_parameters
 from kontur.machine import Axis, Machine
 
-_NOT_SEEN = ("backlash_m", "lead_error", "lead_once_m", "squareness_rad", "crosstalk_s2", "friction_wave", "ripple")
-"""What no encoder at the motor sees, and what is not measured yet."""
+_NOT_SEEN = ("squareness_rad", "crosstalk_s2", "friction_wave", "encoder_once_m", "interpolation_m")
+"""What no sensor sees, and what is not measured yet."""
 
 
 def axis(known: Axis, found: Identified) -> Axis:
@@ -38,8 +38,17 @@ def axis(known: Axis, found: Identified) -> Axis:
         }
     if found.presliding_m is not None:
         values["presliding_m"] = found.presliding_m.value
-    if found.cogging is not None:
-        values |= {"screw_m": found.cogging.lead_m, "cogging_N": found.cogging.peak_N}
+    if found.screw is not None:
+        values["screw_m"] = found.screw.lead_m
+        for key, one in (("cogging_N", found.screw.cogging), ("ripple", found.screw.ripple)):
+            if one is not None:
+                values[key] = one.peak.value
+    if found.transmission is not None:
+        values |= {"lead_error": found.transmission.lead_error.value, "backlash_m": found.transmission.backlash_m.value}
+        if found.transmission.friction_share is not None:
+            values["friction_share"] = min(1.0, max(0.0, found.transmission.friction_share.value))
+        if found.transmission.lead_once is not None:
+            values["lead_once_m"] = found.transmission.lead_once.peak.value
     return dataclasses.replace(known, **values)
 
 
@@ -51,6 +60,15 @@ def known(of: Axis) -> Axis:
         "limit_switch_m", "index_m", "start_m", "scale_m", "continuous_force_N", "thermal_s", "force_bits",
     )  # fmt: skip
     return Axis(mass_kg=1.0, viscous_Nspm=0.0, coulomb_N=0.0, **{name: getattr(of, name) for name in names})
+
+
+def scales(of: Machine) -> dict[str, float]:
+    """Parameters of the drive for the scales that the machine has."""
+    return {
+        f"second_encoder_{name}.length": getattr(of, name).scale_m * 1e6
+        for name in "xy"
+        if getattr(of, name).scale_m > 0.0
+    }
 
 
 def machine(of: Machine, found: Mapping[str, Identified]) -> Machine:
@@ -89,15 +107,22 @@ def text(machine: Machine) -> str:
 
 
 def parameters(found: Mapping[str, Identified]) -> dict[str, float]:
-    """Parameters of the drive that a machine file cannot say: the phases of the cogging."""
-    return {key: value for name, one in found.items() for key, value in cogging_parameters(name, one.cogging).items()}
+    """Parameters of the drive that a machine file cannot say: phases of what goes by the angle of the screw."""
+    values = {key: value for name, one in found.items() for key, value in screw_parameters(name, one.screw).items()}
+    for name, one in found.items():
+        if one.screw is not None and one.transmission is not None and one.transmission.lead_once is not None:
+            once = one.transmission.lead_once
+            values[f"screw_{name}.error_cos"] = round(once.cos[0] * 1e6, 3)
+            values[f"screw_{name}.error_sin"] = round(once.sin[0] * 1e6, 3)
+    return values
 
 
 def as_json(found: Identified) -> dict[str, Any]:
     """All that was found of an axis, each with its uncertainty (half width of a 95 % interval); None: not seen."""
     d, f = found.dynamics, found.friction
     elastic = d.resonance_Hz.value > 0.0
-    cogging_N = None if found.cogging is None else Value(found.cogging.peak_N, found.cogging.uncertainty_N)
+    cogging, ripple = (found.screw.cogging, found.screw.ripple) if found.screw else (None, None)
+    shown = found.transmission
     values: dict[str, Value | None] = {
         "mass_kg": d.mass_kg,
         "viscous_Nspm": f.viscous_Nspm,
@@ -109,7 +134,14 @@ def as_json(found: Identified) -> dict[str, Any]:
         "resonance_damping": d.resonance_damping if elastic else None,
         "motor_share": d.motor_share if elastic else None,
         "presliding_m": found.presliding_m,
-        "cogging_N": cogging_N,
+        "cogging_N": cogging.peak if cogging else None,
+        "ripple": ripple.peak if ripple else None,
+        "backlash_m": shown.backlash_m if shown else None,
+        "friction_share": shown.friction_share if shown else None,
+        "lead_error": shown.lead_error if shown else None,
+        "lead_once_m": shown.lead_once.peak if shown and shown.lead_once else None,
+        "encoder_noise_m": found.encoder_noise_m[0],
+        "scale_noise_m": found.encoder_noise_m[1],
     }
     result: dict[str, Any] = {
         name: None if value is None else {"value": value.value, "uncertainty": value.uncertainty}
@@ -118,7 +150,8 @@ def as_json(found: Identified) -> dict[str, Any]:
     return result | {
         "encoder_at": d.encoder_at,
         "encoder_m": found.encoder_m,
-        "screw_m": found.cogging.lead_m if found.cogging else None,
+        "screw_m": found.screw.lead_m if found.screw else None,
+        "lead_map_m": [list(row) for row in shown.lead_map] if shown else None,
         "breakaway_N": found.breakaway_N,
         "force_noise_N": found.noise_N,
         "misfit": d.misfit,

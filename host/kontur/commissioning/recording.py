@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Force and position of an axis while it moves, from the telemetry of its drive."""
+"""Force and position of an axis while it moves, from the telemetry of its drive, and from its scope."""
 
 from __future__ import annotations
 
@@ -7,10 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kontur.commissioning.bias import Mover
+from kontur.commissioning.bias import SETTLE_S, Mover
 from kontur.commissioning.response import Floats
+from kontur.drive import scope
+from kontur.drive.device import Device
+from kontur.errors import DeviceError
 
 _FORCE_EACH = 10  # ms from one sample of the force to the next
+_SAMPLES = 6144  # of the scope (docs/scope.md)
+_ARMING_S = 0.3
+_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,3 +70,79 @@ def _phase(tick: np.ndarray[tuple[int, ...], np.dtype[np.int64]], force_N: Float
     """The tick modulo 10 at which the force changes: when it was sent."""
     changes = tick[1:][np.diff(force_N) != 0.0] % _FORCE_EACH
     return int(np.bincount(changes, minlength=_FORCE_EACH).argmax()) if len(changes) else 0
+
+
+# --- by the scope -----------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """An axis by the scope of its drive: `first_m` by its encoder and `second_m` by its scale, None where there is
+    none; both are as counted. `force_N`: demand; (n,) each. `origin_m`: the user's position less `first_m`."""
+
+    time_s: Floats
+    first_m: Floats
+    second_m: Floats | None
+    force_N: Floats
+    origin_m: float = 0.0
+
+    @property
+    def velocity_mps(self) -> float:
+        """The mean velocity."""
+        return float(np.polyfit(self.time_s, self.first_m, 1)[0])
+
+    @property
+    def user_m(self) -> Floats:
+        return self.first_m + self.origin_m
+
+    @property
+    def ahead_m(self) -> Floats:
+        """By how much the scale is ahead of the encoder."""
+        assert self.second_m is not None
+        return self.second_m - self.first_m
+
+
+class ScopeRecorder:
+    """Records an axis from start() on with the drive's scope, for `duration_s` at most."""
+
+    def __init__(self, device: Device, axis: str, duration_s: float) -> None:
+        self._device, self._axis = device, axis
+        self.counts_m = [
+            float(device.read(name)) * 1e-6 for name in (f"plant_{axis}.encoder", f"second_encoder_{axis}.length")
+        ]
+        names = [f"encoder_count_{axis}", f"force_{axis}"]
+        if self.counts_m[1] > 0.0:
+            names += [f"second_count_{axis}", f"position_{axis}"]
+        control_hz = int(device.read("clock.control_hz"))
+        frames = _SAMPLES // len(names)
+        divider = max(1, round(duration_s * control_hz) // frames)
+        self.duration_s = frames * divider / control_hz
+        """How long it records."""
+        self._setup = scope.Setup(tuple(names), scope.trigger("now"), 0.0, divider)
+
+    def start(self) -> None:
+        scope.arm(self._device, self._setup)
+
+    def read(self) -> Scan:
+        """What was recorded. Takes a moment; the axis should be at rest."""
+        if not scope.wait(self._device, _TIMEOUT_S):
+            raise DeviceError("the scope of the drive does not end its recording; arm it no other way meanwhile")
+        found = scope.read(self._device)
+        scope.release(self._device)
+        first_m = found[f"encoder_count_{self._axis}"] * self.counts_m[0]
+        force_N = found[f"force_{self._axis}"]
+        if self.counts_m[1] == 0.0:
+            return Scan(found.time_s, first_m, None, force_N)
+        second_m = found[f"second_count_{self._axis}"] * self.counts_m[1]
+        user_m = found[f"position_{self._axis}"] * 1e-3
+        return Scan(found.time_s, first_m, second_m, force_N, float(np.mean(user_m - second_m)))
+
+
+def scan(mover: Mover, velocity_mps: float, longest_s: float, settle_s: float) -> Scan:
+    """Move at constant speed for as long as the travel allows, `longest_s` at most."""
+    speed_mps, sign = abs(velocity_mps), 1.0 if velocity_mps > 0.0 else -1.0
+    room_s = mover.longest_s(speed_mps, sign) - max(0.0, settle_s - SETTLE_S) - _ARMING_S
+    duration_s = min(longest_s, room_s)
+    recorder = ScopeRecorder(mover.device, mover.axis, duration_s)
+    with mover.moving(velocity_mps, settle_s):
+        recorder.start()
+        mover.pause(recorder.duration_s)
+    return recorder.read()
