@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -40,10 +39,11 @@ def scan_of(
     rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, 0.08 / abs(velocity_mps), 0.00267)
     omega = 2.0 * np.pi * velocity_mps / 0.01
-    swing_m = 5e-6 * np.cos(omega * time_s + 0.3)
+    swing_m = 40e-6 * np.cos(omega * time_s + 0.3)
+    swing_mps = -40e-6 * omega * np.sin(omega * time_s + 0.3)
     first_m = velocity_mps * time_s + swing_m + (0.08 if velocity_mps < 0.0 else 0.0)
     angle = 2.0 * np.pi * first_m / 0.01
-    needed_N = 80.0 * -(omega**2) * swing_m + np.sign(velocity_mps) * friction_N(abs(velocity_mps))
+    needed_N = 80.0 * -(omega**2) * swing_m + 400.0 * swing_mps + np.sign(velocity_mps) * friction_N(abs(velocity_mps))
     force_N = (needed_N - cogging_N * np.sin(angle + 0.5)) / (1.0 + ripple * np.cos(2.0 * angle))
     user_m = first_m + origin_m
     behind_m = 0.5 * gap_m + share * friction_N(abs(velocity_mps)) / STIFFNESS_NPM
@@ -56,9 +56,9 @@ def both(speed_mps: float, **what: float) -> tuple[Scan, Scan]:
     return scan_of(speed_mps, **what), scan_of(-speed_mps, **what)  # type: ignore[arg-type]
 
 
-def kg(mass_kg: float) -> Callable[[np.ndarray], np.ndarray]:
+def kg(mass_kg: float, damping_Nspm: float = 400.0, delay_s: float = 0.0) -> screw.Load:
     """A rigid axis."""
-    return lambda hz: np.full_like(hz, mass_kg)
+    return screw.Load(lambda hz: np.full_like(hz, mass_kg), damping_Nspm, delay_s)
 
 
 def inside(value: Value, true: float) -> bool:
@@ -97,6 +97,28 @@ def test_cogging_and_ripple_are_told_apart_at_the_lead_that_they_have() -> None:
     assert found.ripple.cos[1] == pytest.approx(0.02, abs=0.002)
     assert inside(found.ripple.peak, 0.02)
     assert found.ripple.uncertainty < 0.01
+
+
+def test_friction_that_rises_with_speed_is_not_taken_for_ripple() -> None:
+    for damping_Nspm, seen in ((0.0, True), (400.0, False)):
+        made = screw.screw(both(0.02, ripple=0.0), kg(80.0, damping_Nspm), (0.01,))
+        assert made is not None
+        assert (made.ripple is not None) == seen
+    found = fit.Friction(Value(50.0, 0.0), Value(400.0, 0.0), Value(1.5, 0.0), Value(0.01, 0.0))
+    force_N = [50.0 * (1.0 + 0.5 * np.exp(-v / 0.01)) + 400.0 * v for v in (0.0199, 0.0201)]
+    assert fit.slope_Nspm(found, 0.02) == pytest.approx((force_N[1] - force_N[0]) / 0.0002, rel=1e-3)
+
+
+def test_delay_of_the_force_is_not_taken_for_ripple() -> None:
+    """Strong cogging, and little friction."""
+    late_s = 0.004
+    scans = [replace(one, time_s=one.time_s - late_s) for one in both(0.02, cogging_N=9.0, ripple=0.01)]
+    scans = [replace(one, force_N=np.interp(one.time_s + late_s, one.time_s, one.force_N)) for one in scans]
+    found = screw.screw(scans, kg(80.0, delay_s=late_s), (0.01,))
+    assert found is not None
+    assert found.cogging is not None
+    assert inside(found.cogging.peak, 9.0)
+    assert found.ripple is None or inside(found.ripple.peak, 0.01)
 
 
 @pytest.mark.parametrize(("cogging_N", "ripple"), [(3.0, 0.0), (0.0, 0.03)])

@@ -198,6 +198,12 @@ def friction(speed_mps: Sequence[float], force_N: Sequence[float], sigma_N: Sequ
     )
 
 
+def slope_Nspm(found: Friction, speed_mps: float) -> float:
+    """By how much the friction rises with the speed, N per m/s."""
+    falling_N = found.coulomb_N.value * (found.breakaway.value - 1.0) * math.exp(-speed_mps / found.stribeck_mps.value)
+    return found.viscous_Nspm.value - falling_N / found.stribeck_mps.value
+
+
 # --- reversal ---------------------------------------------------------------------------------------------------------
 ELEMENTS = 10  # of the simulated machine's friction
 _DISTANCES_M = np.geomspace(2e-6, 1e-4, 50)

@@ -101,7 +101,9 @@ def identify(
         pairs = _scans(mover, agreed)
         reversals = _reversals(mover)
     found = fit.friction([v for v, _, _ in steps], [f for _, f, _ in steps], [s for _, _, s in steps])
-    by_angle = screw.screw(pairs[0], lambda hz: np.full_like(hz, mass_kg), _LEADS_M)
+    damping_Nspm = fit.slope_Nspm(found, abs(pairs[0][0].velocity_mps))
+    rough = screw.Load(lambda hz: np.full_like(hz, mass_kg), damping_Nspm)
+    by_angle = screw.screw(pairs[0], rough, _LEADS_M)
     first_moves.catch_up(device)
     device.parameters.set(_friction_parameters(axis, found) | screw_parameters(axis, by_angle))
     with (
@@ -119,7 +121,8 @@ def identify(
             "nut of the screw is loose",
         )
     if by_angle is not None:  # by the machine as it is known now
-        by_angle = screw.screw(pairs[0], screw.mass_at(dynamics), (by_angle.lead_m,)) or by_angle
+        load = screw.Load(screw.mass_at(dynamics), damping_Nspm, dynamics.lag_delay_s.value)
+        by_angle = screw.screw(pairs[0], load, (by_angle.lead_m,))
     transmission = screw.transmission(pairs, dynamics, by_angle.lead_m if by_angle else None)
     return Identified(
         breakaway_N=breakaway_N,

@@ -75,6 +75,17 @@ class Transmission:
     lead_map: tuple[tuple[float, float], ...]
 
 
+@dataclass(frozen=True)
+class Load:
+    """What a demand for force moves: the mass by frequency, as of mass_at(); by how much the friction rises with speed,
+    N per m/s, at the speed of the scans; and the delay of the force behind its demand. Damping and delay turn the phase
+    the one way up and the other way down, as ripple does."""
+
+    mass_kg: Callable[[Floats], Floats]
+    damping_Nspm: float = 0.0
+    delay_s: float = 0.0
+
+
 def mass_at(found: Dynamics) -> Callable[[Floats], Floats]:
     """The mass that a force at the motor moves at the place of the encoder, kg, by frequencies in Hz.
 
@@ -95,12 +106,9 @@ def mass_at(found: Dynamics) -> Callable[[Floats], Floats]:
 
 
 # --- forces by angle --------------------------------------------------------------------------------------------------
-def screw(scans: Sequence[Scan], mass_kg: Callable[[Floats], Floats], leads_m: Sequence[float]) -> Screw | None:
-    """Cogging and ripple from scans in both directions, for the most likely of `leads_m`; None: neither is seen.
-
-    `mass_kg`: by frequency, as of mass_at().
-    """
-    fits = {lead_m: [_by_angle(scan, lead_m, mass_kg) for scan in scans] for lead_m in leads_m}
+def screw(scans: Sequence[Scan], load: Load, leads_m: Sequence[float]) -> Screw | None:
+    """Cogging and ripple from scans in both directions, for the most likely of `leads_m`; None: neither is seen."""
+    fits = {lead_m: [_by_angle(scan, lead_m, load) for scan in scans] for lead_m in leads_m}
     lead_m = min(fits, key=lambda lead_m: sum(one.left for one in fits[lead_m]))
     force_N = np.array([np.mean(scan.force_N) for scan in scans])
     basis = np.column_stack([np.ones_like(force_N), force_N])
@@ -127,21 +135,25 @@ class _ByAngle:
     left: float
 
 
-def _by_angle(scan: Scan, lead_m: float, mass_kg: Callable[[Floats], Floats]) -> _ByAngle:
-    """What accelerates the axis at each harmonic is put back: its acceleration is -omega^2 times its deviation from
-    uniform motion."""
-    angle = 2.0 * np.pi * scan.first_m / lead_m
-    basis = np.hstack([wave(angle[:, None] * np.array(ORDERS)) for wave in (np.cos, np.sin)])
-    free = _even(basis)
-    deviation = np.linalg.lstsq(free, _even(scan.first_m), rcond=None)[0]
-    hz = abs(scan.velocity_mps) / lead_m * np.tile(ORDERS, 2)
-    inertia_N = mass_kg(hz) * (2.0 * np.pi * hz) ** 2 * deviation
-    load = _even(scan.force_N + basis @ inertia_N)
+def _by_angle(scan: Scan, lead_m: float, moved: Load) -> _ByAngle:
+    """What accelerates the axis at each harmonic, and what overcomes its friction there, is put back: its deviation
+    from uniform motion is known."""
+    angle = 2.0 * np.pi * scan.first_m[:, None] / lead_m * np.array(ORDERS)
+    cos, sin = np.cos(angle), np.sin(angle)
+    free = _even(np.hstack([cos, sin]))
+    swing = np.linalg.lstsq(free, _even(scan.first_m), rcond=None)[0]
+    n = len(ORDERS)
+    along, across = swing[:n], swing[n:]  # of cos and of sin
+    omega = 2.0 * np.pi * scan.velocity_mps / lead_m * np.array(ORDERS)  # its sign is that of the direction
+    spring_Npm = moved.mass_kg(np.abs(omega) / (2.0 * np.pi)) * omega**2
+    inertia_N = -cos @ (spring_Npm * along) - sin @ (spring_Npm * across)
+    damping_N = moved.damping_Nspm * (cos @ (omega * across) - sin @ (omega * along))
+    acting_N = np.interp(scan.time_s - moved.delay_s, scan.time_s, scan.force_N)
+    load = _even(acting_N - inertia_N - damping_N)
     x = np.linalg.lstsq(free, load, rcond=None)[0]
     left = load - free @ x
-    n = len(ORDERS)
-    sigma = np.hypot(_beside(angle, left), _INERTIA_ERROR * np.hypot(inertia_N[:n], inertia_N[n:]))
-    force_N = _even(scan.force_N)
+    sigma = np.hypot(_beside(angle[:, 0], left), _INERTIA_ERROR * spring_Npm * np.hypot(along, across))
+    force_N = _even(acting_N)
     return _ByAngle(x[:n] - 1j * x[n:], sigma, float(left @ left) / float(force_N @ force_N))
 
 
