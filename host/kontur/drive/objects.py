@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
@@ -20,7 +21,9 @@ from canopen.sdo import SdoAbortedError, SdoCommunicationError
 from kontur.can.link import Link
 from kontur.errors import DeviceError, NoAnswerError, ParameterError
 
-_SDO_ATTEMPTS = 6
+_PATIENCE = (1, 1, 1, 1, 2, 4)
+"""Times as long as usual that each attempt waits: a bus loses few frames in a row, a busy machine is slow for long."""
+_SDO_ATTEMPTS = len(_PATIENCE)
 # SDO abort codes, CiA 301 table 22
 _ABORT_INCOMPATIBLE, _ABORT_STATE = 0x06040043, 0x08000022
 _ABORTS_OF_TRANSFER = (0x05030000, 0x05040001, 0x05040004)  # toggle bit, command, CRC: a frame was lost or corrupted
@@ -187,9 +190,10 @@ class Objects:
     def _transfer(self, name: str, transfer: Callable[[], Any]) -> Any:
         """Run an SDO transfer, again where the bus lost a frame of it."""
         refusal = 0
-        for attempt in range(1, _SDO_ATTEMPTS + 1):
+        for attempt, patience in enumerate(_PATIENCE, 1):
             try:
-                return transfer()
+                with _waiting(self.link.node.sdo, patience):
+                    return transfer()
             except SdoAbortedError as error:
                 if error.code in _ABORTS_OF_TRANSFER and attempt < _SDO_ATTEMPTS:
                     continue
@@ -208,6 +212,17 @@ class Objects:
                         f"node {self.link.node_id} on {self.link.bus.channel_info} does not answer (asked for {name}). "
                         "Is the drive powered, the bitrate right, the node id right (--node)?"
                     ) from error
+
+
+@contextmanager
+def _waiting(sdo: Any, patience: int) -> Iterator[None]:
+    """Wait for answers `patience` times as long as usual."""
+    usual_s = sdo.RESPONSE_TIMEOUT
+    sdo.RESPONSE_TIMEOUT = patience * usual_s
+    try:
+        yield
+    finally:
+        sdo.RESPONSE_TIMEOUT = usual_s
 
 
 def refused_in_this_state(error: DeviceError) -> bool:
