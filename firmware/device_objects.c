@@ -392,8 +392,8 @@ static bool is_stop(uint32_t controlword)
     return (controlword & CW_FAULT_RESET) == 0 && ((controlword & enable) != enable || (controlword & CW_HALT) != 0);
 }
 
-/* What is not the holder's alone: a stop, and a claim, which has its own answer. While the holder has no channel of its own,
- * it shows its ticket or opens one. */
+/* What is not the holder's alone: a stop, and a claim, which has its own answer. A holder without a channel of its own
+ * shows its ticket, or opens one. */
 static bool is_open_to_all(const struct device_objects *d, const struct od_entry *entry, const struct object *o,
                            int64_t value)
 {
