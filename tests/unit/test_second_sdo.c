@@ -136,6 +136,7 @@ static void test_ticket_of_the_holder_is_not_made_void_by_a_read_of_another(void
     TEST_ASSERT_EQUAL_UINT32(ticket, rig_read(&rig, 0x2140, 3));
     TEST_ASSERT_EQUAL_HEX32(ABORT_LOCAL, rig_write(&rig, 0x2140, 4, 4, ticket));
     TEST_ASSERT_EQUAL_HEX32(0, write(0x2140, 4, 4, ticket));
+    TEST_ASSERT_EQUAL_HEX32(ABORT_LOCAL, rig_write(&rig, 0x2000, 1, 1, 1));
 }
 
 static void test_lss_configures_and_stores_nothing_of_a_held_drive(void)
