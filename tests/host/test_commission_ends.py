@@ -125,6 +125,21 @@ def test_proof_that_does_not_hold_leaves_the_drive_as_it_was_and_the_code_is_1(
     assert "no better" in json.loads(done.stdout)["diagnosis"]["text"]
 
 
+def test_circles_before_have_the_lengths_that_were_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = Steps(monkeypatch)
+    seen: list[dict[str, float]] = []
+    monkeypatch.setattr(
+        "kontur.commissioning.prove.prove",
+        lambda target, candidates, before, *rest: seen.append(before) or steps.prove(target),
+    )
+    machine = tmp_path / "lead_screw.toml"
+    machine.write_text((MACHINES / "lead_screw.toml").read_text())
+    commission(tmp_path / "out", "--machine", str(machine), "--untold", "all", "--index-distance", "10")
+    assert seen[0]["plant_x.encoder"] == pytest.approx(identified().encoder_m * 1e6)
+    assert seen[0]["position_limit_x.max"] > 0
+    assert "plant_x.mass" not in seen[0]
+
+
 def test_commissioning_that_was_broken_off_goes_on_after_its_last_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

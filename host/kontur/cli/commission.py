@@ -372,13 +372,15 @@ def _prove(
     from kontur.commissioning import filed, prove
     from kontur.commissioning.folder import MACHINE
     from kontur.drive.target import open_drive
-    from kontur.machine import load
+    from kontur.machine import LENGTHS, load
 
     asked.explain("prove")
     model = load(asked.out / MACHINE)
     candidates = [prove.candidate(model, name, values) for name, values in after.items()]
     changed = {name for values in after.values() for name in values}
     restored = {name: value for name, value in session.before.items() if name in changed}
+    if target.in_process:  # a new drive; with a wrong length its circles would go beyond the travel
+        restored = model.parameters(told=LENGTHS)
     evidence = prove.prove(target, candidates, restored, asked.say, stop_requested, drive_of, view())
     result["proof"] = [one.as_json() for one in evidence.proof]
     if not asked.as_json:
