@@ -216,7 +216,8 @@ def test_own_reader_reads_random_programs_as_rs274_does(seed: int) -> None:
 def compare(own: Program, text: str, end_m: float) -> None:
     """Same moves, ends within `end_m`, feeds; arcs within 0.2 um of the even change of radius about rs274's centre,
     which it rounds to four decimals."""
-    digit_m = 1e-4 * (25.4e-3 if "G20" in text else 1e-3)
+    unit_m = 25.4e-3 if "G20" in text else 1e-3
+    digit_m = 1e-4 * unit_m
     arcs: list[Block] = []
 
     def source(text: str, refusals: Refusals):  # type: ignore[no-untyped-def]
@@ -241,19 +242,19 @@ def compare(own: Program, text: str, end_m: float) -> None:
         ends = [move.segment.point(np.array([move.segment.length_m]))[0] for move in (a, b)]
         np.testing.assert_allclose(ends[0], ends[1], atol=end_m, err_msg=f"line {a.line}")
         if not isinstance(a.segment, Line):
-            check_arc(a, arcs.pop(0), 0.2e-6 + 1.5 * digit_m)
+            check_arc(a, arcs.pop(0), unit_m, 0.2e-6 + 1.5 * digit_m)
 
 
-def check_arc(move: Move, block: Block, most_m: float) -> None:
+def check_arc(move: Move, block: Block, unit_m: float, most_m: float) -> None:
     """An arc against the centre, the end and the sense that rs274 tells, by an own formula."""
-    center = complex(block.values["I"], block.values["J"]) * MM
+    center = complex(block.values["I"], block.values["J"]) * unit_m
     x, y = move.segment.point(np.linspace(0.0, move.segment.length_m, 33)).T
     z = x + 1j * y - center
     turned = np.unwrap(np.angle(z)) - np.angle(z[0])
     assert np.all(np.diff(turned) * (1 if block.codes["motion"] == 30 else -1) > 0.0), move.line
     even = np.abs(z[0]) + (np.abs(z[-1]) - np.abs(z[0])) * turned / turned[-1]
     assert np.max(np.abs(np.abs(z) - even)) < most_m, move.line
-    end = complex(block.values["X"], block.values["Y"]) * MM - center
+    end = complex(block.values["X"], block.values["Y"]) * unit_m - center
     sweep = (np.angle(end / z[0]) * math.copysign(1.0, turned[-1])) % (2.0 * math.pi)
     if min(sweep, 2.0 * math.pi - sweep) > 1e-3:
         assert abs(turned[-1]) == pytest.approx(sweep, abs=1e-4)
