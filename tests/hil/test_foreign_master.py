@@ -21,8 +21,13 @@ class Foreign:
 
     def _request(self, command: int, index: int, sub: int, data: bytes = b"") -> bytes:
         answers: list[bytes] = []
-        self.rig.link._network.subscribe(0x580 + self.id, lambda _id, data, _t: answers.append(bytes(data)))
         frame = bytes([command, index & 0xFF, index >> 8, sub]) + data.ljust(4, b"\0")
+
+        def answered(_id: int, answer: bytearray, _time: float) -> None:
+            if answer[1:4] == frame[1:4]:  # not to kontur, which reads the tick by the same channel
+                answers.append(bytes(answer))
+
+        self.rig.link._network.subscribe(0x580 + self.id, answered)
         self.rig.bus.send(can.Message(arbitration_id=0x600 + self.id, data=frame, is_extended_id=False))
         assert self.rig.link.wait(lambda: bool(answers), 1.0)
         return answers[-1]
