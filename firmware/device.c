@@ -15,6 +15,7 @@
 enum { SYNC_US = 1000 };
 #define ONE_AXIS_MS 1000u
 enum { MOST_BEHIND_MS = 5000 }; /* The background never falls that far behind: writing the flash takes less. */
+enum { TPDO_OF_RANGE = 6 };     /* has the range of the contour error, 2210h:13 and 14 */
 
 static void report(struct device *device, const struct servo_snapshot *s)
 {
@@ -402,5 +403,6 @@ void device_poll(struct device *device)
             co_watch_heartbeat(&device->node, 0);
         }
         co_tick_ms(&device->node);
+        atomic_store(&device->drive.loop.command.range, co_tpdo_in_use(&device->node, TPDO_OF_RANGE));
     }
 }

@@ -357,3 +357,8 @@ bool co_tpdo_carries(const struct co_node *node, unsigned number, uint16_t index
 {
     return co_pdo_carries(&node->pdo.tpdo[number - 1].mapping, index);
 }
+
+bool co_tpdo_in_use(const struct co_node *node, unsigned number)
+{
+    return node->pdo.tpdo[number - 1].id != 0u;
+}

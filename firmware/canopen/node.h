@@ -119,4 +119,6 @@ bool co_tpdo_send(struct co_node *node, unsigned number);
 /* Whether RPDO or TPDO `number` (1...) carries a part of object `index`. */
 bool co_rpdo_carries(const struct co_node *node, unsigned number, uint16_t index);
 bool co_tpdo_carries(const struct co_node *node, unsigned number, uint16_t index);
+/* Whether TPDO `number` (1...) is in use. */
+bool co_tpdo_in_use(const struct co_node *node, unsigned number);
 #endif

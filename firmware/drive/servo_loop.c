@@ -404,7 +404,7 @@ SELDOM static void power_of_axes(const struct servo_loop *loop, const struct ser
 }
 
 /* Add the contour error of this period to the range of the millisecond. */
-static inline void widen_range(struct servo_loop *loop, const pos_t measured[2], const struct contour_out *c)
+SELDOM static void widen_range(struct servo_loop *loop, const pos_t measured[2], const struct contour_out *c)
 {
     const struct servo_state *servo = &loop->servo;
     const pos_t *at = servo->extras ? servo->tool : measured;
@@ -480,7 +480,9 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     servo.ring = loop->ring;
     servo.table = &table;
     servo_step(&cfg->servo, &loop->servo, &servo, out);
-    widen_range(loop, servo.measured, &out->contour);
+    if (LOAD(loop->command.range)) {
+        widen_range(loop, servo.measured, &out->contour);
+    }
 
     /* limits */
     supervise(loop, cfg, &in, servo.enabled, out);

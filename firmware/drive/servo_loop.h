@@ -70,6 +70,7 @@ struct servo_loop_command {
     _Atomic uint32_t released;      /* the knot, plus 1, at whose hold the path may go on; 0: none */
     _Atomic uint32_t stream;        /* number of the stream: path time starts from 0 when it changes */
     _Atomic uint32_t configured;    /* number of the configuration: the tick uses the new one when it changes */
+    _Atomic bool range;             /* keep the range of the contour error */
     _Atomic bool energy_reset;      /* the tick clears it */
     _Atomic bool oscillation_reset; /* the tick clears it */
     _Atomic int32_t origin_nm[2];   /* user's position less the servo's: for the limits and the geometry */

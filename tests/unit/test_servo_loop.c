@@ -721,6 +721,12 @@ static void test_range_of_the_contour_error_has_each_period_of_the_millisecond(v
 {
     power(); /* the path stands, so along x is along it */
     tick(10u - loop.phase);
+    wires.count[1] = 7;
+    tick(10);
+    TEST_ASSERT_EQUAL_INT32(0, servo_loop_snapshot(&loop)->contour_error_greatest_nm); /* nobody asks for it */
+    wires.count[1] = 0;
+    atomic_store(&loop.command.range, true);
+    tick(20);
     tick(3);
     wires.count[1] = 7;
     tick(1);
