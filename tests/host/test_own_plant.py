@@ -101,3 +101,9 @@ def test_example_with_python_control_runs(capsys: pytest.CaptureFixture[str]) ->
     means = [float(line.split()[2]) for line in capsys.readouterr().out.splitlines()]
     assert len(means) == 2
     assert max(means) < 20.0
+
+
+def test_example_of_a_law_in_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(ROOT / "examples/own_law.py"), run_name="__main__")
+    words = capsys.readouterr().out.split()
+    assert 1.0 < float(words[words.index("mean") + 1]) < 10.0  # a law that does nothing is 40 mm off
