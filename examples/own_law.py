@@ -73,7 +73,7 @@ def main() -> None:
             sdo[0x6060 + axis].raw = TORQUE
         link.send(0, bytes([1, 1]))  # NMT: operational
         for word in (0x06, 0x07, 0x0F):
-            sdo[0x6041].raw, sdo[0x6041 + Y].raw  # noqa: B018, the drive wants its state read before
+            sdo[0x6041].raw, sdo[0x6041 + Y].raw
             link.send(0x201, struct.pack("<HH", word, word))
             link.wait(lambda: False, 0.01)
         start_m, law = np.array(device.position_m()), PD(machine)
