@@ -54,8 +54,7 @@ def test_ratios_are_of_the_same_machine_and_case_and_failures_are_counted() -> N
 
 def test_a_run_that_trips_says_why() -> None:
     weak = machines.draw(1)
-    x = dataclasses.replace(weak.x, force_limit_N=10.0)
     case = machines.cases()["r4@100"]
-    found = machines._drive(dataclasses.replace(weak, x=x), case, "cascade", weak.parameters(), "f32")
+    found = machines._drive(weak, case, "cascade", weak.parameters() | {"plant_x.force_limit": 10.0}, "f32")
     assert found["ended"] in ("tripped", "oscillating", "unstable")
     assert found["why"]

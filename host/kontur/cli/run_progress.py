@@ -91,7 +91,7 @@ class _Line:
             x, y = table[-1, self._place]
             error = abs(table[:, self._error]).max()
             now = f"x {x:.3f} y {y:.3f} mm  {self._speed(table)} mm/s  {error:.2f} µm"
-            self._progress.update(self._task, now=now)
+            self._progress.update(self._task, now=now, refresh=True)
         if self._page is not None:
             self._page.add(table, codes)
 

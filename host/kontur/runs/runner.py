@@ -255,7 +255,7 @@ def _go_to_start(
     if away_m <= near_m:
         resume.go_straight(device, start_m, bounds, operator)
         return
-    if approach is None and placed is not None:
+    if approach is None and placed:
         raise DeviceError(
             f"the axes stand at the start, {_mm(start_m)} mm, and the drive takes it for {_mm(here_m)} mm: its lengths "
             "of an encoder count are not the machine's; --untold tells it lengths and limits, --set plant_x.encoder "
