@@ -52,7 +52,7 @@ def test_knots_switch_pins_and_power_and_a_halt_switches_them_off_in_a_tick(boar
     run_stream(board)
     assert switched(board) == ON | FLOOD | PEN
     assert board.tim1.duty(1) == pytest.approx(0.5, abs=1e-4)
-    board.command(0x11F, ms=0.3)
+    board.command(0x11F, ms=0.5)  # a pass of the background until it is read, and a tick
     assert switched(board) == 0
     assert board.tim1.duty(1) == 0.0
     board.command(0x1F, ms=0.5)

@@ -477,6 +477,9 @@ static void test_ticket_is_good_for_nothing_from_the_moment_in_which_its_holder_
     command_guard_sent(&command_guard, AXIS_Y, 3);
     command_guard_drained(&command_guard, 1000);
     TEST_ASSERT_TRUE(command_guard_permits(&command_guard, AXIS_Y, 3, false, 1000 + COMMAND_GUARD_PERIODS));
+    const uint32_t second =
+        COMMAND_GUARD_ARM_MS * (CONTROL_HZ / 1000u); /* over, and the background has not seen it yet */
+    TEST_ASSERT_FALSE(command_guard_permits(&command_guard, AXIS_Y, 3, false, 1000 + second));
     command_guard_holder_silent(&command_guard);
     TEST_ASSERT_FALSE(command_guard_permits(&command_guard, AXIS_Y, 3, false, 1000 + COMMAND_GUARD_PERIODS));
 }

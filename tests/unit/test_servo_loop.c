@@ -714,6 +714,12 @@ static void test_map_of_the_screw_is_by_the_users_position(void)
     const struct servo_snapshot *s = servo_loop_snapshot(&loop);
     TEST_ASSERT_INT32_WITHIN(1, 5000, s->position_nm[0]);
     TEST_ASSERT_INT32_WITHIN(1, 7000, s->position_nm[1]);
+    TEST_ASSERT_EQUAL_INT32(0, s->contour_error_greatest_nm);
+    atomic_store(&loop.command.range, true);
+    tick(20);
+    s = servo_loop_snapshot(&loop); /* of the tool, not of the screw */
+    TEST_ASSERT_INT32_WITHIN(52, s->contour_error_nm, s->contour_error_greatest_nm);
+    TEST_ASSERT_INT32_WITHIN(52, s->contour_error_nm, s->contour_error_least_nm);
 }
 
 /* Both ranges hold what one period of ten has shown, within half a count of 0.1 um, and not longer than a millisecond. */
