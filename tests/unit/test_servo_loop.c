@@ -716,6 +716,7 @@ static void test_map_of_the_screw_is_by_the_users_position(void)
     TEST_ASSERT_INT32_WITHIN(1, 7000, s->position_nm[1]);
     TEST_ASSERT_EQUAL_INT32(0, s->contour_error_greatest_nm);
     atomic_store(&loop.command.range, true);
+    power();
     tick(20);
     s = servo_loop_snapshot(&loop); /* of the tool, not of the screw */
     TEST_ASSERT_INT32_WITHIN(52, s->contour_error_nm, s->contour_error_greatest_nm);
