@@ -160,7 +160,7 @@ def test_axes_stop_when_a_watched_rpdo_does_not_come(rig: Rig) -> None:
 def test_error_code_of_an_axis_is_mapped(rig: Rig) -> None:
     master = Master(rig)
     rig.nmt(PRE_OPERATIONAL)
-    cob_id = 0x6E0 + master.node_id  # nobody's
+    cob_id = 0x6A0  # nobody's: there is no node 0
     assert master.write(0x1803, 1, 4, 1 << 31 | cob_id) == 0
     assert master.write(0x1A03, 0, 1, 0) == 0
     for sub, entry in enumerate((0x603F0010, 0x683F0010), 1):
