@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The experiment on real machines: what it draws can be simulated and told, and its counts and ratios are right."""
 
-
 import pytest
 
 from kontur.drive.target import Target, open_drive
