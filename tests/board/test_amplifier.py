@@ -34,14 +34,20 @@ def test_until_the_amplifiers_are_live_the_commands_are_zero(board: Board) -> No
     assert {x for _, x, _ in board.dac.history} != {2048}
 
 
-@general
-def test_an_amplifier_that_says_fault_while_inhibited_can_be_enabled(board: Board) -> None:
+def _start_not_ready(board: Board) -> dict[int, bool]:
+    """A board whose first amplifier has a "ready" output that says no. Returns the inputs, to change that."""
     board.start()
     board.write(0x2104, 6, DELAY_MS, 2)
     board.write(0x2104, 7, 1, 1)
-    inputs = board.gpio("C").outside
+    inputs: dict[int, bool] = board.gpio("C").outside
     inputs[FAULT_INPUT] = True
     board.run(5)
+    return inputs
+
+
+@general
+def test_an_amplifier_that_says_fault_while_inhibited_can_be_enabled(board: Board) -> None:
+    inputs = _start_not_ready(board)
     assert board.read(0x603F) == 0
     _command_enable(board)
     assert board.enabled(0)
@@ -70,12 +76,7 @@ def test_an_amplifier_that_does_not_become_ready_is_a_fault_after_its_time(board
 
 @general
 def test_a_ready_contact_that_has_not_opened_since_the_last_time_does_not_end_the_wait(board: Board) -> None:
-    board.start()
-    board.write(0x2104, 6, DELAY_MS, 2)
-    board.write(0x2104, 7, 1, 1)
-    inputs = board.gpio("C").outside
-    inputs[FAULT_INPUT] = True
-    board.run(5)
+    inputs = _start_not_ready(board)
     _command_enable(board)
     inputs[FAULT_INPUT] = False
     board.run(3)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What test_modes.c and test_homing.c share: a machine with limit switches and index pulses, axes by their number. */
+/* What the tests of modes and of homing share: a machine with limit switches and index pulses, axes by their number. */
 #ifndef TEST_MODES_H
 #define TEST_MODES_H
 #include "drive_rig.h"
@@ -60,6 +60,17 @@ static inline void velocity(int axis, int32_t umps)
 static inline void set(int axis, uint16_t index, uint8_t sub, uint8_t size, int64_t value)
 {
     TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, (uint16_t)(index + 0x800 * axis), sub, size, value));
+}
+
+/* The object of both axes (index of x, size in bits) in the third RPDO, 401h. */
+static inline void map_set_points(uint16_t index, uint8_t bits)
+{
+    set(0, 0x1402, 1, 4, 0x80000401);
+    set(0, 0x1602, 0, 1, 0);
+    set(0, 0x1602, 1, 4, (int64_t)index << 16 | bits);
+    set(0, 0x1602, 2, 4, (int64_t)(index + 0x800) << 16 | bits);
+    set(0, 0x1602, 0, 1, 2);
+    set(0, 0x1402, 1, 4, 0x401);
 }
 
 static inline bool status(int axis, int bit)

@@ -20,17 +20,6 @@ static void path(double s, double nm[2])
     nm[1] = RADIUS_NM * ramp * sin(2 * PI * laps);
 }
 
-static void map_set_points(void)
-{
-    set(0, 0x1402, 1, 4, 0x80000401);
-    set(0, 0x1602, 0, 1, 0);
-    set(0, 0x1602, 1, 4, 0x607A0020);
-    set(0, 0x1602, 2, 4, 0x687A0020);
-    set(0, 0x1602, 0, 1, 2);
-    set(0, 0x1402, 2, 1, 1);
-    set(0, 0x1402, 1, 4, 0x401);
-}
-
 static void send_set_points(double s)
 {
     uint8_t data[8];
@@ -46,7 +35,8 @@ static double drive_laps(unsigned ms, unsigned every, bool sync)
 {
     const unsigned cycles = LOCK_CYCLES + (unsigned)(LAPS * LAP_S * 1e3) / ms;
     double most = 0;
-    map_set_points();
+    set(0, 0x1402, 2, 1, 1);
+    map_set_points(0x607A, 32);
     for (int i = 0; i < 2; i++) {
         set(i, 0x60C2, 1, 1, ms);
         mode(i, CSP);

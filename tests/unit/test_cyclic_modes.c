@@ -31,17 +31,6 @@ static double noise(void)
     return (double)(master.random >> 33) / 2147483648.0 * 2 - 1;
 }
 
-static void map_set_points(void)
-{
-    set(0, 0x1402, 1, 4, 0x80000401);
-    set(0, 0x1602, 0, 1, 0);
-    set(0, 0x1602, 1, 4, 0x607A0020);
-    set(0, 0x1602, 2, 4, 0x687A0020);
-    set(0, 0x1602, 0, 1, 2);
-    set(0, 0x1402, 2, 1, 1);
-    set(0, 0x1402, 1, 4, 0x401);
-}
-
 static void send_set_points(double x_nm, double y_nm)
 {
     uint8_t data[8];
@@ -136,7 +125,8 @@ static void start_master(unsigned ms, double jitter, double ppm)
                              .lose_sync = UINT_MAX,
                              .random = 1,
                              .at = stand_still};
-    map_set_points();
+    set(0, 0x1402, 2, 1, 1);
+    map_set_points(0x607A, 32);
     for (int i = 0; i < 2; i++) {
         set(i, 0x60C2, 1, 1, ms);
     }

@@ -29,12 +29,7 @@ static void cycles(unsigned count, int x, int y)
 
 static void start_torque_on(int axes)
 {
-    set(0, 0x1402, 1, 4, 0x80000401);
-    set(0, 0x1602, 0, 1, 0);
-    set(0, 0x1602, 1, 4, 0x60710010);
-    set(0, 0x1602, 2, 4, 0x68710010);
-    set(0, 0x1602, 0, 1, 2);
-    set(0, 0x1402, 1, 4, 0x401);
+    map_set_points(0x6071, 16);
     for (int i = 0; i < 2; i++) {
         set(i, 0x60C2, 1, 1, CYCLE_MS);
     }
@@ -147,12 +142,7 @@ static void test_other_axis_is_held_by_a_law_that_couples_none(void)
 
 static void test_axis_y_alone_is_moved_while_x_jogs(void)
 {
-    set(0, 0x1402, 1, 4, 0x80000401);
-    set(0, 0x1602, 0, 1, 0);
-    set(0, 0x1602, 1, 4, 0x60710010);
-    set(0, 0x1602, 2, 4, 0x68710010);
-    set(0, 0x1602, 0, 1, 2);
-    set(0, 0x1402, 1, 4, 0x401);
+    map_set_points(0x6071, 16);
     set(1, 0x60C2, 1, 1, CYCLE_MS);
     rig_enable(&rig);
     mode(0, VELOCITY);

@@ -42,12 +42,7 @@ static void run_at(int32_t x_umps, int32_t y_umps, unsigned cycles)
 
 static void start_velocity(void)
 {
-    set(0, 0x1402, 1, 4, 0x80000401);
-    set(0, 0x1602, 0, 1, 0);
-    set(0, 0x1602, 1, 4, 0x60FF0020);
-    set(0, 0x1602, 2, 4, 0x68FF0020);
-    set(0, 0x1602, 0, 1, 2);
-    set(0, 0x1402, 1, 4, 0x401);
+    map_set_points(0x60FF, 32);
     for (int i = 0; i < 2; i++) {
         set(i, 0x60C2, 1, 1, CYCLE_MS);
         sent_umps[i] = 0;
