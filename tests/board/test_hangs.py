@@ -8,7 +8,7 @@ from board import Board
 from chip import NMI, SYSTICK
 from conftest import general
 from test_brake import ENGAGE_MS, LIVE_MS, RELEASE_MS, enable
-from test_watchdogs import MOST_MS, hang
+from test_watchdogs import MOST_MS, expect_reset, hang
 
 USART1, PVD, CAN_RX = 16 + 37, 16 + 1, 16 + 20
 # RM0090 22.4: 32 counts of 4096 clocks of APB1. Without its crystal the chip runs at 16 MHz, and APB1 at 4.
@@ -46,8 +46,7 @@ def test_an_interrupt_at_or_above_the_servo_tick_that_hangs_loses_its_power_in_t
 
     _hang_in(board, monkeypatch, exception, cause)
     board.run(MOST_MS)
-    assert [cause for _, cause in board.resets[1:]] == ["WWDG"]
-    assert not board.powered()
+    expect_reset(board, "WWDG")
 
 
 @general
@@ -56,8 +55,7 @@ def test_an_nmi_that_hangs_without_a_crystal_loses_its_power_as_the_slow_clock_a
 ) -> None:
     _hang_in(board, monkeypatch, NMI, board.rcc.fail_crystal)
     board.run(MOST_WITHOUT_CRYSTAL_MS)
-    assert [cause for _, cause in board.resets[1:]] == ["WWDG"]
-    assert not board.powered()
+    expect_reset(board, "WWDG")
 
 
 @general
@@ -66,8 +64,7 @@ def test_an_interrupt_below_the_servo_tick_that_hangs_is_a_background_that_hangs
 ) -> None:
     _hang_in(board, monkeypatch, CAN_RX, lambda: board.send(0x601, bytes(8)))
     board.run(50.1)
-    assert [cause for _, cause in board.resets[1:]] == ["IWDG"]
-    assert not board.powered()
+    expect_reset(board, "IWDG")
 
 
 @general
@@ -76,8 +73,7 @@ def test_a_lockup_loses_its_power_in_three_milliseconds(board: Board) -> None:
     board.enable()
     board.stuck = True
     board.run(MOST_MS)
-    assert [cause for _, cause in board.resets[1:]] == ["WWDG"]
-    assert not board.powered()
+    expect_reset(board, "WWDG")
 
 
 def _be(board: Board, state: str) -> None:

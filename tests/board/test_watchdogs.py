@@ -13,6 +13,12 @@ NOPS = 1000
 MOST_MS = 3.3
 
 
+def expect_reset(board: Board, watchdog: str) -> None:
+    """That watchdog alone has reset the chip, and no axis has power."""
+    assert [cause for _, cause in board.resets[1:]] == [watchdog]
+    assert not board.powered()
+
+
 def hang(board: Board) -> None:
     """The core runs in a loop for ever, a long one of NOP, because the emulator is slow at each branch."""
     board.uc.mem_write(NOWHERE, struct.pack(f"<{NOPS + 1}H", *[0xBF00] * NOPS, 0xE000 | (-NOPS - 2 & 0x7FF)))
@@ -36,8 +42,7 @@ def test_a_core_that_hangs_loses_its_power_within_three_milliseconds(board: Boar
     board.enable()
     _hang(board, masked=True)
     board.run(MOST_MS)
-    assert [cause for _, cause in board.resets[1:]] == ["WWDG"]
-    assert not board.powered()
+    expect_reset(board, "WWDG")
     assert board.run_until(lambda: any(f[1] == 0x701 for f in board.can.sent), 300)
     board.run(3)
     assert board.read(0x603F) == 0x6010
@@ -50,8 +55,7 @@ def test_a_servo_tick_that_stands_still_loses_its_power_as_fast(board: Board) ->
     board.enable()
     board.core.write(0x010, 0)  # SysTick off
     board.run(MOST_MS)
-    assert [cause for _, cause in board.resets[1:]] == ["WWDG"]
-    assert not board.powered()
+    expect_reset(board, "WWDG")
 
 
 @general
@@ -60,8 +64,7 @@ def test_a_background_that_hangs_loses_its_power_within_the_period_of_the_other_
     board.enable()
     _hang(board, masked=False)
     board.run(94.1)  # LSI at its slowest: 17 kHz (DS8626)
-    assert [cause for _, cause in board.resets[1:]] == ["IWDG"]
-    assert not board.powered()
+    expect_reset(board, "IWDG")
 
 
 def test_both_watchdogs_are_fed_with_a_margin_of_ten(board: Board) -> None:
