@@ -4,10 +4,11 @@
 import gc
 import itertools
 import random
+from pathlib import Path
 
 import pytest
 
-from kontur.path import gcode, gcode_words
+from kontur.path import gcode, gcode_words, plain_lines, programs
 from kontur.path.gcode_words import Refusals
 from kontur.path.geometry import Program
 
@@ -30,47 +31,81 @@ MODES = (
 
 
 def number(rng: random.Random) -> str:
-    return rng.choice((f"{rng.uniform(-9, 9):.{rng.randrange(5)}f}", ".5", "+1.", "-.25", "0", "1e3", "12345678901"))
+    return rng.choice(
+        (f"{rng.uniform(-9, 9):.{rng.randrange(5)}f}", ".5", "+1.", "-.25", "0", "1") * 5 + ("1e3", "12345678901")
+    )
 
 
-def line(rng: random.Random) -> str:
-    if rng.random() < 0.3:
+def line(rng: random.Random, other: float) -> str:
+    if rng.random() < other:
         return rng.choice(MODES)
     words = [rng.choice(("G0", "G1", "g01", "G00", "")), *(f"{letter}{number(rng)}" for letter in "XY")]
     words = [rng.choice(("", "N5", "n07 ")), *(word for word in words if rng.random() < 0.8)]
-    words += [f"F{rng.choice(('100', '.5', '6000.', '0'))}"] if rng.random() < 0.3 else []
+    words += [f"F{rng.choice(('100', '.5', '6000.', '70') * 4 + ('0',))}"] if rng.random() < 0.3 else []
     return rng.choice(("", " ")).join(words) + rng.choice(("", "", " ", "\t", " (a)", ";b"))
 
 
-def both(text: str) -> list[tuple[Program, list[tuple[str, int]]]]:
-    read = (gcode.read(text, "p.ngc", source=source) for source in (None, gcode_words.blocks))
+def both(text: str, z: str = "pen") -> list[tuple[Program, list[tuple[str, int]]]]:
+    read = (gcode.read(text, "p.ngc", z=z, source=source) for source in (None, gcode_words.blocks))
     return [(program, [(str(error), count) for error, count in refusals]) for program, refusals in read]
 
 
-@pytest.mark.parametrize("seed", range(50))
-def test_quick_way_gives_the_same_program_and_refusals(seed: int) -> None:
+@pytest.mark.parametrize("seed", range(30))
+def test_quick_way_gives_the_same_program_and_refusals(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = random.Random(seed)
     for _ in range(20):
-        quick, slow = both("F600\n" + "\n".join(line(rng) for _ in range(30)))
+        monkeypatch.setattr(plain_lines, "_CHARACTERS", rng.choice((1, 7, 40, 1 << 19)))
+        monkeypatch.setattr(gcode, "_SPAN", rng.choice((1, 4, 64)))
+        other = rng.choice((0.02, 0.1, 0.3))
+        text = rng.choice("\n\r").join(line(rng, other) for _ in range(40))
+        quick, slow = both(rng.choice(("F600\n", "F600\r\n\n", "\ufeffG0 F600\n", "")) + text)
         assert quick == slow
 
 
-def test_lines_of_cam_programs_go_the_quick_way() -> None:
+def test_points_nearer_than_a_nanometre_are_one_however_many_there_are() -> None:
+    steps = itertools.accumulate(itertools.cycle((1e-3, 4e-7, 4e-7, 4e-7, 5e-4)), initial=0.0)
+    quick, slow = both(
+        "G1 F600\n" + "\n".join(f"X{x:.9f}Y{x / 2:.9f}" for x, _ in zip(steps, range(500), strict=False))
+    )
+    assert quick == slow
+    assert 200 < len(quick[0].moves) < 400
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["X1.2.3", "X.", "X-", "X+-1", "X1 2", "X 1", "X1-2", "1X", "X1X2", "G2", "G0.5", "G1.0", "G-1", "F-1", "F0",
+     "F1e-9", "F." + 330 * "0" + "1", "X1e12", "X1000000000000", "X-999999999999", "N-5", "N1.5", "N1N2", "X\u0661",
+     "X1_0", "x1\x0b", "X1\x00", "Xnan", "Xinf", "X1,5", "/X5", "*", "X1\u2028Y2", "\ud800"],
+)  # fmt: skip
+def test_word_beside_the_plain_ones_is_read_as_ever(word: str) -> None:
+    plain = "".join(f"G1 X{i}.5 Y-{i}\n" for i in range(10))
+    quick, slow = both(f"F600\n{plain}{word}\n{plain}Y3 {word}\n{plain}{word}")
+    assert quick == slow
+
+
+@pytest.mark.parametrize(
+    "mode", ["G91", "G93", "G61.1", "G10 L2 P1 R30", "G2 X1 Y1 R5", "G81 Z1", "G20", "G92 X1", "G53"]
+)
+def test_plain_lines_behind_a_mode_are_carried_out_in_it(mode: str) -> None:
+    plain = "".join(f"X{i}.5 Y-{i} F{i + 1}\n" for i in range(10))
+    quick, slow = both(f"G1 F600\n{plain}{mode}\n{plain}G1 X1\n{plain}G0\n{plain}")
+    assert quick == slow
+
+
+def test_command_line_reads_plain_lines_many_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "G21 G90\nG1 F600\n" + "X1.5Y-2\nG1 X3\nN50 G01 X1.000 Y2.000 F900\nG0 X5 Y5\n" * 100
-    reader = gcode._Reader(Refusals("p.ngc"), (0.0, 0.0), "pen")
-    blocks = 0
-    for block in gcode_words.blocks(text, Refusals("p.ngc"), reader.step):
-        reader.run(block)
-        blocks += 1
-    assert blocks == 1
-    assert len(reader.items) == 400
+    file = tmp_path / "long.ngc"
+    file.write_text(text)
+    one_by_one = []
+    read = gcode_words._block
 
+    def counted(code: str, line: int, refusals: Refusals) -> gcode_words.Block:
+        one_by_one.append(code)
+        return read(code, line, refusals)
 
-def test_neighbours_share_the_point_between_them() -> None:
-    moves = gcode.parse("G1 X1 F600\nX2\nG2 X4 R5\nG1 X5\nX6", "p.ngc").moves
-    ends = [(a.segment, b.segment) for a, b in itertools.pairwise(moves)]
-    assert ends[0][0].end_m is ends[0][1].start_m  # type: ignore[attr-defined]
-    assert ends[3][0].end_m is ends[3][1].start_m  # type: ignore[attr-defined]
+    monkeypatch.setattr(gcode_words, "_block", counted)
+    assert len(programs.load(file).moves) == 400
+    assert one_by_one == ["G21G90"]
 
 
 def test_collection_of_garbage_goes_on_after_a_file() -> None:

@@ -5,11 +5,8 @@ from __future__ import annotations
 
 import math
 import sys
-from array import array
-from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import accumulate
 from typing import TYPE_CHECKING
 
 from kontur.cli.live_page import Panel
@@ -66,10 +63,11 @@ class _Line:
         self._share = 0.0
         if page is not None:
             self.every_s = min(self.every_s, page.every_s)
+        from kontur.path.moves import feeds_mps, lengths_m
+
         moves = trajectory.program.moves
         self._trajectory = trajectory
-        self._end_m = array("d", accumulate(move.segment.length_m for move in moves))
-        self._feed_mps = array("d", (math.inf if move.rapid else move.feed_mps for move in moves))
+        self._end_m, self._feed_mps = lengths_m(moves).cumsum(), feeds_mps(moves)
 
     def done(self, share: float) -> None:
         self._share = share
@@ -103,6 +101,6 @@ class _Line:
         reached = float(((step**2).sum(axis=1) ** 0.5).sum()) / took_s
         path_m = self._trajectory.path_s_m
         knot = min(round(self._share * len(path_m)), len(path_m) - 1)
-        move = min(bisect_left(self._end_m, path_m[knot]), len(self._end_m) - 1)
+        move = min(int(self._end_m.searchsorted(path_m[knot])), len(self._end_m) - 1)
         asked = self._feed_mps[move] * 1e3 * self._panel.rate()
         return f"{reached:.1f} of {asked:.1f}" if math.isfinite(asked) else f"{reached:.1f}, rapid,"

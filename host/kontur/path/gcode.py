@@ -15,13 +15,17 @@ from __future__ import annotations
 import gc
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from kontur.path import arcs, gcode_words
+import numpy as np
+
+from kontur.path import arcs, gcode_words, plain_lines
 from kontur.path.gcode_words import Block, Refusals
 from kontur.path.geometry import Dwell, Event, Line, Move, Point, Program, Segment
+from kontur.path.moves import Builder, dwells_in
 from kontur.path.offsets import AXES, SYSTEMS, Offsets, zeros
+from kontur.path.plain_lines import Lines, carried
 
 Z_MODES = ("pen", "ignore", "refuse")
 """What becomes of axes beside x and y. pen: z goes up and down where x and y stand or go rapidly, at rest, as an event;
@@ -34,6 +38,7 @@ _SAME = 1e-9  # m or degrees: positions nearer than this are one
 _LONG_DWELL_S = 10.0
 _END = (2, 30)
 _TURNS_MAX = 1000
+_FEW, _SPAN = 4, 64  # lines: fewer are quicker one by one; so many are tried at once behind one that was not taken
 HOLD_REST_S = 0.7
 """Time for which a path rests at a hold: what a drive needs to stop path time, at most (docs/protocol.md)."""
 _PORTS, _ANALOG = (62, 63, 64, 65), (67, 68)
@@ -66,14 +71,32 @@ def read(
     refusals = Refusals(name)
     reader = _Reader(refusals, start_m, z)
     with _without_collection():
-        for block in source(text, refusals) if source else gcode_words.blocks(text, refusals, reader.step):
+        for block in source(text, refusals) if source else _others(text, reader):
             reader.run(block)
             if any(m in _END for m in block.m):
                 break
-    if not refusals and not any(isinstance(item, Move) for item in reader.items):
+    if not refusals and not reader.items.moves:
         refusals.add("there is no motion in this file; it needs a line like G1 X10 Y5 F1000")
-    items, events = tuple(reader.items), tuple(reader.events)
+    items, events = reader.items.table(), tuple(reader.events)
     return Program(name, items, start_m, _notes(items, events), events), refusals
+
+
+def _others(text: str, reader: _Reader) -> Iterator[Block]:
+    """The blocks of a program, but for the lines that `reader` takes many at a time."""
+    words = gcode_words.Words(reader.refusals)
+    for part in plain_lines.lines(text):
+        row = 0
+        while row < len(part):
+            taken = reader.take(part, row)
+            if taken > row:
+                row = taken
+                continue
+            block = words.block(part.text(row), part.number + row)
+            if block is not None:
+                yield block
+            if words.ended:
+                return
+            row += 1
 
 
 @contextmanager
@@ -89,7 +112,7 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _notes(items: tuple[Move | Dwell, ...], events: tuple[Event, ...]) -> tuple[str, ...]:
+def _notes(items: Sequence[Move | Dwell], events: tuple[Event, ...]) -> tuple[str, ...]:
     """What a user should know of a program that can be run."""
     notes = []
     ignored = [event for event in events if event.kind in "TABC"]
@@ -97,7 +120,7 @@ def _notes(items: tuple[Move | Dwell, ...], events: tuple[Event, ...]) -> tuple[
         counts = Counter(event.kind for event in ignored)
         words = ", ".join(word if count == 1 else f"{word} ×{count}" for word, count in counts.items())
         notes.append(f"Not executed, since the machine has no such thing: {words}; first in line {ignored[0].line}.")
-    long = [item for item in items if isinstance(item, Dwell) and item.duration_s > _LONG_DWELL_S]
+    long = [dwell for _, dwell in dwells_in(items) if dwell.duration_s > _LONG_DWELL_S]
     if long:
         how_many = "1 dwell waits" if len(long) == 1 else f"{len(long)} dwells wait"
         where = f"in line {long[0].line}" if len(long) == 1 else f"the first in line {long[0].line} and the longest"
@@ -116,10 +139,11 @@ class _Reader:
         self.refusals = refusals
         self.z = z
         self.at = zeros() | {"X": start_m[0], "Y": start_m[1]}
-        self.here = start_m  # x and y of `at`: the same object for the end of a line and the start of the next one
+        self.here = start_m  # x and y of `at`
+        self.span = _SPAN  # of lines that are tried at once
         self.plain = True  # whether x and y of a line are where it ends, but for the origin
         self.origin = (0.0, 0.0)
-        self.items: list[Move | Dwell] = []
+        self.items = Builder(start_m)
         self.events: list[Event] = []
         self.offsets = Offsets()
         self.homes = {280: zeros(), 300: zeros()}
@@ -133,32 +157,36 @@ class _Reader:
         self.relative = False
         self.center_absolute = False
 
-    def step(self, line: int, code: str | None, x: str | None, y: str | None, feed: str | None) -> bool:
-        """Carry out a line of G0 or G1, x, y and F as run() would, but quickly; False: it is one for run()."""
-        motion = self.motion if code is None else 10 * int(code)
-        if not self.plain or (motion != 10 and motion != 0):
-            return False
-        feed_mps = self.feed if feed is None else float(feed) / 60.0 * self.unit_m
-        if not feed_mps:
-            return False
-        self.feed = feed_mps
-        self.motion = motion
-        here = self.here
-        end_x, end_y = here
-        if x is not None:
-            to = self.origin[0] + float(x) * self.unit_m
-            end_x = end_x if abs(to - end_x) < _SAME else to
-        if y is not None:
-            to = self.origin[1] + float(y) * self.unit_m
-            end_y = end_y if abs(to - end_y) < _SAME else to
-        end = (end_x, end_y)
-        if math.dist(here, end) < _SAME:
-            return True
-        self.here = end
-        self.at["X"], self.at["Y"] = end
-        rapid = motion == 0
-        self.items.append(Move(Line(here, end), math.inf if rapid else feed_mps, rapid, line, None, self.tolerance_m))
-        return True
+    def take(self, part: Lines, first: int) -> int:
+        """Carry out plain lines from row `first` of `part` on as run() would, but many at a time. Returns the first one
+        that is for run()."""
+        end = min(part.plain_until(first), first + self.span)
+        if end - first < _FEW or not self.plain:
+            return first
+        g, x, y, f = part.values[first:end].T
+        motion = carried(10.0 * g, -1.0 if self.motion is None else self.motion)
+        feed = carried(f / 60.0 * self.unit_m, self.feed or 0.0)
+        if motion[0] not in (0.0, 10.0) or feed[0] == 0.0:
+            return first
+        place = np.stack([carried(self.origin[0] + x * self.unit_m, self.here[0]),
+                          carried(self.origin[1] + y * self.unit_m, self.here[1])])  # fmt: skip
+        step = np.abs(np.diff(place, axis=1, prepend=np.array(self.here)[:, None]))
+        tiny = np.flatnonzero(np.any((step > 0.0) & (step < _SAME), axis=0))
+        self.span *= 2
+        if tiny.size:  # run() takes this line as one that goes nowhere
+            end, self.span = first + int(tiny[0]), _SPAN
+            if end == first:
+                return first
+        rows = slice(0, end - first)
+        moved = np.any(step[:, rows] > 0.0, axis=0)
+        feeds = np.where(motion[rows] == 0.0, math.inf, feed[rows])[moved]
+        place = place[:, rows]
+        line = np.flatnonzero(moved) + (part.number + first)
+        self.items.lines(place[0, moved], place[1, moved], feeds, line, self.tolerance_m)
+        self.here = float(place[0, -1]), float(place[1, -1])
+        self.at |= {"X": self.here[0], "Y": self.here[1]}
+        self.motion, self.feed = int(motion[rows][-1]), float(feed[rows][-1])
+        return end
 
     def run(self, block: Block) -> None:
         """Carry out one block, in the order of RS274NGC: feed, events, dwell, modes, offsets, the move, a hold."""
@@ -240,8 +268,8 @@ class _Reader:
     def _hold(self, block: Block, m: int) -> None:
         """An event, at which the path is held once it has begun: it rests for as long as the drive needs to stop it."""
         self._event(block, f"M{m}")
-        if any(isinstance(item, Move) for item in self.items):
-            self.items.append(Dwell(HOLD_REST_S, block.line))
+        if self.items.moves:
+            self.items.add(Dwell(HOLD_REST_S, block.line), self.here)
 
     def _dwell(self, block: Block) -> None:
         values = block.values
@@ -251,7 +279,7 @@ class _Reader:
             letter = next(letter for letter in "XYZABCIJR" if letter in values)
             self._refuse(block, letter, "a dwell and a move without its G code on one line; put them on two lines")
         elif values["P"] > 0.0:
-            self.items.append(Dwell(values["P"], block.line))
+            self.items.add(Dwell(values["P"], block.line), self.here)
 
     def _set_modes(self, block: Block) -> None:
         codes = block.codes
@@ -403,7 +431,7 @@ class _Reader:
 
     def _put_pen(self, block: Block, to_m: float) -> None:
         self._event(block, f"Z{(to_m - self.offsets.of('Z')) / self.unit_m:g}")
-        self.items.append(Dwell(0.0, block.line))
+        self.items.add(Dwell(0.0, block.line), self.here)
 
     def _add(self, block: Block, motion: int, here: Point, end: Point) -> None:
         segment: Segment | None = Line(here, end) if motion < 20 else self._arc(block, here, end)
@@ -412,9 +440,9 @@ class _Reader:
         feed_mps = math.inf if motion == 0 or self.feed is None else self.feed
         if self.inverse_time:
             feed_mps *= segment.length_m
-        self.items.append(Move(segment, feed_mps, motion == 0, block.line, tolerance_m=self.tolerance_m))
+        self.items.add(Move(segment, feed_mps, motion == 0, block.line, tolerance_m=self.tolerance_m), end)
         if self.stops:
-            self.items.append(Dwell(0.0, block.line))
+            self.items.add(Dwell(0.0, block.line), end)
 
     def _arc(self, block: Block, start: Point, end: Point) -> Segment | None:
         values, left = block.values, self.motion == 30

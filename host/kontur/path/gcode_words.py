@@ -7,7 +7,7 @@ A refusal is collected, and reading goes on behind its word, so that a file's re
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from kontur.errors import FileError
@@ -17,11 +17,6 @@ _COMMENT = re.compile(r"\([^()]*\)|;.*")
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _EXPONENT = re.compile(r"[eE][+-]?[0-9]+")
 _PROGRAM_NUMBER = re.compile(r"[Oo:][0-9]+$")
-_UNSIGNED = r"(?:[0-9]{1,9}(?:\.[0-9]*)?|\.[0-9]+)"
-_STEP = re.compile(
-    rf"(?:[Nn][0-9]{{1,9}}[ \t]*)?(?:[Gg]0?([01])[ \t]*)?"
-    rf"(?:[Xx]([+-]?{_UNSIGNED})[ \t]*)?(?:[Yy]([+-]?{_UNSIGNED})[ \t]*)?(?:[Ff]({_UNSIGNED})[ \t]*)?$"
-)
 _CODE = re.compile(r"[GgMm][0-9.]+$")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 
@@ -123,25 +118,38 @@ class Refusals:
         return FileError(self.name, also, first.line, first.word)
 
 
-Step = Callable[[int, str | None, str | None, str | None, str | None], bool]
-"""Takes a line that consists of G0 or G1, x, y and F, each of which may be missing; or not, then it is a block."""
+class Words:
+    """Makes blocks of the lines of a program, without its comments. `ended`: its second % has come."""
 
+    def __init__(self, refusals: Refusals) -> None:
+        self._refusals = refusals
+        self._percents = 0
 
-def blocks(text: str, refusals: Refusals, step: Step = lambda *_: False) -> Iterator[Block]:
-    """The blocks of a program, without its comments, up to its second %; but for those lines that `step` takes."""
-    percents = 0
-    for line, raw in enumerate(text_lines(text), start=1):
-        if (plain := _STEP.match(raw)) and step(line, *plain.groups()):
-            continue
+    @property
+    def ended(self) -> bool:
+        return self._percents == 2
+
+    def block(self, raw: str, line: int) -> Block | None:
+        """That of the line `raw`; None: there is no word in it."""
         code = _COMMENT.sub("", raw).replace(" ", "").replace("\t", "")
         if "(" in code or ")" in code:
-            refusals.add("a comment in parentheses must end on its line and hold no other", line, raw.strip())
+            self._refusals.add("a comment in parentheses must end on its line and hold no other", line, raw.strip())
         elif code == "%":
-            percents += 1
-            if percents == 2:
-                return
+            self._percents += 1
         elif code and not _PROGRAM_NUMBER.match(code):
-            yield _block(code.removeprefix("/"), line, refusals)
+            return _block(code.removeprefix("/"), line, self._refusals)
+        return None
+
+
+def blocks(text: str, refusals: Refusals) -> Iterator[Block]:
+    """The blocks of a program up to its second %."""
+    words = Words(refusals)
+    for line, raw in enumerate(text_lines(text), start=1):
+        block = words.block(raw, line)
+        if block is not None:
+            yield block
+        if words.ended:
+            return
 
 
 def _block(code: str, line: int, refusals: Refusals) -> Block:

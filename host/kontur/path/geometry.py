@@ -7,10 +7,11 @@ This is the ideal geometry that a run is scored against; the planner only decide
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Generic, Protocol, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,7 @@ Point = tuple[float, float]
 
 KNOT_S = 1e-3
 """Path time from one knot of the trajectory to the next (kontur.planning.knots)."""
+_ROWS = 1 << 12  # of which objects are made at once
 DURATION_MAX_S = 3600.0  # of a path: 3.6 million knots, which bounds memory
 
 
@@ -227,6 +229,100 @@ class Dwell:
     line: int | None = None
 
 
+Item = TypeVar("Item", bound="Move | Dwell")
+
+
+class MoveTable(Sequence[Item], Generic[Item]):
+    """A sequence of moves and dwells like a tuple, with its lines as rows of numbers: 40 bytes a line in place of 275.
+
+    Each of the rows (n,) begins where the one before it ends; `x_m`, `y_m` (n + 1,) are these places. Lines have their
+    `feed_mps`, infinite for a rapid one, their `line` in the file and a tolerance, NaN for none of their own. The rows
+    `at` are `others`: dwells, arcs and so on. A Move is made as it is asked for.
+    """
+
+    def __init__(
+        self,
+        x_m: FloatArray,
+        y_m: FloatArray,
+        feed_mps: FloatArray,
+        line: npt.NDArray[np.int64],
+        tolerance_m: FloatArray,
+        at: list[int],
+        others: list[Move | Dwell],
+    ) -> None:
+        self.x_m, self.y_m = x_m, y_m
+        self.feed_mps, self.line, self.tolerance_m = feed_mps, line, tolerance_m
+        self.at, self.others = at, others
+
+    def __len__(self) -> int:
+        return len(self.feed_mps)
+
+    @overload
+    def __getitem__(self, index: int) -> Item: ...
+    @overload
+    def __getitem__(self, index: slice) -> MoveTable[Item]: ...
+    def __getitem__(self, index: int | slice) -> Item | MoveTable[Item]:
+        if not isinstance(index, slice):
+            row = range(len(self))[index]
+            return next(iter(self[row : row + 1]))
+        first, last, step = index.indices(len(self))
+        if step != 1:
+            raise ValueError("a MoveTable is cut into neighbouring rows only")
+        last = max(first, last)
+        rows, ends = slice(first, last), slice(first, last + 1)
+        some = slice(bisect_left(self.at, first), bisect_left(self.at, last))
+        at = [row - first for row in self.at[some]]
+        columns = self.feed_mps[rows], self.line[rows], self.tolerance_m[rows]
+        return MoveTable(self.x_m[ends], self.y_m[ends], *columns, at, self.others[some])
+
+    def __iter__(self) -> Iterator[Item]:
+        others = dict(zip(self.at, self.others, strict=True))
+        for first in range(0, len(self), _ROWS):
+            rows, ends = slice(first, first + _ROWS), slice(first, first + _ROWS + 1)
+            points = list(zip(self.x_m[ends].tolist(), self.y_m[ends].tolist(), strict=True))
+            columns = (column[rows].tolist() for column in (self.feed_mps, self.line, self.tolerance_m))
+            for row, (feed, line, within) in enumerate(zip(*columns, strict=True)):
+                item = others.get(first + row)
+                if item is None:
+                    segment = Line(points[row], points[row + 1])
+                    item = Move(segment, feed, feed == math.inf, line, None, None if within != within else within)
+                yield cast(Any, item)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Sequence):
+            return NotImplemented
+        return len(self) == len(other) and all(a == b for a, b in zip(self, other, strict=True))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        return f"MoveTable({list(self)})"
+
+    def moves(self) -> MoveTable[Move]:
+        """The same without dwells."""
+        kept = np.ones(len(self), np.bool_)
+        kept[[row for row, item in zip(self.at, self.others, strict=True) if isinstance(item, Dwell)]] = False
+        ends = np.append(True, kept)
+        behind = np.cumsum(kept) - 1
+        pairs = [(int(behind[row]), item) for row, item in zip(self.at, self.others, strict=True) if kept[row]]
+        at, others = [row for row, _ in pairs], [item for _, item in pairs]
+        columns = self.feed_mps[kept], self.line[kept], self.tolerance_m[kept]
+        return MoveTable(self.x_m[ends], self.y_m[ends], *columns, at, others)
+
+    def lengths_m(self) -> FloatArray:
+        """The lengths (n,), 0 of a dwell."""
+        length = np.hypot(np.diff(self.x_m), np.diff(self.y_m))
+        for row, item in zip(self.at, self.others, strict=True):
+            length[row] = item.segment.length_m if isinstance(item, Move) else 0.0
+        return np.asarray(length)
+
+    def within(self, tolerance_m: float) -> MoveTable[Item]:
+        """The same with this tolerance for all moves."""
+        others = [replace(item, tolerance_m=tolerance_m) if isinstance(item, Move) else item for item in self.others]
+        tolerance = np.full(len(self), tolerance_m)
+        return MoveTable(self.x_m, self.y_m, self.feed_mps, self.line, tolerance, self.at, others)
+
+
 @dataclass(frozen=True)
 class Event:
     """A word of the program that switches something beside the path, such as "M3", "S1000", "M62 P0" or "Z-1" (a pen).
@@ -252,18 +348,21 @@ class Program:
     """
 
     name: str
-    items: tuple[Move | Dwell, ...]
+    items: Sequence[Move | Dwell]
     start_m: Point
     notes: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
 
     @cached_property
-    def moves(self) -> tuple[Move, ...]:
-        found = tuple(item for item in self.items if isinstance(item, Move))
-        return found if len(found) < len(self.items) else self.items  # type: ignore[return-value]
+    def moves(self) -> Sequence[Move]:
+        if isinstance(self.items, MoveTable):
+            return self.items.moves()
+        return tuple(item for item in self.items if isinstance(item, Move))
 
     @property
     def length_m(self) -> float:
+        if isinstance(self.items, MoveTable):
+            return math.fsum(self.items.lengths_m())
         return math.fsum(move.segment.length_m for move in self.moves)
 
     def where(self, line: int | None) -> str:

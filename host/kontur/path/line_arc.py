@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,7 +22,7 @@ class LineArcPath:
 
     deviation_m = 0.0
 
-    def __init__(self, moves: tuple[Move, ...]) -> None:
+    def __init__(self, moves: Sequence[Move]) -> None:
         segments = [move.segment for move in moves]
         zero = np.zeros(1)
         length = [segment.length_m for segment in segments]

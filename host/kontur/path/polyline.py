@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import math
-from itertools import chain
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from kontur.path.geometry import FloatArray, Line, Move
+from kontur.path.geometry import FloatArray, Move
+from kontur.path.moves import ends_m, straight
 
 CORNER_RAD = 0.6
 """A joint of pieces that turns by more is a true corner and stays a stop."""
@@ -23,10 +24,10 @@ class Polyline:
     (n,): which are lines. `gaps_m`: the moves that do not begin where the one before them ends, and how far from there.
     `turn` (n - 1,): how much the path turns at each joint, in rad."""
 
-    def __init__(self, moves: tuple[Move, ...]) -> None:
+    def __init__(self, moves: Sequence[Move]) -> None:
         self._moves = moves
         count = len(moves)
-        self.straight = np.fromiter((isinstance(move.segment, Line) for move in moves), np.bool_, count)
+        self.straight = straight(moves)
         self._bent = np.flatnonzero(~self.straight)
         self.edge_m, self.ends_m = np.zeros(count + 1), np.empty((count + 1, 2))
         self.gaps_m: list[tuple[int, float]] = []
@@ -90,30 +91,21 @@ class Polyline:
 
 
 def _of(
-    moves: tuple[Move, ...], straight: npt.NDArray[np.bool_]
+    moves: Sequence[Move], is_straight: npt.NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Starts and ends (n, 2) of moves, their lengths (n,), and the headings (n,) at their starts and ends."""
-    count = len(moves)
-    ends = np.fromiter(chain.from_iterable(map(_ends, moves)), np.float64, 4 * count).reshape(count, 4)
+    ends = ends_m(moves)
     start, end = ends[:, :2], ends[:, 2:]
     chord = end - start
     length = np.hypot(chord[:, 0], chord[:, 1])
     heading_in = np.arctan2(chord[:, 1], chord[:, 0])
     heading_out = heading_in.copy()
-    for i in np.flatnonzero(~straight):
+    for i in np.flatnonzero(~is_straight).tolist():
         segment = moves[i].segment
         length[i] = segment.length_m
         tangent = segment.tangent(np.array([0.0, segment.length_m]))
         heading_in[i], heading_out[i] = np.arctan2(tangent[:, 1], tangent[:, 0])
     return start, end, length, heading_in, heading_out
-
-
-def _ends(move: Move) -> tuple[float, ...]:
-    """Where it begins and ends: x, y, x, y."""
-    segment = move.segment
-    if isinstance(segment, Line):
-        return segment.start_m + segment.end_m
-    return tuple(segment.point(np.array([0.0, segment.length_m])).ravel().tolist())
 
 
 def _wrapped(angle: FloatArray) -> FloatArray:

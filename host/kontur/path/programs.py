@@ -7,7 +7,7 @@ from pathlib import Path
 
 from kontur.errors import FileError
 from kontur.files import read_text
-from kontur.path import csv, gcode, gcode_words
+from kontur.path import csv, gcode
 from kontur.path import interpreter as linuxcnc
 from kontur.path.gcode_words import Refusals
 from kontur.path.geometry import Program
@@ -43,5 +43,5 @@ def check(
         return csv.parse(text, str(path), feed_mps), Refusals(str(path))
     if feed_mps is not None:
         raise FileError(path, "the feed of G-code stands in the file (F); leave out --feed")
-    source = linuxcnc.blocks if interpreter else gcode_words.blocks
+    source = linuxcnc.blocks if interpreter else None
     return gcode.read(text, str(path), z=z, source=source)

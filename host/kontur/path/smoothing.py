@@ -17,15 +17,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from kontur.errors import PathError
-from kontur.path.geometry import Arc, Dwell, FloatArray, Line, Move, Program
+from kontur.path.geometry import Arc, Dwell, FloatArray, Line, Move, MoveTable, Program
 from kontur.path.line_arc import LineArcPath
+from kontur.path.moves import dwells_in, feeds_mps, is_scheduled, tolerances_m
 from kontur.path.polyline import Polyline
 from kontur.path.spline_fit import SmoothPath, fitted
 
@@ -47,6 +48,8 @@ def toleranced(program: Program, tolerance_m: float | None) -> Program:
     """`program` with this tolerance for all moves, whatever it says itself; None: as it says."""
     if tolerance_m is None:
         return program
+    if isinstance(program.items, MoveTable):
+        return replace(program, items=program.items.within(tolerance_m))
     items = [replace(item, tolerance_m=tolerance_m) if isinstance(item, Move) else item for item in program.items]
     return replace(program, items=tuple(items))
 
@@ -55,7 +58,7 @@ def toleranced(program: Program, tolerance_m: float | None) -> Program:
 class Exact:
     """Items of a program that are driven as they are."""
 
-    items: tuple[Move | Dwell, ...]
+    items: Sequence[Move | Dwell]
 
     @property
     def moves(self) -> tuple[Move, ...]:
@@ -67,7 +70,7 @@ class Smooth:
     """Moves of a program that are driven along `path`, smoothed or exact, with a dwell of `dwell_s` (k + 1,) at each of
     its stops. It `continues` the part before it, or `goes_on` in the next one, without a stop if that is possible."""
 
-    moves: tuple[Move, ...]
+    moves: Sequence[Move]
     path: SmoothPath | LineArcPath
     dwell_s: FloatArray
     continues: bool = False
@@ -98,9 +101,9 @@ def parts(program: Program, tolerance_m: float, polyline: Polyline | None = None
     """`program` in parts, each from standstill to standstill. `tolerance_m`: of moves that have none of their own.
     `polyline`: that of its moves, if there is one already."""
     moves = program.moves
-    tolerance = np.fromiter((tolerance_m if m.tolerance_m is None else m.tolerance_m for m in moves), float, len(moves))
+    tolerance = tolerances_m(moves, tolerance_m)
     exact = not np.any(tolerance > 0.0)
-    if (exact and len(moves) <= _MOVES) or any(move.schedule for move in moves):
+    if (exact and len(moves) <= _MOVES) or is_scheduled(moves):
         yield Exact(program.items)
         return
     polyline = polyline or Polyline(moves)
@@ -113,7 +116,7 @@ def parts(program: Program, tolerance_m: float, polyline: Polyline | None = None
             yield from _unsmoothed(moves, batch)
 
 
-def _smoothed(moves: tuple[Move, ...], polyline: Polyline, batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
+def _smoothed(moves: Sequence[Move], polyline: Polyline, batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
     fit, good = fitted(polyline, [stretch.first for stretch in batch], batch[-1].last, batch[0].tolerance_m)
     for begin, end in _runs(good):
         chosen = batch[begin:end]
@@ -158,13 +161,12 @@ def _in_windows(program: Program, polyline: Polyline, stretch: _Stretch) -> Iter
         first = end
 
 
-def _durations(moves: tuple[Move, ...], edge_m: FloatArray) -> FloatArray:
+def _durations(moves: Sequence[Move], edge_m: FloatArray) -> FloatArray:
     """About what moves (n,) between the distances `edge_m` (n + 1,) take."""
-    feed = np.fromiter((min(move.feed_mps, _SPEED_MPS) for move in moves), float, len(moves))
-    return np.asarray(np.diff(edge_m) / feed)
+    return np.asarray(np.diff(edge_m) / np.minimum(feeds_mps(moves), _SPEED_MPS))
 
 
-def _unsmoothed(moves: tuple[Move, ...], batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
+def _unsmoothed(moves: Sequence[Move], batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
     """Stretches that are not smoothed. Arcs that stand alone between stops are optimised, with the lines there."""
     alone = np.array([s.tolerance_m > 0.0 and s.first == s.last and _short(moves[s.first]) for s in batch])
     window = np.cumsum([stretch.duration_s for stretch in batch]) // _WINDOWS_S[-1]
@@ -193,7 +195,7 @@ def _dwells(batch: list[_Stretch]) -> FloatArray:
     return np.array([math.fsum(dwell.duration_s for dwell in wait) for wait in waits])
 
 
-def _exact(moves: tuple[Move, ...], batch: list[_Stretch]) -> Exact:
+def _exact(moves: Sequence[Move], batch: list[_Stretch]) -> Exact:
     items: list[Move | Dwell] = []
     for one in batch:
         items += [*one.before, *moves[one.first : one.last + 1], *one.after]
@@ -259,13 +261,7 @@ def _cut(
 
 def _dwells_before(program: Program) -> dict[int, tuple[Dwell, ...]]:
     """The dwells of the program, by the number of moves before them."""
-    if len(program.moves) == len(program.items):
-        return {}
-    dwells: dict[int, tuple[Dwell, ...]] = {}
-    count = 0
-    for item in program.items:
-        if isinstance(item, Dwell):
-            dwells[count] = (*dwells.get(count, ()), item)
-        else:
-            count += 1
-    return dwells
+    found: dict[int, tuple[Dwell, ...]] = {}
+    for number, (row, dwell) in enumerate(dwells_in(program.items)):
+        found[row - number] = (*found.get(row - number, ()), dwell)
+    return found

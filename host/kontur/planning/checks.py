@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from kontur.errors import KonturError, PathError, shown
-from kontur.path.geometry import DURATION_MAX_S, KNOT_S, Arc, Curve, FloatArray, Line, Move, Program
+from kontur.path.geometry import DURATION_MAX_S, KNOT_S, Arc, Curve, FloatArray, Move, Program
+from kontur.path.moves import feeds_mps
 from kontur.path.polyline import Polyline
 from kontur.planning import knots
 from kontur.planning.bounds import Limits, Piece, sampled
@@ -33,7 +34,7 @@ def check_duration(program: Program, total_s: float) -> None:
 
 def check_connected(program: Program, polyline: Polyline) -> None:
     moves = program.moves
-    feed = np.fromiter((move.feed_mps for move in moves), float, len(moves))
+    feed = feeds_mps(moves)
     wrong = np.flatnonzero(~((np.diff(polyline.edge_m) > 0.0) & (feed > 0.0)))
     if wrong.size:
         raise PathError(f"{program.where(moves[wrong[0]].line)}: a move needs a length and a feed above zero")
@@ -64,8 +65,9 @@ def _extent(move: Move, where: str) -> FloatArray:
 def extent_m(program: Program) -> FloatArray:
     """The least and the greatest (2, 2) x and y that the path reaches."""
     moves = program.moves
-    bent = [_extent(move, program.where(move.line)) for move in moves if not isinstance(move.segment, Line)]
-    points = np.concatenate([Polyline(moves).ends_m, *bent])
+    polyline = Polyline(moves)
+    bent = (moves[i] for i in np.flatnonzero(~polyline.straight).tolist())
+    points = np.concatenate([polyline.ends_m, *(_extent(move, program.where(move.line)) for move in bent)])
     return np.stack([np.min(points, axis=0), np.max(points, axis=0)])
 
 
@@ -74,7 +76,7 @@ def check_travel(program: Program, polyline: Polyline, travel_m: Travel) -> None
     least_m, greatest_m = np.transpose(travel_m)
     within = np.all((polyline.ends_m >= least_m - 1e-9) & (polyline.ends_m <= greatest_m + 1e-9), axis=1)
     inside = polyline.straight & within[1:] & within[:-1]
-    for i in np.flatnonzero(~inside):
+    for i in np.flatnonzero(~inside).tolist():
         move = moves[i]
         points = _extent(move, program.where(move.line))
         for axis, (least, greatest) in enumerate(travel_m):

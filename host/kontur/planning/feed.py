@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from kontur.path.geometry import KNOT_S, FloatArray, Program
+from kontur.path.moves import feeds_mps, lengths_m
 from kontur.planning.bounds import Piece
 
 SHORT = "the acceleration and the jerk along the path, which is too short to gain more speed"
@@ -77,7 +77,7 @@ def reached(program: Program, bounds: Bounds, path_s_m: FloatArray, speed: Float
     """What `program`, planned within `bounds` and with the distances `path_s_m` (n,) at each millisecond, makes of its
     feeds; `speed` (n-1,) between these. None: all its moves are rapid."""
     moves = program.moves
-    feed = np.fromiter((math.inf if move.rapid else move.feed_mps for move in moves), float, len(moves))
+    feed = feeds_mps(moves)
     asked = np.isfinite(feed)
     if not np.any(asked):
         return None
@@ -87,7 +87,7 @@ def reached(program: Program, bounds: Bounds, path_s_m: FloatArray, speed: Float
     speed, at_m = np.append(speed, 0.0), 0.0
     for begin in range(0, len(moves), _MOVES):
         rows = slice(begin, begin + _MOVES)
-        length_m = np.array([move.segment.length_m for move in moves[rows]])
+        length_m = lengths_m(moves[rows])
         end_m = at_m + np.cumsum(length_m)
         at_m = float(end_m[-1])
         first[rows] = np.maximum(np.searchsorted(path_s_m, end_m - length_m, side="right") - 1, 0)

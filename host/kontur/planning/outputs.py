@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.can.outputs import BY_RATE, FULL_POWER, HOLD, Outputs
-from kontur.path.geometry import KNOT_S, Dwell, Event, FloatArray, Move, Program
+from kontur.path.geometry import KNOT_S, Event, FloatArray, Move, Program
+from kontur.path.moves import dwells_in, lengths_m
 from kontur.planning.planner import Trajectory
 from kontur.planning.rest import EQUAL, Rest
 
@@ -154,8 +155,9 @@ def of_rest(word: NDArray[np.uint32], rest: Rest) -> NDArray[np.uint32]:
 def boundaries(trajectory: Trajectory) -> tuple[_Index, _Index]:
     """The knots (items + 1,) at which the path comes to the place before each item, and the end, and leaves it."""
     items = trajectory.program.items
-    length_m = np.array([item.segment.length_m if isinstance(item, Move) else 0.0 for item in items])
-    dwell = np.array([item.duration_s / KNOT_S if isinstance(item, Dwell) else 0.0 for item in items])
+    length_m, dwell = lengths_m(items), np.zeros(len(items))
+    for row, item in dwells_in(items):
+        dwell[row] = item.duration_s / KNOT_S
     place_m = np.append(0.0, np.cumsum(length_m))
     path_m = trajectory.path_s_m
     first = np.searchsorted(path_m, place_m - _TOGETHER_M, side="left")

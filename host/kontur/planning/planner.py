@@ -33,6 +33,7 @@ import numpy.typing as npt
 from kontur.errors import PathError
 from kontur.path import smoothing
 from kontur.path.geometry import DURATION_MAX_S, KNOT_S, FloatArray, Move, Program
+from kontur.path.moves import feeds_mps, is_scheduled
 from kontur.path.polyline import Polyline
 from kontur.path.smoothing import Exact, Smooth
 from kontur.path.spline_fit import SmoothPath
@@ -145,7 +146,7 @@ class Planning:
 
     def steps(self) -> Iterator[None]:
         """Plan; after each step there are more rows."""
-        if any(move.schedule for move in self.program.moves):
+        if is_scheduled(self.program.moves):
             self._add_scheduled()
             return
         knots_of = _Knots(self._limits, self.rows)
@@ -160,7 +161,7 @@ class Planning:
         del self._polyline  # its memory is needed elsewhere
         knots_nm, position_m, s = self.rows.planned()
         feed = None
-        if not any(move.schedule for move in self.program.moves):
+        if not is_scheduled(self.program.moves):
             feed = reached(self.program, self._bounds, s, _speed(s if self.deviation_m == 0.0 else position_m))
         self._report(1.0)
         driven = tuple(self._driven)
@@ -189,7 +190,7 @@ class Planning:
                 motion = iter([(control, part.moves, at_m)])
                 self._driven += part.moves
             else:
-                feed = np.array([move.feed_mps for move in part.moves])
+                feed = feeds_mps(part.moves)
                 self._check_more(float(np.sum(np.diff(ends, prepend=0.0) / feed)))
                 pieces = time_law.pieces(part.path, feed, ends, inside)
                 motion = self._fastest(part, windows, feed, ends, at_m, share)
@@ -210,9 +211,10 @@ class Planning:
         share: Callable[[float], None],
     ) -> Iterator[joined.Rows]:
         """The motion along `part`, which begins at the distance `at_m`; its windows may be known to a place in them."""
-        moves = part.moves
         if isinstance(part.path, SmoothPath):
-            moves = (Move(part.path, math.inf, line=moves[0].line),)
+            moves: tuple[Move, ...] = (Move(part.path, math.inf, line=part.moves[0].line),)
+        else:
+            moves = tuple(part.moves)
         self._driven += moves
         if part.continues or part.goes_on:
             yield from windows.add(part, moves[0], feed, ends, at_m, share)

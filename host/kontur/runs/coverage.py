@@ -38,7 +38,7 @@ class Coverage:
         position_m, path_s_m = (np.stack(both) for both in zip(*part.ends, strict=True))
         first_m, last_m = contour_error(self._program, position_m, path_s_m).foot_s_m
         return {
-            "length_mm": sum(move.segment.length_m for move in self._program.moves) * 1e3,
+            "length_mm": self._program.length_m * 1e3,
             "from_mm": float(first_m) * 1e3,
             "to_mm": float(last_m) * 1e3,
             "known_mm": max(float(last_m - first_m) - part.lost_m, 0.0) * 1e3,

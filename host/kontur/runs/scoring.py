@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from kontur.errors import PathError
-from kontur.path.geometry import Curve, Line, Program
+from kontur.path.geometry import Curve, Program
+from kontur.path.moves import ends_m, feeds_mps, lengths_m, straight
 from kontur.path.spline_fit import SmoothPath
 
 Array = NDArray[np.float64]
@@ -142,8 +143,8 @@ class Rapids:
     """Which parts of `program` are rapid moves."""
 
     def __init__(self, program: Program) -> None:
-        self._ends_m = np.cumsum([move.segment.length_m for move in program.moves])
-        self._rapid = np.array([move.rapid for move in program.moves])
+        self._ends_m = np.cumsum(lengths_m(program.moves))
+        self._rapid = np.isinf(feeds_mps(program.moves))
 
     def at(self, path_s_m: Array) -> NDArray[np.bool_]:
         """Whether the move at each path position `path_s_m` (n,) is a rapid one."""
@@ -191,22 +192,24 @@ class _Pieces:
     """
 
     def __init__(self, program: Program) -> None:
-        self.segments = [move.segment for move in program.moves if move.segment.length_m > 0.0]
-        if not self.segments:
+        moves = program.moves
+        self.length = lengths_m(moves)
+        if not np.all(self.length > 0.0):
+            moves = tuple(move for move in moves if move.segment.length_m > 0.0)
+            self.length = lengths_m(moves)
+        if not moves:
             raise PathError(f"{program.name}: there is no motion in it, so there is nothing to score")
-        start, count = np.zeros(1), len(self.segments)
-        self.length = np.fromiter((segment.length_m for segment in self.segments), float, count)
+        start, count = np.zeros(1), len(moves)
         self.end_s = np.cumsum(self.length)
         self.start_s = np.concatenate([start, self.end_s[:-1]])
-        ends_m = np.array([s.start_m + s.end_m if isinstance(s, Line) else (0.0,) * 4 for s in self.segments])
-        self.point_in = ends_m[:, :2]
-        self.tangent_in = (ends_m[:, 2:] - self.point_in) / self.length[:, None]
+        ends = ends_m(moves)
+        self.point_in = ends[:, :2].copy()
+        self.tangent_in = (ends[:, 2:] - self.point_in) / self.length[:, None]
         self.tangent_out = self.tangent_in.copy()
         self.bend = np.zeros(count)
         self.curves: dict[int, _FastCurve] = {}
-        for i, segment in enumerate(self.segments):
-            if isinstance(segment, Line):
-                continue
+        for i in np.flatnonzero(~straight(moves)).tolist():
+            segment = moves[i].segment
             self.point_in[i], self.tangent_in[i] = segment.point(start)[0], segment.tangent(start)[0]
             self.tangent_out[i] = segment.tangent(self.length[i : i + 1])[0]
             self.bend[i] = segment.curvature(start)[0]
@@ -269,7 +272,7 @@ class _Pieces:
     def side_tangent(self, piece: Index, s: Array, tangent: Array) -> Array:
         """The direction whose left side is positive: the tangent, at a corner the middle of both tangents."""
         before = self.tangent_out[piece - 1] * ((s <= 0.0) & (piece > 0))[:, None]
-        last = len(self.segments) - 1
+        last = len(self.length) - 1
         after = self.tangent_in[np.minimum(piece + 1, last)] * ((s >= self.length[piece]) & (piece < last))[:, None]
         return np.asarray(tangent + before + after)
 

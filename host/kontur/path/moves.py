@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of the moves of a program, whether these are a MoveTable or a tuple; and how such a table is made."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+import numpy.typing as npt
+
+from kontur.path.geometry import Dwell, FloatArray, Line, Move, MoveTable, Point
+
+
+class Builder:
+    """Makes a MoveTable of items that come one after the other, the first from `start_m` on."""
+
+    def __init__(self, start_m: Point) -> None:
+        self._x, self._y = array("d", start_m[:1]), array("d", start_m[1:])
+        self._feed, self._line, self._tolerance = array("d"), array("q"), array("d")
+        self._at: list[int] = []
+        self._others: list[Move | Dwell] = []
+        self.moves = 0
+
+    def __len__(self) -> int:
+        return len(self._feed)
+
+    def lines(
+        self,
+        x_m: FloatArray,
+        y_m: FloatArray,
+        feed_mps: FloatArray,
+        line: npt.NDArray[np.int64],
+        within_m: float | None,
+    ) -> None:
+        """Lines that end at `x_m`, `y_m` (n,)."""
+        tolerance = np.full(len(x_m), math.nan if within_m is None else within_m)
+        columns = (
+            (self._x, x_m),
+            (self._y, y_m),
+            (self._feed, feed_mps),
+            (self._line, line),
+            (self._tolerance, tolerance),
+        )
+        for column, values in columns:
+            column.frombytes(values.tobytes())
+        self.moves += len(x_m)
+
+    def add(self, item: Move | Dwell, end_m: Point) -> None:
+        """Any item, which ends at `end_m`; lines begin where the one before ends."""
+        is_move = isinstance(item, Move)
+        if not (isinstance(item, Move) and isinstance(item.segment, Line)):
+            self._at.append(len(self))
+            self._others.append(item)
+        within = item.tolerance_m if isinstance(item, Move) else None
+        self._x.append(end_m[0])
+        self._y.append(end_m[1])
+        self._feed.append(item.feed_mps if isinstance(item, Move) else math.inf)
+        self._line.append(item.line or 0)
+        self._tolerance.append(math.nan if within is None else within)
+        self.moves += is_move
+
+    def table(self) -> MoveTable[Move | Dwell]:
+        x, y, feed, tolerance = (np.frombuffer(c) for c in (self._x, self._y, self._feed, self._tolerance))
+        return MoveTable(x, y, feed, np.frombuffer(self._line, np.int64), tolerance, self._at, self._others)
+
+
+def feeds_mps(moves: Sequence[Move]) -> FloatArray:
+    """The feeds (n,), infinite where a move is rapid."""
+    if isinstance(moves, MoveTable):
+        return moves.feed_mps
+    return np.fromiter((move.feed_mps for move in moves), float, len(moves))
+
+
+def lengths_m(items: Sequence[Move | Dwell]) -> FloatArray:
+    """The lengths (n,), 0 of a dwell."""
+    if isinstance(items, MoveTable):
+        return items.lengths_m()
+    return np.array([item.segment.length_m if isinstance(item, Move) else 0.0 for item in items])
+
+
+def tolerances_m(moves: Sequence[Move], default_m: float) -> FloatArray:
+    """The tolerances (n,), with a default for moves that have none of their own."""
+    if isinstance(moves, MoveTable):
+        return np.where(np.isnan(moves.tolerance_m), default_m, moves.tolerance_m)
+    given = (default_m if move.tolerance_m is None else move.tolerance_m for move in moves)
+    return np.fromiter(given, float, len(moves))
+
+
+def straight(moves: Sequence[Move]) -> npt.NDArray[np.bool_]:
+    """Which of the moves (n,) are lines."""
+    if not isinstance(moves, MoveTable):
+        return np.fromiter((isinstance(move.segment, Line) for move in moves), np.bool_, len(moves))
+    out = np.ones(len(moves), np.bool_)
+    out[moves.at] = False
+    return out
+
+
+def ends_m(moves: Sequence[Move]) -> FloatArray:
+    """Where the moves begin and end (n, 4): x, y, x, y."""
+    if not isinstance(moves, MoveTable):
+        return np.array([_ends_m(move) for move in moves]).reshape(len(moves), 4)
+    out = np.stack([moves.x_m[:-1], moves.y_m[:-1], moves.x_m[1:], moves.y_m[1:]], axis=1)
+    for row, item in zip(moves.at, moves.others, strict=True):
+        out[row] = _ends_m(cast(Move, item))
+    return out
+
+
+def _ends_m(move: Move) -> tuple[float, ...]:
+    segment = move.segment
+    if isinstance(segment, Line):
+        return segment.start_m + segment.end_m
+    return tuple(segment.point(np.array([0.0, segment.length_m])).ravel().tolist())
+
+
+def is_scheduled(moves: Sequence[Move]) -> bool:
+    """Whether a move has a time law of its own."""
+    if isinstance(moves, MoveTable):
+        return False
+    return any(move.schedule is not None for move in moves)
+
+
+def dwells_in(items: Sequence[Move | Dwell]) -> list[tuple[int, Dwell]]:
+    """The dwells and where they stand."""
+    pairs = zip(items.at, items.others, strict=True) if isinstance(items, MoveTable) else enumerate(items)
+    return [(row, item) for row, item in pairs if isinstance(item, Dwell)]
