@@ -118,10 +118,10 @@ def bus_command(*, bitrate: int, as_json: bool) -> None:
 @command.command(name="plan")
 @click.option(
     "--lines",
-    type=click.IntRange(1000, 1_000_000),
+    type=click.IntRange(1000, 3_000_000),
     default=100_000,
     show_default=True,
-    help="Lines of the file that is read and planned; its first knots are timed from when it is read.",
+    help="Lines of the file that is read and planned; its first knots are timed from when it is opened.",
 )
 @click.option("--no-stops", is_flag=True, help="Read and plan a spiral, a file without any stop on its way.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")

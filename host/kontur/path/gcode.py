@@ -163,7 +163,7 @@ class _Reader:
         end = min(part.plain_until(first), first + self.span)
         if end - first < _FEW or not self.plain:
             return first
-        g, x, y, f = part.values[first:end].T
+        g, x, y, f = part.values[:, first:end]
         motion = carried(10.0 * g, -1.0 if self.motion is None else self.motion)
         feed = carried(f / 60.0 * self.unit_m, self.feed or 0.0)
         if motion[0] not in (0.0, 10.0) or feed[0] == 0.0:

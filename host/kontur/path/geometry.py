@@ -300,6 +300,8 @@ class MoveTable(Sequence[Item], Generic[Item]):
 
     def moves(self) -> MoveTable[Move]:
         """The same without dwells."""
+        if not any(isinstance(item, Dwell) for item in self.others):
+            return cast("MoveTable[Move]", self)
         kept = np.ones(len(self), np.bool_)
         kept[[row for row, item in zip(self.at, self.others, strict=True) if isinstance(item, Dwell)]] = False
         ends = np.append(True, kept)

@@ -2,8 +2,7 @@
 """Lines of G-code that consist of G0 or G1, x, y and F, or less, many at a time: nine tenths of a long file.
 
 A line is *plain* if it is a row of letters with one number each, none of them twice, and of blanks before letters and
-at its end; G must be 0 or 1 and F above zero. All others are read word by word (kontur.path.gcode_words). Numbers are
-made by float(), as there.
+at its end; G must be 0 or 1 and F above zero. All others are read word by word (kontur.path.gcode_words).
 """
 
 from __future__ import annotations
@@ -31,10 +30,12 @@ _FOLLOWED = {  # what of a plain line may stand before what
     _NEWLINE: (_BLANK, _LETTER, _NEWLINE),
 }
 _LARGEST, _LEAST_FEED = 1e12, 1e-300
+_DIGITS = 15  # of a number that is read with others
+_POWERS = 10.0 ** np.arange(_DIGITS + 1)
 
 
-def _tables() -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.bool_], npt.NDArray[np.uint8], bytes]:
-    """By byte: its kind, and the column of a letter; whether two kinds may not follow each other; letters to blanks."""
+def _tables() -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.bool_], npt.NDArray[np.uint8]]:
+    """By byte its kind; by two kinds whether they may not follow each other; by byte the column of a letter."""
     kind, column = np.full(256, _OTHER, np.uint8), np.zeros(256, np.uint8)
     both = _LETTERS + _LETTERS.lower()
     for characters, of in ((both, _LETTER), (b"0123456789", _DIGIT), (b".", _DOT), (b"+-", _SIGN), (b" \t", _BLANK)):
@@ -44,14 +45,14 @@ def _tables() -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.bool_], npt.NDArray
     wrong = np.ones(64, np.bool_)
     for before, after in _FOLLOWED.items():
         wrong[[8 * before + one for one in after]] = False
-    return kind, wrong, column, bytes.maketrans(both, b" " * len(both))
+    return kind, wrong, column
 
 
-_KIND, _WRONG, _COLUMN, _TO_BLANKS = _tables()
+_KIND, _WRONG, _COLUMN = _tables()
 
 
 class Lines:
-    """Lines of a text, the first of them its line `number`. `values` (n, 4): the numbers of G, X, Y and F of the plain
+    """Lines of a text, the first of them its line `number`. `values` (4, n): the numbers of G, X, Y and F of the plain
     ones, NaN where there is none."""
 
     def __init__(self, text: str, number: int) -> None:
@@ -66,39 +67,35 @@ class Lines:
         self._begin = np.append(0, self._end[:-1] + 1)
         before = np.append(np.uint8(_NEWLINE), kind[:-1])
         plain = ~np.logical_or.reduceat(_WRONG[8 * before + kind], self._begin)
-        self.values = self._read(raw, kind == _LETTER, plain)[:, :4]
-        g, feed = self.values[:, 0], self.values[:, 3]
+        self.values = self._read(raw, kind, plain)[:4]
+        g, feed = self.values[0], self.values[3]
         plain &= (np.isnan(g) | (g == 0.0) | (g == 1.0)) & (np.isnan(feed) | (feed > _LEAST_FEED))
         self._others: list[int] = np.flatnonzero(~plain).tolist()
 
     def _read(
-        self, raw: npt.NDArray[np.uint8], is_letter: npt.NDArray[np.bool_], plain: npt.NDArray[np.bool_]
+        self, raw: npt.NDArray[np.uint8], kind: npt.NDArray[np.uint8], plain: npt.NDArray[np.bool_]
     ) -> FloatArray:
-        """The numbers of the `plain` lines by letter (n, letters). A line that has a letter twice, or a number that is
+        """The numbers of the `plain` lines by letter (letters, n). A line that has a letter twice, or a number that is
         none or too large, is not `plain`."""
-        values = np.full((len(plain), len(_LETTERS)), math.nan)
+        values = np.full((len(_LETTERS), len(plain)), math.nan)
+        is_letter, is_number = kind == _LETTER, (kind == _DIGIT) | (kind == _DOT) | (kind == _SIGN)
         if not np.all(plain):
             of_plain = np.repeat(plain, np.diff(self._end, prepend=-1))
             is_letter &= of_plain
-            words = raw[of_plain].tobytes()
-        else:
-            words = self._data
+            is_number &= of_plain
         letter = np.flatnonzero(is_letter)
         line = np.searchsorted(self._end, letter)
-        try:
-            value = np.fromiter(map(float, words.translate(_TO_BLANKS).split()), float, len(letter))
-        except ValueError:  # such as "1.2.3"
-            plain[:] = False
-            return values
-        values[line, _COLUMN[raw[letter]]] = value
+        stop = np.flatnonzero(is_number[:-1] & ~is_number[1:]) + 1
+        value = _numbers(raw, letter + 1, stop)
+        values[_COLUMN[raw[letter]], line] = value
         has = ~np.isnan(values)
         if np.count_nonzero(has) < len(letter):
-            plain &= np.bincount(line, minlength=len(plain)) == np.count_nonzero(has, axis=1)
+            plain &= np.bincount(line, minlength=len(plain)) == np.count_nonzero(has, axis=0)
         plain[line[~(np.abs(value) < _LARGEST)]] = False
         return values
 
     def __len__(self) -> int:
-        return len(self.values)
+        return len(self._end)
 
     def text(self, row: int) -> str:
         return self._data[self._begin[row] : self._end[row]].decode("utf-8", "surrogatepass")
@@ -107,6 +104,32 @@ class Lines:
         """The next row from `row` on that is not plain."""
         at = bisect_left(self._others, row)
         return self._others[at] if at < len(self._others) else len(self)
+
+
+def _numbers(raw: npt.NDArray[np.uint8], begin: npt.NDArray[np.intp], stop: npt.NDArray[np.intp]) -> FloatArray:
+    """The decimal numbers (n,) from `begin` to `stop` as float() reads them; NaN for what is none, such as 1.2.3.
+
+    An integer of so few digits, divided by a power of ten, is exact but for the division, which rounds right.
+    """
+    negative = raw[begin] == ord("-")
+    begin = begin + (negative | (raw[begin] == ord("+")))
+    length = stop - begin
+    digits, places, points = (np.zeros(len(begin), np.int64) for _ in range(3))
+    for i in range(min(int(np.max(length, initial=0)), _DIGITS + 1)):
+        byte = raw[np.minimum(begin + i, len(raw) - 1)].astype(np.int64)
+        is_point = (length > i) & (byte == ord("."))
+        is_digit = (length > i) & ~is_point
+        digits = np.where(is_digit, 10 * digits + (byte - ord("0")), digits)
+        places += is_digit & (points > 0)
+        points += is_point
+    value = digits / _POWERS[places]
+    value[(points > 1) | (length == points)] = math.nan
+    for i in np.flatnonzero(length > _DIGITS + 1).tolist():
+        try:
+            value[i] = float(raw[begin[i] : stop[i]].tobytes())
+        except ValueError:
+            value[i] = math.nan
+    return np.where(negative, -value, value)
 
 
 def lines(text: str) -> Iterator[Lines]:
