@@ -180,17 +180,6 @@ const char *plant_check(const struct ks_machine *m)
     return not_negative(m->schedule_repeat_s) ? NULL : "schedule_repeat_s";
 }
 
-void plant_init(struct plant *p, const struct ks_machine *m, uint64_t seed, double period_s)
-{
-    memset(p, 0, sizeof *p);
-    p->machine = *m;
-    p->period_s = period_s;
-    seed_rng(p->rng, seed);
-    for (int i = 0; i < 2; i++) {
-        p->pos_m[i] = p->motor_pos_m[i] = m->start_m[i];
-    }
-}
-
 /* ---- what is measured ---- */
 
 static double sine(double amplitude, double position_m, double period_m)
@@ -202,7 +191,8 @@ static double sine(double amplitude, double position_m, double period_m)
 static double table_m(const struct plant *p, int i)
 {
     const struct ks_machine *m = &p->machine;
-    return p->pos_m[i] + m->lead_error[i] * p->pos_m[i] + sine(m->lead_once_m[i], p->pos_m[i], m->screw_m[i]);
+    return p->pos_m[i] + m->lead_error[i] * p->pos_m[i] + sine(m->lead_once_m[i], p->pos_m[i], m->screw_m[i]) -
+           p->home_m[i];
 }
 
 static double motor_m(const struct plant *p, int i)
@@ -216,6 +206,15 @@ static double encoder_m(const struct plant *p, int i)
     return p->machine.encoder_at_table[i] ? table_m(p, i) : motor_m(p, i);
 }
 
+/* What the encoder of axis i measures, with its own errors. */
+static double measured_m(const struct plant *p, int i)
+{
+    const struct ks_machine *m = &p->machine;
+    const double at_m = encoder_m(p, i);
+    return at_m + sine(m->encoder_once_m[i], at_m, m->screw_m[i]) +
+           sine(m->interpolation_m[i], at_m, m->interpolation_period_m[i]);
+}
+
 static int32_t counts(const struct plant *p, int i, double position_m, double count_m)
 {
     const int32_t count = (int32_t)lround(position_m / count_m);
@@ -226,10 +225,21 @@ void plant_encoders(const struct plant *p, int32_t count[2])
 {
     const struct ks_machine *m = &p->machine;
     for (int i = 0; i < 2; i++) {
-        const double at_m = encoder_m(p, i);
-        const double error_m = sine(m->encoder_once_m[i], at_m, m->screw_m[i]) +
-                               sine(m->interpolation_m[i], at_m, m->interpolation_period_m[i]);
-        count[i] = counts(p, i, at_m + error_m, m->encoder_m[i]);
+        count[i] = counts(p, i, measured_m(p, i), m->encoder_m[i]);
+    }
+}
+
+void plant_init(struct plant *p, const struct ks_machine *m, uint64_t seed, double period_s)
+{
+    memset(p, 0, sizeof *p);
+    p->machine = *m;
+    p->period_s = period_s;
+    seed_rng(p->rng, seed);
+    for (int i = 0; i < 2; i++) {
+        p->pos_m[i] = p->motor_pos_m[i] = m->start_m[i];
+        if (m->scale_m[i] > 0.0) { /* homed: the scale says what the first encoder says */
+            p->home_m[i] = table_m(p, i) - round(measured_m(p, i) / m->encoder_m[i]) * m->encoder_m[i];
+        }
     }
 }
 

@@ -14,7 +14,8 @@
  * - noise: Gaussian, one value for each axis and control period, a function of the seed alone.
  * - End stops hold the table at the ends of travel. Limit switches lie before them. Index pulses come at equal
  *   distances of the encoder.
- * - Errors of the screw, which lie between motor and table, and of geometry, which no sensor sees.
+ * - Errors of the screw, which lie between motor and table, and of geometry, which no sensor sees. An axis with a scale
+ *   has been homed: its table is counted from where, at the start, the scale says what the first encoder says.
  * It is integrated with `substeps` steps in a control period: semi-implicit, second order in position, with spring and
  * slip elements taken in the middle of the step, so that the step adds no damping and takes none away.
  *
@@ -41,6 +42,7 @@ struct plant {
     int has_next_gaussian;
     double pos_m[2], vel_mps[2];             /* table, which is the whole axis where there is no spring */
     double motor_pos_m[2], motor_vel_mps[2]; /* motor, in travel of the table; followed where it is not the table */
+    double home_m[2];                        /* error of the screw at the start, where a scale takes it off */
     double accel_mps2[2];                    /* table, in the last control period */
     double bristle[2][2][PLANT_BRISTLES];    /* [axis][PLANT_TABLE or PLANT_MOTOR], of full force, -1..1 */
     double demand_N[PLANT_DELAY_MAX + 1][2]; /* [0]: newest */

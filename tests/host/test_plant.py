@@ -251,11 +251,27 @@ def test_encoder_and_scale_see_what_they_are_mounted_to(plants: Any) -> None:
         plant.run(lambda t: 200.0, 80)
         table, motor = plant.p.pos_m[0], plant.p.motor_pos_m[0]
         assert motor - table > 2e-6
-        with_error = table * (1 + 200e-6)
+        with_error = table + 200e-6 * (table - 0.05 if at == "motor" else table)
         seen = motor if at == "motor" else with_error
         assert plant.two("plant_encoders")[0] == round(seen / 100e-9)
         assert plant.two("plant_scales")[0] == round(with_error / 10e-9)
         assert plant.two("plant_tool")[0] == pytest.approx(with_error, abs=1e-12)
+
+
+def test_a_scale_begins_at_what_the_first_encoder_says(plants: Any) -> None:
+    """Both count from where an axis was homed. Else a constant error would be left that no sensor sees."""
+    keys = dict(lead_error=200e-6, lead_once_m=5e-6, encoder_once_m=1e-6, screw_m=0.01, encoder_m=0.7e-6)
+    for start_m in (-0.0213, 0.0, 0.0501):
+        plant = Plant(plants, start_m=start_m, scale_m=10e-9, **keys)
+        first_m = plant.two("plant_encoders")[0] * 0.7e-6
+        assert plant.two("plant_scales")[0] * 10e-9 == pytest.approx(first_m, abs=5.1e-9)
+        assert plant.two("plant_tool")[0] == pytest.approx(first_m, abs=1e-12)
+        without = Plant(plants, start_m=start_m, **keys)
+        gone_m = [one.two("plant_tool")[0] for one in (plant, without)]
+        for one in (plant, without):
+            one.p.pos_m[0] += 0.0037
+        gone_m = [one.two("plant_tool")[0] - before for one, before in zip((plant, without), gone_m, strict=True)]
+        assert gone_m[0] == pytest.approx(gone_m[1], abs=1e-12)
 
 
 def test_periodic_errors_have_their_amplitude_and_period(plants: Any) -> None:

@@ -139,7 +139,8 @@ def test_second_encoder_leaves_the_error_once_a_turn_of_the_first_one(plants: An
     keys = dict(lead_once_m=5e-6, encoder_once_m=2e-6, screw_m=0.01, scale_m=1e-9)
     values = told(**keys)
     for at_m in np.linspace(-0.012, 0.012, 49):
-        plant = Plant(plants, start_m=float(at_m), encoder_m=1e-9, **keys)
+        plant = Plant(plants, encoder_m=1e-9, **keys)
+        plant.p.pos_m[0] = at_m
         first_m, second_m = plant.two("plant_encoders")[0] * 1e-9, plant.two("plant_scales")[0] * 1e-9
         once_m = values["screw_x.error_sin"] * 1e-6 * np.sin(2e6 * np.pi * first_m / values["screw_x.lead"])
         assert first_m + once_m == pytest.approx(second_m, abs=6e-9)
