@@ -318,16 +318,27 @@ def of_name(name: str) -> Machine:
     return machines.draw(int(drawn)) if drawn != name else {one.name: one for one in machines.packaged()}[name]
 
 
+Work = list[tuple[Machine, dict[str, dict[str, float]]]]
+
+
+def read(file: Path) -> Work:
+    """Each machine that `kontur experiment machines --json` wrote, with its gains by law. Raises ValueError."""
+    try:
+        found = json.loads(file.read_text())["machines"]
+        return [(of_name(one["name"]), {n: one["designs"][f"{n} {FULL}"]["gains"] for n in LAWS}) for one in found]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{file}: {error!r}; give what `kontur experiment machines --json` wrote") from error
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path, help="what `kontur experiment machines --json` wrote")
     parser.add_argument("--orders", type=int, nargs=2, default=(30, 20), help="number of real poles, and of taps")
     given = parser.parse_args(arguments)
     try:
-        found = json.loads(given.file.read_text())["machines"]
-        work = [(of_name(one["name"]), {n: one["designs"][f"{n} {FULL}"]["gains"] for n in LAWS}) for one in found]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        print(f"{given.file}: {error!r}; give what `kontur experiment machines --json` wrote", file=sys.stderr)
+        work = read(given.file)
+    except ValueError as error:
+        print(error, file=sys.stderr)
         return 2
     print("| machine | axis | error at | " + " | ".join(LAWS) + " | reached | bound |\n|---|---|---|" + "---|" * 4)
     for machine, designs in work:
