@@ -50,7 +50,7 @@ def split(log: RunLog, from_s: float = 0.0) -> tuple[float, float, float]:
 
 def driven(machine: Machine, case: Case, law: str, gains: Mapping[str, float]) -> tuple[float, float, float] | None:
     """split() of a path; None: the drive stopped."""
-    options = RunOptions(parameters=machine.parameters(compensation=FULL) | gains)
+    options = RunOptions(parameters={**machine.parameters(compensation=FULL), **gains})
     try:
         log = run(plan(case.program, limits(machine)), law, Target(machine=machine, seed=1, told=NOTHING), options).log
     except DeviceError:
