@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A path that is driven while it is planned: the drive gets the knots of the whole, and in the end their number."""
 
+import io
 import json
+import math
+import re
+import sys
 import threading
 
 import numpy as np
@@ -11,12 +15,14 @@ from click.testing import CliRunner
 
 from kontur import machine
 from kontur.cli import main, planned
+from kontur.cli.live_page import Panel
+from kontur.cli.run_progress import run_progress
 from kontur.drive import knot_sender
 from kontur.drive.state_machine import BIT_PATH_RUNS
 from kontur.drive.stream import Operator
 from kontur.drive.target import Target, open_drive
 from kontur.errors import PathError
-from kontur.path import programs, smoothing
+from kontur.path import gcode, programs, smoothing
 from kontur.path.smoothing import TOLERANCE_M
 from kontur.planning.ahead import Ahead
 from kontur.planning.bounds import limits
@@ -91,6 +97,32 @@ def test_knots_that_come_on_the_way_are_those_of_the_whole(small_windows, opens_
         assert result.log.meta[key] == whole.log.meta[key]
     np.testing.assert_array_equal(result.log.columns["reference_x_mm"], whole.log.columns["reference_x_mm"])
     assert result.log.meta["score"]["mean_um"] == pytest.approx(whole.log.meta["score"]["mean_um"], rel=0.02)
+
+
+def test_time_is_told_about_before_the_path_is_planned_and_exactly_then(small_windows, monkeypatch):
+    """The feeds are lower, and the dwells are, where the planning has still to come."""
+    wave = "".join(f"X{i / 5} Y{5 * math.sin(i / 20):.4f}\n" for i in range(100))
+    text = "G1\n" + "".join(f"F{feed} {wave}G4 P0.1\nG0 X0 Y0\nG1\n" for feed in (1800, 2400, 1200, 600)) + "G4 P4\n"
+    gate = Gate(gcode.parse(text, "p.ngc"))
+    ahead = Ahead(gate.planning)
+    while not len(ahead.knots_nm):
+        assert not ahead.ended(0.01)
+    planned_s = len(ahead.knots_nm) * 1e-3
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with run_progress("ccu", ahead, Panel(), None) as (done, _):
+        about = re.search(r"p\.ngc takes about (\d+(?:\.\d+)?) s; it is driven while", terminal.getvalue())
+        done(0.1)
+        gate.opened.set()
+        duration_s = ahead.trajectory().duration_s
+        done(0.2)
+        done(0.3)
+    assert about is not None
+    assert planned_s < 0.3 * duration_s
+    assert float(about[1]) == pytest.approx(duration_s, rel=0.05)
+    assert ahead.about_s() == duration_s
+    assert terminal.getvalue().count(f"p.ngc takes {duration_s:.2f} s") == 1
 
 
 def test_a_planning_that_fails_on_the_way_stops_the_drive_on_the_path(small_windows, opens_on_the_way):

@@ -45,10 +45,9 @@ def run_progress(
         TextColumn("{task.fields[now]}"),
     )
     shown = console(stderr=True)
-    if math.isfinite(trajectory.duration_s):
-        shown.print(f"{trajectory.program.name} takes {trajectory.duration_s:.2f} s", markup=False, highlight=False)
     with Progress(*columns, console=shown, transient=True) as progress:
         line = _Line(progress, name, trajectory, asked, page)
+        line.tell_time()
         yield line.done, line
 
 
@@ -69,7 +68,21 @@ class _Line:
         self._trajectory = trajectory
         self._end_m, self._feed_mps = lengths_m(moves).cumsum(), feeds_mps(moves)
 
+    def tell_time(self) -> None:
+        """Say what the path takes as soon as it is planned, and about what before."""
+        from kontur.planning.ahead import Ahead
+
+        path = self._trajectory
+        self._told = not isinstance(path, Ahead) or path.complete
+        if isinstance(path, Ahead) and not self._told:
+            takes = f"about {path.about_s():.4g} s; it is driven while the rest of it is planned"
+        else:
+            takes = f"{path.duration_s:.2f} s"
+        self._progress.console.print(f"{path.program.name} takes {takes}", markup=False, highlight=False)
+
     def done(self, share: float) -> None:
+        if not self._told and math.isfinite(self._trajectory.duration_s):
+            self.tell_time()
         self._share = share
         self._progress.update(self._task, completed=share)
 

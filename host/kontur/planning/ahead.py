@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kontur.path.geometry import KNOT_S, FloatArray, Program
+from kontur.path.moves import dwells_in, feeds_mps, lengths_m
 from kontur.planning.planner import Planning, Trajectory
 
 _FASTER = 2.0  # planned path time a second, from which on the planning stays ahead
@@ -81,9 +82,27 @@ class Ahead:
         """Infinite as long as it is not known."""
         return math.inf if self._whole is None else self._whole.duration_s
 
+    def about_s(self) -> float:
+        """About what all of it takes: the rest as much longer than at its feeds as what is planned so far."""
+        if self._whole is not None:
+            return self._whole.duration_s
+        planned_s, planned_m = (len(self.knots_nm) - 1) * KNOT_S, float(self.path_s_m[-1])
+        place_m, time_s = _at_feeds(self.program, self._planning.top_mps)
+        return planned_s * float(time_s[-1] / np.interp(planned_m, place_m, time_s))
+
     def done(self, knots: int) -> float:
         """The share of the path that so many knots are."""
         return float(self.path_s_m[knots - 1]) / self._length_m if knots else 0.0
+
+
+def _at_feeds(program: Program, top_mps: float) -> tuple[FloatArray, FloatArray]:
+    """Distances (n + 1,) of the ends of all moves, and when they were reached at the feeds, and at most `top_mps`."""
+    moves = program.moves
+    length_m, waits_s = lengths_m(moves), np.zeros(len(moves) + 1)
+    for number, (row, dwell) in enumerate(dwells_in(program.items)):
+        waits_s[row - number] += dwell.duration_s
+    time_s = np.append(0.0, np.cumsum(length_m / np.minimum(feeds_mps(moves), top_mps))) + np.cumsum(waits_s)
+    return np.append(0.0, np.cumsum(length_m)), time_s
 
 
 Planned = Trajectory | Ahead

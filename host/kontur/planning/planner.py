@@ -116,7 +116,7 @@ class Planning:
     """The planning of a program, step by step: what is planned first can be driven while the rest is planned.
 
     Arguments and exceptions are those of plan(). Whether the program is connected, and inside the travel, is checked at
-    once. `rows`: what is planned so far. `length_m`: of the program.
+    once. `rows`: what is planned so far. `length_m`: of the program. `top_mps`: no motion is faster.
     """
 
     def __init__(
@@ -138,6 +138,7 @@ class Planning:
         check_travel(program, self._polyline, travel_m)
         self._report(0.0)
         self.length_m = float(self._polyline.edge_m[-1])
+        self.top_mps = math.hypot(*limits.velocity_mps)
         self.rows = Rows()
         self._driven: list[Move] = []
         self._bounds = Bounds()
