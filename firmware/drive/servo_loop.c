@@ -100,15 +100,14 @@ static uint32_t power_of(const struct servo_loop *loop, uint32_t at)
     return by_rate < UINT16_MAX ? by_rate : UINT16_MAX;
 }
 
-/* Where path time is at a knot with a hold it goes no further, unless this one has been released. */
-static bool hold_path(struct servo_loop *loop, uint32_t at)
+/* Where path time is at a knot with a hold it goes no further, unless this one has been released. So it does not go on
+ * from a stop either, on the way to which it has passed the hold. */
+static void hold_path(struct servo_loop *loop, uint32_t at)
 {
     const uint32_t knot = loop->path.at.knot + 1u;
-    const bool holds = (at & KNOT_HOLD) != 0 && LOAD(loop->command.released) != knot;
-    if (holds) {
+    if ((at & KNOT_HOLD) != 0 && LOAD(loop->command.released) != knot && !LOAD(loop->standing)) {
         STORE(loop->hold, knot);
     }
-    return holds;
 }
 
 /* Whether the path runs an axis into a limit switch. The background makes a fault of it (FF12h) a millisecond later. */
@@ -122,10 +121,10 @@ static bool on_switch(const struct servo_loop *loop)
 __attribute__((noinline)) static void switch_outputs(struct servo_loop *loop, const struct servo_loop_cfg *cfg,
                                                      uint32_t at, struct hal_drive_out *out)
 {
+    hold_path(loop, at);
     uint32_t now = 0;
     if (out->enable[0] && out->enable[1] && (LOAD(loop->faults) & cfg->stop) == 0 && !on_switch(loop)) {
-        const bool runs = may_run(loop, cfg) && LOAD(loop->command.rate) != 0u && !LOAD(loop->standing);
-        const bool on = runs && !hold_path(loop, at);
+        const bool on = may_run(loop, cfg) && LOAD(loop->command.rate) != 0u && !LOAD(loop->standing);
         now = on ? power_of(loop, at) << 16 | (at & KNOT_DIGITAL) : LOAD(loop->outputs) & LOAD(loop->command.kept);
     }
     out->digital = (uint16_t)now;

@@ -16,7 +16,7 @@ from kontur import machine
 from kontur.cli import main
 from kontur.cli.holds import Release
 from kontur.cli.live_page import Panel
-from kontur.drive.stream import Operator
+from kontur.drive.stream import UNATTENDED, Operator
 from kontur.drive.target import Target, open_drive
 from kontur.errors import StreamError
 from kontur.path import gcode
@@ -150,3 +150,21 @@ def test_resume_with_other_outputs_is_refused_before_anything_moves() -> None:
             assert device.read("stream.executed") == executed
         go = Operator(release=lambda _: True)
         assert run(t, "ccu", target, RunOptions(resume=True), operator=go).completed
+
+
+def test_stop_in_a_hold_that_is_asked_for_again_when_the_path_is_resumed_moves_nothing() -> None:
+    with sim_process.start(slcan_tcp="0", pace="sync", machine=MACHINE) as sim:
+        target = Target(machine=MACHINE, bus={"interface": sim.interface, "channel": sim.channel})
+        with open_drive(target) as device, device.master.held():
+            device.parameters.set(MACHINE.parameters(1))
+        t, waits = planned(), itertools.count()
+        stopped = Operator(release=lambda _: False, stop_requested=lambda: next(waits) > 700)
+        assert not run(t, "ccu", target, RunOptions(approach=limits(MACHINE)), operator=stopped).completed
+        with open_drive(target) as device:
+            executed = device.read("stream.executed")
+            assert device.read("outputs.hold") > 0
+        with pytest.raises(KeyboardInterrupt):
+            run(t, "ccu", target, RunOptions(resume=True), operator=stopped)
+        with open_drive(target) as device:
+            assert device.read("stream.executed") == executed
+        assert run(t, "ccu", target, RunOptions(resume=True), operator=UNATTENDED).completed

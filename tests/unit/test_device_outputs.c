@@ -367,6 +367,63 @@ static void test_hold_lasts_over_a_fault(void)
     expect_all_done_once(3);
 }
 
+/* The path comes to a stop around the hold, which is 10 knots ahead and so passed on the way. */
+static void check_hold_passed_at_a_stop(void (*stop)(void), void (*go_on)(void))
+{
+    setUp();
+    fill(hold, 3);
+    run();
+    while (rig.device.drive.loop.path.at.knot < 290) {
+        rig_run(&rig, 1);
+    }
+    stop();
+    rig_ms(&rig, 300);
+    TEST_ASSERT_GREATER_THAN_UINT32(301, rig_read(&rig, 0x2200, 8));
+    TEST_ASSERT_EQUAL_UINT32(301, rig_read(&rig, 0x2180, 5));
+    const uint32_t at = rig_read(&rig, 0x2200, 8);
+    go_on();
+    rig_ms(&rig, 200);
+    TEST_ASSERT_EQUAL_UINT32(at, rig_read(&rig, 0x2200, 8));
+    expect_outputs(0, 0);
+    TEST_ASSERT_EQUAL_HEX32(0, rig_write(&rig, 0x2200, 1, 1, RELEASE));
+    rig_run(&rig, 2);
+    expect_outputs(SPINDLE, 900);
+    expect_all_done_once(3);
+}
+
+static void clear_bit_4(void)
+{
+    rig_controlwords(&rig, ENABLE, ENABLE);
+}
+
+static void override_0(void)
+{
+    rig_write(&rig, 0x2131, 0, 2, 0);
+}
+
+static void override_1(void)
+{
+    rig_write(&rig, 0x2131, 0, 2, 1000);
+}
+
+static void underrun(void)
+{
+    servo_loop_raise(&rig.device.drive.loop, FAULT_UNDERRUN);
+}
+
+static void come_back_and_run(void)
+{
+    come_back();
+    run();
+}
+
+static void test_hold_that_is_passed_on_the_way_to_a_stop_holds_what_goes_on(void)
+{
+    check_hold_passed_at_a_stop(clear_bit_4, run);
+    check_hold_passed_at_a_stop(override_0, override_1);
+    check_hold_passed_at_a_stop(underrun, come_back_and_run);
+}
+
 static void check_new_stream(bool released)
 {
     setUp();
@@ -526,6 +583,7 @@ int main(void)
     RUN_TEST(test_power_by_rate_goes_with_the_override_and_ends_at_its_range);
     RUN_TEST(test_path_is_held_at_its_knot_until_it_is_released);
     RUN_TEST(test_hold_lasts_over_a_fault);
+    RUN_TEST(test_hold_that_is_passed_on_the_way_to_a_stop_holds_what_goes_on);
     RUN_TEST(test_new_stream_ends_a_hold);
     RUN_TEST(test_path_goes_on_from_the_knot_of_the_hold_itself);
     RUN_TEST(test_fault_of_the_tick_that_stops_on_the_path_switches_off_in_its_tick);

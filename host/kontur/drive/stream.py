@@ -105,7 +105,8 @@ def stream(
     switched off, by a fault or by its master; the axes must not have been moved since.
 
     Raises StreamError, NoAnswerError, and EmcyError when the drive reports a fault; one during the motion is returned
-    instead where `raise_fault` is False.
+    instead where `raise_fault` is False. KeyboardInterrupt: a stop was requested where a path that is to go on is
+    held, and stays so.
     """
     if outputs:
         device.pdos.require(*OUTPUTS)
@@ -117,6 +118,8 @@ def stream(
     device.override_feed(rate)
     if resume:  # it may have been stopped at a hold
         _release(sender, operator, outputs)
+        if _hold(device, outputs):
+            raise KeyboardInterrupt
     before_start()
     start_s = _start(device)
     holds = tuple(hold for hold in outputs.holds if hold >= passed)

@@ -111,7 +111,7 @@ def run(
     not be written any more.
 
     Raises BusError, DeviceError (NoAnswerError, StreamError, EmcyError), ParameterError; FileError when the log cannot
-    be begun; KeyboardInterrupt when the operator requested the stop on the way to the start, where there is no log yet.
+    be begun; KeyboardInterrupt when the operator requested the stop before the path moved: there is no log yet.
     After an error while the path runs, `options.log` has what was received before, and the message says so. It is in
     the result where `options.raise_fault` is False.
     """
