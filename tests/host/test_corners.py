@@ -5,7 +5,16 @@ import numpy as np
 import pytest
 from tube_optimum import duration_s, of_program, with_stops_s
 
-from kontur.experiments.bench_plan import FEED_MPS, LEAST_WITHIN_S, LIMITS, TEXT_STOPS_S, WITHIN, lines, stops_s
+from kontur.experiments.bench_plan import (
+    FEED_MPS,
+    LEAST_WITHIN_S,
+    LIMITS,
+    TEXT_STOPS_S,
+    WITHIN,
+    lines,
+    stopping,
+    stops_s,
+)
 from kontur.path.smoothing import TOLERANCE_M
 from kontur.planning.planner import plan
 
@@ -25,14 +34,15 @@ def test_the_least_times_are_those_of_the_reference():
     assert with_stops_s(WITHIN["text"], LIMITS, TOLERANCE_M, 2e-3) == pytest.approx(TEXT_STOPS_S, rel=0.005)
 
 
-@pytest.mark.parametrize("name", ["square of 40 mm", "raster of 5 rows"])
+@pytest.mark.parametrize("name", WITHIN)
 def test_paths_with_corners_take_little_longer_than_any_motion_within_the_tolerance(name):
     trajectory = plan(WITHIN[name], LIMITS, tolerance_m=TOLERANCE_M)
     assert LEAST_WITHIN_S[name] < trajectory.duration_s < 1.10 * LEAST_WITHIN_S[name]
+    assert trajectory.deviation_m <= TOLERANCE_M
 
 
 def test_a_text_takes_little_longer_than_the_least_time_with_stops_at_its_corners():
-    trajectory = plan(WITHIN["text"], LIMITS, tolerance_m=TOLERANCE_M)
+    trajectory = plan(stopping(WITHIN["text"]), LIMITS, tolerance_m=TOLERANCE_M)
     assert LEAST_WITHIN_S["text"] < TEXT_STOPS_S < trajectory.duration_s < 1.10 * TEXT_STOPS_S
     assert trajectory.deviation_m <= TOLERANCE_M
 
@@ -40,4 +50,6 @@ def test_a_text_takes_little_longer_than_the_least_time_with_stops_at_its_corner
 @pytest.mark.parametrize("name", EXACT)
 def test_exact_stops_take_little_longer_than_the_least_time_with_stops(name):
     program = WITHIN[name]
-    assert stops_s(program) < plan(program, LIMITS).duration_s < 1.05 * stops_s(program)
+    exact = plan(program, LIMITS)
+    assert stops_s(program) < exact.duration_s < 1.05 * stops_s(program)
+    assert exact.digest == plan(stopping(program), LIMITS, tolerance_m=TOLERANCE_M).digest

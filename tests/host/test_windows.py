@@ -64,8 +64,9 @@ def test_windows_take_the_time_of_the_whole_and_keep_the_limits(program, monkeyp
     monkeypatch.setattr(smoothing, "_WINDOWS_S", (1e9,))
     whole = plan(program, LIMITS, tolerance_m=TOLERANCE_M)
     assert len(list(parts(program, TOLERANCE_M))) == 1
-    for trajectory in (in_windows, in_small_windows):
-        assert trajectory.duration_s == pytest.approx(whole.duration_s, rel=0.01)
+    for trajectory, window_s in ((in_windows, 2.0), (in_small_windows, 0.5)):
+        stops = 1 + whole.duration_s / window_s  # no more than these, in corners
+        assert abs(trajectory.duration_s - whole.duration_s) < 0.01 * whole.duration_s + 0.03 * stops
         assert_within(trajectory, LIMITS)
         assert trajectory.deviation_m <= TOLERANCE_M
 

@@ -19,8 +19,8 @@ tolerance_option = click.option(
     "--tolerance",
     type=NumberRange(0.0, 1.0),
     metavar="MM",
-    help="How far the path may be from the file's, so that many short lines become a smooth curve. 0: exact, with a "
-    "stop at each corner.  [default: what the file says by G61 or G64 P, else 0.01]",
+    help="How far the path may be from the file's, so that short lines become a smooth curve and corners are gone "
+    "round. 0: exact, with a stop at each corner.  [default: what the file says by G61 or G64 P, else 0.01]",
 )
 params_option = click.option(
     "--params",

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """A smooth curve within a tolerance of a path of many short pieces, such as CAM programs consist of.
 
-The path is cut where the motion stops: at dwells, at true corners, and where the tolerance changes. Between two stops
-the curve is a quintic B-spline p(s), whose parameter is the distance s along the file's path q(s). Of all such splines
-it is nearly the one with the least integral of |p'''|^2 among those with |p(s) - q(s)| <= tolerance for all s. As s is
-the same in both, neither path is further from the other than the tolerance. kontur.path.spline_fit finds it.
+The path is cut where the motion stops: at dwells, where the tolerance changes, and at true corners beside exact pieces.
+Between two stops the curve is a quintic B-spline p(s), whose parameter is the distance s along the file's path q(s). Of
+all such splines it is nearly the one with the least integral of |p'''|^2, weighted, among those with |p(s) - q(s)| <=
+tolerance for all s. As s is the same in both, neither path is further from the other than the tolerance.
+kontur.path.spline_fit finds it. It goes round true corners, too, where the pieces before and behind them are smoothed
+or lines.
 
-A program without joints of lines that turn, other than corners, is not smoothed at all; in others, arcs between stops
-and what the spline does not fit within the tolerance stay exact.
+Arcs between stops and corners, and what the spline does not fit within the tolerance, stay exact, and so does a program
+without joints of lines that turn.
 
 The parts of a program come one after the other, about _WINDOWS_S of motion in each, so that who plans them can begin
 with the first one.
@@ -80,7 +82,7 @@ class Smooth:
 @dataclass
 class _Stretch:
     """Moves from one stop to the next, `first` to `last`, with the dwells at rest `before` and `after` them. It takes
-    about `duration_s`."""
+    about `duration_s`. `starts`: the first moves of its pieces between true corners."""
 
     first: int
     last: int
@@ -89,6 +91,7 @@ class _Stretch:
     before: tuple[Dwell, ...]
     after: tuple[Dwell, ...]
     duration_s: float
+    starts: tuple[int, ...]
 
     @property
     def long(self) -> bool:
@@ -96,10 +99,23 @@ class _Stretch:
         many = self.last - self.first > _LONG * _MOVES or self.duration_s > _LONG * _WINDOWS_S[-1]
         return self.smooth and self.last > self.first and many
 
+    def pieces(self) -> list[_Stretch]:
+        """The same with a stop at each corner."""
+        ends = [*self.starts[1:], self.last + 1]
+        out = [
+            replace(self, first=first, last=end - 1, before=(), after=(), starts=(first,))
+            for first, end in zip(self.starts, ends, strict=True)
+        ]
+        out[0].before, out[-1].after = self.before, self.after
+        return out
 
-def parts(program: Program, tolerance_m: float, polyline: Polyline | None = None) -> Iterator[Exact | Smooth]:
+
+def parts(
+    program: Program, tolerance_m: float, polyline: Polyline | None = None, corner_m: float = 0.0
+) -> Iterator[Exact | Smooth]:
     """`program` in parts, each from standstill to standstill. `tolerance_m`: of moves that have none of their own.
-    `polyline`: that of its moves, if there is one already."""
+    `polyline`: that of its moves, if there is one already. `corner_m`: the least tolerance with which the curve goes
+    round true corners; with a smaller one it stops there."""
     moves = program.moves
     tolerance = tolerances_m(moves, tolerance_m)
     exact = not np.any(tolerance > 0.0)
@@ -107,7 +123,7 @@ def parts(program: Program, tolerance_m: float, polyline: Polyline | None = None
         yield Exact(program.items)
         return
     polyline = polyline or Polyline(moves)
-    for batch in _batches(_stretches(program, polyline, tolerance)):
+    for batch in _batches(_stretches(program, polyline, tolerance, corner_m)):
         if batch[0].long:
             yield from _in_windows(program, polyline, batch[0])
         elif batch[0].smooth:
@@ -122,6 +138,8 @@ def _smoothed(moves: Sequence[Move], polyline: Polyline, batch: list[_Stretch]) 
         chosen = batch[begin:end]
         if good[begin]:
             yield Smooth(moves[chosen[0].first : chosen[-1].last + 1], fit.path(begin, end), _dwells(chosen))
+        elif any(len(stretch.starts) > 1 for stretch in chosen):
+            yield from _smoothed(moves, polyline, [piece for stretch in chosen for piece in stretch.pieces()])
         else:
             yield _exact(moves, chosen)
 
@@ -219,7 +237,7 @@ def _batches(stretches: Iterator[_Stretch]) -> Iterator[list[_Stretch]]:
             stretch.long
             or batch[0].long
             or stretch.last - batch[0].first >= _MOVES
-            or (batch[0].smooth and duration_s >= most_s)
+            or (batch[0].smooth and duration_s + stretch.duration_s > most_s)
         )
         if batch and (full or stretch.smooth != batch[0].smooth or stretch.tolerance_m != batch[0].tolerance_m):
             yield batch
@@ -230,33 +248,60 @@ def _batches(stretches: Iterator[_Stretch]) -> Iterator[list[_Stretch]]:
     yield batch
 
 
-def _stretches(program: Program, polyline: Polyline, tolerance: FloatArray) -> Iterator[_Stretch]:
+def _stretches(program: Program, polyline: Polyline, tolerance: FloatArray, corner_m: float) -> Iterator[_Stretch]:
+    """The stretches between stops. Neighbours that meet in a corner are one, as long as it is no longer than a window:
+    so there is a stop where windows meet."""
     count = len(program.moves)
     dwells = _dwells_before(program)
-    for first, last, smooth, within_m, duration_s in zip(*_cut(program, polyline, tolerance, dwells), strict=True):
+    windows = iter(_WINDOWS_S)
+    most_s, whole = next(windows), None
+    for first, last, smooth, round_, within_m, duration_s in zip(
+        *_cut(program, polyline, tolerance, corner_m, dwells), strict=True
+    ):
         after = dwells.get(count, ()) if last == count - 1 else ()
-        yield _Stretch(first, last, smooth, within_m, dwells.get(first, ()), after, duration_s)
+        one = _Stretch(first, last, smooth, within_m, dwells.get(first, ()), after, duration_s, (first,))
+        if whole is None:
+            whole = one
+        elif round_ and whole.duration_s + duration_s <= most_s and last - whole.first < _MOVES:
+            whole.last, whole.after = last, after
+            whole.duration_s += duration_s
+            whole.starts += (first,)
+        else:
+            if round_:
+                most_s = next(windows, most_s)
+            yield whole
+            whole = one
+    if whole is not None:
+        yield whole
 
 
 def _cut(
-    program: Program, polyline: Polyline, tolerance: FloatArray, dwells: dict[int, tuple[Dwell, ...]]
-) -> tuple[list[int], list[int], list[bool], list[float], list[float]]:
-    """The first and the last move of each stretch, whether it is smoothed, its tolerance, and the time it may take."""
+    program: Program,
+    polyline: Polyline,
+    tolerance: FloatArray,
+    corner_m: float,
+    dwells: dict[int, tuple[Dwell, ...]],
+) -> tuple[list[int], list[int], list[bool], list[bool], list[float], list[float]]:
+    """The first and the last move of each piece between stops and corners, whether it is smoothed, whether the curve
+    may go round the corner at its start, its tolerance, and the time it may take."""
     moves = program.moves
     count = len(moves)
     stop = (polyline.turn > EXACT_RAD) & (tolerance[1:] <= 0.0)
     stop |= tolerance[1:] != tolerance[:-1]
-    stop |= polyline.corners(_CORNER_REACH * np.minimum(tolerance[1:], tolerance[:-1]))
     stop[[i - 1 for i in dwells if 0 < i < count]] = True
+    corner = polyline.corners(_CORNER_REACH * np.minimum(tolerance[1:], tolerance[:-1])) & ~stop
     bends = (polyline.turn > EXACT_RAD) | ((polyline.turn > _EVEN_RAD) & polyline.straight[1:] & polyline.straight[:-1])
-    bends &= ~stop
-    first = np.append(0, np.flatnonzero(stop) + 1)
+    bends &= ~(stop | corner)
+    first = np.append(0, np.flatnonzero(stop | corner) + 1)
     last = np.append(first[1:] - 1, count - 1)
     smooth = np.logical_or.reduceat(np.append(bends, False), first) & (tolerance[first] > 0.0)
-    if np.any(smooth):  # lines between corners are splines, too: exact ones, and the parts are fewer
-        smooth |= np.logical_and.reduceat(polyline.straight, first) & (tolerance[first] > 0.0)
+    straight = np.logical_and.reduceat(polyline.straight, first) & (tolerance[first] > 0.0)
+    may = smooth | straight
+    round_ = np.append(False, corner)[first] & may & np.append(False, may[:-1]) & (tolerance[first] >= corner_m)
+    if np.any(smooth) or np.any(round_):  # all lines between corners are splines, too: the parts are fewer
+        smooth |= straight
     duration = np.add.reduceat(_durations(moves, polyline.edge_m), first) + _STOP_S
-    return first.tolist(), last.tolist(), smooth.tolist(), tolerance[first].tolist(), duration.tolist()
+    return first.tolist(), last.tolist(), smooth.tolist(), round_.tolist(), tolerance[first].tolist(), duration.tolist()
 
 
 def _dwells_before(program: Program) -> dict[int, tuple[Dwell, ...]]:

@@ -2,7 +2,8 @@
 """The quintic spline within a tolerance of a path: where its knots are, and its fit by weighted least squares.
 
 A sample's weight grows as long as the curve is too far from it, and falls where it is near. The knots are as dense as
-the turning of the path needs: their spacing h times the turning within h is in proportion to the tolerance.
+the turning of the path needs: their spacing h times the turning within h is in proportion to the tolerance. A motion is
+slow where h is small, as in a corner. There |p'''|^2 counts less, since the jerk is p''' times the cube of the speed.
 """
 
 from __future__ import annotations
@@ -21,11 +22,13 @@ from kontur.path.polyline import Polyline
 _DEGREE = 5
 _SAMPLES = 4  # in a span of the spline
 _DENSITY = 2.0  # knots: spacing times turning, in tolerances
-_GROWTH = 0.4  # of the spacing of the knots along the path
+_GROWTH = 0.25  # of the spacing of the knots along the path
 _SPACING_MAX_M = 5e-3
+_SLOWING = 1.5  # power of the spacing, by which the third derivative counts: where it is small, the motion is slow
 _SPANS_MIN = 6
 _LADDER = 1.25  # ratio of the spacings that are tried
 _AIM = 0.85  # of the tolerance
+_HELD = 0.99  # of the tolerance, at the samples
 _RELAXING, _TIGHTENING = 8, 14  # rounds
 _WEIGHT_RANGE = (1e-4, 1e4)
 _WEIGHT_RATIO = 4.0  # from span to span
@@ -251,8 +254,8 @@ class Fit:
         self._solve()
 
     def late(self) -> npt.NDArray[np.bool_]:
-        """Which of the stretches are beyond the tolerance."""
-        return np.asarray(np.maximum.reduceat(self._off(), self._span[:-1]) > self._tolerance_m)
+        """Which of the stretches are beyond the tolerance, or so near to it that they may be between the samples."""
+        return np.asarray(np.maximum.reduceat(self._off(), self._span[:-1]) > _HELD * self._tolerance_m)
 
     def _set_weight(self, weight: FloatArray) -> None:
         """Set the weights, kept in their range and even enough from span to span."""
@@ -299,7 +302,7 @@ class Fit:
             new[:, :-1] -= third[:-1]
             third = factor[:, None] * new
         third[owner[: n - 3] != owner[3:]] = 0.0
-        size = (t[6 : n + 3] - t[3:n]) / 3.0
+        size = ((t[6 : n + 3] - t[3:n]) / 3.0) ** (1.0 + _SLOWING)
         self._smooth_band = np.zeros((k + 1, n))
         self._smooth_right = np.zeros((n, 2))
         now = np.zeros((n - 3, 2))
@@ -312,7 +315,7 @@ class Fit:
 
     def _solve(self) -> None:
         """The spline of least squares with the weights."""
-        weight = self._weight * (self._h**-5.0 / _SAMPLES)
+        weight = self._weight * (self._h ** (_SLOWING - 5.0) / _SAMPLES)
         band, right = self._smooth_band.copy(), self._smooth_right.copy()
         for i, basis in enumerate(self._basis):
             weighted = weight * basis

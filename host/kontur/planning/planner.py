@@ -180,7 +180,8 @@ class Planning:
         edge_m = self._polyline.edge_m
         inside, done = planned(self._limits), 0
         windows = Windows(inside, self._limits)
-        for part in smoothing.parts(self.program, self._tolerance_m, self._polyline):
+        corner_m = time_law.corner_m(inside)
+        for part in smoothing.parts(self.program, self._tolerance_m, self._polyline, corner_m):
             at_m = float(edge_m[done])
             ends = edge_m[done + 1 : done + len(part.moves) + 1] - at_m
             share = partial(self._share, done, len(part.moves))

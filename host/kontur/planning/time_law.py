@@ -13,7 +13,8 @@ needed there: the first motion starts with a constant jerk.
 The first motion keeps velocity, centripetal acceleration and a tangential acceleration, averaged over the time in which
 the jerk builds it up. Each pass starts from the result of the one before, so that its samples become those of the
 drive: one a millisecond. The last result is averaged over a few milliseconds, checked as the spline that the drive
-follows, and slowed around where it exceeds a limit.
+follows, and slowed around where it exceeds a limit. Corners, which are passed in some milliseconds, need that pass
+again.
 """
 
 from __future__ import annotations
@@ -41,12 +42,15 @@ _TANGENTIAL_SHARE = 0.6  # of the acceleration, for the first motion
 _START, _DROP = 0.05, 0.05  # weight of the barrier at first, and from round to round
 _GAP = 0.01  # share of the duration that the result may be above the least one
 _LAST_GAP = 0.004  # of the last pass
+_TURNS = 3  # of the last pass, at most
+_MUCH_LOWER = 0.75  # share of a limit
 _NEWTON_MAX = 25  # steps of a round
 _REST = 3  # equal control points at a stop
 _NEAR = 11  # ms around an excess in which a limit is lowered
 _NEAR_CAP = 0.88
 _SLOWING = 8  # rounds
 _AROUND = 24  # ms, in the first round; half as much more in each that follows
+_PASSED_S = 6e-3
 _TINY = 1e-10  # m, nearer than this to a stop is at rest
 _WINDOW = 4000  # samples that are solved for at once, up to the next stop
 
@@ -81,12 +85,11 @@ def distances(
     """
     law = _Law(path, feed_mps, ends_m, limits, checked)
     s, rests = law.first()
-    shares = np.ones((len(s), 2))
-    for done, (step, next_step) in enumerate(itertools.pairwise((*_STEPS_S, KNOT_S))):
+    for done, (step, next_step) in enumerate(itertools.pairwise(_STEPS_S)):
         report(done / len(_STEPS_S))
-        s, rests = _resampled(s, rests, law.fastest(s, rests, step, shares), step, next_step)
-        shares = law.shares(s, rests) if step == _STEPS_S[-2] else np.ones((len(s), 2))
-    out = law.slowed(law.stretches(s, rests))
+        s, rests = law.faster(s, rests, step, next_step, np.ones((len(s), 2)))
+    report((len(_STEPS_S) - 1) / len(_STEPS_S))
+    out = law.within(s, rests)
     holds = np.ceil(dwell_s / KNOT_S - 1e-9).astype(int)
     rows = [np.full(_REST - 1 + holds[0], out[0][0])]
     for one, hold in zip(out, holds[1:], strict=True):
@@ -132,22 +135,42 @@ class _Law:
         moved = _averaged(_averaged(np.maximum.accumulate(moved), width), 1)
         return moved, np.rint((time[at] + 0.5 * hold) / step).astype(np.intp)
 
-    def fastest(self, s: FloatArray, rests: _Index, step: float, shares: FloatArray) -> FloatArray:
-        """The square (n,) of the rate at which the motion `s` (n,), sampled each `step`, is the fastest.
-
-        `shares` (n, 2) of the limits of acceleration and jerk are allowed.
+    def faster(
+        self, s: FloatArray, rests: _Index, step: float, next_step: float, shares: FloatArray
+    ) -> tuple[FloatArray, _Index]:
+        """The motion `s` (n,), sampled each `step`, as fast as it may be, sampled each `next_step`, and the rows of its
+        rests. `shares` (n, 2) of the limits of acceleration and jerk are allowed.
         """
         position, feed = self.path.point(s), self.feed(s)
         gap = _LAST_GAP if step == _STEPS_S[-1] else _GAP
-        out = np.empty(len(s))
+        b = np.empty(len(s))
         first = 0
         while first < len(s):
             later = rests[rests >= first + _WINDOW]
             last = int(later[0]) if later.size and later[0] < rests[-1] else len(s)
             rows = slice(first, last)
-            out[rows] = _Barrier(position[rows], step, feed[rows], self.limits, shares[rows]).solve(gap)
+            b[rows] = _Barrier(position[rows], step, feed[rows], self.limits, shares[rows]).solve(gap)
             first = last
-        return out
+        return _resampled(s, rests, b, step, next_step)
+
+    def within(self, s: FloatArray, rests: _Index) -> list[FloatArray]:
+        """The stretches of the fastest motion that keeps the limits as a spline, from the motion `s` (n,), sampled each
+        millisecond.
+
+        Where a spline exceeds limits, smaller ones are planned with. Where these are much smaller, as in a corner that
+        the coarser samples could not show, it is planned again, and the fastest motion of all counts.
+        """
+        found = []
+        shares = np.minimum(1.0, 1.0 / self.excess(s, rests))
+        for turn in range(_TURNS):
+            was = s
+            s, rests = self.faster(s, rests, KNOT_S, KNOT_S, shares)
+            found.append(self.slowed(self.stretches(s, rests)))
+            if np.min(shares) >= _MUCH_LOWER:
+                break
+            before = np.stack([np.interp(s, was, one) for one in shares.T], axis=1) if turn else 1.0
+            shares = np.minimum(1.0, before / self.excess(s, rests))
+        return min(found, key=lambda stretches: sum(map(len, stretches)))
 
     def stretches(self, s: FloatArray, rests: _Index) -> list[FloatArray]:
         """Control points of the distances of each stretch, averaged, with its rest at both ends."""
@@ -169,13 +192,12 @@ class _Law:
     def _ratios(self, stretches: list[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
         return _ratios(self.path, np.concatenate(stretches), self.checked)
 
-    def shares(self, s: FloatArray, rests: _Index) -> FloatArray:
-        """Shares (n, 2) of the limits of acceleration and jerk to plan with at the samples `s`, so that they are kept
-        where the spline of this motion exceeds them."""
+    def excess(self, s: FloatArray, rests: _Index) -> FloatArray:
+        """Acceleration and jerk (n, 2) over their limits, a little more, near the samples `s`, of their spline."""
         stretches = self.stretches(s, rests)
         at = np.searchsorted(np.concatenate(stretches), s)
-        excess = [maximum_filter1d(one, _NEAR) for one in self._ratios(stretches)[1:]]
-        return np.stack([1.0 / np.maximum(1.0, 1.01 * one[np.minimum(at, len(one) - 1)]) for one in excess], axis=1)
+        near = [maximum_filter1d(one, _NEAR) for one in self._ratios(stretches)[1:]]
+        return np.stack([np.maximum(1.01 * one[np.minimum(at, len(one) - 1)], _TINY) for one in near], axis=1)
 
     def slowed(self, stretches: list[FloatArray]) -> list[FloatArray]:
         """The stretches, slowed around where they exceed the limits until they keep them."""
@@ -247,6 +269,20 @@ def caps(path: DrivenPath, feed_mps: FloatArray, limits: Limits, s: FloatArray) 
             ]
         )
     return np.min(choices, axis=0), np.argmin(choices, axis=0)
+
+
+def corner_m(limits: Limits) -> float:
+    """The least tolerance with which the motion goes round true corners.
+
+    An axis that comes to rest with a constant jerk, within the acceleration, is this far from the corner _PASSED_S
+    before. Where the other axis sets off at that time, both are so far from it together, and the corner is passed in
+    twice the time. Were that less, milliseconds could not resolve it, and a stop would be faster. An axis with a first
+    mode stops, too: it would ring.
+    """
+    if limits.average_s > 0.0:
+        return math.inf
+    jerk, acceleration = max(limits.jerk_mps3), max(limits.acceleration_mps2)
+    return math.sqrt(2.0) * min(jerk * _PASSED_S**3 / 6.0, acceleration * _PASSED_S**2 / 2.0)
 
 
 def pieces(path: DrivenPath, feed_mps: FloatArray, ends_m: FloatArray, limits: Limits) -> list[Piece]:
