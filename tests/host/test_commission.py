@@ -18,6 +18,7 @@ from kontur.commissioning.fit import Dynamics, Friction, Value
 from kontur.commissioning.identify import Identified
 from kontur.commissioning.prove import Proof, problem_of
 from kontur.commissioning.response import Response
+from kontur.commissioning.reversal import Presliding
 from kontur.commissioning.screw import Harmonics, Screw, Transmission
 from kontur.errors import MachineError
 from kontur.machine import MACHINES, load
@@ -46,7 +47,7 @@ def identified(delay: int = 1, elastic: bool = True) -> Identified:
         transmission=None,
         encoder_noise_m=(Value(0.0, 2.2e-8), None),
         noise_N=0.5,
-        presliding_m=Value(2e-5, 1.2e-5),
+        presliding=Presliding(Value(2e-5, 2e-6), Value(75.0, 3.0), Value(6e-6, 1e-6), None),
         response=Response(empty, np.zeros((2, 1), complex), np.zeros((2, 1)), empty.astype(complex), empty, empty),
         speeds=(),
     )
@@ -64,6 +65,7 @@ def test_machine_file_is_one_and_says_what_was_found(tmp_path: Path) -> None:
     assert read.delay_periods == 2
     assert read.x.current_lag_s + 2e-4 == pytest.approx(4e-4)
     assert read.x.presliding_m == 2e-5
+    assert read.x.backlash_m == 6e-6
     assert read.x.soft_limit_m == BALL_SCREW.x.soft_limit_m
     assert read.x.lead_error == 0.0
 
@@ -73,7 +75,8 @@ def test_json_has_each_figure_with_its_uncertainty_and_what_was_not_seen() -> No
     assert found_x["mass_kg"] == {"value": 100.0, "uncertainty": 2.0}
     assert found_x["resonance_Hz"] is None
     assert "resonance_Hz" in found_x["not_seen"]
-    for name in ("lead_error", "backlash_m", "friction_share", "ripple", "squareness_rad"):
+    assert found_x["backlash_m"] == {"value": 6e-6, "uncertainty": 1e-6}  # that of the reversals, without a scale
+    for name in ("lead_error", "friction_share", "ripple", "squareness_rad"):
         assert name in found_x["not_seen"]
     assert "mass_kg" not in found_x["not_seen"]
     json.dumps(found_x)

@@ -88,20 +88,6 @@ def test_friction_curve_is_found_with_its_uncertainty() -> None:
         assert inside(found.breakaway, 1.25)
 
 
-def test_presliding_is_found_in_reversals_behind_a_gap() -> None:
-    distance = np.linspace(0.0, 1.2e-4, 60)
-    k = np.arange(1, 11)[:, None]
-
-    def slip(d: np.ndarray) -> np.ndarray:
-        return np.mean(np.minimum(20.0 * np.maximum(d, 0.0) / (k * 25e-6), 2.0), axis=0) - 1.0
-
-    found = fit.presliding([(distance, 0.5 * (slip(distance) + slip(distance - 10e-6)))] * 2)
-    assert found is not None
-    assert found.value == pytest.approx(25e-6, rel=0.1)
-    assert fit.presliding([(distance, np.sin(5e5 * distance))] * 2) is None
-    assert fit.presliding([(distance[:5], distance[:5])]) is None
-
-
 def moved_m(machine: Machine, axis: str) -> float:
     """How far an identification of a drive that knows nothing, which must fail, moves the axis."""
     with open_drive(Target(machine=machine, told=LENGTHS)) as device:
@@ -164,6 +150,9 @@ def test_command_finds_the_machine_and_leaves_the_drive_as_it_was(tmp_path: Path
         assert found[name]["value"] == pytest.approx(expected, rel=share), name
         assert abs(found[name]["value"] - expected) <= found[name]["uncertainty"], name
     assert found["screw_m"] == true.screw_m
+    assert found["presliding_m"]["value"] == pytest.approx(true.presliding_m, rel=0.1)
+    assert sum(found["steps_s"].values()) == pytest.approx(found["drive_s"], abs=1.0)
+    assert found["drive_s"] < 110.0
     assert 0.0 < found["encoder_noise_m"]["value"] < 2.0 * true.encoder_m  # the simulated force noise shakes the motor
     assert found["scale_noise_m"] == {"value": 0.0, "uncertainty": pytest.approx(true.scale_m / 12**0.5)}
 

@@ -77,10 +77,13 @@ class Mover:
         here_m = self.position_m()
         return self.high_m - here_m if sign > 0.0 else here_m - self.low_m
 
+    def way_m(self, speed_mps: float, duration_s: float) -> float:
+        """How far the axis goes in a movement that has this speed so long, after it has settled."""
+        return speed_mps * (duration_s + self.change_s(speed_mps) + SETTLE_S + 0.05)
+
     def longest_s(self, speed_mps: float, sign: float) -> float:
         """How long the axis may run at this speed, after it has settled, before it has to slow down."""
-        change_m = speed_mps * (self.change_s(speed_mps) + SETTLE_S + 0.05)
-        return max(0.0, (self.room_m(sign) - change_m) / speed_mps)
+        return max(0.0, (self.room_m(sign) - self.way_m(speed_mps, 0.0)) / speed_mps)
 
     def go(self, position_m: float, speed_mps: float) -> None:
         """Come near this position, within some mm, where the limits allow it."""

@@ -42,6 +42,7 @@ _GAUGED_M, _GAUGED_MPS, _GAUGE_ERROR = 0.02, 0.01, 0.02
 _GENTLE, _GENTLE_N = 3.0, 20.0  # force on the way to a switch: times what the axis breaks away at, and least
 _CATCH_UP_S = 20.0
 _ENDS = {"max": "upper", "min": "lower"}
+_RISE_UM = 200.0  # of the reference, over which the feedforward of the friction turns
 _NM = 1e-9
 
 
@@ -93,10 +94,14 @@ def explained(axis: str, what: str, say: Callable[[str], None]) -> Iterator[None
 
 
 def prepare(device: Device, axis: str) -> None:
-    """No knowledge of the axis, and gains that hold it softly whatever its mass is."""
+    """No knowledge of the axis, and gains that hold it softly whatever its mass is. What a commissioning before has
+    found would hide what is to be found."""
+    groups = tuple(f"{name}_{axis}." for name in ("friction", "screw", "transmission", "lead_map"))
     device.parameters.set(
-        _CAREFUL
-        | {"observer.bandwidth": 3300.0, f"plant_{axis}.mass": 30.0, f"plant_{axis}.coulomb": 0.0,
+        {name: device.parameters[name].default for name in device.parameters if name.startswith(groups)}
+        | _CAREFUL
+        | {f"friction_{axis}.presliding": _RISE_UM,
+           "observer.bandwidth": 3300.0, f"plant_{axis}.mass": 30.0, f"plant_{axis}.coulomb": 0.0,
            f"plant_{axis}.viscous": 0.0,
            f"following_window_{axis}": _RUNAWAY_NM, f"following_timeout_{axis}": 0}
     )  # fmt: skip

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fits: a machine to its frequency response, friction to speed steps, presliding to reversals."""
+"""Fits: a machine to its frequency response, friction to speed steps."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ class Value:
 _MODES_HZ = np.geomspace(22.0, 420.0, 30)
 _SHARES = (0.3, 0.5, 0.7)
 _MODEL_ERROR = 0.01  # relative error of a point that the model does not explain
+_DAMPING_ERROR = 0.15  # relative, of the mode's damping: the friction at both masses damps it, too
 _LEAST_MODE = 3.0  # a mode must lower the cost of a fit by this factor to be one
 _DELAYS = (1, 2)
 _ROUGH_EVALUATIONS = 12
@@ -50,6 +51,12 @@ class Dynamics:
     delay_periods: int
     encoder_at: str
     misfit: float
+
+    @property
+    def stiffness_Npm(self) -> float:
+        """Of the spring between two free masses m_1, m_2: (2 pi f)^2 = k (1/m_1 + 1/m_2). 0: no mode was seen."""
+        share = self.motor_share.value
+        return self.mass_kg.value * share * (1.0 - share) * (2.0 * math.pi * self.resonance_Hz.value) ** 2
 
 
 def dynamics(found: Response, control_hz: int, base: Axis) -> Dynamics:
@@ -146,7 +153,8 @@ class _Problem:
                 axis.resonance_Hz, axis.resonance_Hz * math.hypot(float(error[2]), 0.01) if elastic else 0.0
             ),
             resonance_damping=Value(
-                axis.resonance_damping, axis.resonance_damping * float(error[3]) if elastic else 0.0
+                axis.resonance_damping,
+                axis.resonance_damping * math.hypot(float(error[3]), _DAMPING_ERROR) if elastic else 0.0,
             ),
             motor_share=Value(share, share * (1.0 - share) * float(error[4]) + 0.02 if elastic else 0.0),
             lag_delay_s=Value(lag_delay_s, math.hypot(_LAG_S * float(error[1]), 3e-5)),
@@ -202,59 +210,6 @@ def slope_Nspm(found: Friction, speed_mps: float) -> float:
     """By how much the friction rises with the speed, N per m/s."""
     falling_N = found.coulomb_N.value * (found.breakaway.value - 1.0) * math.exp(-speed_mps / found.stribeck_mps.value)
     return found.viscous_Nspm.value - falling_N / found.stribeck_mps.value
-
-
-# --- reversal ---------------------------------------------------------------------------------------------------------
-ELEMENTS = 10  # of the simulated machine's friction
-_DISTANCES_M = np.geomspace(2e-6, 1e-4, 50)
-_GAPS_M = np.linspace(0.0, 30e-6, 31)
-_DISTANCE_ERROR = 2.0  # of 7 drawn axes whose share of the table was taken as half, 0.39 to 1.87 times the truth came
-_UNEXPLAINED = 0.1  # share of the scatter that a fit may leave
-
-
-def presliding(runs: Sequence[tuple[Floats, Floats]], stretch_m: float = 0.0) -> Value | None:
-    """Presliding distance by slow reversals, `runs` of (distance since the reversal, force from -1 to 1).
-
-    Half of the friction, that of the table, waits until a gap is closed, and stretches the spring by `stretch_m` to
-    either side. An encoder at the motor cannot tell the gap from either well enough to give it. None where too few
-    points are there, or no such curve is in them.
-    """
-    d = np.concatenate([run[0] for run in runs])
-    f = np.concatenate([run[1] for run in runs])
-    keep = (d > 0.0) & (d < 1.5e-4)
-    d, f = d[keep], f[keep]
-    if len(d) < 20:
-        return None
-    costs = np.empty((len(_DISTANCES_M), len(_GAPS_M)))
-    for i, whole_m in enumerate(_DISTANCES_M):
-        motor = _slip(d, whole_m)
-        for j, gap_m in enumerate(_GAPS_M):
-            model = 0.5 * (motor + _behind(d, whole_m, gap_m, stretch_m))
-            basis = np.column_stack([model, np.ones_like(model)])
-            off = basis @ np.linalg.lstsq(basis, f, rcond=None)[0] - f
-            costs[i, j] = float(off @ off)
-    i, j = (int(n) for n in np.unravel_index(int(np.argmin(costs)), costs.shape))
-    if i == len(_DISTANCES_M) - 1 or costs[i, j] > _UNEXPLAINED * float(np.sum((f - np.mean(f)) ** 2)):
-        return None
-    near = costs < costs[i, j] * (1.0 + 8.0 / len(d))
-    whole, best_m = _DISTANCES_M[near.any(axis=1)], float(_DISTANCES_M[i])
-    spread_m = float(max(whole[-1] - best_m, best_m - whole[0]))
-    return Value(best_m, math.hypot(spread_m, _DISTANCE_ERROR * best_m))
-
-
-def _behind(distance_m: Floats, whole_m: float, gap_m: float, stretch_m: float) -> Floats:
-    """_slip() of the table, which comes behind the motor by the gap and by what its friction stretches the spring."""
-    table_m = np.linspace(0.0, max(float(np.max(distance_m)), 1e-6), 200)
-    share = _slip(table_m, whole_m)
-    motor_m = table_m + gap_m + stretch_m * (share + 1.0)
-    return np.asarray(np.interp(distance_m, motor_m, share, left=-1.0))
-
-
-def _slip(distance_m: Floats, whole_m: float) -> Floats:
-    """Share of the friction, -1 before a reversal and 1 when all elements slip: element k slips after k / N of it."""
-    k = np.arange(1, ELEMENTS + 1)[:, None]
-    forward = np.maximum(distance_m, 0.0)[None, :]
-    return np.asarray(np.mean(np.minimum(2.0 * ELEMENTS * forward / (k * whole_m), 2.0), axis=0) - 1.0)
 
 
 # --- at rest ----------------------------------------------------------------------------------------------------------

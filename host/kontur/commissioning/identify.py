@@ -8,17 +8,19 @@ to hold the axis while its frequency response is measured.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from kontur.commissioning import first_moves, fit, response, screw
+from kontur.commissioning import first_moves, fit, response, reversal, screw
 from kontur.commissioning.bias import Mover
 from kontur.commissioning.first_moves import Agreed, Diagnosis, explained
 from kontur.commissioning.fit import Dynamics, Friction, Value
 from kontur.commissioning.recording import Scan, ScopeRecorder, record, scan
 from kontur.commissioning.response import Floats, Response, Setup
+from kontur.commissioning.reversal import Presliding
 from kontur.commissioning.screw import ORDERS, Harmonics, Screw, Transmission
 from kontur.drive.device import Device
 from kontur.machine import Axis
@@ -27,8 +29,11 @@ _SPEEDS_MPS = (0.0015, 0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2)
 _LEADS_M = (0.002, 0.0025, 0.004, 0.005, 0.006, 0.008, 0.01, 0.012, 0.016, 0.02, 0.025, 0.03, 0.032, 0.04)
 _SCAN_MPS = 0.02
 _FAST_MPS, _FAST_S = 0.2, 8.0  # of a scan of the whole travel
+_FAST_LEAST_S = 1.5  # that the travel takes
 _NOISE_S = 0.15
-_REVERSAL_MPS, _REVERSAL_S = 2e-4, 0.8
+_REVERSAL_MPS, _REVERSAL_S = 2e-4, 2.4
+_SLIDE_MPS, _SLIDE_S = 2e-3, 0.5  # until all of the friction slips
+_REVERSAL_ROOM_M = 5e-3
 _BIAS_MPS = 0.0873  # no whole number of Hz by common leads
 _WINDOWS = 3  # of each line and direction: their scatter is the uncertainty of a point
 _LOOSE_HZ = 20.0  # a first mode below is that of a loose coupling
@@ -37,10 +42,11 @@ _NM = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What was found of an axis. `screw` and `presliding_m` are None where none was seen, `transmission` without scale.
+    """What was found of an axis. `screw` and `presliding` are None where none was seen, `transmission` without scale.
 
     `encoder_m`: length of a count. `encoder_noise_m`: standard deviation of encoder and scale at rest without power.
-    `noise_N`: scatter of the force demand. `speeds`: rows of speed and friction.
+    `noise_N`: scatter of the force demand. `speeds`: rows of speed and friction. `steps_s`: of each step,
+    the drive's time.
     """
 
     breakaway_N: float
@@ -51,10 +57,11 @@ class Identified:
     transmission: Transmission | None
     encoder_noise_m: tuple[Value, Value | None]
     noise_N: float
-    presliding_m: Value | None
+    presliding: Presliding | None
     response: Response
     speeds: tuple[tuple[float, float], ...]
     drive_s: float = 0.0
+    steps_s: Mapping[str, float] = field(default_factory=dict)
 
 
 def identify(
@@ -69,45 +76,58 @@ def identify(
     Raises Diagnosis for what is wrong with the axis; KeyboardInterrupt at a requested stop.
     """
     began_s = device.link.time_s
+    steps_s: dict[str, float] = {}
+
+    @contextmanager
+    def step(name: str, what: str) -> Iterator[None]:
+        step_s = device.link.time_s
+        with explained(axis, what, say):
+            yield
+        steps_s[name] = round(device.link.time_s - step_s, 3)
+
     device.select_controller("cascade")
     first_moves.prepare(device, axis)
-    with explained(axis, "without power: noise of the encoder", say):
+    with step("noise", "without power: noise of the encoder"):
         encoder_noise_m = _noise(device, axis)
-    with explained(axis, "the force grows slowly until the axis moves: direction, breakaway", say):
+    with step("direction", "the force grows slowly until the axis moves: direction, breakaway"):
         breakaway_N = first_moves.direction(device, axis, agreed, stop_requested)
-    with explained(axis, "a slow sine of a millimetre: mass, roughly", say):
+    with step("rough", "a slow sine of a millimetre: mass, roughly"):
         mass_kg, coulomb_N = first_moves.rough(device, axis, min(agreed.force_N, 2.5 * breakaway_N), stop_requested)
     device.parameters.set(
         {f"plant_{axis}.mass": round(mass_kg, 3), f"plant_{axis}.coulomb": round(0.8 * coulomb_N, 3)}
         | first_moves.FIRM | {f"following_window_{axis}": first_moves.MEASURE_NM}
     )  # fmt: skip
-    with explained(axis, "to and fro by some millimetres: lost motion", say):
+    with step("lost_motion", "to and fro by some millimetres: lost motion"):
         first_moves.lost_motion(device, axis, stop_requested)
     if agreed.index_m > 0.0:
-        with explained(axis, "from one index pulse to the next: length of an encoder count", say):
+        with step("length", "from one index pulse to the next: length of an encoder count"):
             mass_kg *= first_moves.length_factor(device, axis, agreed, stop_requested)
         device.parameters.set({f"plant_{axis}.mass": round(mass_kg, 3)})
     elif agreed.gauge is not None:
-        with explained(axis, "a slow move that you measure: length of an encoder count", say):
+        with step("length", "a slow move that you measure: length of an encoder count"):
             first_moves.check_by_gauge(device, axis, agreed.gauge, stop_requested)
     if not agreed.encoder_known:
-        with explained(axis, "to the limit switches: free travel", say):
+        with step("travel", "to the limit switches: free travel"):
             first_moves.find_travel(device, axis, agreed, breakaway_N, stop_requested)
     with (
-        explained(axis, "constant speeds both ways: friction, cogging, ripple, and what a scale shows", say),
+        step("speeds", "constant speeds both ways, and reversals: friction, presliding, backlash"),
         first_moves.moving(device, axis, stop_requested) as mover,
     ):
         steps = _speeds(mover, agreed)
-        pairs = _scans(mover, agreed)
         reversals = _reversals(mover)
-    found = fit.friction([v for v, _, _ in steps], [f for _, f, _ in steps], [s for _, _, s in steps])
+    with (
+        step("scans", "one speed for long: cogging, ripple, and what a scale shows"),
+        first_moves.moving(device, axis, stop_requested) as mover,
+    ):
+        pairs = _scans(mover, agreed)
+    found = _friction(steps, None)
     damping_Nspm = fit.slope_Nspm(found, abs(pairs[0][0].velocity_mps))
     rough = screw.Load(lambda hz: np.full_like(hz, mass_kg), damping_Nspm)
     by_angle = screw.screw(pairs[0], rough, _LEADS_M)
     first_moves.catch_up(device)
     device.parameters.set(_friction_parameters(axis, found) | screw_parameters(axis, by_angle))
     with (
-        explained(axis, "a small multisine on a constant speed: mass, first mode, lag and delay", say),
+        step("response", "a small multisine on a constant speed: mass, first mode, lag and delay"),
         first_moves.moving(device, axis, stop_requested) as mover,
     ):
         measured = _response(mover, agreed, mass_kg)
@@ -123,7 +143,13 @@ def identify(
     if by_angle is not None:  # by the machine as it is known now
         load = screw.Load(screw.mass_at(dynamics), damping_Nspm, dynamics.lag_delay_s.value)
         by_angle = screw.screw(pairs[0], load, (by_angle.lead_m,))
+    if by_angle is not None:
+        reversals = [by_angle.acting(one) for one in reversals]
     transmission = screw.transmission(pairs, dynamics, by_angle.lead_m if by_angle else None)
+    presliding = reversal.presliding(reversals, dynamics, found)
+    if presliding is not None:  # again, with the friction at rest
+        found = _friction(steps, presliding.rest_N)
+        presliding = reversal.presliding(reversals, dynamics, found) or presliding
     return Identified(
         breakaway_N=breakaway_N,
         encoder_m=base.encoder_m,
@@ -133,10 +159,11 @@ def identify(
         transmission=transmission,
         encoder_noise_m=encoder_noise_m,
         noise_N=float(np.std(np.diff(pairs[0][1].force_N)) / np.sqrt(2.0)),
-        presliding_m=fit.presliding(_turns(reversals), _stretch_m(dynamics, found)),
+        presliding=presliding,
         response=measured,
         speeds=tuple((v, f) for v, f, _ in steps),
         drive_s=device.link.time_s - began_s,
+        steps_s=steps_s,
     )
 
 
@@ -159,7 +186,7 @@ def _speeds(mover: Mover, agreed: Agreed) -> list[tuple[float, float, float]]:
             break
         both = []
         for sign in (1.0, -1.0):
-            duration_s = min(1.6, max(0.8, 0.05 / speed))
+            duration_s = min(1.0, max(0.7, 0.05 / speed))
             if mover.longest_s(speed, sign) < min(duration_s, 0.6):
                 middle_m = 0.5 * (mover.low_m + mover.high_m)
                 mover.go(middle_m - sign * 0.45 * (mover.high_m - mover.low_m), min(0.05, agreed.speed_mps))
@@ -190,38 +217,34 @@ def _scans(mover: Mover, agreed: Agreed) -> list[tuple[Scan, Scan]]:
     up, down = (scan(mover, sign * speed_mps, 4.0, 0.3) for sign in (1.0, -1.0))
     if up.second_m is None:
         return [(up, down)]
-    fast_mps = min(_FAST_MPS, agreed.speed_mps)
+    fast_mps = min(_FAST_MPS, agreed.speed_mps, (mover.high_m - mover.low_m) / _FAST_LEAST_S)
     mover.go(mover.low_m, min(0.1, agreed.speed_mps))
     return [(up, down), (scan(mover, fast_mps, _FAST_S, 0.3), scan(mover, -fast_mps, _FAST_S, 0.3))]
 
 
 def _reversals(mover: Mover) -> list[Scan]:
-    """Slow reversals, each from the negative to the positive direction or back."""
+    """Slow reversals, the first one to the positive direction. The feedforward of the friction builds up slowly
+    there (first_moves.prepare): one that jumps would be a blow."""
     found = []
-    recorder = ScopeRecorder(mover.device, mover.axis, 2.0 * _REVERSAL_S)
-    for k in range(4):
-        sign = 1.0 if k % 2 == 0 else -1.0
-        with mover.moving(-sign * _REVERSAL_MPS, _REVERSAL_S):
+    if mover.room_m(-1.0) < _REVERSAL_ROOM_M:
+        mover.go(mover.low_m + 2.0 * _REVERSAL_ROOM_M, _SCAN_MPS)
+    recorder = ScopeRecorder(mover.device, mover.axis, _REVERSAL_S)
+    with mover.moving(-_SLIDE_MPS, _SLIDE_S):
+        mover.run(-_REVERSAL_MPS)
+        mover.pause(_SLIDE_S)
+        for k in range(2):
             recorder.start()
-            mover.pause(0.2)
-            mover.run(sign * _REVERSAL_MPS)
-            mover.pause(recorder.duration_s - 0.2)
-        found.append(recorder.read())
+            mover.pause(0.05)
+            mover.run(_REVERSAL_MPS if k % 2 == 0 else -_REVERSAL_MPS)
+            mover.pause(recorder.duration_s)
+            found.append(recorder.read())
     return found
 
 
-def _turns(reversals: list[Scan]) -> list[tuple[Floats, Floats]]:
-    """Distance since the reversal, and the force by that of both senses."""
-    found = []
-    for k, one in enumerate(reversals):
-        sign = 1.0 if k % 2 == 0 else -1.0
-        position_m, force_N = sign * one.first_m, sign * one.force_N
-        turn = int(np.argmin(position_m))
-        before, after = float(np.mean(force_N[: max(3, turn // 2)])), float(np.mean(force_N[-len(force_N) // 8 :]))
-        if after - before > 0.0 and turn < 0.8 * len(position_m):
-            share = 2.0 * (force_N - before) / (after - before) - 1.0
-            found.append((position_m[turn:] - position_m[turn], share[turn:]))
-    return found
+def _friction(steps: list[tuple[float, float, float]], rest_N: Value | None) -> Friction:
+    """Of the speeds, and of what the reversals have shown at rest."""
+    rows = steps if rest_N is None else [(0.0, rest_N.value, 0.5 * rest_N.uncertainty), *steps]
+    return fit.friction([v for v, _, _ in rows], [f for _, f, _ in rows], [s for _, _, s in rows])
 
 
 def _deviation(force_N: Floats) -> float:
@@ -235,15 +258,6 @@ def _friction_parameters(axis: str, found: Friction) -> dict[str, float]:
         f"plant_{axis}.viscous": round(found.viscous_Nspm.value, 3),
         f"plant_{axis}.coulomb": round(found.coulomb_N.value, 3),
     }
-
-
-def _stretch_m(dynamics: Dynamics, found: Friction) -> float:
-    """How far half of the friction stretches the spring between motor and table."""
-    if dynamics.resonance_Hz.value == 0.0:
-        return 0.0
-    share = dynamics.motor_share.value
-    stiffness_Npm = dynamics.mass_kg.value * share * (1.0 - share) * (2.0 * np.pi * dynamics.resonance_Hz.value) ** 2
-    return float(0.5 * found.coulomb_N.value * found.breakaway.value / stiffness_Npm)
 
 
 def screw_parameters(axis: str, found: Screw | None) -> dict[str, float]:

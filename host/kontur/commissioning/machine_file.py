@@ -36,20 +36,29 @@ def axis(known: Axis, found: Identified) -> Axis:
             "motor_share": min(0.99, max(0.01, d.motor_share.value)),
             "friction_share": 0.5,
         }
-    if found.presliding_m is not None:
-        values["presliding_m"] = found.presliding_m.value
+    if found.presliding is not None:
+        values["presliding_m"] = found.presliding.distance_m.value
     if found.screw is not None:
         values["screw_m"] = found.screw.lead_m
         for key, one in (("cogging_N", found.screw.cogging), ("ripple", found.screw.ripple)):
             if one is not None:
                 values[key] = one.peak.value
     if found.transmission is not None:
-        values |= {"lead_error": found.transmission.lead_error.value, "backlash_m": found.transmission.backlash_m.value}
-        if found.transmission.friction_share is not None:
-            values["friction_share"] = min(1.0, max(0.0, found.transmission.friction_share.value))
+        values["lead_error"] = found.transmission.lead_error.value
         if found.transmission.lead_once is not None:
             values["lead_once_m"] = found.transmission.lead_once.peak.value
+    backlash_m, share = _behind_the_motor(found)
+    if backlash_m is not None:
+        values["backlash_m"] = backlash_m.value
+    if share is not None:
+        values["friction_share"] = min(1.0, max(0.0, share.value))
     return dataclasses.replace(known, **values)
+
+
+def _behind_the_motor(found: Identified) -> tuple[Value | None, Value | None]:
+    """Backlash, and the table's share of the friction: a scale shows them better than reversals."""
+    best = found.transmission or found.presliding
+    return (None, None) if best is None else (best.backlash_m, best.friction_share)
 
 
 def known(of: Axis) -> Axis:
@@ -123,6 +132,7 @@ def as_json(found: Identified) -> dict[str, Any]:
     elastic = d.resonance_Hz.value > 0.0
     cogging, ripple = (found.screw.cogging, found.screw.ripple) if found.screw else (None, None)
     shown = found.transmission
+    backlash_m, share = _behind_the_motor(found)
     values: dict[str, Value | None] = {
         "mass_kg": d.mass_kg,
         "viscous_Nspm": f.viscous_Nspm,
@@ -133,11 +143,11 @@ def as_json(found: Identified) -> dict[str, Any]:
         "resonance_Hz": d.resonance_Hz if elastic else None,
         "resonance_damping": d.resonance_damping if elastic else None,
         "motor_share": d.motor_share if elastic else None,
-        "presliding_m": found.presliding_m,
+        "presliding_m": found.presliding.distance_m if found.presliding else None,
         "cogging_N": cogging.peak if cogging else None,
         "ripple": ripple.peak if ripple else None,
-        "backlash_m": shown.backlash_m if shown else None,
-        "friction_share": shown.friction_share if shown else None,
+        "backlash_m": backlash_m,
+        "friction_share": share,
         "lead_error": shown.lead_error if shown else None,
         "lead_once_m": shown.lead_once.peak if shown and shown.lead_once else None,
         "encoder_noise_m": found.encoder_noise_m[0],
@@ -156,6 +166,7 @@ def as_json(found: Identified) -> dict[str, Any]:
         "force_noise_N": found.noise_N,
         "misfit": d.misfit,
         "drive_s": found.drive_s,
+        "steps_s": dict(found.steps_s),
         "not_seen": [name for name, value in values.items() if value is None] + list(_NOT_SEEN),
     }
 

@@ -30,6 +30,8 @@ _REASONS = {
     4: "the force of the axis came to its limit: excite it with less force",
 }
 _POLL_S = 0.02
+_READING_S = 0.3  # of the last window
+_ROOM_M = 5e-3  # more than a movement needs
 WINDOW_MAX_S, WHOLE_MAX_S = 5.0, 20.0  # of the drive
 
 
@@ -104,18 +106,16 @@ def measure(
     second_m = float(device.read(f"second_encoder_{axis}.length")) * 1e-6
     mover = Mover(device, axis, stop_requested)
     sets = math.ceil(len(setup.hz) / LINES)
-    signs = (1.0, -1.0) if setup.speed_mps > 0.0 else (0.0,)
     parts = []
     for i in range(sets):
         chosen = setup.hz[i::sets]  # far apart, so that they disturb each other least
         amplitude_N = setup.force_N / len(chosen)
-        found = []
-        for j, sign in enumerate(signs):
-            found.append(_in_motion(mover, sign, chosen, amplitude_N, setup, second_m > 0.0))
-            progress((i + (j + 1) / len(signs)) / sets)
-        parts.append(
-            _response(np.array(chosen), np.concatenate(found), amplitude_N, (*lengths_m, second_m), control_hz)
-        )
+
+        def done(share: float, i: int = i) -> None:
+            progress((i + share) / sets)
+
+        windows = _windows(mover, chosen, amplitude_N, setup, second_m > 0.0, done)
+        parts.append(_response(np.array(chosen), windows, amplitude_N, (*lengths_m, second_m), control_hz))
     return joined(parts)
 
 
@@ -134,32 +134,47 @@ def _check(setup: Setup, control_hz: int, limit_N: float) -> None:
         raise ParameterError(f"a window lasts {WINDOW_MAX_S:g} s at most, and all windows {WHOLE_MAX_S:g} s")
 
 
-def _in_motion(
-    mover: Mover, sign: float, hz: Sequence[float], amplitude_N: float, setup: Setup, second: bool
+def _windows(
+    mover: Mover,
+    hz: Sequence[float],
+    amplitude_N: float,
+    setup: Setup,
+    second: bool,
+    progress: Callable[[float], None],
 ) -> Complex:
-    """The windows (w, 3, lines) of one direction, in as many movements as the travel needs."""
-    if sign == 0.0:
+    """The windows (w, 3, lines), half of them in each direction, in as many movements as the travel needs."""
+    if setup.speed_mps == 0.0:
         return excite(mover, hz, amplitude_N, setup, setup.windows, second)
     found: list[Complex] = []
-    while (left := setup.windows - sum(map(len, found))) > 0:
-        fit = _windows_that_fit(mover, sign, setup)
-        if fit < 1:  # go back first
-            mover.go(mover.low_m if sign > 0.0 else mover.high_m, setup.speed_mps)
-            fit = _windows_that_fit(mover, sign, setup)
-        if fit < 1:
+    left = {1.0: setup.windows, -1.0: setup.windows}
+    while any(left.values()):
+        fit = {sign: min(count, _windows_that_fit(mover, sign, setup)) for sign, count in left.items()}
+        if max(fit.values()) < 1:  # make room first
+            sign = max(left, key=lambda one: left[one])
+            way_m = mover.way_m(setup.speed_mps, _beside_s(setup) + left[sign] * setup.window_s) + _ROOM_M
+            mover.go(mover.high_m - way_m if sign > 0.0 else mover.low_m + way_m, setup.speed_mps)
+            fit = {sign: min(left[sign], _windows_that_fit(mover, sign, setup))}
+        sign = max(fit, key=lambda one: fit[one])
+        if fit[sign] < 1:
             raise ParameterError(
                 f"axis {mover.axis} has {(mover.high_m - mover.low_m) * 1e3:.1f} mm to move, too little for a window "
                 f"of {setup.window_s:g} s at {setup.speed_mps * 1e3:g} mm/s; measure with less speed, or widen "
                 f"position_limit_{mover.axis}"
             )
         with mover.moving(sign * setup.speed_mps):
-            found.append(excite(mover, hz, amplitude_N, setup, min(fit, left), second))
+            found.append(excite(mover, hz, amplitude_N, setup, fit[sign], second))
+        left[sign] -= fit[sign]
+        progress(1.0 - sum(left.values()) / (2.0 * setup.windows))
     return np.concatenate(found)
 
 
 def _windows_that_fit(mover: Mover, sign: float, setup: Setup) -> int:
-    reading_s = 0.3
-    return int((mover.longest_s(setup.speed_mps, sign) - setup.settle_s - reading_s) / setup.window_s)
+    return max(0, int((mover.longest_s(setup.speed_mps, sign) - _beside_s(setup)) / setup.window_s))
+
+
+def _beside_s(setup: Setup) -> float:
+    """How long a movement lasts beside its windows."""
+    return setup.settle_s + _READING_S
 
 
 def excite(mover: Mover, hz: Sequence[float], amplitude_N: float, setup: Setup, windows: int, second: bool) -> Complex:

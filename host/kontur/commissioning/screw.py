@@ -7,6 +7,7 @@ the friction. A gap is there at each speed, and the stretch of the spring grows 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -42,6 +43,10 @@ class Harmonics:
         """The sum of all amplitudes, which is what a machine file has."""
         return Value(float(np.sum(np.hypot(self.cos, self.sin))), self.uncertainty)
 
+    def at(self, angle: Floats) -> Floats:
+        orders = np.outer(angle, ORDERS)
+        return np.asarray(np.cos(orders) @ np.array(self.cos) + np.sin(orders) @ np.array(self.sin))
+
     @property
     def seen(self) -> bool:
         return self.peak.value > _SEEN * self.uncertainty
@@ -57,6 +62,16 @@ class Screw:
     lead_m: float
     cogging: Harmonics | None
     ripple: Harmonics | None
+
+    def acting(self, scan: Scan) -> Scan:
+        """The scan with the force that acts, in place of the demand."""
+        angle = 2.0 * np.pi * scan.first_m / self.lead_m
+        force_N = scan.force_N
+        if self.ripple is not None:
+            force_N = force_N * (1.0 + self.ripple.at(angle))
+        if self.cogging is not None:
+            force_N = force_N + self.cogging.at(angle)
+        return dataclasses.replace(scan, force_N=force_N)
 
 
 @dataclass(frozen=True)
@@ -186,7 +201,7 @@ def transmission(pairs: Sequence[tuple[Scan, Scan]], dynamics: Dynamics, lead_m:
     backlash_m, stretch_mpN = _gap(fits, dynamics)
     share = None
     if dynamics.resonance_Hz.value > 0.0:
-        half_Npm = 0.5 * _stiffness_Npm(dynamics)
+        half_Npm = 0.5 * dynamics.stiffness_Npm
         share = Value(stretch_mpN.value * half_Npm, math.hypot(stretch_mpN.uncertainty * half_Npm, 0.05))
     slow, long = fits[0], fits[-1]
     return Transmission(long.lead_error, slow.once, backlash_m, share, long.map)
@@ -249,7 +264,7 @@ def _gap(fits: Sequence[_Apart], dynamics: Dynamics) -> tuple[Value, Value]:
     """
     rows = [(1.0, one.force_N, one.lag_m.value, 0.5 * one.lag_m.uncertainty + 1e-9) for one in fits]
     if dynamics.resonance_Hz.value > 0.0:
-        compliance_mpN = 1.0 / _stiffness_Npm(dynamics)
+        compliance_mpN = 1.0 / dynamics.stiffness_Npm
         rows.append((0.0, 1.0, compliance_mpN, 2.0 * _SHARE_PRIOR * compliance_mpN))
     table = np.array(rows)
     weighed = table[:, :2] / table[:, 3:]
@@ -260,9 +275,3 @@ def _gap(fits: Sequence[_Apart], dynamics: Dynamics) -> tuple[Value, Value]:
         Value(max(0.0, float(gap_m)), math.hypot(float(error[0]), model_m)),
         Value(float(stretch_mpN), float(error[1])),
     )
-
-
-def _stiffness_Npm(found: Dynamics) -> float:
-    """Two free masses m_1, m_2 with a spring k: (2 pi f)^2 = k (1/m_1 + 1/m_2)."""
-    share = found.motor_share.value
-    return found.mass_kg.value * share * (1.0 - share) * (2.0 * math.pi * found.resonance_Hz.value) ** 2
