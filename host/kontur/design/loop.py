@@ -13,6 +13,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,11 +91,18 @@ def _interpolation(frequency: Floats, periods: int) -> csr_array:
     return csr_array(((kernel * phase).ravel(), (rows, even.ravel())), shape=(len(frequency), 2 * periods))
 
 
+@cache
+def _correction(periods: int) -> tuple[Floats, Floats]:
+    """What a response of so many periods is multiplied with, and divided by, before it is transformed."""
+    from_middle = np.arange(periods) / periods - 0.5
+    root = np.sqrt(_SHAPE**2 - (0.5 * np.pi * _WIDTH * from_middle) ** 2)
+    return root, _WIDTH * np.sinh(root)
+
+
 def _sum(grid: Grid, h: Floats) -> Complex:
     """Sum of h_k z^-k at the frequencies of the grid."""
-    from_middle = np.arange(len(h)) / len(h) - 0.5
-    root = np.sqrt(_SHAPE**2 - (0.5 * np.pi * _WIDTH * from_middle) ** 2)
-    return np.asarray(grid.interpolation @ np.fft.fft(h * root / (_WIDTH * np.sinh(root)), 2 * len(h)))
+    times, by = _correction(len(h))
+    return np.asarray(grid.interpolation @ np.fft.fft(h * times / by, 2 * len(h)))
 
 
 def impulse_counts(encoder_m: float) -> int:
@@ -229,8 +237,9 @@ def stable(grid: Grid, axis: Axis, law: Law, open_loop: Complex) -> bool:
     must not encircle 0.
     """
     integrators = int(law.integrates) + (1 if axis.viscous_Nspm > 0.0 else 2)
-    phase = np.unwrap(np.angle((1.0 + open_loop) * (1.0 - grid.z_inverse) ** integrators), axis=-1)
-    return bool(np.all(np.abs(phase[:, -1]) < 0.25 * np.pi))
+    closed = (1.0 + open_loop) * (1.0 - grid.z_inverse) ** integrators
+    turned = np.angle(closed[:, 0]) + np.sum(np.angle(closed[:, 1:] * np.conj(closed[:, :-1])), axis=-1)
+    return bool(np.all(np.abs(turned) < 0.25 * np.pi))
 
 
 def force_change(grid: Grid, counts_m: tuple[float, float], law: Law, s: Complex) -> float:

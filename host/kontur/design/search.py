@@ -181,6 +181,7 @@ class Problem:
             self.control_hz = int(device.read("clock.control_hz"))
         self.told = machine.parameters(compensation=compensation)
         self._told = [self._on_wire(self.told), self._on_wire(_swapped(self.told))]
+        self._frozen = self._on_wire(_FROZEN)
         second_m = [self.told.get(f"second_encoder_{axis}.length", 0.0) * 1e-6 for axis in "xy"]
         self.counts_m = tuple((axis.encoder_m, m) for axis, m in zip(machine.axes, second_m, strict=True))
         self.at = 1 if min(second_m) > 0.0 else 0  # where the error counts: 1 at the table
@@ -191,9 +192,18 @@ class Problem:
         self.places = [
             _Place(axis, 1 - i if swapped else i, swapped) for swapped in turns for i, axis in enumerate(machine.axes)
         ]
+        self._plants: dict[tuple[int, int], tuple[loop.Grid, list[loop.Plant]]] = {}
 
     def _on_wire(self, values: Mapping[str, float]) -> list[tuple[int, int, int]]:
         return [self.objects.on_wire(name, value) for name, value in values.items()]
+
+    def plants(self, points: int, near: int) -> tuple[loop.Grid, list[loop.Plant]]:
+        """A grid of frequencies (loop.Grid.around), and on it the axis at each of `places`; computed once."""
+        if (points, near) not in self._plants:
+            grid = loop.Grid.around(self.machine.axes, self.control_hz, points, near)
+            axes = [loop.plant(grid, place.axis, self.machine.delay_periods) for place in self.places]
+            self._plants[points, near] = grid, axes
+        return self._plants[points, near]
 
     def gains(self, vector: loop.Floats) -> Gains:
         """Parameters of the drive for logarithms of the searched quantities, the filter's left out or with them."""
@@ -214,13 +224,11 @@ class Problem:
 
     def loops(self, grid: loop.Grid, values: Mapping[str, float]) -> list[loop.Law]:
         """The law at each of `places`. Raises loop.UnstableLawError, and ValueError where the firmware refuses."""
-        values = {**values, **_FROZEN}
-        given = [self._on_wire(values), self._on_wire(_swapped(values))]
         first_m, second_m = zip(*self.counts_m, strict=True)
         found = {
             swapped: loop.laws(
                 grid,
-                [*self._told[swapped], *given[swapped]],
+                [*self._told[swapped], *self._on_wire(_swapped(values) if swapped else values), *self._frozen],
                 self.number,
                 first_m[:: -1 if swapped else 1],
                 second_m[:: -1 if swapped else 1],
@@ -231,15 +239,14 @@ class Problem:
 
 
 class _Search:
-    """The cost of a trial on a grid of frequencies, whose plants are computed once, with these limits."""
+    """The cost of a trial on a grid of frequencies, with these limits."""
 
     def __init__(
         self, problem: Problem, ms: float, points: int = 160, near: int = 25, force_step_N: float | None = None
     ) -> None:
         self.problem, self.ms = problem, ms
         self.force_step_N = problem.force_step_N if force_step_N is None else force_step_N
-        self.grid = loop.Grid.around(problem.machine.axes, problem.control_hz, points, near)
-        self.plants = [loop.plant(self.grid, place.axis, problem.machine.delay_periods) for place in problem.places]
+        self.grid, self.plants = problem.plants(points, near)
 
     def __call__(self, vector: loop.Floats) -> float:
         problem, grid = self.problem, self.grid
@@ -430,10 +437,9 @@ def _polished(cost: _Search, start: loop.Floats, size: float, effort: int = 60) 
 
 def predicted(problem: Problem, values: Mapping[str, float]) -> tuple[AxisDesign, AxisDesign]:
     """Margins and errors of x and y with these parameters, on a fine grid; of two directions the worse."""
-    grid = loop.Grid.around(problem.machine.axes, problem.control_hz, points=900, near=101)
+    grid, plants = problem.plants(points=900, near=101)
     found: dict[int, AxisDesign] = {}
-    for place, law in zip(problem.places, problem.loops(grid, values), strict=True):
-        plant = loop.plant(grid, place.axis, problem.machine.delay_periods)
+    for place, law, plant in zip(problem.places, problem.loops(grid, values), plants, strict=True):
         open_loop = loop.transfer(law, plant)
         s = 1.0 / (1.0 + open_loop[0])
         i = problem.machine.axes.index(place.axis)

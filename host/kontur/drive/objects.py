@@ -122,9 +122,8 @@ class Objects:
 
     def on_wire(self, name: str, value: float) -> tuple[int, int, int]:
         """Index, sub-index and count of a parameter for `value` in its unit. Raises ParameterError."""
-        self.check_value(name, value)
-        variable = self._variable(name)
-        return (*_address(variable), _counts(name, variable, value))
+        raw = self.check_value(name, value)
+        return (*_address(self._variables[name]), raw)
 
     def default(self, name: str) -> float | int:
         """The value of a number that the EDS declares, in its unit; NaN where it declares none."""
@@ -146,11 +145,11 @@ class Objects:
         if name in self.declared:
             self._written[name] = value
 
-    def check_value(self, name: str, value: float) -> None:
-        """Raise ParameterError when `name` is no parameter, or `value` is out of its range."""
+    def check_value(self, name: str, value: float) -> int:
+        """The count of a parameter for `value`. Raises ParameterError when it is none, or `value` is out of range."""
         if name not in self.declared:
             raise ParameterError(f"{name}: {unknown(name, self._variables)}")
-        _counts(name, self._variables[name], value)
+        return _counts(name, self._variables[name], value)
 
     def restore_written(self) -> None:
         """Write the parameters again that this host has set, where a reset of the drive has undone that."""
