@@ -7,7 +7,7 @@ What a step finds is made up here; the drive and its bus are those of kontur-sim
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -45,7 +45,7 @@ class Steps:
         self.fails, self.error = fails, error
         self.did: list[str] = []
         monkeypatch.setattr("kontur.commissioning.session.identify", self.identify)
-        monkeypatch.setattr("kontur.design.search.design", self.design)
+        monkeypatch.setattr("kontur.commissioning.gains.designs", self.designs)
         monkeypatch.setattr("kontur.commissioning.prove.candidate", lambda model, name, values: None)
         monkeypatch.setattr("kontur.commissioning.prove.prove", self.prove)
         monkeypatch.setattr("kontur.commissioning.filed.write_report", lambda path, *_: path.write_text("report"))
@@ -62,10 +62,10 @@ class Steps:
         self._end(f"identify {axis}")
         return identified()
 
-    def design(self, machine: Any, controller: str, **_: Any) -> Any:
+    def designs(self, machine: Any, controllers: Sequence[str], *_: Any) -> list[Any]:
         self._end("tune")
         values = {"smc.lambda": 50.0, "plant_x.mass": 100.0, "position_limit_x.max": 1e6}
-        return SimpleNamespace(controller=controller, parameters=values, limit="It is limited.")
+        return [SimpleNamespace(controller=name, parameters=values, limit="It is limited.") for name in controllers]
 
     def prove(self, target: Target, *rest: Any) -> Evidence:
         with open_drive(target) as device:
@@ -146,11 +146,11 @@ def test_commissioning_that_was_broken_off_goes_on_after_its_last_step(
     machine = ["--machine", str(MACHINES / "ball_screw.toml"), "--untold"]
     steps = Steps(monkeypatch, "prove", KeyboardInterrupt)
     assert commission(tmp_path, *machine).exit_code == 130
-    assert steps.did == ["identify x", "identify y", "tune", "tune", "prove"]
+    assert steps.did == ["identify x", "identify y", "tune", "prove"]
     first = json.loads((tmp_path / "commission.json").read_text())
     steps = Steps(monkeypatch)
     assert commission(tmp_path, *machine, "--for", "quiet").exit_code == 0  # the aim is that of the tuning
-    assert steps.did == ["tune", "tune", "prove"]
+    assert steps.did == ["tune", "prove"]
     result = json.loads((tmp_path / "commission.json").read_text())
     assert result["saved"] is True
     assert result["axes"] == first["axes"]

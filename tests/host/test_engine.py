@@ -53,7 +53,7 @@ def same(rows: list[Row]) -> bool:
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Jobs of this process, whose functions need not be imported anywhere."""
-    monkeypatch.setattr(engine, "_by_processes", lambda function, jobs, _: iter_of(function, jobs))
+    monkeypatch.setattr(engine, "_by_processes", lambda function, jobs, *_: iter_of(function, jobs))
 
 
 def iter_of(function: Callable[[Any], Any], jobs: list[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import signal
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ import click
 
 from kontur.cli.identify import agreed_of, encoder_known, require_length, show
 from kontur.cli.live_page import view
-from kontur.cli.options import NumberRange, StopRequest, drive_of, interruptible, progress_bar, target_options
+from kontur.cli.options import NumberRange, StopRequest, drive_of, interruptible, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.drive.axes import AXES
 from kontur.errors import FileError, InputError, KonturError
@@ -40,7 +40,7 @@ _STEPS = {
     "identify": "Each axis moves within its soft limits: a slow ramp of the force first, then a slow sine, constant "
     "speeds and a small multisine. This measures mass, friction, first mode, lag, cogging and ripple, and with a scale "
     "backlash and errors of the screw.",
-    "tune": "Gains for the machine as it was measured are computed. Nothing moves.",
+    "tune": "Gains for the machine as it was measured are computed, which takes about a minute. Nothing moves.",
     "prove": "The sensitivity of each axis is measured with the new gains, and circles are run in both senses at two "
     "speeds, before and after.",
 }
@@ -223,12 +223,17 @@ def _commission(begun: _Begun, asked: _Asked, stop_requested: StopRequest, resul
 
 @contextmanager
 def _timed(target: Target) -> Iterator[dict[str, float]]:
-    """What a step takes of the drive's time, and of this program's processor time; known at the end."""
-    drive_s, computing_s = target.stopwatch.drive_s, time.process_time()
+    """What a step takes of the drive's time, and of the processors' time; known at the end."""
+    drive_s, computing_s = target.stopwatch.drive_s, _computing_s()
     taken: dict[str, float] = {}
     yield taken
     taken["drive_s"] = round(target.stopwatch.drive_s - drive_s, 3)
-    taken["computing_s"] = round(time.process_time() - computing_s, 3)
+    taken["computing_s"] = round(_computing_s() - computing_s, 3)
+
+
+def _computing_s() -> float:
+    """Processor time of this program and of the processes that it had, s."""
+    return sum(os.times()[:4])
 
 
 def _add_time(step: str, taken: Mapping[str, float], result: dict[str, Any]) -> None:
@@ -321,6 +326,7 @@ def _tune(
     result: dict[str, Any],
 ) -> dict[str, dict[str, float]]:
     """Parameters for the drive by controller."""
+    from kontur.commissioning import gains
     from kontur.commissioning.folder import MACHINE
     from kontur.drive import parameter_file
     from kontur.drive.target import open_drive
@@ -334,7 +340,7 @@ def _tune(
         asked.explain("tune")
         machine = load(asked.out / MACHINE)
         with _timed(target) as taken:
-            designs = [_design(machine, name, ms, force_step_N, stop_requested) for name in _CONTROLLERS]
+            designs = gains.designs(machine, _CONTROLLERS, ms, force_step_N, stop_requested)
         asked.say(designs[0].limit.removesuffix("."))
         kept = {
             "design": {one.controller: _as_json(one) for one in designs},
@@ -397,19 +403,6 @@ def _prove(
             device.parameters.save()
         result["saved"] = session.keep = True
     click.echo(verdict if problem else f"Stored in the drive; all files are in {asked.out}.", err=True)
-
-
-def _design(machine: Machine, controller: str, ms: float, force_step_N: float, stop_requested: StopRequest) -> Design:
-    from kontur.design.search import design
-
-    with progress_bar(f"gains of {controller}") as progress:
-
-        def on(share: float) -> None:
-            if stop_requested():
-                raise KeyboardInterrupt
-            progress(share)
-
-        return design(machine, controller, ms=ms, force_step_N=force_step_N, progress=on)
 
 
 def _as_json(design: Design) -> dict[str, Any]:

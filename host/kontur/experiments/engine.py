@@ -41,6 +41,7 @@ _PACKAGE = Path(__file__).parents[1]
 _CODE = (".py", ".toml", ".json", ".eds")
 _ON_CLUSTER = 1000  # jobs that a cluster has at a time: more than it has cores
 _CONNECT_S = 10.0
+_POLL_S = 0.2
 _GOES_ON = "the same command goes on from there"
 
 
@@ -79,12 +80,14 @@ def results(
     jobs: Sequence[tuple[int, Job]],
     hashes: Mapping[str, str] | None = None,
     workers: Workers = None,
+    poll: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[int, Result], None, None]:
-    """Number and result of each job, as they come. `hashes`: digests of the files that `function` reads, by name."""
+    """Number and result of each job, as they come. `hashes`: digests of the files that `function` reads, by name.
+    `poll` is called meanwhile, where processes of this machine work; what it raises ends them."""
     if isinstance(workers, str):
         return _by_cluster(function, jobs, hashes or {}, workers)
     if len(jobs) > 1:
-        return _by_processes(function, jobs, workers or _cores())
+        return _by_processes(function, jobs, workers or _cores(), poll)
     return ((number, function(job)) for number, job in jobs)
 
 
@@ -159,7 +162,7 @@ def _cores() -> int:
 
 
 def _by_processes(
-    function: Callable[[Job], Result], jobs: Sequence[tuple[int, Job]], workers: int
+    function: Callable[[Job], Result], jobs: Sequence[tuple[int, Job]], workers: int, poll: Callable[[], None]
 ) -> Generator[tuple[int, Result], None, None]:
     context, left = get_context("spawn"), iter(jobs)
     count = min(workers, len(jobs))
@@ -174,13 +177,14 @@ def _by_processes(
             with _without_ctrl_c():
                 submit(itertools.islice(left, 2 * count))  # which starts the processes
             while waiting:
-                for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                poll()
+                for future in wait(waiting, _POLL_S, FIRST_COMPLETED).done:
                     yield waiting.pop(future), future.result()
                     submit(itertools.islice(left, 1))
         except BrokenProcessPool as error:
             raise SimulatorError(
-                f"a process of the sweep was killed, perhaps for lack of memory; {_GOES_ON}, and --workers makes them "
-                "fewer"
+                f"a process that computes was killed, perhaps for lack of memory; {_GOES_ON}, and where there is "
+                "--workers, it makes them fewer"
             ) from error
         except BaseException:
             end.close()  # the workers leave what they are at
