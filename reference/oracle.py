@@ -39,7 +39,7 @@ KNOT_S = 1e-3
 STANDSTILL_MPS = 4e-6
 """At or below this path speed there is no direction: the axis frame is taken, and it does not turn (decision)."""
 TURNS = 4
-"""Periods in which energy, adaptations of each axis come once (decision)."""
+"""Periods in which energy, adaptations, limit and friction of each axis come once (decision)."""
 BLENDED_N = 2.5e-4
 """A switching offset below this is none (decision)."""
 NU_MAX = 4.0
@@ -50,6 +50,8 @@ ORDERS = np.array([1, 2, 6])
 """Periods a turn of the three harmonics of a screw (decision)."""
 AHEAD = 3.0
 """Periods from an encoder reading to the middle of what the forces of the next two periods do (decision)."""
+FRICTION_AHEAD = 5.5
+"""Periods from an encoder reading to the middle of what the last force of the next TURNS does (decision)."""
 CONTROLLERS = ("track", "cc", "ccu", "cascade", "ccc")
 
 IDENTITY = np.eye(2)
@@ -822,14 +824,14 @@ def force_filter_at(force_N: float) -> Array:
 
 
 def force_limit(heat: Array, force_N: Array, p: Params) -> tuple[Array, Array]:
-    """Heat (2,) after a period with this force, and the limits (2,), N, that it leaves (I2t; decision).
+    """Heat (2,) after TURNS periods with this force, and the limits (2,), N, that it leaves (I2t; decision).
 
     The heat is the mean square of the force over that of the continuous force. From 95 % of it to 100 % the limit falls
     from the peak to the continuous force.
     """
     on = p.continuous_N > 0.0
     continuous = np.where(on, p.continuous_N, np.inf)
-    after = heat + ((force_N / continuous) ** 2 - heat) * p.dt_s / p.thermal_s
+    after = heat + ((force_N / continuous) ** 2 - heat) * TURNS * p.dt_s / p.thermal_s
     ends = np.stack([p.force_max_N, p.continuous_N])
     lowered = np.array([np.interp(after[i], [0.95, 1.0], ends[:, i]) for i in (0, 1)])
     return after, np.where(on, np.minimum(lowered, p.force_max_N), p.force_max_N)
@@ -895,7 +897,9 @@ class State:
     filters: list[Array]
     filtering: Array
     heat: Array
+    limit_N: Array
     shape: Array
+    shape_change: Array
     turns_m: list[list[float]]
     screw_N: Array
     saturated: bool = False
@@ -930,7 +934,9 @@ class Servo:
             filters=[force_filter_at(0.0)] * 2,
             filtering=zero,
             heat=zero,
+            limit_N=p.force_max_N,
             shape=zero,
+            shape_change=zero,
             turns_m=[[0.0], [0.0]],
             screw_N=zero,
         )
@@ -961,10 +967,12 @@ class Servo:
         (decision).
         """
         p, s = self.p, self.state
-        s.heat, force_max = force_limit(s.heat, s.last[0].force, p)
+        s.turn = (s.turn + 1) % TURNS  # energy, adaptation or feedforward of one axis a period, for all turns
+        limited = np.arange(2) == s.turn - 2
+        heat, limit_N = force_limit(s.heat, s.last[0].force, p)
+        s.heat, s.limit_N = np.where(limited, heat, s.heat), np.where(limited, limit_N, s.limit_N)
         s.observer, acceleration = observe(s.observer, measured_m, s.last[1].force - s.last[1].balance, p, self.gains)
         q, q_dot = s.observer[0], s.observer[1]
-        s.turn = (s.turn + 1) % TURNS  # energy, adaptation or feedforward of one axis a period, for all turns
         turn = np.arange(2) == s.turn
         s.energy_J = s.energy_J + np.where(turn, power(q_dot, acceleration, p) * TURNS * p.dt_s, 0.0)
         c = contour_error(self.knots_m, self.start_m, t_s, rate, rate_dot_1ps, q, q_dot, p)
@@ -988,7 +996,7 @@ class Servo:
                 s.filters = [force_filter_at(force) for force in demand]
             wanted, s.filters = self._filter(demand)
             s.filtering = wanted - demand
-            force = np.clip(wanted, -force_max, force_max)
+            force = np.clip(wanted, -s.limit_N, s.limit_N)
             saturated = bool(np.any(wanted != force))
             now = History(force, balance, linear + s.offset - (demand - force))
         s.enabled, s.controller, s.saturated = enabled, controller, saturated
@@ -1002,19 +1010,27 @@ class Servo:
         return np.array([y for y, _ in each]), [state for _, state in each]
 
     def _predict(self, c: Contour, measured_m: Array, q_dot: Array, force_N: Array, enabled: bool) -> None:
-        """Friction, cogging and ripple of one axis a period, where the forces of the next two act (decision)."""
+        """Friction of one axis in TURNS periods, cogging and ripple of one a period, where their forces act (decision).
+
+        Friction moves evenly to what it is when the last of these forces acts.
+        """
         p, s = self.p, self.state
-        i = s.turn % 2
-        ahead_s = AHEAD * p.dt_s
-        v = c.r_dot + ahead_s * c.r_ddot
-        along = float(sat(v, p.friction_speed_mps)[i])
-        x = s.turns_m[i][-1] + float(v[i]) * 2.0 * p.dt_s
-        s.turns_m[i] = remembered(s.turns_m[i], x) if enabled else [0.0]
-        if p.presliding_m[i] > 0.0:
-            along = slip(s.turns_m[i], float(p.presliding_m[i]))
-        turn = np.arange(2) == i
-        s.shape = np.where(turn, float(enabled) * along * stribeck(v, p), s.shape)
-        s.screw_N = np.where(turn, screw_demand(force_N, measured_m + ahead_s * q_dot, p) - force_N, s.screw_N)
+        if s.turn < 2:
+            i = s.turn
+            v = c.r_dot + FRICTION_AHEAD * p.dt_s * c.r_ddot
+            along = float(sat(v, p.friction_speed_mps)[i])
+            x = s.turns_m[i][-1] + float(v[i]) * TURNS * p.dt_s
+            s.turns_m[i] = remembered(s.turns_m[i], x) if enabled else [0.0]
+            if p.presliding_m[i] > 0.0:
+                along = slip(s.turns_m[i], float(p.presliding_m[i]))
+            turn = np.arange(2) == i
+            s.shape = np.where(turn & (not enabled), 0.0, s.shape)
+            then = float(enabled) * along * stribeck(v, p)
+            s.shape_change = np.where(turn, (then - s.shape) / TURNS, s.shape_change)
+        s.shape = s.shape + s.shape_change
+        turn = np.arange(2) == s.turn % 2
+        there_m = measured_m + AHEAD * p.dt_s * q_dot
+        s.screw_N = np.where(turn, screw_demand(force_N, there_m, p) - force_N, s.screw_N)
 
     def _law(self, controller: str, c: Contour, q: Array, q_dot: Array) -> tuple[Array, Array, Array]:
         """Force of the law, its part that balances friction and the mass error, its part that drives (2), N."""

@@ -45,7 +45,7 @@ __attribute__((noinline)) static struct curve_point change_piece(const struct cu
 static inline void move_along(const struct curve *curve, struct curve_point *at, num t_T0)
 {
     at->u = n_mad(at->u, NUM(SPLINE_PER_T0), t_T0);
-    if (rarely(!n_lt(n_abs(n_sub(at->u, NUM(0.5))), NUM(0.5)))) {
+    if (rarely(!n_is_part(at->u))) {
         *at = change_piece(curve, at->piece->knot, at->u);
     }
 }

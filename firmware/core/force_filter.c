@@ -74,27 +74,26 @@ void force_filter_reset(struct force_filter_state *state, vec2 force)
     }
 }
 
+static inline num section(const struct force_section_cfg *c, struct force_section_state *s, num u)
+{
+    const num band = n_mad(n_mul(c->a1, s->s1), c->a2, n_sub(u, s->s2));
+    const num low = n_mad(s->s2, c->g, band);
+    s->s1 = n_state(n_mad(n_neg(s->s1), NUM(2), band));
+    s->s2 = n_state(n_mad(n_neg(s->s2), NUM(2), low));
+    return n_mad(n_mad(low, c->c, band), c->r2, n_sub(u, low));
+}
+
 static inline num filter(const struct force_section_cfg *c, struct force_section_state *s, unsigned count, num u)
 {
     num out = u;
-    for (unsigned n = 0; n < count; n++) {
-        const num band = n_mad(n_mul(c[n].a1, s[n].s1), c[n].a2, n_sub(out, s[n].s2));
-        const num low = n_mad(s[n].s2, c[n].g, band);
-        s[n].s1 = n_state(n_sub(n_add(band, band), s[n].s1));
-        s[n].s2 = n_state(n_sub(n_add(low, low), s[n].s2));
-        out = n_mad(n_mad(low, c[n].c, band), c[n].r2, n_sub(out, low));
+    for (unsigned n = 0; n < FORCE_SECTIONS && n < count; n++) { /* a bit of the count may flip */
+        out = section(&c[n], &s[n], out);
     }
     return out;
 }
 
-/* The number of sections, also where a bit of it has flipped */
-static inline unsigned sections(const struct force_filter_cfg *cfg, int i)
-{
-    return cfg->count[i] < FORCE_SECTIONS ? cfg->count[i] : FORCE_SECTIONS;
-}
-
 vec2 force_filter_step(const struct force_filter_cfg *cfg, struct force_filter_state *state, vec2 force)
 {
-    return v2(filter(cfg->section[0], state->section[0], sections(cfg, 0), force.x),
-              filter(cfg->section[1], state->section[1], sections(cfg, 1), force.y));
+    return v2(filter(cfg->section[0], state->section[0], cfg->count[0], force.x),
+              filter(cfg->section[1], state->section[1], cfg->count[1], force.y));
 }

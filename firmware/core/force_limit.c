@@ -19,10 +19,14 @@ static inline num limit(acc_t *heat, num share, num rate, num continuous, num pe
     return n_min(peak, n_mad(continuous, part, n_sub(peak, continuous)));
 }
 
-vec2 force_limit_step(const struct force_limit_cfg *cfg, struct force_limit_state *state, vec2 force, vec2 peak)
+void force_limit_step(const struct force_limit_cfg *cfg, struct force_limit_state *state, int axis, vec2 force,
+                      vec2 peak)
 {
-    const vec2 share = v2_mul(force, cfg->inverse);
-    state->limit = v2(limit(&state->heat[0], share.x, cfg->rate[0], cfg->continuous.x, peak.x),
-                      limit(&state->heat[1], share.y, cfg->rate[1], cfg->continuous.y, peak.y));
-    return state->limit;
+    if (axis == 0) {
+        state->limit.x =
+            limit(&state->heat[0], n_mul(force.x, cfg->inverse.x), cfg->rate[0], cfg->continuous.x, peak.x);
+    } else {
+        state->limit.y =
+            limit(&state->heat[1], n_mul(force.y, cfg->inverse.y), cfg->rate[1], cfg->continuous.y, peak.y);
+    }
 }

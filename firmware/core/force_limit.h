@@ -10,7 +10,8 @@
  * So it is as continuous as the heat, and it ends where it is in balance: at F_c the heat stays at 1. A limit that
  * switches at a heat of 1 would do so at each period of the path.
  *
- * Context: servo.c calls force_limit_step() in the servo tick.
+ * Context: servo.c calls force_limit_step() in the servo tick, where the axes take turns: the heat goes by milliseconds
+ * at least, so a force of each turn stands for those between.
  */
 #ifndef KONTUR_FORCE_LIMIT_H
 #define KONTUR_FORCE_LIMIT_H
@@ -23,16 +24,17 @@ struct force_limit_cfg {
     bool on;         /* an axis has a continuous limit */
     vec2 continuous; /* F_c, N; of an axis without such a limit F_p */
     vec2 inverse;    /* 1 / F_c, 1/N; of an axis without such a limit 0 */
-    num rate[2];     /* control period over tau, times ACC_GAIN */
+    num rate[2];     /* time between two steps of an axis over tau, times ACC_GAIN */
 };
 
 struct force_limit_state {
     acc_t heat[2];
-    vec2 limit; /* of this period, N */
+    vec2 limit; /* N */
 };
 
 /* heat[2] of 0, and the limit is the peak force. */
 void force_limit_reset(struct force_limit_state *state, vec2 peak);
-/* The limits of this period, N: at most `peak`. `force` is that of the last period. */
-vec2 force_limit_step(const struct force_limit_cfg *cfg, struct force_limit_state *state, vec2 force, vec2 peak);
+/* The new limit of axis 0 or 1, N: at most that of `peak`. `force` is that of the last period. */
+void force_limit_step(const struct force_limit_cfg *cfg, struct force_limit_state *state, int axis, vec2 force,
+                      vec2 peak);
 #endif

@@ -48,14 +48,17 @@ static num axis_step(const struct friction_axis_cfg *cfg, struct friction_axis_s
     return n_mul(along, stribeck(cfg, v));
 }
 
-void friction_step(const struct friction_cfg *cfg, struct friction_state *state, int axis, bool enabled, num r_dot,
-                   num direction, num dt)
+num friction_step(const struct friction_cfg *cfg, struct friction_state *state, int axis, bool enabled, num r_dot,
+                  num direction, num dt)
 {
     num *const shape = axis == 0 ? &state->shape.x : &state->shape.y;
+    num then = NUM(0);
     if (enabled) {
-        *shape = axis_step(&cfg->axis[axis], &state->axis[axis], r_dot, direction, dt);
+        then = axis_step(&cfg->axis[axis], &state->axis[axis], r_dot, direction, dt);
     } else {
         *shape = NUM(0);
         state->axis[axis] = (struct friction_axis_state){.stretch = {NUM(0)}};
     }
+    *(axis == 0 ? &state->change.x : &state->change.y) = n_mul(n_sub(then, *shape), NUM(1.0 / FRICTION_PERIODS));
+    return then;
 }

@@ -12,14 +12,16 @@
  *   keep their friction while the reference rests, as the real ones do. With D = 0, slip is smc_direction().
  * - The second factor is the Stribeck curve, from breakaway at rest to Coulomb friction.
  *
- * Context: servo_step() (servo.c) calls friction_step() in the servo tick. The background loop calls
- * friction_design() when parameters change (drive/configuration.c).
+ * Context: in the servo tick, servo_step() (servo.c) calls friction_step() of each axis once in FRICTION_PERIODS periods,
+ * and friction_move() in each. The background loop calls friction_design() when parameters change
+ * (drive/configuration.c).
  */
 #ifndef KONTUR_FRICTION_H
 #define KONTUR_FRICTION_H
 #include "core/vec2.h"
 
 #define FRICTION_ELEMENTS 8
+#define FRICTION_PERIODS 4 /* control periods in a step of an axis */
 
 struct friction_axis_cfg {
     num presliding; /* D, um; 0: slip is smc_direction() */
@@ -41,14 +43,21 @@ struct friction_axis_state {
 };
 
 struct friction_state {
-    vec2 shape; /* with on: of the next two periods; else smc_direction() of the last one */
+    vec2 shape;  /* with on: of the next period, friction_move(); else smc_direction() of the last one */
+    vec2 change; /* of the shape in a period */
     struct friction_axis_state axis[2];
 };
 
 /* The configuration of an axis: presliding um >= 0, breakaway >= 1, stribeck um/T0 > 0. */
 struct friction_axis_cfg friction_design(num presliding, num breakaway, num stribeck);
-/* A time dt (T0) of axis 0 or 1 with cfg->on: the new shape. `direction` is smc_direction() of r_dot. The shape of an
- * axis that is not enabled is 0: without power it has relaxed. */
-void friction_step(const struct friction_cfg *cfg, struct friction_state *state, int axis, bool enabled, num r_dot,
-                   num direction, num dt);
+/* A time dt (T0) of axis 0 or 1 with cfg->on: returns the shape at its end, at which state->shape arrives in
+ * FRICTION_PERIODS periods. `direction` is smc_direction() of r_dot. The shape of an axis that is not enabled is 0:
+ * without power it has relaxed. */
+num friction_step(const struct friction_cfg *cfg, struct friction_state *state, int axis, bool enabled, num r_dot,
+                  num direction, num dt);
+/* One control period of both axes: the shape goes on towards that of the last steps. In one step it would be felt. */
+static inline void friction_move(struct friction_state *state)
+{
+    state->shape = v2_add(state->shape, state->change);
+}
 #endif

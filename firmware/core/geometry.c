@@ -34,23 +34,23 @@ static num without_step(struct geometry_placed *s, num placed, bool bridged, num
     return n_add(placed, s->bridge);
 }
 
-/* The correction of axis i by the positions p_nm of both axes. */
-static num by_position(const struct geometry_cfg *cfg, struct geometry_state *state, int i, const int64_t p_nm[2],
-                       bool bridged)
+/* The correction of axis i by the user's position p of it and of the other one. */
+static num by_position(const struct geometry_cfg *cfg, struct geometry_state *state, int i, pos_t p, pos_t other,
+                       bool bridged, num dt)
 {
     const num squareness = cfg->axis[1 - i].squareness;
-    const num placed = n_mad(lead(&cfg->axis[i], p_nm[i]), squareness, n_ratio(p_nm[1 - i], 1000000));
-    return without_step(&state->axis[i].position, placed, bridged, cfg->dt);
+    const num placed =
+        n_mad(lead(&cfg->axis[i], pos_to_wide_nm(p)), squareness, n_ratio(pos_to_wide_nm(other), 1000000));
+    return without_step(&state->axis[i].position, placed, bridged, dt);
 }
 
-/* The correction of an axis by the angle of its screw at the user's position p_nm. */
-static num by_angle(const struct geometry_axis_cfg *cfg, struct geometry_axis_state *s, int64_t p_nm, bool bridged,
-                    num dt)
+/* The correction of an axis by the angle of its screw at the user's position p. */
+static num by_angle(const struct geometry_axis_cfg *cfg, struct geometry_axis_state *s, pos_t p, bool bridged, num dt)
 {
     if (cfg->turns == 0) {
         return NUM(0);
     }
-    const struct trig_circle c = trig_circle(pos_phase(pos_from_nm(p_nm), cfg->turns));
+    const struct trig_circle c = trig_circle(pos_phase(p, cfg->turns));
     const num placed = n_mad(n_mul(cfg->error_cos, c.cos), cfg->error_sin, c.sin);
     return without_step(&s->turn, placed, bridged, dt);
 }
@@ -81,28 +81,55 @@ void geometry_reset(struct geometry_state *state)
     *state = (struct geometry_state){.started = false};
 }
 
-void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
-                   const int32_t origin_nm[2], vec2 direction, int turn)
+/* The first step, or one with a new origin: both axes. Not inline, so that it costs nothing where that is not so. */
+__attribute__((noinline)) static void step_both(const struct geometry_cfg *cfg, struct geometry_state *state,
+                                                const pos_t encoder[2], const int32_t origin_nm[2])
 {
-    int64_t p_nm[2];
+    const pos_t p[2] = {pos_moved(encoder[0], origin_nm[0]), pos_moved(encoder[1], origin_nm[1])};
     bool bridged = false;
     for (int i = 0; i < 2; i++) {
         bridged = bridged || (state->started && origin_nm[i] != state->axis[i].origin_nm);
         state->axis[i].origin_nm = origin_nm[i];
-        p_nm[i] = (int64_t)pos_to_nm(encoder[i]) + origin_nm[i];
     }
-    const bool both = !state->started || bridged || turn < 0;
-    if (both || turn == 0) {
-        state->position.x = by_position(cfg, state, 0, p_nm, bridged);
-        state->turn.x = by_angle(&cfg->axis[0], &state->axis[0], p_nm[0], bridged, cfg->dt);
-        state->force.x =
-            by_force(&cfg->axis[0], &state->axis[0], state->r_dot.x, state->r_ddot.x, direction.x, cfg->dt);
-    }
-    if (both || turn == 1) {
-        state->position.y = by_position(cfg, state, 1, p_nm, bridged);
-        state->turn.y = by_angle(&cfg->axis[1], &state->axis[1], p_nm[1], bridged, cfg->dt);
-        state->force.y =
-            by_force(&cfg->axis[1], &state->axis[1], state->r_dot.y, state->r_ddot.y, direction.y, cfg->dt);
-    }
+    state->position = v2(by_position(cfg, state, 0, p[0], p[1], bridged, cfg->dt),
+                         by_position(cfg, state, 1, p[1], p[0], bridged, cfg->dt));
+    state->turn = v2(by_angle(&cfg->axis[0], &state->axis[0], p[0], bridged, cfg->dt),
+                     by_angle(&cfg->axis[1], &state->axis[1], p[1], bridged, cfg->dt));
     state->started = true;
+}
+
+static inline void step_axis(const struct geometry_cfg *cfg, struct geometry_state *state, int i, pos_t p, pos_t other,
+                             bool with_position, num *position, num *turn)
+{
+    if (with_position) {
+        *position = by_position(cfg, state, i, p, other, false, n_mul(NUM(2), cfg->dt));
+    }
+    *turn = by_angle(&cfg->axis[i], &state->axis[i], p, false, cfg->dt);
+}
+
+void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
+                   const int32_t origin_nm[2], int turn)
+{
+    const struct geometry_axis_state *axis = state->axis;
+    if (rarely(turn < 0 || !state->started || origin_nm[0] != axis[0].origin_nm || origin_nm[1] != axis[1].origin_nm)) {
+        step_both(cfg, state, encoder, origin_nm);
+        return;
+    }
+    const pos_t x = pos_moved(encoder[0], origin_nm[0]);
+    const pos_t y = pos_moved(encoder[1], origin_nm[1]);
+    if (turn % 2 == 0) {
+        step_axis(cfg, state, 0, x, y, turn > 1, &state->position.x, &state->turn.x);
+    } else {
+        step_axis(cfg, state, 1, y, x, turn > 1, &state->position.y, &state->turn.y);
+    }
+}
+
+void geometry_push(const struct geometry_cfg *cfg, struct geometry_state *state, int axis, num r_dot, num r_ddot,
+                   num direction)
+{
+    if (axis == 0) {
+        state->force.x = by_force(&cfg->axis[0], &state->axis[0], r_dot, r_ddot, direction, cfg->dt);
+    } else {
+        state->force.y = by_force(&cfg->axis[1], &state->axis[1], r_dot, r_ddot, direction, cfg->dt);
+    }
 }

@@ -23,17 +23,17 @@
  * The angle goes by p like the map, and not by the encoder, which is 0 wherever its drive was switched on: p belongs to
  * the same angle again as soon as the axis has been homed.
  *
- * The force is that of the reference of the last period, because a measured acceleration is noise. Where nothing
+ * The force is that of the reference, because a measured acceleration is noise. Where nothing
  * pushes, b stays. A table for which neither mass nor friction is given is pushed in the direction of motion.
  *
  * The result never steps, since the observer takes a step for a speed. F/k changes by at most GEOMETRY_DEFLECTION_RATE,
  * b follows through a critically damped second-order low-pass whose acceleration needs the force m_0 g b'' of what is
- * before the gap; the caller adds it to that of the law, which need not know of the gap then. Where the origin changes p, the difference to the
- * correction before decays with GEOMETRY_ORIGIN_RATE. The first period after geometry_reset() starts with the whole
- * correction: the caller resets its observers there.
+ * before the gap; the caller adds it to that of the law, which need not know of the gap then. Where the origin changes
+ * p, the difference to the correction before decays with GEOMETRY_ORIGIN_RATE. The first period after geometry_reset()
+ * starts with the whole correction: the caller resets its observers there.
  *
- * Context: servo_step() (servo.c) calls geometry_step() in the servo tick, before the observer, where the
- * axes take turns.
+ * Context: servo_step() (servo.c) calls geometry_step() in the servo tick before the observer, and geometry_push() at
+ * its end. The axes take turns. Map and squareness are flat, so that they may be older than what goes by the angle.
  *
  * Source: position-dependent compensation as in ISO 230-1:2012, 3.4 (positioning and squareness errors); deflection
  * and lost motion from the reference as in Gross, Hamann, Wiegaertner, Electrical Feed Drives in Automation, 2001.
@@ -68,7 +68,7 @@ struct geometry_axis_cfg {
 
 struct geometry_cfg {
     bool on; /* false: geometry_step() need not be called, since the tool is where the encoders are */
-    num dt;  /* time between two turns of an axis, T0 */
+    num dt;  /* time between two turns of an axis, T0; of what goes by its position it is twice that */
     struct geometry_axis_cfg axis[2];
 };
 
@@ -92,18 +92,21 @@ struct geometry_axis_state {
 struct geometry_state {
     bool started; /* false: geometry_reset() was the last call */
     struct geometry_axis_state axis[2];
-    vec2 r_dot, r_ddot; /* the reference of the last period; 0 where an axis has no power */
-    vec2 position;      /* the correction by position, um: lead, squareness and bridge */
-    vec2 turn;          /* the correction by angle, um, with its bridge */
-    vec2 force;         /* the correction by force, um: deflection and backlash */
+    vec2 position; /* the correction by position, um: lead, squareness and bridge */
+    vec2 turn;     /* the correction by angle, um, with its bridge */
+    vec2 force;    /* the correction by force, um: deflection and backlash */
 };
 
-/* Start with side 0 and without a reference. */
+/* Start with side 0 and without a force. */
 void geometry_reset(struct geometry_state *state);
-/* One control period: the tool is at the encoder, moved by state->position, state->turn and state->force. encoder is a
- * position of the servo, and origin_nm is what makes the user's of it; direction is that of the reference's friction
- * (smc_direction()). It is the turn of axis 0 or 1, or of both: -1. Where it starts, or an origin has changed, it is that
- * of both. */
+/* What goes by position and angle. The tool is at the encoder, moved by state->position, state->turn and state->force.
+ * encoder is a position of the servo, and origin_nm is what makes the user's of it. Of four turns, 0 and 1 are those of
+ * the angle of axis 0 and 1, and 2 and 3 those of its angle and position; -1 is that of all. Where it starts, or an
+ * origin has changed, each turn is. */
 void geometry_step(const struct geometry_cfg *cfg, struct geometry_state *state, const pos_t encoder[2],
-                   const int32_t origin_nm[2], vec2 direction, int turn);
+                   const int32_t origin_nm[2], int turn);
+/* What goes by the force, of axis 0 or 1, whose reference has r_dot and r_ddot; 0 without power. direction is that of
+ * the reference's friction (smc_direction()). */
+void geometry_push(const struct geometry_cfg *cfg, struct geometry_state *state, int axis, num r_dot, num r_ddot,
+                   num direction);
 #endif

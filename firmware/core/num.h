@@ -36,6 +36,8 @@
  * A back end may also define
  *   NUM_MAD with n_mad(a, b, c), a + b c, and n_msub(a, b, c), a - b c, where they round once
  *   NUM_ABS with n_abs(x), where there is something better than a comparison with 0
+ *   NUM_PART with n_is_part(x), whether 0 <= x < 1
+ *   NUM_TABLE, what a table of constants is declared with, where NUM(c) is no constant for the compiler
  */
 #ifndef KONTUR_NUM_H
 #define KONTUR_NUM_H
@@ -70,7 +72,22 @@ static inline pos_t pos_from_nm(int64_t nm)
 static inline int32_t pos_to_nm(pos_t p)
 {
     const int64_t nm = (p + POS_PER_NM / 2 - (p < 0 ? 1 : 0)) >> 16; /* a half away from 0 */
-    return nm > INT32_MAX ? INT32_MAX : nm < INT32_MIN ? INT32_MIN : (int32_t)nm;
+    if (usually(nm == (int32_t)nm)) {
+        return (int32_t)nm;
+    }
+    return nm < 0 ? INT32_MIN : INT32_MAX;
+}
+
+/* p + nm. It wraps: a bit flip must not overflow. */
+static inline pos_t pos_moved(pos_t p, int32_t nm)
+{
+    return (pos_t)((uint64_t)p + (uint64_t)pos_from_nm(nm));
+}
+
+/* The nearest nm of any position but the last one. */
+static inline int64_t pos_to_wide_nm(pos_t p)
+{
+    return (pos_t)((uint64_t)p + POS_PER_NM / 2) >> 16;
 }
 
 /* The position in turns, of which there are `turns` 2^-64 a step of a position: the fraction, in 2^-32 turns. */
@@ -86,6 +103,17 @@ static inline uint32_t pos_phase(pos_t p, uint64_t turns)
 #else
 #include "core/num_f32.h"
 #endif
+#endif
+
+#ifndef NUM_TABLE
+#define NUM_TABLE static const
+#endif
+
+#ifndef NUM_PART
+static inline bool n_is_part(num a)
+{
+    return !n_lt(a, NUM(0)) && n_lt(a, NUM(1));
+}
 #endif
 
 #ifndef NUM_ABS

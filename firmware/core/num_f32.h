@@ -11,6 +11,7 @@ typedef struct {
 #define NUM_NAME "f32"
 #define NUM_ABS
 #define NUM_MAD
+#define NUM_PART
 #define NUM(c) ((num)(c))
 
 static inline num n_add(num a, num b)
@@ -46,6 +47,21 @@ static inline num n_abs(num a)
 static inline bool n_lt(num a, num b)
 {
     return a < b;
+}
+
+/* The bits of positive numbers are in the order of the numbers. */
+static inline uint32_t n_bits(num x)
+{
+    union {
+        num x;
+        uint32_t bits;
+    } u = {.x = x};
+    return u.bits;
+}
+
+static inline bool n_is_part(num a)
+{
+    return n_bits(a) < 0x3F800000u;
 }
 
 /* The instruction VSQRT on the target. With -fno-math-errno it needs no libm. */
@@ -89,15 +105,6 @@ static inline num n_from_bits(uint32_t bits)
     return u.x;
 }
 
-static inline uint32_t n_bits(num x)
-{
-    union {
-        num x;
-        uint32_t bits;
-    } u = {.x = x};
-    return u.bits;
-}
-
 /* The nearest num; a half is rounded to even. n_from_wide() converts the rare numbers that need more than 32 bits. */
 num n_from_wide(int64_t i);
 static inline num n_from_i64(int64_t i)
@@ -112,10 +119,10 @@ static inline num n_from_i64(int64_t i)
 int64_t n_to_wide(num x);
 static inline int64_t n_to_i64(num x)
 {
-    const num size = __builtin_fabsf(x);
-    if (__builtin_expect(size < 2147483648.0f, 1)) {
+    if (usually((n_bits(x) << 1) < 0x9E000000u)) { /* |x| < 2^31 */
         return (int32_t)x;
     }
+    const num size = __builtin_fabsf(x);
     /* Below 2^38 the 24 bits of the mantissa stand for multiples of 2^8 or more, so the division by 128 is exact. */
     return size < 274877906944.0f ? (int64_t)(int32_t)(x * (1.0f / 128)) * 128 : n_to_wide(x);
 }
@@ -164,8 +171,10 @@ int32_t n_to_wide_scaled(num y);
 static inline int32_t n_to_scaled(num x, int32_t k)
 {
     const num y = x * (num)k;
-    if (__builtin_expect(__builtin_fabsf(y) < 4194304.0f, 1)) { /* the last bit of 1.5 * 2^23 + y has the value 1 */
-        return (int32_t)(n_bits(y + 12582912.0f) - 0x4B400000u);
+    /* The last bit of 1.5 * 2^23 + y has the value 1 while that is from 2^23 up to 2^24. */
+    const uint32_t bits = n_bits(y + 12582912.0f);
+    if (usually((bits >> 23) == 0x96u)) {
+        return (int32_t)(bits - 0x4B400000u);
     }
     return n_to_wide_scaled(y);
 }

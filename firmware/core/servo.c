@@ -8,45 +8,50 @@ static const vec2 ZERO;
 static void locate(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_table_in *in,
                    const pos_t measured[2])
 {
-    const bool first = !state->geometry.started;
-    geometry_step(&cfg->geometry, &state->geometry, measured, in->origin_nm, state->friction.shape,
-                  (int)(state->slot % 2u));
-    state->placed = state->geometry.force;
-    state->correction = state->geometry.position;
+    const struct geometry_state *const g = &state->geometry;
+    const bool first = !g->started;
+    geometry_step(&cfg->geometry, &state->geometry, measured, in->origin_nm, (int)state->slot);
     state->disagree = false;
     for (int i = 0; i < 2; i++) {
-        num *const placed = i == 0 ? &state->placed.x : &state->placed.y;
-        num *const correction = i == 0 ? &state->correction.x : &state->correction.y;
-        const num turn = i == 0 ? state->geometry.turn.x : state->geometry.turn.y;
+        num placed = i == 0 ? g->force.x : g->force.y;
+        num correction = i == 0 ? g->position.x : g->position.y;
+        const num turn = i == 0 ? g->turn.x : g->turn.y;
         struct dual_feedback_state *dual = &state->dual_feedback[i];
         if (cfg->dual_feedback[i].on) {
-            *placed = n_add(*placed, turn);
-            const num difference = n_sub(pos_sub(in->second[i], measured[i]), *placed);
-            state->disagree |= !dual_feedback_step(&cfg->dual_feedback[i], dual, difference);
-            *placed = n_add(*placed, dual->offset);
+            placed = n_add(placed, turn);
+            const num difference = n_sub(pos_sub(in->second[i], measured[i]), placed);
+            if (rarely(!dual_feedback_step(&cfg->dual_feedback[i], dual, difference))) {
+                state->disagree = true;
+            }
+            placed = n_add(placed, dual->offset);
         } else {
-            *correction = n_add(*correction, turn);
+            correction = n_add(correction, turn);
         }
-        state->tool[i] = pos_add(measured[i], n_add(*placed, *correction));
-        if (first) {
-            observer_reset(&state->observer[i], state->tool[i]);
-        }
+        *(i == 0 ? &state->placed.x : &state->placed.y) = placed;
+        *(i == 0 ? &state->correction.x : &state->correction.y) = correction;
+        state->tool[i] = pos_add(measured[i], n_add(placed, correction));
+    }
+    if (rarely(first)) {
+        observer_reset(&state->observer[0], state->tool[0]);
+        observer_reset(&state->observer[1], state->tool[1]);
     }
 }
 
-/* What comes before the observer with state->extras. It is not inline, and gets no inputs of the tick by their address, so
- * that the tick is as short as it was where all of it is off. The same holds for the other two. */
+/* What comes before the observer with state->extras. It is not inline, and gets no inputs of the tick by their address,
+ * so that the tick is as short as it was where all of it is off. The same holds for the other two. */
 static __attribute__((noinline, flatten)) void prepare(const struct servo_cfg *cfg, struct servo_state *state,
                                                        const struct servo_table_in *in, pos_t x, pos_t y)
 {
-    state->tool[0] = x;
-    state->tool[1] = y;
-    if (cfg->force_limit.on) {
-        (void)force_limit_step(&cfg->force_limit, &state->force_limit, state->force, cfg->plant.force_max);
+    if (cfg->force_limit.on && state->slot >= 2u) {
+        force_limit_step(&cfg->force_limit, &state->force_limit, (int)state->slot - 2, state->force,
+                         cfg->plant.force_max);
     }
     if (cfg->geometry.on) {
         const pos_t measured[2] = {x, y};
         locate(cfg, state, in, measured);
+    } else {
+        state->tool[0] = x;
+        state->tool[1] = y;
     }
 }
 
@@ -174,9 +179,9 @@ static vec2 where_enabled(const bool enabled[2], vec2 v)
 /* What goes beyond the law: cancel cogging and ripple, then filter. Each axis starts with the force of now, so that its
  * filters change nothing where the force stays. */
 static __attribute__((noinline, flatten)) vec2 refine(const struct servo_cfg *cfg, struct servo_state *state,
-                                                      bool start, vec2 net, vec2 balance)
+                                                      bool start, num net_x, num net_y, num balance_x, num balance_y)
 {
-    const vec2 force = v2_add(net, v2_add(balance, state->screw));
+    const vec2 force = v2_add(v2(net_x, net_y), v2_add(v2(balance_x, balance_y), state->screw));
     if (!cfg->force_filter.on) {
         return force;
     }
@@ -200,23 +205,27 @@ static inline bool within_limits(vec2 max, const struct servo_in *in, vec2 force
     return in->enabled[0] && in->enabled[1] && n_lt(n_abs(force.x), max.x) && n_lt(n_abs(force.y), max.y);
 }
 
-/* What the next periods need of friction and screw is computed at the end of this one, where nothing else has to be
- * kept, of one axis a period. The forces of the next two periods act, in the mean, this many periods after the reading
- * of now. */
+/* What the next periods need of friction, deflection and screw is computed at the end of this one, where nothing else
+ * has to be kept. The axes take turns. The forces of the next two periods act, in the mean, AHEAD periods after the
+ * reading of now. Friction goes by the reference: it can be told further ahead than what goes by a position, which is a
+ * part of the loop. So it takes turns of all slots, and moves in between to what it will be when the last of these
+ * forces acts. */
 #define AHEAD 3
+#define AHEAD_FRICTION 5.5
+_Static_assert(FRICTION_PERIODS == SERVO_SLOTS, "the friction of an axis is computed in one of the slots");
 
-static void predict_friction(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_out *out,
-                             int axis)
+static inline void predict_friction(const struct servo_cfg *cfg, struct servo_state *state, int axis, num r_dot,
+                                    num r_ddot)
 {
-    const vec2 r_dot = v2_mad(out->contour.r_dot, n_mul(NUM(AHEAD), cfg->dt), out->contour.r_ddot);
-    const num v = axis == 0 ? r_dot.x : r_dot.y;
+    const num v = n_mad(r_dot, n_mul(NUM(AHEAD_FRICTION), cfg->dt), r_ddot);
     const bool slips = n_lt(NUM(0), cfg->friction.axis[axis].presliding);
     const num direction = slips ? NUM(0) : n_sat(v, cfg->gains.smc.friction_speed);
-    friction_step(&cfg->friction, &state->friction, axis, state->enabled[axis], v, direction, n_mul(NUM(2), cfg->dt));
+    (void)friction_step(&cfg->friction, &state->friction, axis, state->enabled[axis], v, direction,
+                        n_mul(NUM(FRICTION_PERIODS), cfg->dt));
 }
 
-static num predict_screw(const struct servo_cfg *cfg, const struct servo_state *state, int axis, num force, num screw,
-                         pos_t at, num velocity)
+static inline num predict_screw(const struct servo_cfg *cfg, const struct servo_state *state, int axis, num force,
+                                num screw, pos_t at, num velocity)
 {
     const num demand = state->enabled[axis] ? n_sub(force, screw) : NUM(0);
     const pos_t then = pos_add(at, n_mul(n_mul(NUM(AHEAD), cfg->dt), velocity));
@@ -226,20 +235,34 @@ static num predict_screw(const struct servo_cfg *cfg, const struct servo_state *
 static __attribute__((noinline, flatten)) void predict(const struct servo_cfg *cfg, struct servo_state *state,
                                                        const struct servo_out *out, pos_t x, pos_t y)
 {
-    const int axis = (int)(state->slot % 2u);
-    state->geometry.r_dot = where_enabled(state->enabled, out->contour.r_dot);
-    state->geometry.r_ddot = where_enabled(state->enabled, out->contour.r_ddot);
+    const struct contour_out *c = &out->contour;
+    const bool even = state->slot % 2u == 0u;
     if (cfg->friction.on) {
-        predict_friction(cfg, state, out, axis);
+        if (state->slot == 0u) {
+            predict_friction(cfg, state, 0, c->r_dot.x, c->r_ddot.x);
+        } else if (state->slot == 1u) {
+            predict_friction(cfg, state, 1, c->r_dot.y, c->r_ddot.y);
+        }
+        friction_move(&state->friction);
     }
-    if (cfg->screw.on && axis == 0) {
-        state->screw.x = predict_screw(cfg, state, axis, out->force.x, state->screw.x, x, out->velocity.x);
+    if (cfg->geometry.on && even) {
+        const bool on = state->enabled[0];
+        geometry_push(&cfg->geometry, &state->geometry, 0, on ? c->r_dot.x : NUM(0), on ? c->r_ddot.x : NUM(0),
+                      state->friction.shape.x);
+    } else if (cfg->geometry.on) {
+        const bool on = state->enabled[1];
+        geometry_push(&cfg->geometry, &state->geometry, 1, on ? c->r_dot.y : NUM(0), on ? c->r_ddot.y : NUM(0),
+                      state->friction.shape.y);
+    }
+    if (cfg->screw.on && even) {
+        state->screw.x = predict_screw(cfg, state, 0, out->force.x, state->screw.x, x, out->velocity.x);
     } else if (cfg->screw.on) {
-        state->screw.y = predict_screw(cfg, state, axis, out->force.y, state->screw.y, y, out->velocity.y);
+        state->screw.y = predict_screw(cfg, state, 1, out->force.y, state->screw.y, y, out->velocity.y);
     }
 }
 
-/* The gains of the configuration times `gain`. Products of two gains, as those that act on a position, go with its square. */
+/* The gains of the configuration times `gain`. Products of two gains, as those that act on a position, go with its
+ * square. */
 __attribute__((noinline, cold)) static void lower_gains(const struct servo_cfg *cfg, struct servo_state *state)
 {
     const num gain = n_max(NUM(OSCILLATION_GAIN_MIN), n_mul(state->gain, cfg->oscillation.gain_step));
@@ -255,7 +278,8 @@ __attribute__((noinline, cold)) static void lower_gains(const struct servo_cfg *
     state->gains_lowered = state->gains_changed = true;
 }
 
-/* Copies of the configuration, which is sealed and these are not: made anew in one of the slots, since a bit may flip. */
+/* Copies of the configuration, which is sealed and these are not: made anew in one of the slots, since a bit may
+ * flip. */
 static __attribute__((noinline)) void copy_configuration(const struct servo_cfg *cfg, struct servo_state *state)
 {
     state->extras =
@@ -301,8 +325,8 @@ static bool is_forced(uint32_t forced, int axis)
     return (forced >> axis & 1u) != 0u;
 }
 
-/* Axes whose force is given are where they are to be, and the path, which follows them, asks nothing of them. There is no
- * contour, of which they would be a part. */
+/* Axes whose force is given are where they are to be, and the path, which follows them, asks nothing of them. There is
+ * no contour, of which they would be a part. */
 static __attribute__((noinline, cold)) void leave_path(struct contour_out *c, uint32_t forced)
 {
     const bool follows[2] = {!is_forced(forced, 0), !is_forced(forced, 1)};
@@ -374,7 +398,7 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
         out->force = v2_add(demand.net, balance);
         out->saturated = false;
         if (state->extras) {
-            out->force = refine(cfg, state, enabling_changed, demand.net, balance);
+            out->force = refine(cfg, state, enabling_changed, demand.net.x, demand.net.y, balance.x, balance.y);
             demand.net = v2_add(demand.net, state->filtering);
             demand.model = v2_add(demand.model, state->filtering);
         }

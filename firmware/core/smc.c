@@ -19,7 +19,7 @@ static struct surface surface(const struct smc_cfg *cfg, num e, num e_dot)
     }
     const struct trig_cosh h = trig_cosh(x);
     num psi, psi_dot;
-    if (cfg->psi_printed) {
+    if (rarely(cfg->psi_printed)) {
         psi = n_mul(cfg->beta, h.cosh_x);
         psi_dot = n_mul(cfg->beta, n_mul(h.sinh_x, x_dot));
     } else {

@@ -56,6 +56,7 @@ __attribute__((noinline)) const struct spline_piece *spline_update_piece(struct 
     struct spline_piece *piece = &cache->piece[knot % SPLINE_CACHE_SIZE];
     if (piece->knot != knot || piece->count != count || count == 0) {
         spline_piece(ring, count, knot, piece);
+        cache->piece_computed = true;
     }
     return piece;
 }
@@ -64,14 +65,15 @@ __attribute__((noinline)) void spline_prefetch_next(struct spline_cache *cache, 
                                                     uint32_t count, uint32_t knot)
 {
     const bool piece_changed = cache->piece_changed;
-    cache->piece_changed = false;
+    const bool piece_computed = cache->piece_computed;
     if (cache->next - knot > SPLINE_LOOKAHEAD) { /* path time has jumped, or gone on without prefetching */
         cache->next = knot;
     }
-    if ((!piece_changed || cache->next - knot <= 2u) && cache->next + 2u < count) {
+    if (!piece_computed && (!piece_changed || cache->next - knot <= 2u) && cache->next + 2u < count) {
         (void)spline_cached_piece(cache, ring, count, cache->next);
         cache->next++;
     }
+    cache->piece_changed = cache->piece_computed = false;
 }
 
 void spline_at(const struct spline_ring *ring, uint32_t count, path_time_t s, struct spline_point *out)

@@ -29,7 +29,8 @@ struct knot {
     int32_t nm[2];
 };
 
-/* Outputs beside the axes from a knot on, in one word: digital ones in the low half, power (1/65535) in the high one. */
+/* Outputs beside the axes from a knot on, in one word: digital ones in the low half, power (1/65535) in the high
+ * one. */
 #define KNOT_DIGITAL 0x0FFFu /* the digital outputs */
 #define KNOT_HOLD 0x4000u    /* the path is held at this knot until it is released */
 #define KNOT_BY_RATE 0x8000u /* the power goes with the rate of path time */
@@ -94,7 +95,8 @@ struct spline_piece {
 struct spline_cache {
     struct spline_piece piece[SPLINE_CACHE_SIZE]; /* the piece of knot i is piece[i % SPLINE_CACHE_SIZE] */
     uint32_t next;                                /* knot of the next piece to prefetch */
-    bool piece_changed; /* the foot point has moved to another piece since the last call of spline_prefetch_next() */
+    bool piece_changed;  /* the foot point has moved to another piece since the last call of spline_prefetch_next() */
+    bool piece_computed; /* one has been computed since then that had not been prefetched, or not been kept */
 };
 
 /* A point of a piece. */
@@ -118,8 +120,8 @@ static inline const struct spline_piece *spline_cached_piece(struct spline_cache
                                                                    : spline_update_piece(cache, ring, count, knot);
 }
 /* Prefetch one piece, if there is one within the look-ahead and its control points are accepted. Does nothing in a
- * control period in which the foot point has moved to another piece, so that no period computes two, unless path
- * time is close to the piece. */
+ * control period that has computed a piece, so that no period computes two, nor in one in which the foot point has
+ * moved to another piece, unless path time is close to the one to prefetch. */
 void spline_prefetch_next(struct spline_cache *cache, const struct spline_ring *ring, uint32_t count, uint32_t knot);
 /* Once in a control period: prefetch the next of the pieces ahead of path time, which is at knot `knot`. */
 static inline void spline_prefetch(struct spline_cache *cache, const struct spline_ring *ring, uint32_t count,

@@ -46,8 +46,9 @@ num trig_decay(num x)
     return r;
 }
 
-/* Taylor series in x, quarter turns from the nearest multiple of a quarter turn, |x| <= 1/2. The first omitted terms
- * are below 4e-7 (sine) and 3e-8 (cosine). */
+/* In x, quarter turns from the nearest multiple of a quarter turn, |x| <= 1/2: the Taylor series of the sine, whose
+ * first omitted term is below 4e-7, and of all polynomials of its degree with the value 1 at 0 the one that is closest
+ * to the cosine: 4e-8 at most. */
 struct trig_circle trig_circle(uint32_t phase)
 {
     const uint32_t quarter = (phase + 0x20000000u) >> 30;
@@ -56,11 +57,11 @@ struct trig_circle trig_circle(uint32_t phase)
     num s = n_mad(NUM(0.07969262624616703), x2, NUM(-0.004681754135318687)); /* (pi/2)^5 / 5!, -(pi/2)^7 / 7! */
     s = n_mad(NUM(-0.6459640975062462), x2, s);
     s = n_mul(x, n_mad(NUM(1.5707963267948966), x2, s));
-    num c = n_mad(NUM(-0.020863480763352960), x2, NUM(0.0009192602748394263)); /* -(pi/2)^6 / 6!, (pi/2)^8 / 8! */
-    c = n_mad(NUM(0.2536695079010480), x2, c);
-    c = n_mad(NUM(-1.2337005501361697), x2, c);
+    num c = n_mad(NUM(0.25360636), x2, NUM(-0.02042625));
+    c = n_mad(NUM(-1.23369795), x2, c);
     c = n_mad(NUM(1), x2, c);
-    const struct trig_circle r = {(quarter & 1u) != 0 ? s : c, (quarter & 1u) != 0 ? c : s};
-    return (struct trig_circle){quarter == 1 || quarter == 2 ? n_neg(r.cos) : r.cos,
-                                quarter == 2 || quarter == 3 ? n_neg(r.sin) : r.sin};
+    /* Turned by whole quarters, whose sine and cosine these are: products with 0 and 1, exact and without a branch. */
+    NUM_TABLE num sine[5] = {NUM(0), NUM(1), NUM(0), NUM(-1), NUM(0)};
+    const num cos_q = sine[quarter + 1u], sin_q = sine[quarter];
+    return (struct trig_circle){n_msub(n_mul(cos_q, c), sin_q, s), n_mad(n_mul(cos_q, s), sin_q, c)};
 }

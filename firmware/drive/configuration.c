@@ -35,8 +35,9 @@ static num micro(int32_t u)
     return n_ratio(u, 1000000);
 }
 
-/* Steps of the velocity estimate grow with the length of a count and with the bandwidth to the power of two and more: for
- * counts longer than ENCODER_FINE the bandwidth goes with the fourth root of their length. The coarser axis counts. */
+/* Steps of the velocity estimate grow with the length of a count and with the bandwidth to the power of two and more:
+ * for counts longer than ENCODER_FINE the bandwidth goes with the fourth root of their length. The coarser axis
+ * counts. */
 #define ENCODER_FINE 7629000 /* 76.29 nm in 10 fm */
 
 static num observer_bandwidth(const struct od_data *od)
@@ -121,8 +122,8 @@ static struct force_limit_cfg force_limit(const struct od_axis *x, const struct 
         .on = c[0]->force != 0 || c[1]->force != 0,
         .continuous = v2(force[0], force[1]),
         .inverse = v2(inverse[0], inverse[1]),
-        .rate = {n_ratio((int64_t)ACC_GAIN * 1000, (int64_t)c[0]->time * CONTROL_HZ),
-                 n_ratio((int64_t)ACC_GAIN * 1000, (int64_t)c[1]->time * CONTROL_HZ)},
+        .rate = {n_ratio((int64_t)ACC_GAIN * SERVO_SLOTS * 1000, (int64_t)c[0]->time * CONTROL_HZ),
+                 n_ratio((int64_t)ACC_GAIN * SERVO_SLOTS * 1000, (int64_t)c[1]->time * CONTROL_HZ)},
     };
 }
 
@@ -132,7 +133,8 @@ static bool has_turn_error(const struct od_screw *s)
     return s->lead != 0 && (s->error_cos != 0 || s->error_sin != 0);
 }
 
-/* Fill what crosses the gap: the mass before it, where the table's is known. It takes half of the largest force at most. */
+/* Fill what crosses the gap: the mass before it, where the table's is known. It takes half of the largest force at
+ * most. */
 static void gap(struct geometry_axis_cfg *g, const struct od_axis *a)
 {
     const uint32_t mass = a->plant.mass;
@@ -146,8 +148,8 @@ static void gap(struct geometry_axis_cfg *g, const struct od_axis *a)
                             : n_sqrt(n_div(quarter, g->gap_inertia));
 }
 
-/* The table behind a spring, a gap and a screw; squareness is that of the axis, seen on the other one. It fills *g, whose
- * points beyond the map are 0: by value its maps would lie on the stack several times. */
+/* The table behind a spring, a gap and a screw; squareness is that of the axis, seen on the other one. It fills *g,
+ * whose points beyond the map are 0: by value its maps would lie on the stack several times. */
 static void geometry_axis(struct geometry_axis_cfg *g, const struct od_axis *a, int32_t squareness)
 {
     const struct od_transmission *t = &a->transmission;
@@ -369,8 +371,8 @@ struct onchip_plant_cfg configuration_onchip_plant(const struct od_data *od)
     return cfg;
 }
 
-/* More counts in a period than an axis can move: four times those of the speed at which FAULT_OVERSPEED trips. 100 counts
- * more leave room where these are few. */
+/* More counts in a period than an axis can move: four times those of the speed at which FAULT_OVERSPEED trips. 100
+ * counts more leave room where these are few. */
 static uint32_t jump_counts(const struct od_data *od, const struct od_axis *a)
 {
     const uint64_t jump = (uint64_t)od->limits.velocity * 4u * 100000000u / CONTROL_HZ / a->plant.encoder;

@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "drive/servo_loop.h"
 
-#include <string.h>
-
 #define TICKS_PER_MS (CONTROL_HZ / 1000u)
 
 /* The tick interrupts the background on the same core, or both run in one thread. So its own loads and stores need no
@@ -116,8 +114,8 @@ static bool on_switch(const struct servo_loop *loop)
     return !LOAD(loop->standing) && ((loop->inputs[0] | loop->inputs[1]) & (HAL_LIMIT_MIN | HAL_LIMIT_MAX)) != 0;
 }
 
-/* Some output beside the axes is on, or the knot that path time is at switches it on. While the path stands or is to stop
- * they are off, but for those that are kept. Without power on both axes, and with what stops them, all are. */
+/* Some output beside the axes is on, or the knot that path time is at switches it on. While the path stands or is to
+ * stop they are off, but for those that are kept. Without power on both axes, and with what stops them, all are. */
 __attribute__((noinline)) static void switch_outputs(struct servo_loop *loop, const struct servo_loop_cfg *cfg,
                                                      uint32_t at, struct hal_drive_out *out)
 {
@@ -168,8 +166,9 @@ static void supervise_axis(struct servo_loop *loop, const struct servo_loop_cfg 
         loop->following_ticks[i] = 0;
         return;
     }
-    /* The axis is beyond a position limit by more than the following error may be, and moves out from its reference. Or it
-     * is so far from where it was at power-on that no reference is there. This is the cause, so it is raised first. */
+    /* The axis is beyond a position limit by more than the following error may be, and moves out from its reference. Or
+     * it is so far from where it was at power-on that no reference is there. This is the cause, so it is raised
+     * first. */
     const pos_t servo = loop->servo.observer[i].pos;
     const pos_t user = servo + pos_from_nm(LOAD(loop->command.origin_nm[i]));
     if (servo > pos_from_nm(INT32_MAX) || servo < pos_from_nm(INT32_MIN) ||
@@ -242,15 +241,29 @@ SELDOM static void latch_edges(struct servo_loop *loop, const struct hal_drive_i
     }
 }
 
+static inline void read_axis_for_geometry(struct servo_loop *loop, const struct servo_loop_cfg *cfg,
+                                          const struct hal_drive_in *in, struct servo_table_in *table, int i)
+{
+    if (cfg->servo.dual_feedback[i].on) { /* the first step makes up for those left out */
+        table->second[i] = encoder_step(&loop->second[i], in->second[i]);
+    }
+    table->origin_nm[i] = LOAD(loop->command.origin_nm[i]);
+}
+
 /* What the geometry needs. Not inline, so that it costs nothing where the encoders are at the tool. */
 __attribute__((noinline)) static void read_for_geometry(struct servo_loop *loop, const struct servo_loop_cfg *cfg,
                                                         const struct hal_drive_in *in, struct servo_table_in *table)
 {
+    read_axis_for_geometry(loop, cfg, in, table, 0);
+    read_axis_for_geometry(loop, cfg, in, table, 1);
+}
+
+/* Counts without wrapping. */
+static void count_encoders(struct servo_loop *loop)
+{
     for (int i = 0; i < 2; i++) {
-        if (cfg->servo.dual_feedback[i].on) { /* the first step makes up for those left out */
-            table->second[i] = loop->first_pos[i] + encoder_step(&loop->second[i], in->second[i]);
-        }
-        table->origin_nm[i] = LOAD(loop->command.origin_nm[i]);
+        encoder_count(&loop->encoder[i]);
+        encoder_count(&loop->second[i]);
     }
 }
 
@@ -282,10 +295,10 @@ SELDOM static void configure(struct servo_loop *loop, uint32_t configured, pos_t
     for (int i = 0; i < 2; i++) {
         encoder_scale(&loop->encoder[i], cfg->encoder_10fm[i]);
         measured[i] = loop->encoder[i].pos;
-        loop->first_pos[i] =
+        encoder_scale(&loop->second[i], cfg->second_10fm[i]);
+        loop->second[i].pos +=
             encoder_position_before(&loop->encoder[i], measured[i],
                                     (int32_t)((uint32_t)loop->encoder[i].last - (uint32_t)loop->first_count[i]));
-        encoder_scale(&loop->second[i], cfg->second_10fm[i]);
     }
     const struct force_limit_state warm = loop->servo.force_limit;
     servo_reset(&cfg->servo, &loop->servo, measured);
@@ -372,8 +385,8 @@ static enum controller uncoupled(enum controller c)
     return c == CONTROLLER_CASCADE || c == CONTROLLER_CCC ? CONTROLLER_CASCADE : CONTROLLER_TRACK;
 }
 
-/* The forces of axes that the master gives (mode 10). A fault that stops the axes ends that at once. There is none where the
- * path stands: at rest, and where the background makes no more knots. */
+/* The forces of axes that the master gives (mode 10). A fault that stops the axes ends that at once. There is none
+ * where the path stands: at rest, and where the background makes no more knots. */
 SELDOM static void take_forces(const struct servo_loop *loop, uint32_t forced, struct servo_in *servo)
 {
     if ((LOAD(loop->faults) & loop->cfg_in_use->stop) != 0) {
@@ -443,7 +456,7 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     for (int i = 0; i < 2; i++) {
         servo.measured[i] = encoder_step(&loop->encoder[i], in.count[i]);
     }
-    if (memcmp(in.inputs, loop->inputs, sizeof in.inputs) != 0) {
+    if (rarely(in.inputs[0] != loop->inputs[0] || in.inputs[1] != loop->inputs[1])) {
         latch_edges(loop, &in, servo.measured);
     }
     if (anew) {
@@ -518,11 +531,12 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     STORE(loop->ticks, ticks + 1u);
     loop->phase++; /* not modulo of `ticks`, whose 2^32 are no whole number of milliseconds */
     if (loop->phase == TICKS_PER_MS / 2u) {
+        count_encoders(loop);
         telemetry_collect(record, &loop->servo, loop->encoder, &in);
     } else if (loop->phase >= TICKS_PER_MS) {
         loop->phase = 0;
         publish(loop);
-    } else {
+    } else if (!loop->servo.extras || loop->servo.slot >= SERVO_SLOTS / 2u) { /* not where friction is computed, too */
         spline_prefetch(&loop->servo.spline_cache, loop->ring, loop->path.at.count, loop->path.at.knot);
     }
 }

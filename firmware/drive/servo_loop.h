@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* drive/servo_loop.h: the servo tick: read the drive, call servo_step() once, write the drive. No other module knows the
- * order of these steps.
+/* drive/servo_loop.h: the servo tick: read the drive, call servo_step() once, write the drive. No other module knows
+ * the order of these steps.
  *
  * Context: the port calls servo_loop_tick() in the servo interrupt (CONTROL_HZ), through device_tick(). All other
  * functions are the background's; servo_loop_raise() is everyone's. Tick and background share
@@ -9,7 +9,8 @@
  *   has handled them;
  * - two configurations: the one in use is number `command.configured` modulo 2, and the background fills the other one;
  * - the ring of knots, which has one writer and one reader;
- * - four records of telemetry. One is published each millisecond, and the background scales it to the snapshot while the
+ * - four records of telemetry. One is published each millisecond, and the background scales it to the snapshot while
+ * the
  *   tick fills the next one. The tick comes back to it three milliseconds later.
  */
 #ifndef KONTUR_SERVO_LOOP_H
@@ -52,14 +53,14 @@ struct servo_loop_cfg {
 /* An axis is excited; no single flipped bit makes it of 0. */
 #define SERVO_LOOP_EXCITE 0x3CA50F96u
 
-/* Axes whose force is command.force_mN; 0: none. Any two differ in 16 bits or more, and one with a bit that has flipped is
- * taken for none of the axis. */
+/* Axes whose force is command.force_mN; 0: none. Any two differ in 16 bits or more, and one with a bit that has flipped
+ * is taken for none of the axis. */
 #define SERVO_LOOP_FORCED_X 0x0000FFFFu
 #define SERVO_LOOP_FORCED_Y 0xFFFF0000u
 
 struct servo_loop_command {
-    /* SERVO_LOOP_ON: power stage on, law active, brake released; BRAKED: the same with the brake engaged; STARTING: power
-     * stage on, no force, brake engaged; else off. A value that is none of these and not OFF is an error. */
+    /* SERVO_LOOP_ON: power stage on, law active, brake released; BRAKED: the same with the brake engaged; STARTING:
+     * power stage on, no force, brake engaged; else off. A value that is none of these and not OFF is an error. */
     _Atomic uint32_t powered[2];
     _Atomic bool run;               /* path time may run */
     _Atomic uint16_t rate;          /* rate of path time if it may run: 1/1000, 0 to 1000 PATH_RATE_MAX */
@@ -123,9 +124,8 @@ struct servo_loop {
     struct telemetry_record *record; /* to be published next */
     struct contour_statistics contour_statistics;
     struct contour_range contour_range; /* of this millisecond */
-    struct encoder second[2];           /* counts from 0 at power-on, */
-    int32_t first_count[2];             /* where the first encoder stood at this, */
-    pos_t first_pos[2];                 /* and by its present length was at this position */
+    struct encoder second[2];           /* counts from 0 at power-on, where its position was the first one's */
+    int32_t first_count[2];             /* that stood at this */
     struct servo_loop_excitation excitation;
 
     struct servo_loop_cfg cfg[2];
@@ -135,7 +135,8 @@ struct servo_loop {
     struct scope scope;                                  /* last, since it is the largest */
 };
 
-/* Power-on. A configuration must be in cfg[0] before the first tick. Positions are encoder counts times their length. */
+/* Power-on. A configuration must be in cfg[0] before the first tick. Positions are encoder counts times their
+ * length. */
 void servo_loop_init(struct servo_loop *loop, const struct hal *hal, const struct spline_ring *ring);
 /* One control period. */
 void servo_loop_tick(struct servo_loop *loop);

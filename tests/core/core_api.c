@@ -163,7 +163,8 @@ static struct servo_cfg config(const struct api_params *p)
         .continuous = v2(mk(p->continuous[0] > 0 ? p->continuous[0] : p->force_max[0]),
                          mk(p->continuous[1] > 0 ? p->continuous[1] : p->force_max[1])),
         .inverse = v2(inverse(p->continuous[0]), inverse(p->continuous[1])),
-        .rate = {mk(p->dt / p->thermal[0] * ACC_GAIN), mk(p->dt / p->thermal[1] * ACC_GAIN)},
+        .rate = {mk(SERVO_SLOTS * p->dt / p->thermal[0] * ACC_GAIN),
+                 mk(SERVO_SLOTS * p->dt / p->thermal[1] * ACC_GAIN)},
     };
     return c;
 }
@@ -334,9 +335,7 @@ void api_observe(const api_drive *d, int i, int64_t measured, double force, int6
 void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const int64_t *encoder)
 {
     static struct geometry_cfg cfg;
-    struct geometry_state state = {.started = true,
-                                   .r_dot = v2(mk(axis[0].r_dot / MPS), mk(axis[1].r_dot / MPS)),
-                                   .r_ddot = v2(mk(axis[0].r_ddot / MPS2), mk(axis[1].r_ddot / MPS2))};
+    struct geometry_state state = {.started = true};
     cfg.dt = d->cfg.dt;
     for (int i = 0; i < 2; i++) {
         const struct api_geometry_axis *a = &axis[i];
@@ -367,8 +366,9 @@ void api_geometry(const api_drive *d, struct api_geometry_axis axis[2], const in
     }
     const int32_t origin_nm[2] = {axis[0].origin_nm, axis[1].origin_nm};
     const pos_t from[2] = {pos_of(encoder[0]), pos_of(encoder[1])};
-    geometry_step(&cfg, &state, from, origin_nm, v2(mk(axis[0].direction), mk(axis[1].direction)), -1);
+    geometry_step(&cfg, &state, from, origin_nm, -1);
     for (int i = 0; i < 2; i++) {
+        geometry_push(&cfg, &state, i, mk(axis[i].r_dot / MPS), mk(axis[i].r_ddot / MPS2), mk(axis[i].direction));
         const struct geometry_axis_state *x = &state.axis[i];
         struct api_geometry_axis *a = &axis[i];
         a->placed = result(x->position.placed) * UM;
@@ -459,7 +459,10 @@ double api_force_filter(const api_drive *d, int i, double (*state)[2], double fo
 void api_force_limit(const api_drive *d, double *heat, const double *force, double *limit)
 {
     struct force_limit_state s = {.heat = {acc_from(mk(heat[0])), acc_from(mk(heat[1]))}};
-    out2(force_limit_step(&d->cfg.force_limit, &s, in2(force, 1), d->cfg.plant.force_max), 1, limit);
+    for (int i = 0; i < 2; i++) {
+        force_limit_step(&d->cfg.force_limit, &s, i, in2(force, 1), d->cfg.plant.force_max);
+    }
+    out2(s.limit, 1, limit);
     out2(v2(acc_to(s.heat[0]), acc_to(s.heat[1])), 1, heat);
 }
 
@@ -467,9 +470,9 @@ void api_friction(api_drive *d, const double *r_dot, double *shape)
 {
     const vec2 v = in2(r_dot, MPS);
     const vec2 direction = smc_direction(d->cfg.gains.smc.friction_speed, v);
-    friction_step(&d->cfg.friction, &d->state.friction, 0, true, v.x, direction.x, d->cfg.dt);
-    friction_step(&d->cfg.friction, &d->state.friction, 1, true, v.y, direction.y, d->cfg.dt);
-    out2(d->state.friction.shape, 1, shape);
+    const num x = friction_step(&d->cfg.friction, &d->state.friction, 0, true, v.x, direction.x, d->cfg.dt);
+    const num y = friction_step(&d->cfg.friction, &d->state.friction, 1, true, v.y, direction.y, d->cfg.dt);
+    out2(v2(x, y), 1, shape);
 }
 
 void api_screw(const api_drive *d, const int64_t *at, const double *demand, double *u)

@@ -29,6 +29,7 @@ extern double bound_path_time;
 
 #define NUM_NAME "bound"
 #define NUM(c) bound_input(c)
+#define NUM_TABLE const
 #define UM_PER_POS (1e-3 / 65536)
 #ifdef BOUND_FIXED
 #define BOUND(d, roundings) (0x1p-20 * (roundings))
@@ -144,6 +145,16 @@ static inline pos_t pos_from_nm(int64_t nm)
 static inline int32_t pos_to_nm(pos_t p)
 {
     return (int32_t)llround((double)p.v / POS_PER_NM);
+}
+
+static inline pos_t pos_moved(pos_t p, int32_t nm)
+{
+    return (pos_t){p.v + (int64_t)nm * POS_PER_NM, p.e};
+}
+
+static inline int64_t pos_to_wide_nm(pos_t p)
+{
+    return pos_to_nm(p);
 }
 
 static inline num pos_sub(pos_t a, pos_t b)

@@ -59,6 +59,8 @@ static void compensate(struct od_axis *a)
         .cogging_sin_3 = 10,
         .ripple_cos_3 = 2000,
         .ripple_sin_3 = 1000,
+        .error_cos = 3000,
+        .error_sin = 2000,
     };
     a->force_filter = (struct od_force_filter){
         .zero_1 = 500000,

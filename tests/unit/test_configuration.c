@@ -427,8 +427,8 @@ static void test_continuous_force_of_each_axis(void)
     near(600, c.continuous.x); /* its peak */
     near(123.456, c.continuous.y);
     near(1 / 123.456, c.inverse.y);
-    near(ACC_GAIN / 10.0 / CONTROL_HZ, c.rate[0]);
-    near(ACC_GAIN / 8.765 / CONTROL_HZ, c.rate[1]);
+    near(ACC_GAIN * 4 / 10.0 / CONTROL_HZ, c.rate[0]); /* in turns of four periods */
+    near(ACC_GAIN * 4 / 8.765 / CONTROL_HZ, c.rate[1]);
     od.axis[1].force_continuous.force = 0;
     od.axis[0].force_continuous.force = 234567;
     c = configuration_servo(&od).force_limit;

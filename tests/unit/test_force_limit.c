@@ -36,9 +36,10 @@ void tearDown(void)
 
 static void step(double x_N, double y_N)
 {
-    const vec2 limit = force_limit_step(&cfg, &state, mk2(x_N, y_N), mk2(PEAK, PEAK));
-    limit_N[0] = val(limit.x);
-    limit_N[1] = val(limit.y);
+    force_limit_step(&cfg, &state, 0, mk2(x_N, y_N), mk2(PEAK, PEAK));
+    force_limit_step(&cfg, &state, 1, mk2(x_N, y_N), mk2(PEAK, PEAK));
+    limit_N[0] = val(state.limit.x);
+    limit_N[1] = val(state.limit.y);
 }
 
 static void test_reset_is_cold_and_lets_the_peak_pass(void)

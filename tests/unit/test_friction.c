@@ -14,6 +14,7 @@
 static struct friction_cfg cfg;
 static struct friction_state state;
 static bool enabled[2];
+static vec2 shape; /* at the end of a step */
 
 void setUp(void)
 {
@@ -31,8 +32,9 @@ void tearDown(void)
 static void move(double distance, int steps, double y_dot, double y_sign)
 {
     for (int i = 0; i < steps; i++) {
-        friction_step(&cfg, &state, 0, enabled[0], mk(distance / DT / steps), mk(distance < 0 ? -1 : 1), mk(DT));
-        friction_step(&cfg, &state, 1, enabled[1], mk(y_dot), mk(y_sign), mk(DT));
+        shape.x =
+            friction_step(&cfg, &state, 0, enabled[0], mk(distance / DT / steps), mk(distance < 0 ? -1 : 1), mk(DT));
+        shape.y = friction_step(&cfg, &state, 1, enabled[1], mk(y_dot), mk(y_sign), mk(DT));
     }
 }
 
@@ -47,25 +49,25 @@ static double built_up(double distance)
     return sum / FRICTION_ELEMENTS;
 }
 
-#define ASSERT_SHAPE(expected) TEST_ASSERT_DOUBLE_WITHIN(1e-5 + HALF_STEPS(400), expected, val(state.shape.x))
+#define ASSERT_SHAPE(expected) TEST_ASSERT_DOUBLE_WITHIN(1e-5 + HALF_STEPS(400), expected, val(shape.x))
 
 static void test_friction_of_an_axis_that_has_not_moved_is_zero(void)
 {
     move(0, 1, 0, 0);
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.shape.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(shape.x));
 }
 
 static void test_friction_builds_up_over_the_presliding_distance_after_a_reversal(void)
 {
     move(2 * PRESLIDING, 4, 0, 0);
-    TEST_ASSERT_EQUAL_DOUBLE(1, val(state.shape.x));
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(shape.x));
     for (int i = 1; i <= 40; i++) {
         move(-PRESLIDING / 40, 1, 0, 0);
         ASSERT_SHAPE(-built_up(i * PRESLIDING / 40));
     }
     ASSERT_SHAPE(-1);
     move(-PRESLIDING, 1, 0, 0);
-    TEST_ASSERT_EQUAL_DOUBLE(-1, val(state.shape.x));
+    TEST_ASSERT_EQUAL_DOUBLE(-1, val(shape.x));
     move(PRESLIDING / 4, 1, 0, 0);
     ASSERT_SHAPE(built_up(PRESLIDING / 4));
 }
@@ -82,9 +84,9 @@ static void test_a_loop_within_the_presliding_distance_closes(void)
 {
     move(2 * PRESLIDING, 1, 0, 0);
     move(-PRESLIDING / 2, 8, 0, 0);
-    const double before = val(state.shape.x);
+    const double before = val(shape.x);
     move(PRESLIDING / 4, 4, 0, 0);
-    TEST_ASSERT_TRUE(val(state.shape.x) > before + 0.2);
+    TEST_ASSERT_TRUE(val(shape.x) > before + 0.2);
     move(-PRESLIDING / 4, 4, 0, 0);
     ASSERT_SHAPE(before);
 }
@@ -92,13 +94,13 @@ static void test_a_loop_within_the_presliding_distance_closes(void)
 static void test_friction_persists_while_the_reference_rests(void)
 {
     move(3, 4, 0, 0);
-    const double before = val(state.shape.x);
+    const double before = val(shape.x);
     TEST_ASSERT_TRUE(before > 0.3);
     move(0, 50, 0, 0);
     ASSERT_SHAPE(before);
     move(2 * PRESLIDING, 4, 0, 0);
     move(0, 50, 0, 0);
-    TEST_ASSERT_EQUAL_DOUBLE(1, val(state.shape.x));
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(shape.x));
 }
 
 static void test_without_power_friction_relaxes_and_then_builds_up_over_half_the_distance(void)
@@ -106,13 +108,13 @@ static void test_without_power_friction_relaxes_and_then_builds_up_over_half_the
     move(2 * PRESLIDING, 4, 1, 1);
     enabled[0] = false;
     move(PRESLIDING, 1, 1, 1);
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.shape.x));
-    TEST_ASSERT_TRUE(val(state.shape.y) > 1); /* y has power */
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(shape.x));
+    TEST_ASSERT_TRUE(val(shape.y) > 1); /* y has power */
     enabled[0] = true;
     enabled[1] = false;
     move(0, 1, 1, 1);
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.shape.x));
-    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.shape.y));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(shape.x));
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(shape.y));
     move(PRESLIDING / 2, 4, 0, 0);
     ASSERT_SHAPE(1);
 }
@@ -121,17 +123,17 @@ static void test_presliding_of_a_nanometre_is_as_good_as_the_sign(void)
 {
     cfg.axis[0] = friction_design(mk(0.001), mk(1), mk(STRIBECK));
     move(1, 1, 0, 0);
-    TEST_ASSERT_DOUBLE_WITHIN(0.05, 1, val(state.shape.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 1, val(shape.x));
     move(1, 1, 0, 0);
-    TEST_ASSERT_EQUAL_DOUBLE(1, val(state.shape.x));
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(shape.x));
 }
 
 static void test_without_presliding_the_sign_is_the_shape(void)
 {
     move(0, 1, 1000, 0.25);
-    TEST_ASSERT_EQUAL_DOUBLE(0.25, val(state.shape.y));
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, val(shape.y));
     move(0, 1, 1000, -1);
-    TEST_ASSERT_EQUAL_DOUBLE(-1, val(state.shape.y));
+    TEST_ASSERT_EQUAL_DOUBLE(-1, val(shape.y));
 }
 
 static void test_friction_falls_from_breakaway_to_coulomb_as_the_axis_gets_faster(void)
@@ -141,11 +143,11 @@ static void test_friction_falls_from_breakaway_to_coulomb_as_the_axis_gets_faste
         for (int sign = -1; sign <= 1; sign += 2) {
             move(0, 1, sign * speed, sign);
             const double expected = sign * (1 + (BREAKAWAY - 1) * exp(-speed / STRIBECK));
-            TEST_ASSERT_DOUBLE_WITHIN(1e-5 + HALF_STEPS(50), expected, val(state.shape.y));
+            TEST_ASSERT_DOUBLE_WITHIN(1e-5 + HALF_STEPS(50), expected, val(shape.y));
         }
     }
     move(0, 1, 4000, 1); /* speed over stribeck would leave the range of fixed point where that is small */
-    TEST_ASSERT_EQUAL_DOUBLE(1, val(state.shape.y));
+    TEST_ASSERT_EQUAL_DOUBLE(1, val(shape.y));
 }
 
 static void test_breakaway_multiplies_what_has_built_up(void)
@@ -154,6 +156,25 @@ static void test_breakaway_multiplies_what_has_built_up(void)
     move(-2 * PRESLIDING, 1, 0, 0);
     move(0.08, 1, 0, 0); /* 4 um/T0 */
     ASSERT_SHAPE(built_up(0.08) * (1 + (BREAKAWAY - 1) * exp(-0.5)));
+}
+
+static void test_the_shape_moves_evenly_to_that_at_the_end_of_the_step(void)
+{
+    move(2 * PRESLIDING, 4, STRIBECK, 1);
+    for (int k = 1; k <= FRICTION_PERIODS; k++) {
+        friction_move(&state);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-5, k * 0.25, val(state.shape.x));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-4, k * 0.25 * (1 + 0.5 * exp(-1)), val(state.shape.y));
+    }
+    move(-PRESLIDING / 4, 1, -STRIBECK, -1);
+    friction_move(&state);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 0.75 + 0.25 * -built_up(PRESLIDING / 4), val(state.shape.x));
+    enabled[0] = false;
+    move(0, 1, STRIBECK, 1); /* without power at once */
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.shape.x));
+    TEST_ASSERT_TRUE(val(state.shape.y) > 0);
+    friction_move(&state);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.shape.x));
 }
 
 int main(void)
@@ -169,5 +190,6 @@ int main(void)
     RUN_TEST(test_without_presliding_the_sign_is_the_shape);
     RUN_TEST(test_friction_falls_from_breakaway_to_coulomb_as_the_axis_gets_faster);
     RUN_TEST(test_breakaway_multiplies_what_has_built_up);
+    RUN_TEST(test_the_shape_moves_evenly_to_that_at_the_end_of_the_step);
     return UNITY_END();
 }

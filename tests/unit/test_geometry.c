@@ -12,6 +12,7 @@ static struct geometry_cfg cfg;
 static struct geometry_state state;
 static double at_mm[2]; /* the encoders */
 static int32_t origin_nm[2];
+static vec2 r_dot, r_ddot; /* of the reference */
 static double direction[2];
 static double tool_um[2];    /* the tool, less the encoder */
 static double largest_um[2]; /* largest change of it in a period */
@@ -20,6 +21,7 @@ void setUp(void)
 {
     cfg = (struct geometry_cfg){.on = true, .dt = mk(DT)};
     geometry_reset(&state);
+    r_dot = r_ddot = mk2(0, 0);
     for (int i = 0; i < 2; i++) {
         cfg.axis[i].side_bandwidth = mk(GEOMETRY_SIDE_BANDWIDTH);
         at_mm[i] = 0;
@@ -37,7 +39,9 @@ static void step(unsigned periods)
     for (unsigned k = 0; k < periods; k++) {
         const bool first = !state.started;
         const pos_t encoder[2] = {pos_from_nm(llround(at_mm[0] * 1e6)), pos_from_nm(llround(at_mm[1] * 1e6))};
-        geometry_step(&cfg, &state, encoder, origin_nm, mk2(direction[0], direction[1]), -1);
+        geometry_step(&cfg, &state, encoder, origin_nm, -1);
+        geometry_push(&cfg, &state, 0, r_dot.x, r_ddot.x, mk(direction[0]));
+        geometry_push(&cfg, &state, 1, r_dot.y, r_ddot.y, mk(direction[1]));
         const vec2 tool = v2_add(v2_add(state.position, state.turn), state.force);
         for (int i = 0; i < 2; i++) {
             const double before = tool_um[i];
@@ -70,8 +74,8 @@ static void test_nothing_told_leaves_the_tool_at_the_encoders(void)
 {
     at_mm[0] = 123.456789;
     at_mm[1] = -98.7654321;
-    state.r_dot = mk2(100, -100);
-    state.r_ddot = mk2(20, -20);
+    r_dot = mk2(100, -100);
+    r_ddot = mk2(20, -20);
     step(100);
     TEST_ASSERT_EQUAL_DOUBLE(0, tool_um[0]);
     TEST_ASSERT_EQUAL_DOUBLE(0, tool_um[1]);
@@ -212,6 +216,51 @@ static void test_new_origin_turns_the_screw_without_a_step(void)
     expect(4, 0);
 }
 
+static void turn(int n)
+{
+    const pos_t encoder[2] = {pos_from_nm(llround(at_mm[0] * 1e6)), pos_from_nm(llround(at_mm[1] * 1e6))};
+    geometry_step(&cfg, &state, encoder, origin_nm, n);
+}
+
+static void test_axes_take_turns_and_a_new_origin_is_the_turn_of_both(void)
+{
+    for (int i = 0; i < 2; i++) {
+        once_a_turn(i, 4, 0);
+        map_of(i, 2, 0, 10000000, (const double[]){0, 10});
+    }
+    turn(0); /* the first one is that of all */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 4, val(state.turn.y));
+    for (int n = 0; n < 4; n++) {
+        at_mm[0] = at_mm[1] = n < 2 ? 2.5 : 5;
+        turn(n);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, n < 2 ? -4 : 4, val(n % 2 == 0 ? state.turn.x : state.turn.y));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, n == 0 || n == 3 ? 4 : -4, val(state.turn.y));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, n < 2 ? 0 : 5, val(state.position.x));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, n < 3 ? 0 : 5, val(state.position.y));
+    }
+    for (int i = 0; i < 2; i++) {
+        at_mm[0] = at_mm[1] = 2.5;
+        origin_nm[i] = 2500000; /* turns the screw of axis i by a half */
+        turn(0);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, i == 0 ? -4 : 4, val(state.axis[1].turn.placed));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, 4, val(state.axis[0].turn.placed));
+    }
+}
+
+/* Where an origin has changed, map and angle go to what they are at 0.2 mm/s, in whatever turns they come. */
+static void test_new_origin_takes_effect_at_one_rate_in_all_turns(void)
+{
+    map_of(0, 2, 0, 10000000, (const double[]){0, 10});
+    turn(0);
+    origin_nm[0] = 10000000;
+    turn(0);
+    cfg.dt = mk(2 * DT); /* of two periods, which is a turn */
+    for (int k = 0; k < 100; k++) {
+        turn(k % 4);
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 100 * DT, val(state.position.x));
+}
+
 /* ---- by force ---- */
 
 static void spring(int axis)
@@ -225,14 +274,14 @@ static void spring(int axis)
 static void test_table_hangs_back_by_the_force_on_it(void)
 {
     spring(0);
-    state.r_ddot = mk2(10, 10);
+    r_ddot = mk2(10, 10);
     step(1000);
     expect(-0.25 * 20, 0);
-    state.r_ddot = mk2(0, 0);
-    state.r_dot = mk2(-40, -40);
+    r_ddot = mk2(0, 0);
+    r_dot = mk2(-40, -40);
     step(1000);
     expect(0.25 * 20, 0);
-    state.r_dot = mk2(0, 0);
+    r_dot = mk2(0, 0);
     direction[0] = 0.5;
     step(1000);
     expect(-0.25 * 4, 0);
@@ -241,8 +290,8 @@ static void test_table_hangs_back_by_the_force_on_it(void)
 static void test_deflection_of_each_axis_is_its_own(void)
 {
     spring(1);
-    state.r_dot = mk2(1, 4);
-    state.r_ddot = mk2(1, 5);
+    r_dot = mk2(1, 4);
+    r_ddot = mk2(1, 5);
     direction[1] = -1;
     step(1000);
     expect(0, -0.25 * (10 + 2 - 8));
@@ -252,7 +301,7 @@ static void test_deflection_changes_by_2_mm_per_s_at_most(void)
 {
     spring(0);
     step(1);
-    state.r_ddot = mk2(10, 0);
+    r_ddot = mk2(10, 0);
     step(10);
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, -10 * 10 * DT, tool_um[0]);
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, 10 * DT, largest_um[0]);
@@ -264,16 +313,16 @@ static void test_side_of_a_gap_follows_the_force_and_stays_where_nothing_pushes(
     cfg.axis[0].mass = cfg.axis[1].mass = mk(2);
     step(10);
     expect(0, 0); /* nothing has pushed yet */
-    state.r_ddot = mk2(1, -1);
+    r_ddot = mk2(1, -1);
     step(400);
     expect(-6, 6);
-    state.r_ddot = mk2(0.002, 0.002); /* 4 mN */
+    r_ddot = mk2(0.002, 0.002); /* 4 mN */
     step(400);
     expect(-6, 6);
-    state.r_ddot = mk2(0, 0);
+    r_ddot = mk2(0, 0);
     step(400);
     expect(-6, 6);
-    state.r_ddot = mk2(-0.003, 0.003);
+    r_ddot = mk2(-0.003, 0.003);
     step(400);
     expect(6, -6);
 }
@@ -284,7 +333,7 @@ static void test_force_and_not_the_motion_decides_the_side(void)
     cfg.axis[0].mass = mk(2);
     cfg.axis[0].coulomb = mk(1);
     direction[0] = 1;
-    state.r_ddot = mk2(-1, 0); /* the table is braked by 2 N, of which its friction takes 1 N */
+    r_ddot = mk2(-1, 0); /* the table is braked by 2 N, of which its friction takes 1 N */
     step(400);
     expect(6, 0);
 }
@@ -367,6 +416,8 @@ int main(void)
     RUN_TEST(test_error_once_a_turn_goes_by_the_angle_of_the_screw);
     RUN_TEST(test_error_once_a_turn_is_by_the_users_position);
     RUN_TEST(test_new_origin_turns_the_screw_without_a_step);
+    RUN_TEST(test_axes_take_turns_and_a_new_origin_is_the_turn_of_both);
+    RUN_TEST(test_new_origin_takes_effect_at_one_rate_in_all_turns);
     RUN_TEST(test_table_hangs_back_by_the_force_on_it);
     RUN_TEST(test_deflection_of_each_axis_is_its_own);
     RUN_TEST(test_deflection_changes_by_2_mm_per_s_at_most);

@@ -248,6 +248,22 @@ static void test_period_whose_foot_point_moved_to_another_piece_prefetches_none_
     TEST_ASSERT_EQUAL_UINT32(4, cached(&cache, 0));
 }
 
+static void test_period_that_has_computed_a_piece_prefetches_none(void)
+{
+    struct spline_cache cache = {0};
+    for (int i = 0; i < 60; i++) {
+        add_knot(&ring, i, i * i);
+    }
+    (void)spline_cached_piece(&cache, &ring, 60, 0);
+    cache.piece_changed = true; /* and the foot point has moved */
+    spline_prefetch(&cache, &ring, 60, 0);
+    TEST_ASSERT_EQUAL_UINT32(0, cache.next);
+    for (uint32_t n = 1; n <= 3; n++) { /* what is prefetched does not count */
+        spline_prefetch(&cache, &ring, 60, 0);
+        TEST_ASSERT_EQUAL_UINT32(n, cache.next);
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -268,5 +284,6 @@ int main(void)
     RUN_TEST(test_piece_of_a_ring_that_was_emptied_is_made_anew);
     RUN_TEST(test_pieces_ahead_are_prefetched_one_in_a_period_up_to_the_look_ahead);
     RUN_TEST(test_period_whose_foot_point_moved_to_another_piece_prefetches_none_unless_it_is_close);
+    RUN_TEST(test_period_that_has_computed_a_piece_prefetches_none);
     return UNITY_END();
 }
