@@ -168,10 +168,10 @@ def test_length_of_a_count_is_found_by_index_pulses(direction: float) -> None:
         device.select_controller("cascade")
         with device.axes.enabled():
             found_m = encoder.length_m(device, "x", BALL_SCREW.x.index_m)
-            counted_m = encoder._counts(device, "x") * 0.02e-6
-            assert device.position_m()[0] == pytest.approx(counted_m, abs=1e-6)  # the zero is where it was
-            assert abs(counted_m) > 1e-3
-    assert found_m == pytest.approx(BALL_SCREW.x.encoder_m, rel=1e-3)
+            zero_m = encoder._zero(device, "x", 0.02e-6) * 0.02e-6
+            assert zero_m == pytest.approx(0.0, abs=1e-6)  # where it was
+            assert abs(device.position_m()[0]) > 1e-3
+    assert found_m == pytest.approx(BALL_SCREW.x.encoder_m, rel=1e-4)
 
 
 def test_wrong_length_of_a_count_is_said_with_its_factor() -> None:

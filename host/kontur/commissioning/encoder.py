@@ -24,7 +24,7 @@ def length_m(
     must be enabled, has its zero where it was, afterwards.
     """
     count_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
-    zero = _counts(device, axis) - float(device.read(f"position_actual_{axis}")) * wire.M_PER_NM / count_m
+    zero = _zero(device, axis, count_m)
     pulses = []
     for _ in range(2):
         try:
@@ -33,21 +33,22 @@ def length_m(
         except DeviceError:
             device.faults.check()
             return None
-        counts = _counts(device, axis)
-        offset_m = float(device.read(f"position_actual_{axis}")) * wire.M_PER_NM
-        pulses.append(counts - offset_m / count_m)
-    device.write(f"home_offset_{axis}", round((counts - zero) * count_m / wire.M_PER_NM))
+        pulses.append(_zero(device, axis, count_m))
+    here_nm = float(device.read(f"position_actual_{axis}"))
+    device.write(f"home_offset_{axis}", round(here_nm + (pulses[1] - zero) * count_m / wire.M_PER_NM))
     device.write(f"homing_method_{axis}", METHODS["here"])
     home(device, axis)
     return index_m / abs(pulses[1] - pulses[0])
 
 
-def _counts(device: Device, axis: str) -> float:
-    """What the encoder counts now, in the mean of a moment."""
-    scope.arm(device, scope.Setup((f"encoder_count_{axis}",), scope.trigger("now"), 0.0))
+def _zero(device: Device, axis: str, count_m: float) -> float:
+    """What the encoder counts at the user's position 0. Both are of the same instants, so the axis may still settle."""
+    count, position = f"encoder_count_{axis}", f"position_{axis}"
+    scope.arm(device, scope.Setup((count, position), scope.trigger("now"), 0.0))
     if not scope.wait(device, 5.0):
         raise DeviceError("the scope of the drive records nothing")
-    return float(np.mean(scope.read(device)[f"encoder_count_{axis}"]))
+    found = scope.read(device)
+    return float(np.mean(found[count] - found[position] * 1e-3 / count_m))
 
 
 def method_of(device: Device, axis: str) -> int:
