@@ -250,8 +250,10 @@ static void record_truth(ks *s)
     plant_tool(&s->plant, row->pos_m);
     for (int i = 0; i < 2; i++) {
         if (servo_loop_simulated(loop)) {
-            row->pos_m[i] = (double)loop->onchip.plant.axis[i].pos * 0x1p-32 * s->plant.machine.encoder_m[i];
-            row->vel_mps[i] = (double)n_to_q32(loop->onchip.plant.axis[i].vel) * 0x1p-32 * 2e-4; /* um/T0 */
+            row->pos_m[i] =
+                (double)loop->onchip.plant.axis[i].part[ONCHIP_TABLE].pos * 0x1p-32 * s->plant.machine.encoder_m[i];
+            row->vel_mps[i] = /* um/T0 */
+                (double)n_to_q32(loop->onchip.plant.axis[i].part[ONCHIP_TABLE].vel) * 0x1p-32 * 2e-4;
             continue;
         }
         row->vel_mps[i] = s->plant.vel_mps[i];
@@ -282,7 +284,7 @@ static void period(ks *s)
         row->digital = s->digital;
         row->power = s->power / 65535.0;
         for (int i = 0; servo_loop_simulated(&s->device.drive.loop) && i < 2; i++) {
-            row->force_N[i] = (double)n_to_q32(s->device.drive.loop.onchip.plant.axis[i].force) * 0x1p-32;
+            row->force_N[i] = (double)n_to_q32(s->device.drive.loop.onchip.plant.axis[i].demand[0]) * 0x1p-32;
             row->friction_N[i] = 0.0; /* this model does not output its friction */
         }
     }

@@ -2,6 +2,7 @@
 #include "drive/configuration.h"
 
 #include "core/trig.h"
+#include "drive/onchip_configuration.h"
 #include "supervision/fault.h"
 
 #define EXCITATION_LONGEST_MS 20000u
@@ -270,9 +271,8 @@ bool configuration_fits(const struct od_data *od)
             return false;
         }
     }
-    const struct od_onchip_plant *m = &od->onchip_plant;
     return damping_range <= (uint64_t)TRIG_COSH_MAX * 1000000000u && a->k_0 <= a->k_max && u->mu_0 <= u->mu_max &&
-           m->viscous_x / CONTROL_HZ <= m->mass_x && m->viscous_y / CONTROL_HZ <= m->mass_y;
+           onchip_configuration_fits(od);
 }
 
 struct servo_cfg configuration_servo(const struct od_data *od)
@@ -338,39 +338,6 @@ struct servo_cfg configuration_servo(const struct od_data *od)
     return cfg;
 }
 
-/* A length in nm as the nearest number of encoder counts of `length` 10 fm each */
-static int32_t counts(int32_t nm, uint32_t length)
-{
-    const int64_t half = nm < 0 ? -(int64_t)(length / 2) : (int64_t)(length / 2);
-    const int64_t n = ((int64_t)nm * 100000 + half) / (int64_t)length;
-    return n > INT32_MAX ? INT32_MAX : n < INT32_MIN ? INT32_MIN : (int32_t)n;
-}
-
-struct onchip_plant_cfg configuration_onchip_plant(const struct od_data *od)
-{
-    const struct od_onchip_plant *m = &od->onchip_plant;
-    const uint32_t length[2] = {od->axis[0].plant.encoder, od->axis[1].plant.encoder};
-    struct onchip_plant_cfg cfg = {
-        .simulated = m->simulated != 0,
-        .dt = n_ratio(200, CONTROL_HZ),
-        .seed = m->seed,
-        .axis = {{.mass = n_ratio(m->mass_x, 25000),
-                  .viscous = n_ratio(m->viscous_x, 5000000),
-                  .coulomb = milli(m->coulomb_x),
-                  .counts = n_ratio(100000000, length[0]),
-                  .noise = milli(m->noise_x),
-                  .start = counts(m->start_x, length[0])},
-                 {.mass = n_ratio(m->mass_y, 25000),
-                  .viscous = n_ratio(m->viscous_y, 5000000),
-                  .coulomb = milli(m->coulomb_y),
-                  .counts = n_ratio(100000000, length[1]),
-                  .noise = milli(m->noise_y),
-                  .start = counts(m->start_y, length[1])}},
-    };
-    onchip_plant_design(&cfg);
-    return cfg;
-}
-
 /* More counts in a period than an axis can move: four times those of the speed at which FAULT_OVERSPEED trips. 100
  * counts more leave room where these are few. */
 static uint32_t jump_counts(const struct od_data *od, const struct od_axis *a)
@@ -395,7 +362,7 @@ void configuration_servo_loop(const struct od_data *od, struct servo_loop_cfg *c
 {
     configuration_live(od, c);
     c->servo = configuration_servo(od);
-    c->onchip_plant = configuration_onchip_plant(od);
+    onchip_configuration(od, &c->onchip_plant);
     c->speed_max = n_ratio(od->limits.velocity, 200);
     c->stop_time = n_ratio(od->limits.path_stop_time, 1);
     for (int i = 0; i < 2; i++) {

@@ -12,23 +12,48 @@
  *   z = C h / M,  phi_1 = (1 - exp(-z)) / z,  phi_2 = (1 - phi_1) / z
  * Where v changes its sign within the period, it is a straight line up to its zero. Then the axis sticks if |F| <= L, as
  * an axis at standstill does, or it accelerates from standstill for the remaining part of the period. F is the force that
- * was written one period before, as in the simulator sim/plant.h. That one has what this plant leaves out: breakaway
- * force, a lag of the force, end stops.
+ * was written `delay` periods before, as in the simulator sim/plant.h.
+ *
+ * It may have what a real axis has, as far as object 210Eh says so:
+ * - L is more at rest (breakaway, Stribeck curve), or builds up over the presliding distance: core/friction.h.
+ * - Motor and table are two masses with a spring, a damper and a gap (backlash) between them. The spring is taken in the
+ *   middle of the period, x + h v / 2, so that the step adds no damping and takes none away. The mode comes out higher by
+ *   (omega h)^2 / 24: 0.01 % at 90 Hz, 1.6 % at 1 kHz.
+ * - F lags behind, of first order: the mean of each period is exact.
+ * - End stops, limit switches, index pulses, and an encoder at the motor or at the table.
+ * sim/plant.h has what is left out: a second encoder, what goes by the angle of a screw, errors of screw and geometry, and
+ * limits of the amplifier.
  *
  * All is `num` and integers, without exp(): equal seeds give the same bits on every machine. Noise is uniform, by the
  * generator of Numerical Recipes (x' = 1664525 x + 1013904223), and drawn while an axis has power.
  */
 #ifndef KONTUR_ONCHIP_PLANT_H
 #define KONTUR_ONCHIP_PLANT_H
-#include "core/vec2.h"
+#include "core/friction.h"
 #include "hal/hal.h"
 
-struct onchip_axis_cfg {
+enum { ONCHIP_TABLE, ONCHIP_MOTOR, ONCHIP_MASSES, ONCHIP_DELAY_MAX = 4 };
+
+struct onchip_mass_cfg {
     num mass, viscous, coulomb; /* N per um/T0^2, N per um/T0, N */
-    num counts;                 /* encoder counts per um */
-    num noise;                  /* standard deviation of the force, N */
-    int32_t start;              /* encoder count after onchip_plant_reset() */
     num gain, share;            /* phi_1 h (T0), phi_2 / phi_1: filled by onchip_plant_design() */
+};
+
+struct onchip_axis_cfg {
+    struct onchip_mass_cfg part[ONCHIP_MASSES]; /* without a spring all of the axis is the table */
+    num stiffness, damping;                     /* between the masses: N/um, N per um/T0; stiffness 0: no spring */
+    num gap;                                    /* half of the backlash, um; with a spring only */
+    struct friction_cfg friction;               /* axis[0]: of the table, axis[1]: of the motor; on */
+    num lag;                                    /* time constant of the force, T0: 0, or h at least */
+    num counts;                                 /* encoder counts per um */
+    num noise;                                  /* standard deviation of the force, N */
+    int32_t start;                              /* encoder count after onchip_plant_reset() */
+    int32_t travel[2];                          /* end stops, counts; INT32_MIN, INT32_MAX: there are none */
+    int32_t switches[2];                        /* at and beyond these counts the limit switches are active */
+    int32_t index;                              /* counts from an index pulse to the next one; 0: there are none */
+    uint8_t delay;                              /* periods from writing a force until it acts, 1..ONCHIP_DELAY_MAX */
+    bool encoder_at_motor;                      /* with a spring only */
+    num lag_mean, lag_end; /* what is left of a step of the force: filled by onchip_plant_design() */
 };
 
 struct onchip_plant_cfg {
@@ -40,19 +65,25 @@ struct onchip_plant_cfg {
 
 struct onchip_plant {
     struct onchip_axis {
-        int64_t pos; /* 2^-32 encoder counts */
-        num vel;     /* um/T0 */
-        num force;   /* N, written in the last period: acts in the next one */
+        struct onchip_mass {
+            int64_t pos; /* 2^-32 encoder counts */
+            num vel;     /* um/T0 */
+        } part[ONCHIP_MASSES];
+        struct friction_state friction;
+        num demand[ONCHIP_DELAY_MAX]; /* N, [0]: written in the last period */
+        num force;                    /* N, behind the lag */
+        uint8_t index_pulses;         /* so far, modulo 256 */
+        int32_t index_count;          /* count at the last one */
     } axis[AXES];
     uint32_t random;
 };
 
-/* Fill in what does not change from period to period. C h <= M. */
+/* Fill in what does not change from period to period. C h <= M of each mass. */
 void onchip_plant_design(struct onchip_plant_cfg *cfg);
 /* Reset the plant to standstill at `start`. */
 void onchip_plant_reset(const struct onchip_plant_cfg *cfg, struct onchip_plant *m);
-/* The counts of its encoders. No input is active. */
-void onchip_plant_read(const struct onchip_plant *m, struct hal_drive_in *in);
+/* Its encoders and limit switches. */
+void onchip_plant_read(const struct onchip_plant_cfg *cfg, const struct onchip_plant *m, struct hal_drive_in *in);
 /* One control period; `out` acts in the next one. */
 void onchip_plant_step(const struct onchip_plant_cfg *cfg, struct onchip_plant *m, const struct hal_drive_out *out);
 

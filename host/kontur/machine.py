@@ -191,24 +191,49 @@ class Machine:
             values |= self.gains
         if self.model == ON_CHIP:
             for name, axis in (("x", self.x), ("y", self.y)):
-                values |= {
-                    f"onchip_plant.mass_{name}": axis.mass_kg,
-                    f"onchip_plant.viscous_{name}": axis.viscous_Nspm,
-                    f"onchip_plant.coulomb_{name}": axis.coulomb_N,
-                    f"onchip_plant.noise_{name}": axis.force_noise_N,
-                    f"onchip_plant.start_{name}": round(axis.start_m * 1e9) * 1e-9,
-                }
+                values |= self._on_chip(name, axis)
             values |= {
                 "onchip_plant.seed": seed,
                 "onchip_plant.simulated": 1,
             }  # last, since the simulation starts with the values set before
         return values
 
+    def _on_chip(self, name: str, axis: Axis) -> dict[str, float]:
+        """An axis of the machine that the drive simulates (objects 2103h, 210Eh)."""
+        besides = {
+            "encoder": axis.encoder_m * 1e6,
+            "travel_min": axis.travel_m[0],
+            "travel_max": axis.travel_m[1],
+            "limit_switch": axis.limit_switch_m,
+            "index": axis.index_m,
+            "breakaway": axis.breakaway,
+            "stribeck": axis.stribeck_mps,
+            "presliding": axis.presliding_m * 1e6,
+            "lag": axis.current_lag_s,
+            "delay": self.delay_periods,
+            "resonance": axis.resonance_Hz,
+            "damping": axis.resonance_damping,
+            "motor_share": axis.motor_share,
+            "friction_share": axis.friction_share,
+            "encoder_at_table": int(axis.encoder_at == "table"),
+            "backlash": axis.backlash_m * 1e6,
+        }
+        return {
+            f"onchip_plant.mass_{name}": axis.mass_kg,
+            f"onchip_plant.viscous_{name}": axis.viscous_Nspm,
+            f"onchip_plant.coulomb_{name}": axis.coulomb_N,
+            f"onchip_plant.noise_{name}": axis.force_noise_N,
+            f"onchip_plant.start_{name}": round(axis.start_m * 1e9) * 1e-9,
+        } | {f"onchip_axis_{name}.{key}": value for key, value in besides.items()}
+
 
 REAL = tuple(f.name for f in dataclasses.fields(Axis))[
     [f.name for f in dataclasses.fields(Axis)].index("resonance_Hz") :
 ]
-"""Keys of an axis that are of a real machine; the drive's own model has none of them."""
+"""Keys of an axis that are of a real machine."""
+_ON_CHIP_HAS = ("resonance_Hz", "resonance_damping", "motor_share", "encoder_at", "backlash_m", "presliding_m")
+NOT_ON_CHIP = tuple(key for key in REAL if key not in (*_ON_CHIP_HAS, "friction_share"))
+"""Those that the drive's own model does not have."""
 
 
 def _sensed(axis: Axis) -> bool:
@@ -451,15 +476,11 @@ class _Reader:
     def check_on_chip(self, machine: Machine) -> None:
         """Refuse what the drive's own model does not have."""
         for name, axis in (("x", machine.x), ("y", machine.y)):
-            if axis.breakaway != 1.0:
-                raise self.problem(f"{name}.breakaway", f"must be 1 with model {ON_CHIP!r}")
-            if axis.current_lag_s != 0.0:
-                raise self.problem(f"{name}.current_lag_s", f"must be 0 with model {ON_CHIP!r}")
-            for key in REAL:
+            for key in NOT_ON_CHIP:
                 if getattr(axis, key) != getattr(Axis, key):
                     raise self.problem(f"{name}.{key}", f"must be left out with model {ON_CHIP!r}")
-        if machine.delay_periods != 1:
-            raise self.problem("delay_periods", f"must be 1 with model {ON_CHIP!r}")
+            if axis.backlash_m > 0.0 and axis.resonance_Hz == 0.0:
+                raise self.problem(f"{name}.backlash_m", f"needs resonance_Hz with model {ON_CHIP!r}")
         if machine.friction_schedule:
             raise self.problem("friction_schedule", f"must be left out with model {ON_CHIP!r}")
 

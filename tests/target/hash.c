@@ -53,8 +53,10 @@ int main(void)
         mix(&hash, r.out.force_mN, sizeof r.out.force_mN);
         mix_servo(&hash, &r.loop.servo);
         for (int k = 0; k < 2; k++) {
-            mix(&hash, &r.onchip_plant.axis[k].pos, sizeof r.onchip_plant.axis[k].pos);
-            mix(&hash, &r.onchip_plant.axis[k].vel, sizeof r.onchip_plant.axis[k].vel);
+            mix(&hash, &r.onchip_plant.axis[k].part[ONCHIP_TABLE].pos,
+                sizeof r.onchip_plant.axis[k].part[ONCHIP_TABLE].pos);
+            mix(&hash, &r.onchip_plant.axis[k].part[ONCHIP_TABLE].vel,
+                sizeof r.onchip_plant.axis[k].part[ONCHIP_TABLE].vel);
         }
     }
     const struct servo_snapshot *s = servo_loop_snapshot(&r.loop);

@@ -3,6 +3,7 @@
 #include "rig.h"
 
 #include "drive/configuration.h"
+#include "drive/onchip_configuration.h"
 
 #include "part_knots.h"
 #include "table1.h"
@@ -12,7 +13,7 @@ enum { AHEAD = 200 }; /* knots in the ring ahead of path time */
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
     const struct rig *r = ctx;
-    onchip_plant_read(&r->onchip_plant, in);
+    onchip_plant_read(&r->onchip_plant_cfg, &r->onchip_plant, in);
     in->second[0] = in->count[0];
     in->second[1] = in->count[1];
 }
@@ -95,8 +96,8 @@ void rig_init(struct rig *r, enum controller controller, bool compensated)
     od.onchip_plant.start_x = part_knots[0][0];
     od.onchip_plant.start_y = part_knots[0][1];
     *r = (struct rig){.hal = {.ctx = r, .drive_read = drive_read, .drive_write = drive_write},
-                      .onchip_plant_cfg = configuration_onchip_plant(&od),
                       .ring = {.start = {{part_knots[0][0], part_knots[0][1]}}}};
+    onchip_configuration(&od, &r->onchip_plant_cfg);
     onchip_plant_reset(&r->onchip_plant_cfg, &r->onchip_plant);
     servo_loop_init(&r->loop, &r->hal, &r->ring);
     configuration_servo_loop(&od, &r->loop.cfg[0]);

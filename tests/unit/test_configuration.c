@@ -568,85 +568,6 @@ static void test_mu_0_is_at_most_mu_max(void)
     TEST_ASSERT_FALSE(configuration_fits(&od));
 }
 
-static void test_friction_of_the_simulated_machine_lets_it_move_on_within_a_period(void)
-{
-    uint32_t *const viscous[] = {&od.onchip_plant.viscous_x, &od.onchip_plant.viscous_y};
-    const uint32_t mass_g[] = {od.onchip_plant.mass_x, od.onchip_plant.mass_y};
-    for (int i = 0; i < 2; i++) {
-        const uint32_t kept = *viscous[i];
-        *viscous[i] = (mass_g[i] + 1u) * CONTROL_HZ - 1u;
-        TEST_ASSERT_TRUE(configuration_fits(&od));
-        *viscous[i] += 1u;
-        TEST_ASSERT_FALSE(configuration_fits(&od));
-        *viscous[i] = kept;
-    }
-}
-
-/* ---- the simulated machine ---- */
-
-static void test_machine_that_is_simulated_on_the_chip(void)
-{
-    od.onchip_plant = (struct od_onchip_plant){.simulated = 1,
-                                               .seed = 12345,
-                                               .mass_x = 123456,
-                                               .mass_y = 234567,
-                                               .viscous_x = 456789,
-                                               .viscous_y = 567891,
-                                               .coulomb_x = 12345,
-                                               .coulomb_y = 23456,
-                                               .noise_x = 1234,
-                                               .noise_y = 2345};
-    od.axis[0].plant.encoder = 7629000;
-    od.axis[1].plant.encoder = 9876000;
-    const struct onchip_plant_cfg c = configuration_onchip_plant(&od);
-    TEST_ASSERT_TRUE(c.simulated);
-    TEST_ASSERT_EQUAL_UINT32(12345, c.seed);
-    near(1e-4 / T0, c.dt);
-    near(123.456 * UM / (T0 * T0), c.axis[0].mass);
-    near(234.567 * UM / (T0 * T0), c.axis[1].mass);
-    near(456.789 * UM / T0, c.axis[0].viscous);
-    near(567.891 * UM / T0, c.axis[1].viscous);
-    near(12.345, c.axis[0].coulomb);
-    near(23.456, c.axis[1].coulomb);
-    near(1.234, c.axis[0].noise);
-    near(2.345, c.axis[1].noise);
-    near(1000 / 76.29, c.axis[0].counts);
-    near(1000 / 98.76, c.axis[1].counts);
-    od.onchip_plant.simulated = 0;
-    TEST_ASSERT_FALSE(configuration_onchip_plant(&od).simulated);
-}
-
-static void test_simulated_machine_starts_at_the_nearest_count(void)
-{
-    od.axis[0].plant.encoder = od.axis[1].plant.encoder = 10000000; /* 100 nm */
-    od.onchip_plant.start_x = 1249;
-    od.onchip_plant.start_y = -1251;
-    TEST_ASSERT_EQUAL_INT32(12, configuration_onchip_plant(&od).axis[0].start);
-    TEST_ASSERT_EQUAL_INT32(-13, configuration_onchip_plant(&od).axis[1].start);
-    od.onchip_plant.start_x = 1250;
-    od.onchip_plant.start_y = -1249;
-    TEST_ASSERT_EQUAL_INT32(13, configuration_onchip_plant(&od).axis[0].start);
-    TEST_ASSERT_EQUAL_INT32(-12, configuration_onchip_plant(&od).axis[1].start);
-    od.axis[1].plant.encoder = 20000000; /* 200 nm */
-    od.onchip_plant.start_y = -1301;
-    TEST_ASSERT_EQUAL_INT32(13, configuration_onchip_plant(&od).axis[0].start);
-    TEST_ASSERT_EQUAL_INT32(-7, configuration_onchip_plant(&od).axis[1].start);
-    od.axis[0].plant.encoder = od.axis[1].plant.encoder = 100000; /* 1 nm */
-    od.onchip_plant.start_x = -1;
-    od.onchip_plant.start_y = 1;
-    TEST_ASSERT_EQUAL_INT32(-1, configuration_onchip_plant(&od).axis[0].start);
-    TEST_ASSERT_EQUAL_INT32(1, configuration_onchip_plant(&od).axis[1].start);
-}
-
-static void test_start_beyond_what_the_counter_holds_is_its_end(void)
-{
-    od.axis[0].plant.encoder = od.axis[1].plant.encoder = 25000; /* 0.25 nm */
-    od.onchip_plant.start_x = 2000000000;
-    od.onchip_plant.start_y = -2000000000;
-    TEST_ASSERT_EQUAL_INT32(INT32_MAX, configuration_onchip_plant(&od).axis[0].start);
-    TEST_ASSERT_EQUAL_INT32(INT32_MIN, configuration_onchip_plant(&od).axis[1].start);
-}
-
 static void test_wiring_of_each_axis_for_the_hal(void)
 {
     struct hal_axis_cfg c[AXES];
@@ -728,10 +649,6 @@ int main(void)
     RUN_TEST(test_k_bar_times_e_max_is_at_most_4);
     RUN_TEST(test_k_0_is_at_most_k_max);
     RUN_TEST(test_mu_0_is_at_most_mu_max);
-    RUN_TEST(test_friction_of_the_simulated_machine_lets_it_move_on_within_a_period);
-    RUN_TEST(test_machine_that_is_simulated_on_the_chip);
-    RUN_TEST(test_simulated_machine_starts_at_the_nearest_count);
-    RUN_TEST(test_start_beyond_what_the_counter_holds_is_its_end);
     RUN_TEST(test_wiring_of_each_axis_for_the_hal);
     return UNITY_END();
 }
