@@ -180,6 +180,16 @@ def test_fault_on_the_way_says_at_which_step_and_what_to_look_at() -> None:
     assert caught.value.kind == "blocked"
 
 
+def test_encoder_and_scale_that_disagree_are_no_blocked_axis() -> None:
+    """The drive watches them, and says what to look at: a scale_m of another scale ends within some millimetres."""
+    with drive(load(MACHINES / "stiff_scale.toml")) as device:
+        device.parameters.set({"second_encoder_x.length": 0.02})
+        with pytest.raises(Diagnosis, match=r"^axis x: .*7306h.*second_encoder length") as caught:
+            identify(device, "x", Agreed(300.0))
+        assert moved_m(device)[0] < 0.005
+    assert caught.value.kind == "encoder"
+
+
 @pytest.mark.parametrize(("behind_s", "calls"), [(0.0, 1), (0.4, 4), (1e9, 160)])
 def test_frames_that_came_while_the_host_computed_are_handled_first(
     behind_s: float, calls: int, monkeypatch: pytest.MonkeyPatch

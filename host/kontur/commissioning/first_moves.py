@@ -41,6 +41,7 @@ _STEP_M, _TAKEN_ALONG, _LOOSE_M = 1e-4, 0.75, 3e-4  # beyond presliding and the 
 _GAUGED_M, _GAUGED_MPS, _GAUGE_ERROR = 0.02, 0.01, 0.02
 _GENTLE, _GENTLE_N = 3.0, 20.0  # force on the way to a switch: times what the axis breaks away at, and least
 _CATCH_UP_S = 20.0
+_ENCODERS_DISAGREE = 0x7306  # docs/faults.md
 _ENDS = {"max": "upper", "min": "lower"}
 _RISE_UM = 200.0  # of the reference, over which the feedforward of the friction turns
 _NM = 1e-9
@@ -86,6 +87,8 @@ def explained(axis: str, what: str, say: Callable[[str], None]) -> Iterator[None
     try:
         yield
     except EmcyError as error:
+        if error.code == _ENCODERS_DISAGREE:
+            raise Diagnosis("encoder", f"axis {axis}: {error}") from error
         raise Diagnosis(
             "blocked",
             f"axis {axis} has stopped at this step: {what}. Is it blocked on its way, did it meet an end stop whose "
