@@ -42,11 +42,12 @@ _TANGENTIAL_SHARE = 0.6  # of the acceleration, for the first motion
 _START, _DROP = 0.05, 0.05  # weight of the barrier at first, and from round to round
 _GAP = 0.01  # share of the duration that the result may be above the least one
 _LAST_GAP = 0.004  # of the last pass
-_TURNS = 3  # of the last pass, at most
+_TURNS = 5  # of the last pass, at most
+_WORTH = 0.995  # of its duration: if one does not make it shorter than that, no more follow
 _MUCH_LOWER = 0.75  # share of a limit
 _NEWTON_MAX = 25  # steps of a round
 _REST = 3  # equal control points at a stop
-_NEAR = 11  # ms around an excess in which a limit is lowered
+_NEAR = 7  # ms around an excess in which a limit is lowered
 _NEAR_CAP = 0.88
 _SLOWING = 8  # rounds
 _AROUND = 24  # ms, in the first round; half as much more in each that follows
@@ -160,13 +161,14 @@ class _Law:
         Where a spline exceeds limits, smaller ones are planned with. Where these are much smaller, as in a corner that
         the coarser samples could not show, it is planned again, and the fastest motion of all counts.
         """
-        found = []
+        found: list[list[FloatArray]] = []
         shares = np.minimum(1.0, 1.0 / self.excess(s, rests))
         for turn in range(_TURNS):
             was = s
             s, rests = self.faster(s, rests, KNOT_S, KNOT_S, shares)
             found.append(self.slowed(self.stretches(s, rests)))
-            if np.min(shares) >= _MUCH_LOWER:
+            rows = [sum(map(len, stretches)) for stretches in found[-2:]]
+            if (turn == 0 and np.min(shares) >= _MUCH_LOWER) or (turn > 1 and rows[1] > _WORTH * rows[0]):
                 break
             before = np.stack([np.interp(s, was, one) for one in shares.T], axis=1) if turn else 1.0
             shares = np.minimum(1.0, before / self.excess(s, rests))
@@ -331,7 +333,8 @@ def _resampled(s: FloatArray, rests: _Index, b: FloatArray, step: float, new_ste
     time = np.append(0.0, np.cumsum(2.0 * step / (rate[1:] + rate[:-1])))
     even = np.arange(0.0, time[-1], new_step)
     was = CubicSpline(time, old, bc_type=((1, rate[0]), (1, rate[-1])))(even)
-    return np.asarray(CubicSpline(old, s, bc_type="clamped")(was)), np.rint(time[rests] / new_step).astype(np.intp)
+    rows = np.minimum(np.rint(time[rests] / new_step).astype(np.intp), len(even) - 1)
+    return np.asarray(CubicSpline(old, s, bc_type="clamped")(was)), rows
 
 
 # --- Newton's method --------------------------------------------------------------------------------------------------
