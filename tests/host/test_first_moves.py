@@ -25,8 +25,11 @@ BALL_SCREW = load(MACHINES / "ball_screw.toml")
 HELD = {"cascade.position_gain": 20.0, "cascade.velocity_gain": 30.0, "cascade.integral_gain": 5.0}
 
 
-def with_x(**changes: object) -> Machine:
-    return replace(BALL_SCREW, x=replace(BALL_SCREW.x, **changes))  # type: ignore[arg-type]
+STIFF_SCALE = load(MACHINES / "stiff_scale.toml")
+
+
+def with_x(machine: Machine = BALL_SCREW, **changes: object) -> Machine:
+    return replace(machine, x=replace(machine.x, **changes))  # type: ignore[arg-type]
 
 
 @contextmanager
@@ -76,14 +79,16 @@ def test_swapped_motors_are_found_within_a_millimetre() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "kind", "words"),
+    ("machine", "kind", "words"),
     [
-        ({"backlash_m": 1e-3}, "coupling", r"moves \d\.\d mm before it takes the table along"),
-        ({"backlash_m": 1e-2, "encoder_at": "table"}, "mass", "is a coupling loose"),
+        (with_x(backlash_m=1e-3), "coupling", r"moves \d\.\d mm before it takes the table along"),
+        (with_x(backlash_m=1e-2, encoder_at="table"), "mass", "is a coupling loose"),
+        (with_x(STIFF_SCALE, backlash_m=1e-3), "coupling", r"moves 1\.\d mm before it takes the table along"),
     ],
+    ids=["motor", "table", "scale"],
 )
-def test_loose_coupling_is_found_within_some_millimetres(changes: dict[str, object], kind: str, words: str) -> None:
-    with drive(with_x(**changes)) as device:
+def test_loose_coupling_is_found_within_some_millimetres(machine: Machine, kind: str, words: str) -> None:
+    with drive(machine) as device:
         with pytest.raises(Diagnosis, match=words) as caught:
             identify(device, "x", Agreed(300.0))
         assert moved_m(device)[0] < 0.01
@@ -113,6 +118,20 @@ def test_free_travel_ends_before_the_limit_switches() -> None:
         assert device.read("plant_x.force_limit") == limit_N
     assert -0.027 < found_m[0] < -0.024  # a switch closes 2 mm before the end stop
     assert 0.014 < found_m[1] < 0.017
+
+
+def test_reversed_axis_stops_at_the_switch_that_it_should_not_meet() -> None:
+    reversed_ = {"force_inverted": True, "encoder_inverted": True}
+    with drive(with_x(travel_m=(-0.02, 0.03), soft_limit_m=(-0.015, 0.025), **reversed_), NOTHING) as device:
+        device.parameters.set(HELD | {"observer.bandwidth": 2000.0})
+        device.select_controller("cascade")
+        with pytest.raises(Diagnosis, match="its lower limit switch on its way to the upper one") as caught:
+            first_moves.find_travel(device, "x", Agreed(300.0), 80.0, lambda: False)
+        assert "wiring_x.invert_force and wiring_x.invert_encoder" in str(caught.value)
+        sim = simulated(device.link.bus)
+        assert sim is not None
+        assert np.min(sim.take_truth().pos_m) > -0.0199  # the end stop is at -20 mm
+    assert caught.value.kind == "direction"
 
 
 def test_switch_that_never_closes_is_named_and_the_end_stop_met_gently() -> None:

@@ -7,6 +7,7 @@ Each is small at first, and checks before it goes on. What is wrong with the axi
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,7 +19,7 @@ import numpy as np
 from kontur.can.link import HEARTBEAT_S
 from kontur.commissioning import encoder, response
 from kontur.commissioning.bias import Mover
-from kontur.commissioning.recording import Recorder
+from kontur.commissioning.recording import Recorder, ScopeRecorder
 from kontur.commissioning.response import Floats, Setup
 from kontur.drive.device import Device
 from kontur.drive.pdos import TELEMETRY
@@ -29,9 +30,10 @@ _CAREFUL = {"cascade.position_gain": 10.0, "cascade.velocity_gain": 15.0, "casca
 FIRM = {"cascade.position_gain": 25.0, "cascade.velocity_gain": 60.0, "cascade.integral_gain": 15.0}
 _RUNAWAY_NM, _ROUGH_NM, MEASURE_NM = 500_000, 5_000_000, 3_000_000  # following window of each step
 _SHARES = (0.05, 0.15, 0.45, 1.0)  # of the force that is allowed, for the ramp, one after the other
-_SEEN_COUNTS = 4  # a movement this large shows the direction
+_SEEN_COUNTS = 4  # a movement this large shows that the encoder counts
 _BROKEN_M = 1.2e-4  # beyond presliding
-_RAMP_S = 2.0
+_RAMP_S, _SWING_MS = 2.0, 5000
+_SLOW, _FAST = 1, 40  # periods in _SWING_MS: 0.2 Hz, 8 Hz
 _WATCH_S = 0.002
 _TRAVEL_MPS, _OFF_SWITCH_M = 0.03, 3e-3
 _LENGTH_ERROR = 0.005  # of a count, relative, that may be
@@ -41,8 +43,8 @@ _STEP_M, _TAKEN_ALONG, _LOOSE_M = 1e-4, 0.75, 3e-4  # beyond presliding and the 
 _GAUGED_M, _GAUGED_MPS, _GAUGE_ERROR = 0.02, 0.01, 0.02
 _GENTLE, _GENTLE_N = 3.0, 20.0  # force on the way to a switch: times what the axis breaks away at, and least
 _CATCH_UP_S = 20.0
-_ENCODERS_DISAGREE = 0x7306  # docs/faults.md
-_ENDS = {"max": "upper", "min": "lower"}
+_DISAGREE = 0x7306  # two encoders of an axis: docs/faults.md
+_ENDS, _SWITCHES = {"max": "upper", "min": "lower"}, {"max": 2, "min": 1}  # names, and bits of digital_inputs
 _RISE_UM = 200.0  # of the reference, over which the feedforward of the friction turns
 _NM = 1e-9
 
@@ -87,8 +89,13 @@ def explained(axis: str, what: str, say: Callable[[str], None]) -> Iterator[None
     try:
         yield
     except EmcyError as error:
-        if error.code == _ENCODERS_DISAGREE:
-            raise Diagnosis("encoder", f"axis {axis}: {error}") from error
+        if error.code == _DISAGREE:
+            raise Diagnosis(
+                "encoder",
+                f"axis {axis}: its encoder and its scale do not agree: the length of a count of one of them is wrong "
+                f"(plant_{axis}.encoder, second_encoder_{axis}.length), one counts the other way "
+                f"(wiring_{axis}.invert_encoder, second_encoder_{axis}.invert), or what is between them slips. {error}",
+            ) from error
         raise Diagnosis(
             "blocked",
             f"axis {axis} has stopped at this step: {what}. Is it blocked on its way, did it meet an end stop whose "
@@ -129,9 +136,16 @@ def moving(device: Device, axis: str, stop_requested: Callable[[], bool]) -> Ite
 
 # --- direction --------------------------------------------------------------------------------------------------------
 def direction(device: Device, axis: str, agreed: Agreed, stop_requested: Callable[[], bool]) -> float:
-    """The breakaway force. Raises Diagnosis."""
+    """The breakaway force. Raises Diagnosis.
+
+    Until the encoder has counted, the force swings at 8 Hz, so that an axis whose encoder is dead moves by
+    F / (m w^2) at most, some millimetres, and not through its whole travel.
+    """
+    counts = False
     for share in _SHARES:
-        found = _ramp(device, axis, share * agreed.force_N, stop_requested)
+        force_N = share * agreed.force_N
+        counts = counts or _counts(device, axis, force_N, stop_requested)
+        found = _ramp(device, axis, force_N, stop_requested) if counts else None
         if found is not None:
             return found
     raise Diagnosis(
@@ -141,36 +155,31 @@ def direction(device: Device, axis: str, agreed: Agreed, stop_requested: Callabl
     )
 
 
-def _ramp(device: Device, axis: str, force_N: float, stop_requested: Callable[[], bool]) -> float | None:
-    """Let the force swing slowly up to `force_N`; the force at which the axis broke away, None where it did not."""
-    count_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
-    i = "xy".index(axis)
-    work, largest_N = 0.0, 0.0
-    broke = False
+def _counts(device: Device, axis: str, force_N: float, stop_requested: Callable[[], bool]) -> bool:
+    """Whether the encoder counts while the force swings fast, with a growing amplitude up to `force_N`."""
+    least_m = _SEEN_COUNTS * _count_m(device, axis)
     try:
         with moving(device, axis, stop_requested) as mover:
-            start_m = device.position_m()
-            _begin_ramp(device, axis, force_N)
-            end_s = device.link.time_s + _RAMP_S + 2.0
-            try:
-                while device.link.time_s < end_s and int(device.read("excitation.state")) == 1:
-                    now_m = device.position_m()
-                    now_N = float(device.read(f"telemetry.force_{axis}"))
-                    moved_m, other_m = now_m[i] - start_m[i], now_m[1 - i] - start_m[1 - i]
-                    largest_N = max(largest_N, abs(now_N))
-                    if abs(moved_m) > _SEEN_COUNTS * count_m:
-                        work += moved_m * now_N
-                    if abs(moved_m) > max(_BROKEN_M, 20.0 * count_m):
-                        broke = True
-                        break
-                    if abs(other_m) > 2.0 * _BROKEN_M:
-                        raise Diagnosis(
-                            "swapped",
-                            f"the force of axis {axis} moves the other axis: motors or encoders are swapped",
-                        )
-                    mover.pause(_WATCH_S)
-            finally:
-                device.write("excitation.command", 0)
+            return _swing(mover, force_N, _FAST, lambda moved_m, _: abs(moved_m) > least_m)
+    except EmcyError:  # it runs away
+        return True
+
+
+def _ramp(device: Device, axis: str, force_N: float, stop_requested: Callable[[], bool]) -> float | None:
+    """Let the force swing slowly up to `force_N`; the force at which the axis broke away, None where it did not."""
+    count_m = _count_m(device, axis)
+    work, largest_N = 0.0, 0.0
+
+    def broken(moved_m: float, now_N: float) -> bool:
+        nonlocal work, largest_N
+        largest_N = max(largest_N, abs(now_N))
+        if abs(moved_m) > _SEEN_COUNTS * count_m:
+            work += moved_m * now_N
+        return abs(moved_m) > max(_BROKEN_M, 20.0 * count_m)
+
+    try:
+        with moving(device, axis, stop_requested) as mover:
+            broke = _swing(mover, force_N, _SLOW, broken)
     except EmcyError as error:
         if work == 0.0:
             raise Diagnosis("unknown", f"axis {axis}: {error}") from error
@@ -185,14 +194,42 @@ def _ramp(device: Device, axis: str, force_N: float, stop_requested: Callable[[]
     return largest_N if broke else None
 
 
-def _begin_ramp(device: Device, axis: str, force_N: float) -> None:
+def _swing(mover: Mover, force_N: float, periods: int, enough: Callable[[float, float], bool]) -> bool:
+    """Let the force swing with a growing amplitude until `enough` of movement and force, m and N, is True; whether it
+    was. Raises Diagnosis where the other axis moves more."""
+    device, axis, i = mover.device, mover.axis, "xy".index(mover.axis)
+    start_m = device.position_m()
+    _begin_ramp(device, axis, force_N, periods)
+    end_s = device.link.time_s + _RAMP_S + 2.0
+    try:
+        while device.link.time_s < end_s and int(device.read("excitation.state")) == 1:
+            now_m = device.position_m()
+            now_N = float(device.read(f"telemetry.force_{axis}"))
+            moved_m, other_m = now_m[i] - start_m[i], now_m[1 - i] - start_m[1 - i]
+            if abs(other_m) > max(_BROKEN_M, abs(moved_m)):  # whose own loop may move this one
+                raise Diagnosis(
+                    "swapped", f"the force of axis {axis} moves the other axis: motors or encoders are swapped"
+                )
+            if enough(moved_m, now_N):
+                return True
+            mover.pause(_WATCH_S)
+    finally:
+        device.write("excitation.command", 0)
+    return False
+
+
+def _count_m(device: Device, axis: str) -> float:
+    return float(device.read(f"plant_{axis}.encoder")) * 1e-6
+
+
+def _begin_ramp(device: Device, axis: str, force_N: float, periods: int) -> None:
     for name, value in (
-        ("axis", "xy".index(axis)), ("amplitude", round(force_N, 3)), ("window", 5000),
+        ("axis", "xy".index(axis)), ("amplitude", round(force_N, 3)), ("window", _SWING_MS),
         ("settle", round(_RAMP_S * 1e3)), ("windows", 1),
     ):  # fmt: skip
         device.write(f"excitation.{name}", value)
     for k in range(response.LINES):
-        device.write(f"excitation_periods.entry_{k + 1}", 1 if k == 0 else 0)
+        device.write(f"excitation_periods.entry_{k + 1}", periods if k == 0 else 0)
     device.write("excitation.command", 1)
 
 
@@ -204,7 +241,7 @@ def rough(device: Device, axis: str, force_N: float, stop_requested: Callable[[]
     limit_N = 0.5 * float(device.read(f"plant_{axis}.force_limit"))
     setup = Setup((_ROUGH_HZ,), min(force_N, limit_N), 0.0, 0.5, 2, 0.4)
     control_hz = float(device.read("clock.control_hz"))
-    count_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
+    count_m = _count_m(device, axis)
     with moving(device, axis, stop_requested) as mover:
         windows = response.excite(mover, setup.hz, setup.force_N, setup, setup.windows, False)
     force, moved = np.mean(windows, axis=0)[:2, 0]
@@ -224,27 +261,39 @@ def rough(device: Device, axis: str, force_N: float, stop_requested: Callable[[]
 def lost_motion(device: Device, axis: str, stop_requested: Callable[[], bool]) -> None:
     """Reverse the axis some times. Raises Diagnosis where the motor moves far before it takes the table along.
 
-    Until then it has its own part of the friction alone, which shows in the force.
+    Until then it has its own part of the friction alone, which shows in the force where there is no scale.
     """
     device.parameters.set({f"following_window_{axis}": _ROUGH_NM})
-    lost_m = []
     with moving(device, axis, stop_requested) as mover:
-        for k in range(_REVERSALS):
-            sign = 1.0 if k % 2 == 0 else -1.0
-            recorder = Recorder(mover)
-            with mover.moving(-sign * _LOST_MPS, _SETTLE_S):
-                recorder.start()
-                mover.pause(_SETTLE_S)
-                mover.run(sign * _LOST_MPS)
-                mover.pause(_LOST_M / _LOST_MPS)
-                recording = recorder.stop()
-            lost_m.append(_lost_m(sign * recording.position_m, sign * recording.force_N))
-    if (lost := min(lost_m)) >= _LOOSE_M:  # cogging, too, lowers the force, but in one sense only
+        if float(device.read(f"second_encoder_{axis}.length")) > 0.0:  # a scale shows it at once
+            shown = ScopeRecorder(device, axis, 2.0 * _LOST_M / _LOST_MPS)
+            with mover.moving(-_LOST_MPS, _SETTLE_S):
+                shown.start()
+                _turn(mover, _LOST_MPS)
+            lost = float(np.ptp(shown.read().ahead_m))
+        else:
+            lost_m = []
+            for k in range(_REVERSALS):
+                sign = 1.0 if k % 2 == 0 else -1.0
+                recorder = Recorder(mover)
+                with mover.moving(-sign * _LOST_MPS, _SETTLE_S):
+                    recorder.start()
+                    _turn(mover, sign * _LOST_MPS)
+                    recording = recorder.stop()
+                lost_m.append(_lost_m(sign * recording.position_m, sign * recording.force_N))
+            lost = min(lost_m)  # cogging, too, lowers the force, but in one sense only
+    if lost >= _LOOSE_M:
         raise Diagnosis(
             "coupling",
             f"the motor of axis {axis} moves {lost * 1e3:.1f} mm before it takes the table along: a coupling, a belt "
             "or the nut of the screw is loose",
         )
+
+
+def _turn(mover: Mover, velocity_mps: float) -> None:
+    mover.pause(_SETTLE_S)
+    mover.run(velocity_mps)
+    mover.pause(_LOST_M / _LOST_MPS)
 
 
 def _lost_m(position_m: Floats, force_N: Floats) -> float:
@@ -260,7 +309,7 @@ def _lost_m(position_m: Floats, force_N: Floats) -> float:
 # --- length of a count ------------------------------------------------------------------------------------------------
 def length_factor(device: Device, axis: str, agreed: Agreed, stop_requested: Callable[[], bool]) -> float:
     """What the mass is to be multiplied with, by the length of a count as it is now."""
-    before_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
+    before_m = _count_m(device, axis)
     device.parameters.set({f"homing_method_{axis}": encoder.method_of(device, axis)})
     with device.axes.enabled():
         found_m = encoder.length_m(device, axis, agreed.index_m, stop_requested)
@@ -322,26 +371,54 @@ def find_travel(
     name = f"plant_{axis}.force_limit"
     limit_N = float(device.read(name))
     device.parameters.set({name: round(min(limit_N, max(_GENTLE_N, _GENTLE * breakaway_N)), 3)})
-    for end, sign in (("max", 1.0), ("min", -1.0)):
-        try:
-            with device.axes.enabled():
-                limits_m = [float(device.read(f"position_limit_{axis}.{name}")) * _NM for name in ("min", "max")]
-                longest_s = (limits_m[1] - limits_m[0]) / speed_mps + 2.0
-                jog(device, {axis: sign * speed_mps}, longest_s, stop_requested)
-                if stop_requested():
-                    raise KeyboardInterrupt
-                on_switch = int(device.read(f"digital_inputs_{axis}")) & 3 != 0
-                here_m = float(device.read(f"position_actual_{axis}")) * _NM
-                if on_switch:  # off it again, so that nothing stops there any more
-                    jog(device, {axis: -sign * speed_mps}, 2.0 * _OFF_SWITCH_M / speed_mps, stop_requested)
-        except EmcyError as error:
-            here_m = float(device.read(f"position_actual_{axis}")) * _NM
-            raise Diagnosis(
-                "switch",
-                f"axis {axis} was stopped at {here_m * 1e3:.1f} mm on its way to the {_ENDS[end]} limit switch, and no "
-                "switch has closed: it has met its end stop, or something is in its way. Check the switch and its "
-                f"cable: digital_inputs_{axis} shows it ({error})",
-            ) from error
-        if on_switch:
-            device.parameters.set({f"position_limit_{axis}.{end}": round((here_m - sign * _OFF_SWITCH_M) / _NM)})
+    for end, other in (("max", "min"), ("min", "max")):
+        with device.axes.enabled():
+            last_m = _last_m(device, axis, end, other, speed_mps, stop_requested)
+        if last_m is not None:
+            device.parameters.set({f"position_limit_{axis}.{end}": round(last_m / _NM)})
     device.parameters.set({name: limit_N})
+
+
+def _last_m(
+    device: Device, axis: str, end: str, other: str, speed_mps: float, stop_requested: Callable[[], bool]
+) -> float | None:
+    """Go to the limit switch of this end, and off it again; the last position before it, None where the soft limit
+    comes first. Raises Diagnosis."""
+    velocity_mps = speed_mps if end == "max" else -speed_mps
+    limits_m = [float(device.read(f"position_limit_{axis}.{name}")) * _NM for name in ("min", "max")]
+    longest_s = (limits_m[1] - limits_m[0]) / speed_mps + 2.0
+    begun = _switches(device, axis)  # an axis may begin on one
+
+    def wrong() -> bool:
+        """Whether the switch of the other end has closed, which does not stop the drive."""
+        return bool(_switches(device, axis) & ~begun & _SWITCHES[other])
+
+    try:
+        jog(device, {axis: velocity_mps}, longest_s, lambda: stop_requested() or wrong())
+        if stop_requested():
+            raise KeyboardInterrupt
+        if wrong():
+            raise Diagnosis(
+                "direction",
+                f"axis {axis} has met its {_ENDS[other]} limit switch on its way to the {_ENDS[end]} one: its positive "
+                f"direction is reversed, or its switches are swapped. Set both wiring_{axis}.invert_force and "
+                f"wiring_{axis}.invert_encoder to what they are not now, or swap the wires of the switches",
+            )
+        here_m = float(device.read(f"position_actual_{axis}")) * _NM
+        if not _switches(device, axis):
+            return None
+        # off it, so that nothing stops there any more
+        jog(device, {axis: -velocity_mps}, 2.0 * _OFF_SWITCH_M / speed_mps, stop_requested)
+    except EmcyError as error:
+        here_m = float(device.read(f"position_actual_{axis}")) * _NM
+        raise Diagnosis(
+            "switch",
+            f"axis {axis} was stopped at {here_m * 1e3:.1f} mm on its way to the {_ENDS[end]} limit switch, and no "
+            "switch has closed: it has met its end stop, or something is in its way. Check the switch and its "
+            f"cable: digital_inputs_{axis} shows it ({error})",
+        ) from error
+    return here_m - math.copysign(_OFF_SWITCH_M, velocity_mps)
+
+
+def _switches(device: Device, axis: str) -> int:
+    return int(device.read(f"digital_inputs_{axis}")) & sum(_SWITCHES.values())

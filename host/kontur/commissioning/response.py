@@ -203,6 +203,7 @@ def excite(mover: Mover, hz: Sequence[float], amplitude_N: float, setup: Setup, 
                 found.append(_window(device, len(hz), second))
                 continue
             if state != _RUNS:
+                device.axes.refresh()
                 mover.check()
                 raise DeviceError(
                     f"the excitation of axis {mover.axis} ended after {done} of {windows} windows: "
