@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import html
+import io
 import json
 import re
 from collections.abc import Callable
@@ -221,6 +222,18 @@ def test_the_plots_say_their_scale(tmp_path: Path) -> None:
     assert "1 division = 1 µm" in texts
     assert "deviation ×1,600" in texts  # 0.4 of the radius, 8 mm, for five divisions
     assert {"+5", "−5", "X+", "Y−"} <= set(texts)
+
+
+def test_title_of_a_plot_with_a_test_before_is_whole() -> None:
+    from kontur.report.circle_page import polar
+    from kontur.report.figures import style
+
+    found, svg = made_test(0.4).circles[0].traces["true"], io.StringIO()
+    with style():
+        polar("true position", found, found, 20.0).savefig(svg, format="svg")
+    title = re.search(r' y="([\d.]+)"[^>]*>By the true position', svg.getvalue())
+    assert title
+    assert float(title[1]) > 8.5  # the height of its letters, from the top
 
 
 def test_what_a_file_says_cannot_break_the_page(tmp_path: Path) -> None:

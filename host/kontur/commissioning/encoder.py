@@ -11,8 +11,10 @@ from kontur.can import wire
 from kontur.drive import scope
 from kontur.drive.axes import METHODS
 from kontur.drive.device import Device
-from kontur.drive.single_axis import home
+from kontur.drive.single_axis import home, jog
 from kontur.errors import DeviceError
+
+_OFF_PULSE, _OFF_PULSE_MPS = 0.05, 5e-3  # share of the distance of two pulses, and speed
 
 
 def length_m(
@@ -25,8 +27,12 @@ def length_m(
     """
     count_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
     zero = _zero(device, axis, count_m)
+    method = int(device.read(f"homing_method_{axis}"))
     pulses = []
-    for _ in range(2):
+    for k in range(2):
+        if k > 0:  # off the pulse, which an axis that sticks would find again
+            way_mps = _OFF_PULSE_MPS if method == METHODS["index+"] else -_OFF_PULSE_MPS
+            jog(device, {axis: way_mps}, _OFF_PULSE * index_m / _OFF_PULSE_MPS, stop_requested)
         try:
             if not home(device, axis, stop_requested):
                 raise KeyboardInterrupt

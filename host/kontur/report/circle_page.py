@@ -65,7 +65,8 @@ def write_circle_report(path: Path, test: CircleTest, before: CircleTest | None 
 
 def polar(name: str, found: Trace, before: Trace | None, radius_mm: float) -> Figure:
     """A polar plot whose radial scale stands in it. The traces of the test `before` are grey."""
-    figure = Figure(figsize=(5.6, 6.0), layout="constrained")
+    height = 6.0 if before is None else 6.3  # the legend has two lines then
+    figure = Figure(figsize=(5.6, height), layout="constrained")
     _polar_panel(figure.add_subplot(), name, found, before, radius_mm)
     return figure
 
