@@ -116,7 +116,10 @@ def test_what_a_scale_shows_is_in_the_machine_file_and_told_to_the_drive() -> No
     [
         ({}, ""),
         ({"ms_measured": 2.3}, "exceeds 2.2"),
-        ({"after_um": None, "after_stopped": "the drive stopped"}, "with the new gains, the drive stopped"),
+        (
+            {"after_um": None, "after_stopped": "the drive stopped"},
+            "with the new gains, the drive stopped; if the gains",
+        ),
         ({"after_um": 5.5}, "no better: 3.25 µm after, 3.00 before"),
         ({"after_um": 4.5}, ""),
         ({"before_um": None}, ""),

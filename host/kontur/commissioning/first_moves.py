@@ -99,7 +99,7 @@ def explained(axis: str, what: str, say: Callable[[str], None]) -> Iterator[None
         raise Diagnosis(
             "blocked",
             f"axis {axis} has stopped at this step: {what}. Is it blocked on its way, did it meet an end stop whose "
-            f"switch does not close, or is a coupling loose? {error}",
+            f"switch does not close, is a coupling loose, or the length of an encoder count wrong? {error}",
         ) from error
 
 
@@ -189,7 +189,7 @@ def _ramp(device: Device, axis: str, force_N: float, stop_requested: Callable[[]
             "polarity",
             f"axis {axis} moves against its force: encoder and force have opposite directions. Set "
             f"wiring_{axis}.invert_force=1, or wiring_{axis}.invert_encoder=1 if it counts down in the positive "
-            "direction",
+            "direction. Where it is the same with either setting, what is between motor and encoder is loose",
         )
     return largest_N if broke else None
 

@@ -31,6 +31,7 @@ _LEAD = 0.25  # turns to speed up, and to slow down: less of the drive's time th
 _UNSCORED_S = 0.3
 _BAND_HZ, _POINTS, _WINDOW_S = (10.0, 500.0), 16, 0.5
 _FORCE_PER_KG, _LEAST_N = 0.3, 10.0
+_QUIETER = "ask for a quieter design: --for quiet"
 
 
 @dataclass(frozen=True)
@@ -140,9 +141,9 @@ def problem_of(proof: Sequence[Proof], controller: str) -> str:
     kept = [one for one in proof if one.controller == controller]
     for one in kept:
         if one.ms_measured > MS_MAX:
-            return f"the measured Ms of {one.ms_measured:.2f} exceeds {MS_MAX:g}; ask for a quieter design: --for quiet"
+            return f"the measured Ms of {one.ms_measured:.2f} exceeds {MS_MAX:g}; {_QUIETER}"
         if one.after_um is None:
-            return f"on {one.case} with the new gains, {one.after_stopped}"
+            return f"on {one.case} with the new gains, {one.after_stopped}; if the gains are why, {_QUIETER}"
     before = [one.before_um for one in kept if one.before_um is not None]
     after = [one.after_um for one in kept if one.after_um is not None]
     if len(before) == len(after) and sum(after) > sum(before):
