@@ -152,19 +152,24 @@ def test_store_is_on_the_disk_when_the_drive_says_that_it_is_saved(tmp_path: Pat
     assert [path.name for path in tmp_path.iterdir()] == ["flash"]
 
 
-def system_calls(sim: SimProcess, tmp_path: Path) -> "subprocess.Popen[bytes]":
-    """strace, which writes the system calls of the process to the file "calls" until the process ends."""
+@contextlib.contextmanager
+def system_calls(sim: SimProcess, tmp_path: Path) -> Iterator[None]:
+    """strace writes the system calls of the process to the file "calls", until the process ends or something fails."""
     if shutil.which("strace") is None:
         assert "CI" not in os.environ, "strace is missing"
         pytest.skip("strace is not installed: apt-get install strace")
     command = ["strace", "-qq", "-y", "-o", tmp_path / "calls", "-p", str(sim.process.pid)]
-    tracer = subprocess.Popen(command, stderr=subprocess.PIPE)
-    end_s = time.monotonic() + TIMEOUT_S
-    while not (tmp_path / "calls").exists() or not (tmp_path / "calls").stat().st_size:
-        assert tracer.poll() is None, "strace does not start"
-        assert time.monotonic() < end_s, "strace does not start"
-        time.sleep(0.01)
-    return tracer
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as tracer:
+        try:
+            end_s = time.monotonic() + TIMEOUT_S
+            while not (tmp_path / "calls").exists() or not (tmp_path / "calls").stat().st_size:
+                assert tracer.poll() is None, "strace does not start"
+                assert time.monotonic() < end_s, "strace does not start"
+                time.sleep(0.01)
+            yield
+            tracer.wait(TIMEOUT_S)
+        finally:
+            tracer.terminate()
 
 
 def test_saved_is_answered_after_file_and_folder_are_synchronised(tmp_path: Path) -> None:
@@ -174,13 +179,13 @@ def test_saved_is_answered_after_file_and_folder_are_synchronised(tmp_path: Path
         connected(open_bus(sim.options()), 1) as device,
         system_calls(sim, tmp_path),
     ):
-        device.link.node.sdo.download(0x1010, 1, b"save")
+        device.parameters.save()
         sim.process.terminate()
         sim.process.wait(TIMEOUT_S)
     lines = (tmp_path / "calls").read_text().splitlines()
     steps = [
         re.compile(pattern)
-        for pattern in (r"fsync\(\d+<\S*\.part>", r"^rename\(", r"fsync\(\d+<\S*/folder>", r"\bt5818(60|20)101001")
+        for pattern in (r"fsync\(\d+<\S*\.part>", r"^rename\(", r"fsync\(\d+<\S*/folder>", r"\bt5818(60|20)101003")
     ]
     at = [max(i for i, line in enumerate(lines) if step.search(line)) for step in steps]
     assert at == sorted(at), [lines[i] for i in at]

@@ -44,10 +44,10 @@ def run_progress(
         TimeRemainingColumn(),
         TextColumn("{task.fields[now]}"),
     )
-    shown = console(stderr=True)
-    with Progress(*columns, console=shown, transient=True) as progress:
-        line = _Line(progress, name, trajectory, asked, page)
-        line.tell_time()
+    progress = Progress(*columns, console=console(stderr=True), transient=True)
+    line = _Line(progress, name, trajectory, asked, page)
+    line.tell_time()  # before the first picture of the line
+    with progress:
         yield line.done, line
 
 
