@@ -129,8 +129,7 @@ static void move(const struct onchip_axis_cfg *c, struct onchip_axis *a, int k, 
 {
     const struct onchip_mass_cfg *part = &c->part[k];
     struct onchip_mass *m = &a->part[k];
-    friction_step(&c->friction, &a->friction, k, true, m->vel, NUM(1), dt);
-    const num friction = n_mul(part->coulomb, k == ONCHIP_TABLE ? a->friction.shape.x : a->friction.shape.y);
+    const num friction = n_mul(part->coulomb, friction_step(&c->friction, &a->friction, k, true, m->vel, NUM(1), dt));
     if (n_lt(NUM(0), c->friction.axis[k].presliding)) {
         /* The elements are stretched by the velocities so far, and so are where the mass is in the middle of the period. */
         const num dv =

