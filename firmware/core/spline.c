@@ -73,7 +73,8 @@ __attribute__((noinline)) void spline_prefetch_next(struct spline_cache *cache, 
         (void)spline_cached_piece(cache, ring, count, cache->next);
         cache->next++;
     }
-    cache->piece_changed = cache->piece_computed = false;
+    cache->piece_changed = false;
+    cache->piece_computed = false;
 }
 
 void spline_at(const struct spline_ring *ring, uint32_t count, path_time_t s, struct spline_point *out)

@@ -536,8 +536,9 @@ __attribute__((noinline, noclone)) void servo_loop_tick(struct servo_loop *loop)
     } else if (loop->phase >= TICKS_PER_MS) {
         loop->phase = 0;
         publish(loop);
-    } else if (!loop->servo.extras || loop->servo.slot >= SERVO_SLOTS / 2u) { /* not where friction is computed, too */
+    } else if (!loop->servo.extras || loop->servo.slot >= SERVO_SLOTS / 2u) {
         spline_prefetch(&loop->servo.spline_cache, loop->ring, loop->path.at.count, loop->path.at.knot);
+    } else { /* friction is computed in this period */
     }
 }
 

@@ -32,7 +32,8 @@
 #include "core/friction.h"
 #include "hal/hal.h"
 
-enum { ONCHIP_TABLE, ONCHIP_MOTOR, ONCHIP_MASSES, ONCHIP_DELAY_MAX = 4 };
+enum { ONCHIP_TABLE, ONCHIP_MOTOR, ONCHIP_MASSES };
+enum { ONCHIP_DELAY_MAX = 4 };
 
 struct onchip_mass_cfg {
     num mass, viscous, coulomb; /* N per um/T0^2, N per um/T0, N */
