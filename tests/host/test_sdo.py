@@ -99,6 +99,8 @@ def expected(name: str, entry: objects.Entry, value: int) -> int:
         return VALUE  # 0 clears it
     if name in ("position_limit_x", "position_limit_y") and (entry.name, value) == ("min", entry.high):
         return INCOMPATIBLE
+    if name in ("onchip_axis_x", "onchip_axis_y") and (entry.name, value) == ("travel_min", entry.high):
+        return INCOMPATIBLE
     if (name, entry.name, value) == ("excitation", "command", 1):
         return STATE  # no axis is enabled
     if (name, entry.name) == ("stream", "command") or (name == "ip_record_y" and entry.sub):

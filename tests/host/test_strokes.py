@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kontur.commissioning import response
+from kontur.commissioning import first_moves, response
 from kontur.commissioning.response import Setup
+from kontur.drive.target import Target, open_drive
 from kontur.errors import ParameterError
+from kontur.machine import MACHINES, load
 
 SETUP = Setup(response.lines(24.0, 900.0, 24, 0.5), 20.0, 0.08, 0.5, 3, 0.2)
 
@@ -80,3 +82,14 @@ def test_short_travel_takes_more_movements(monkeypatch: pytest.MonkeyPatch) -> N
 def test_travel_that_is_too_short_for_a_window_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ParameterError, match=r"axis x has 60\.0 mm to move, too little for a window"):
         measured(monkeypatch, 0.06, 0.03)
+
+
+@pytest.mark.parametrize("way_m", [0.004, -0.012, 0.06])
+def test_axis_comes_near_a_place_however_short_the_way_is(way_m: float) -> None:
+    """A window may need some mm more than there are from where the axis is."""
+    with open_drive(Target(machine=load(MACHINES / "ball_screw.toml"))) as device:
+        device.select_controller("cascade")
+        with first_moves.moving(device, "x", lambda: False) as mover:
+            to_m = mover.position_m() + way_m
+            mover.go(to_m, 0.2)
+            assert mover.position_m() == pytest.approx(to_m, abs=0.003)

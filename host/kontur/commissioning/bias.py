@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -86,16 +87,17 @@ class Mover:
         return max(0.0, (self.room_m(sign) - self.way_m(speed_mps, 0.0)) / speed_mps)
 
     def go(self, position_m: float, speed_mps: float) -> None:
-        """Come near this position, within some mm, where the limits allow it."""
+        """Come near this position, within some mm, where the limits allow it. A short way is gone more slowly."""
         position_m = min(max(position_m, self.low_m), self.high_m)
         way_m = position_m - self.position_m()
-        sign = 1.0 if way_m > 0.0 else -1.0
-        change_m = speed_mps * self.change_s(speed_mps)
-        if abs(way_m) < 2.0 * change_m + 1e-3:
+        if abs(way_m) < 1e-3:
             return
+        sign = 1.0 if way_m > 0.0 else -1.0
+        speed_mps = min(speed_mps, math.sqrt(0.4 * abs(way_m) * self._slowest_mps2))
+        stop_m = 0.5 * speed_mps * self.change_s(speed_mps) + 0.04 * speed_mps  # and what is read and written meanwhile
         with self.moving(sign * speed_mps, 0.0):
             end_s = self.device.link.time_s + 2.0 + abs(way_m) / speed_mps
-            while sign * (position_m - self.position_m()) > change_m + 0.01 * speed_mps:
+            while sign * (position_m - self.position_m()) > stop_m:
                 self.pause(0.01)
                 if self.device.link.time_s > end_s:
                     raise DeviceError(f"axis {self.axis} does not come to {position_m * 1e3:.1f} mm")
