@@ -23,7 +23,7 @@ __attribute__((noinline)) num n_from_wide(int64_t i)
 
 __attribute__((noinline)) int64_t n_to_wide(num x)
 {
-    const uint32_t bits = n_bits(x);
+    const uint32_t bits = n_word(x);
     const uint32_t exponent = (bits >> 23) & 0xFFu;
     const uint64_t mantissa = (bits & 0x7FFFFFu) | 0x800000u;
     if (exponent == 0xFFu && (bits & 0x7FFFFFu) != 0) { /* NaN */
@@ -31,7 +31,7 @@ __attribute__((noinline)) int64_t n_to_wide(num x)
     }
     const uint32_t size = bits & 0x7FFFFFFFu;
     /* NOLINTNEXTLINE(clang-analyzer-core.BitwiseShift) */
-    const int64_t integer = size > n_bits(4.0e18f) ? (int64_t)4.0e18f : (int64_t)(mantissa << (exponent - 150u));
+    const int64_t integer = size > n_word(4.0e18f) ? (int64_t)4.0e18f : (int64_t)(mantissa << (exponent - 150u));
     return (bits >> 31) != 0 ? -integer : integer;
 }
 

@@ -49,19 +49,19 @@ static inline bool n_lt(num a, num b)
     return a < b;
 }
 
-/* The bits of positive numbers are in the order of the numbers. */
-static inline uint32_t n_bits(num x)
+static inline uint32_t n_word(num x)
 {
     union {
         num x;
-        uint32_t bits;
+        uint32_t word;
     } u = {.x = x};
-    return u.bits;
+    return u.word;
 }
 
+/* The bits of positive numbers are in the order of the numbers. */
 static inline bool n_is_part(num a)
 {
-    return n_bits(a) < 0x3F800000u;
+    return n_word(a) < 0x3F800000u;
 }
 
 /* The instruction VSQRT on the target. With -fno-math-errno it needs no libm. */
@@ -119,7 +119,7 @@ static inline num n_from_i64(int64_t i)
 int64_t n_to_wide(num x);
 static inline int64_t n_to_i64(num x)
 {
-    if (usually((n_bits(x) << 1) < 0x9E000000u)) { /* |x| < 2^31 */
+    if (usually((n_word(x) << 1) < 0x9E000000u)) { /* |x| < 2^31 */
         return (int32_t)x;
     }
     const num size = __builtin_fabsf(x);
@@ -130,15 +130,6 @@ static inline int64_t n_to_i64(num x)
 static inline num n_ratio(int64_t n, int64_t d)
 {
     return n_from_i64(n) / n_from_i64(d);
-}
-
-static inline uint32_t n_word(num x)
-{
-    union {
-        num x;
-        uint32_t word;
-    } u = {.x = x};
-    return u.word;
 }
 
 static inline num n_of_word(uint32_t word)
@@ -172,7 +163,7 @@ static inline int32_t n_to_scaled(num x, int32_t k)
 {
     const num y = x * (num)k;
     /* The last bit of 1.5 * 2^23 + y has the value 1 while that is from 2^23 up to 2^24. */
-    const uint32_t bits = n_bits(y + 12582912.0f);
+    const uint32_t bits = n_word(y + 12582912.0f);
     if (usually((bits >> 23) == 0x96u)) {
         return (int32_t)(bits - 0x4B400000u);
     }

@@ -6,6 +6,7 @@ import os
 import pty
 import select
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -133,26 +134,9 @@ def test_hold_without_standard_input_says_how_to_go_on(
     assert release(-2)
 
 
-def test_resume_with_other_outputs_is_refused_before_anything_moves() -> None:
-    with sim_process.start(slcan_tcp="0", pace="sync", machine=MACHINE) as sim:
-        target = Target(machine=MACHINE, bus={"interface": sim.interface, "channel": sim.channel})
-        with open_drive(target) as device, device.master.held():
-            device.parameters.set(MACHINE.parameters(1))
-        t, waits = planned(), itertools.count()
-        options = RunOptions(approach=limits(MACHINE))
-        stopped = Operator(release=lambda _: False, stop_requested=lambda: next(waits) > 700)
-        assert not run(t, "ccu", target, options, operator=stopped).completed
-        with open_drive(target) as device:
-            executed = device.read("stream.executed")
-        with pytest.raises(StreamError, match=r"has switched other outputs so far.*--full-s"):
-            run(t, "ccu", target, RunOptions(resume=True, tool=Tool(full_s=700.0)))
-        with open_drive(target) as device:
-            assert device.read("stream.executed") == executed
-        go = Operator(release=lambda _: True)
-        assert run(t, "ccu", target, RunOptions(resume=True), operator=go).completed
-
-
-def test_stop_in_a_hold_that_is_asked_for_again_when_the_path_is_resumed_moves_nothing() -> None:
+@pytest.fixture
+def in_a_hold() -> Iterator[tuple[Target, Trajectory, Operator]]:
+    """A drive on its bus that has been stopped in a hold of the path, and by whom: he lets no path go on."""
     with sim_process.start(slcan_tcp="0", pace="sync", machine=MACHINE) as sim:
         target = Target(machine=MACHINE, bus={"interface": sim.interface, "channel": sim.channel})
         with open_drive(target) as device, device.master.held():
@@ -160,11 +144,32 @@ def test_stop_in_a_hold_that_is_asked_for_again_when_the_path_is_resumed_moves_n
         t, waits = planned(), itertools.count()
         stopped = Operator(release=lambda _: False, stop_requested=lambda: next(waits) > 700)
         assert not run(t, "ccu", target, RunOptions(approach=limits(MACHINE)), operator=stopped).completed
-        with open_drive(target) as device:
-            executed = device.read("stream.executed")
-            assert device.read("outputs.hold") > 0
-        with pytest.raises(KeyboardInterrupt):
-            run(t, "ccu", target, RunOptions(resume=True), operator=stopped)
-        with open_drive(target) as device:
-            assert device.read("stream.executed") == executed
-        assert run(t, "ccu", target, RunOptions(resume=True), operator=UNATTENDED).completed
+        yield target, t, stopped
+
+
+def test_resume_with_other_outputs_is_refused_before_anything_moves(
+    in_a_hold: tuple[Target, Trajectory, Operator],
+) -> None:
+    target, t, _ = in_a_hold
+    with open_drive(target) as device:
+        executed = device.read("stream.executed")
+    with pytest.raises(StreamError, match=r"has switched other outputs so far.*--full-s"):
+        run(t, "ccu", target, RunOptions(resume=True, tool=Tool(full_s=700.0)))
+    with open_drive(target) as device:
+        assert device.read("stream.executed") == executed
+    go = Operator(release=lambda _: True)
+    assert run(t, "ccu", target, RunOptions(resume=True), operator=go).completed
+
+
+def test_stop_in_a_hold_that_is_asked_for_again_when_the_path_is_resumed_moves_nothing(
+    in_a_hold: tuple[Target, Trajectory, Operator],
+) -> None:
+    target, t, stopped = in_a_hold
+    with open_drive(target) as device:
+        executed = device.read("stream.executed")
+        assert device.read("outputs.hold") > 0
+    with pytest.raises(KeyboardInterrupt):
+        run(t, "ccu", target, RunOptions(resume=True), operator=stopped)
+    with open_drive(target) as device:
+        assert device.read("stream.executed") == executed
+    assert run(t, "ccu", target, RunOptions(resume=True), operator=UNATTENDED).completed
