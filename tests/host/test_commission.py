@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from kontur.cli import main
 from kontur.cli.commission import AIMS
+from kontur.cli.identify import show
 from kontur.commissioning import machine_file
 from kontur.commissioning.fit import Dynamics, Friction, Value
 from kontur.commissioning.identify import Identified
@@ -80,6 +81,14 @@ def test_json_has_each_figure_with_its_uncertainty_and_what_was_not_seen() -> No
         assert name in found_x["not_seen"]
     assert "mass_kg" not in found_x["not_seen"]
     json.dumps(found_x)
+
+
+def test_what_was_found_is_printed_with_its_uncertainty(capsys: pytest.CaptureFixture[str]) -> None:
+    show({"x": replace(identified(), steps_s={"friction": 40.0}), "y": identified(elastic=False)})
+    rows = {line.split()[1]: line.split("│")[2:4] for line in capsys.readouterr().out.splitlines() if "│" in line}
+    assert [cell.strip() for cell in rows["mass_kg"]] == ["100 ± 2", "100 ± 2"]
+    assert [cell.strip() for cell in rows["resonance_Hz"]] == ["90 ± 1", "-"]
+    assert set(rows) == set(machine_file.quantities(identified()))
 
 
 def test_phases_of_cogging_are_told_to_the_drive() -> None:

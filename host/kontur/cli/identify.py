@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -18,6 +18,7 @@ from kontur.files import write_atomically
 
 if TYPE_CHECKING:
     from kontur.commissioning.first_moves import Agreed, Gauge
+    from kontur.commissioning.fit import Value
     from kontur.commissioning.identify import Identified
     from kontur.drive.device import Device
     from kontur.drive.target import Target
@@ -134,15 +135,16 @@ def show(found: dict[str, Identified]) -> None:
     """A table with a row a quantity, and a column an axis."""
     from kontur.commissioning import machine_file
 
-    of = {name: machine_file.as_json(one) for name, one in found.items()}
-    rows: list[dict[str, Any]] = []
-    for key, value in next(iter(of.values())).items():
-        if value is None or isinstance(value, dict):
-            rows.append({"what": key, **{name: _text(one[key]) for name, one in of.items()}})
-    print_table(rows, "Identified", {"what": ""})
-    for name, one in of.items():
-        click.echo(f"{name}: not seen: {', '.join(one['not_seen'])}")
+    of = {name: machine_file.quantities(one) for name, one in found.items()}
+    names = next(iter(of.values()))
+    print_table(
+        [{"what": key, **{name: _text(one[key]) for name, one in of.items()}} for key in names],
+        "Identified",
+        {"what": ""},
+    )
+    for name, one in found.items():
+        click.echo(f"{name}: not seen: {', '.join(machine_file.as_json(one)['not_seen'])}")
 
 
-def _text(value: dict[str, float] | None) -> str:
-    return "-" if value is None else f"{value['value']:.4g} ± {value['uncertainty']:.2g}"
+def _text(value: Value | None) -> str:
+    return "-" if value is None else f"{value.value:.4g} ± {value.uncertainty:.2g}"

@@ -126,14 +126,14 @@ def parameters(found: Mapping[str, Identified]) -> dict[str, float]:
     return values
 
 
-def as_json(found: Identified) -> dict[str, Any]:
-    """All that was found of an axis, each with its uncertainty (half width of a 95 % interval); None: not seen."""
+def quantities(found: Identified) -> dict[str, Value | None]:
+    """What was found of an axis, each with its uncertainty; None: not seen."""
     d, f = found.dynamics, found.friction
     elastic = d.resonance_Hz.value > 0.0
     cogging, ripple = (found.screw.cogging, found.screw.ripple) if found.screw else (None, None)
     shown = found.transmission
     backlash_m, share = _behind_the_motor(found)
-    values: dict[str, Value | None] = {
+    return {
         "mass_kg": d.mass_kg,
         "viscous_Nspm": f.viscous_Nspm,
         "coulomb_N": f.coulomb_N,
@@ -153,18 +153,24 @@ def as_json(found: Identified) -> dict[str, Any]:
         "encoder_noise_m": found.encoder_noise_m[0],
         "scale_noise_m": found.encoder_noise_m[1],
     }
+
+
+def as_json(found: Identified) -> dict[str, Any]:
+    """All that was found of an axis, each with its uncertainty (half width of a 95 % interval); None: not seen."""
+    values = quantities(found)
+    shown = found.transmission
     result: dict[str, Any] = {
         name: None if value is None else {"value": value.value, "uncertainty": value.uncertainty}
         for name, value in values.items()
     }
     return result | {
-        "encoder_at": d.encoder_at,
+        "encoder_at": found.dynamics.encoder_at,
         "encoder_m": found.encoder_m,
         "screw_m": found.screw.lead_m if found.screw else None,
         "lead_map_m": [list(row) for row in shown.lead_map] if shown else None,
         "breakaway_N": found.breakaway_N,
         "force_noise_N": found.noise_N,
-        "misfit": d.misfit,
+        "misfit": found.dynamics.misfit,
         "drive_s": found.drive_s,
         "steps_s": dict(found.steps_s),
         "not_seen": [name for name, value in values.items() if value is None] + list(_NOT_SEEN),
