@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,14 +121,25 @@ class ScopeRecorder:
         self._setup = scope.Setup(tuple(names), scope.trigger("now"), 0.0, divider)
 
     def start(self) -> None:
-        scope.arm(self._device, self._setup)
+        with self._faults_first():
+            scope.arm(self._device, self._setup)
+
+    @contextmanager
+    def _faults_first(self) -> Iterator[None]:
+        """A scope that keeps the capture of a fault refuses: that fault is what to report."""
+        try:
+            yield
+        except DeviceError:
+            self._device.faults.check()
+            raise
 
     def read(self) -> Scan:
         """What was recorded. Takes a moment; the axis should be at rest."""
         if not scope.wait(self._device, _TIMEOUT_S):
             raise DeviceError("the scope of the drive does not end its recording; arm it no other way meanwhile")
         found = scope.read(self._device)
-        scope.release(self._device)
+        with self._faults_first():
+            scope.release(self._device)
         first_m = found[f"encoder_count_{self._axis}"] * self.counts_m[0]
         force_N = found[f"force_{self._axis}"]
         if self.counts_m[1] == 0.0:
