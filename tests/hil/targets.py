@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from kontur import machine
 from kontur.can.bus import open_bus
-from kontur.drive.device import connected
+from kontur.drive.target import Target as KonturTarget
+from kontur.drive.target import tell_emulated
 from kontur.machine import Machine
 from kontur.sim import emulator
 from kontur.sim import process as sim_process
@@ -153,13 +154,11 @@ class Image(Target):
     def power_on(self, pace: str = "sync", plant: Machine = MACHINE) -> Iterator[Drive]:
         if shutil.which(emulator.PROGRAM) is None:
             pytest.skip(f"{emulator.PROGRAM} is missing: apt-get install qemu-system-arm")
-        parameters = dataclasses.replace(plant, model=machine.ON_CHIP).parameters()
+        on_chip = dataclasses.replace(plant, model=machine.ON_CHIP)
         with emulator.start(IMAGE) as running:
-            # Stored, as on a bare board, so that a reset keeps them.
-            with connected(open_bus(running.options()), 1) as device:
-                device.parameters.set(parameters | {"pace_select": int(pace != "clock")})
-                device.parameters.save()
-            yield Drive(running.options(), stepped=pace != "clock", unplug=_hung_up, parameters=parameters)
+            target = KonturTarget(on_chip, running.options())
+            tell_emulated(target, pace)
+            yield Drive(running.options(), stepped=pace != "clock", unplug=_hung_up, parameters=target.parameters())
 
 
 @contextmanager

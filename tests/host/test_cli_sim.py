@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from kontur.cli import main
+from kontur.machine import MACHINES
 from kontur.sim import process as sim_process
 
 TIMEOUT_S = 60.0
@@ -100,3 +101,26 @@ def test_one_bus_at_a_time() -> None:
     result = CliRunner().invoke(main, ["sim", "--can", "vcan0", "--slcan-pty"])
     assert result.exit_code == 2
     assert "one bus at a time" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "option", [["--can", "vcan0"], ["--slcan-pty"], ["--node", "2"], ["--store", "flash"], ["--num", "fix"]]
+)
+def test_image_takes_no_option_that_it_would_not_obey(option: list[str]) -> None:
+    result = CliRunner().invoke(main, ["sim", "--image", "kontur.elf", *option])
+    assert result.exit_code == 2
+    assert result.stderr.endswith(f"leave out {option[0]}\n")
+
+
+def test_image_needs_a_machine_that_the_drive_simulates() -> None:
+    result = CliRunner().invoke(main, ["sim", "--image", "kontur.elf"])
+    assert result.exit_code == 1
+    assert "is no machine that the drive simulates by itself" in result.stderr
+    assert "ball_screw_on_chip.toml" in result.stderr
+
+
+def test_image_that_is_not_there_is_named_with_what_makes_it() -> None:
+    on_chip = str(MACHINES / "ball_screw_on_chip.toml")
+    result = CliRunner().invoke(main, ["sim", "--image", "nowhere.elf", "--machine", on_chip])
+    assert result.exit_code == 1
+    assert result.stderr == "Error: nowhere.elf is not there; make it by `make firmware`\n"

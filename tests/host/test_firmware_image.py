@@ -2,6 +2,7 @@
 """The STM32F405 image in QEMU, the same ELF that a board gets, and the files made of it."""
 
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -13,11 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gdb import PC, SP, set_registers
+from test_cli_sim import ended, kontur_sim
 
 from kontur import machine as machines
 from kontur.can.bus import open_bus
 from kontur.drive.device import Device, connected
 from kontur.drive.target import Target
+from kontur.errors import SimulatorError
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
@@ -30,6 +33,7 @@ PORT = ROOT / "firmware/port/stm32f405"
 STORE = range(0x08004000, 0x0800C000)
 WATCHDOG_OR_CRASH = 0x6010
 CRASH = 5
+RESET_NODE = 129
 PATIENCE_S = 120.0
 NOWHERE = 0x60000000  # external memory, which is not there
 
@@ -68,6 +72,30 @@ def test_kontur_info_works_on_the_image_as_on_a_drive(emulator: Emulator) -> Non
     result = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert result.returncode == 0, result.stderr
     assert "numbers f32, control 10000 Hz" in result.stdout
+
+
+def test_kontur_sim_runs_the_image_whose_parameters_outlive_a_reset() -> None:
+    options = ["--image", str(IMAGE), "--machine", str(machines.MACHINES / "ball_screw_on_chip.toml"), "--pace", "sync"]
+    with kontur_sim(*options, "--untold") as (process, lines):
+        assert lines[-2].endswith("is told only encoder lengths and soft limits of its machine.")
+        channel = next(line.split()[5] for line in lines if line.strip().startswith("kontur info"))
+        bus = open_bus({"interface": "slcan", "channel": channel})
+        with connected(bus, 1) as device:
+            device.link.send(0, bytes([RESET_NODE, 1]))
+            assert device.link.wait_for_answer(lambda: device.link.node.nmt.state != "INITIALISING", PATIENCE_S)
+            assert device.read("clock.pace") == 1
+            assert device.read("onchip_axis_x.resonance") == pytest.approx(90.0)
+            assert device.read("plant_x.encoder") == pytest.approx(0.07629)
+            assert device.read("plant_x.mass") != 100.0
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) == 0
+        assert ended(channel)
+
+
+def test_file_that_is_no_image_is_named() -> None:
+    words = r"objects\.toml does not run in QEMU: .*make firmware"
+    with pytest.raises(SimulatorError, match=words), start(ROOT / "firmware/od/objects.toml"):
+        pass
 
 
 def test_healthy_image_starts_without_a_fault_and_its_time_passes(emulator: Emulator) -> None:

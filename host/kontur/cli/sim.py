@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import signal
 import subprocess
 from functools import partial
@@ -13,13 +14,16 @@ from typing import TYPE_CHECKING
 import click
 
 from kontur.cli.options import grouped, simulation_options, told_of, told_options
-from kontur.machine import NOTHING, load, told_text
+from kontur.errors import FileError
+from kontur.machine import MACHINES, NOTHING, ON_CHIP, load, told_text
 
 if TYPE_CHECKING:
     from kontur.drive.target import Target
+    from kontur.sim.emulator import Emulator
     from kontur.sim.process import SimProcess
 
 _POLL_S = 0.2
+_NOT_OF_IMAGES = ("can", "slcan_tcp", "slcan_pty", "node", "record", "store", "num")
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> None:
@@ -52,6 +56,13 @@ def _interrupt(_signal: int, _frame: FrameType | None) -> None:
     type=click.Path(dir_okay=False, path_type=Path),
     help="File of the flash: what the drive stores (1010h) is there again in the next run.",
 )
+@click.option(
+    "--image",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="ELF",
+    help="Run this image of the chip's firmware in QEMU, on slcan; it simulates its machine by itself. `make firmware` "
+    "makes build/firmware/kontur.elf.",
+)
 @grouped("told", partial(told_of, otherwise=NOTHING), *told_options(NOTHING))
 @simulation_options
 def command(
@@ -63,6 +74,7 @@ def command(
     node: int,
     record: Path | None,
     store: Path | None,
+    image: Path | None,
     machine: str,
     seed: int,
     num: str,
@@ -77,12 +89,16 @@ def command(
     from kontur.drive.target import Target, tell
     from kontur.sim import process
 
+    signal.signal(signal.SIGTERM, _interrupt)
+    if image is not None:
+        _refuse_with_image(click.get_current_context())
+        _run_image(image, Target(load(machine), seed=seed, told=told[0], compensation=told[1]), pace)
+        return
     if (can is not None) + (slcan_tcp is not None) + slcan_pty > 1:
         raise click.UsageError("one bus at a time: --can, --slcan-tcp or --slcan-pty")
     if can is None and not slcan_pty:
         slcan_tcp = slcan_tcp or "0"
     plant = load(machine)
-    signal.signal(signal.SIGTERM, _interrupt)
     with process.start(
         can=can,
         slcan_tcp=slcan_tcp,
@@ -105,17 +121,49 @@ def command(
             pass
 
 
-def _announce(sim: SimProcess, target: Target) -> None:
-    node = target.node_id
-    bus = f"-i {sim.interface} -c {sim.channel}" + (f" --node {node}" if node != 1 else "")
-    click.echo(f"A drive answers on {sim.interface} {sim.channel}, node {node}. In another terminal:")
+def _refuse_with_image(context: click.Context) -> None:
+    """Raises UsageError where an option was given that an image in QEMU has not."""
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        if name in _NOT_OF_IMAGES and context.get_parameter_source(name) != click.core.ParameterSource.DEFAULT:
+            raise click.UsageError(
+                f"--image: the image answers on slcan at a free port, as node 1, with its own numbers; leave out "
+                f"{parameter.opts[0]}"
+            )
+
+
+def _run_image(image: Path, target: Target, pace: str) -> None:
+    from kontur.drive.target import tell_emulated
+    from kontur.sim import emulator
+
+    if target.machine.model != ON_CHIP:
+        raise FileError(
+            target.machine.name,
+            'is no machine that the drive simulates by itself (model = "on_chip"); name one that is with --machine, '
+            f"such as {MACHINES / 'ball_screw_on_chip.toml'}",
+        )
+    with emulator.start(image) as running:
+        try:
+            target = dataclasses.replace(target, bus=running.options())
+            tell_emulated(target, pace)
+            _announce(running, target)
+            _wait(running)
+        except KeyboardInterrupt:
+            pass
+
+
+def _announce(sim: SimProcess | Emulator, target: Target) -> None:
+    node, options = target.node_id, sim.options()
+    interface, channel = options["interface"], options["channel"]
+    bus = f"-i {interface} -c {channel}" + (f" --node {node}" if node != 1 else "")
+    click.echo(f"A drive answers on {interface} {channel}, node {node}. In another terminal:")
     click.echo(f"  kontur info {bus}")
     click.echo(f"  kontur run circle --radius 10 --feed 10 --approach {bus}")
     click.echo(f"It simulates {target.machine.name!r}, and is {told_text(target.told, target.compensation)}.")
     click.echo("Ctrl-C ends it.")
 
 
-def _wait(sim: SimProcess) -> None:
+def _wait(sim: SimProcess | Emulator) -> None:
     """Wait until the process ends, and print its messages."""
     printed = 0
     ended = False

@@ -100,3 +100,11 @@ def tell(target: Target) -> None:
     """
     with connected(open_bus(target.options()), target.node_id) as device:
         device.parameters.set(target.parameters())
+
+
+def tell_emulated(target: Target, pace: str) -> None:
+    """The same for an image in QEMU, and how its time passes: "clock" or "sync". It stores both, as a board does, so
+    that a reset keeps them."""
+    with connected(open_bus(target.options()), target.node_id) as device:
+        device.parameters.set(target.parameters() | {"pace_select": int(pace == "sync")})
+        device.parameters.save()

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from kontur.errors import SimulatorError
+from kontur.sim.process import text_of
 
 PROGRAM = "qemu-system-arm"
 _START_S, _END_S = 30.0, 10.0
@@ -43,8 +44,7 @@ class Emulator:
 
     def messages(self) -> str:
         """The messages of QEMU so far."""
-        self._stderr.seek(0)
-        return self._stderr.read().decode(errors="replace").strip()
+        return text_of(self._stderr)
 
 
 def _listening(stack: ExitStack) -> socket.socket:
@@ -54,17 +54,18 @@ def _listening(stack: ExitStack) -> socket.socket:
     return listener
 
 
-def _wait_for(port: int) -> None:
+def _wait_for(port: int, process: subprocess.Popen[bytes], image: Path, stderr: IO[bytes]) -> None:
     """Wait until the image answers an empty line. Bytes before its serial port is set up are lost."""
     end_s = time.monotonic() + _START_S
     with socket.create_connection(("127.0.0.1", port), _START_S) as serial:
         serial.settimeout(_ANSWER_S)
-        while time.monotonic() < end_s:
-            serial.sendall(b"\r")
-            with suppress(TimeoutError):
+        while time.monotonic() < end_s and process.poll() is None:
+            with suppress(OSError):  # it is silent, or QEMU has ended
+                serial.sendall(b"\r")
                 if serial.recv(1):
                     return
-    raise SimulatorError(f"the image does not answer on its serial port, {_START_S:g} s waited")
+    said = text_of(stderr).strip().splitlines() or [f"it does not answer on its serial port, {_START_S:g} s waited"]
+    raise SimulatorError(f"{image} does not run in QEMU: {said[0]}. Is it the ELF file of `make firmware`?")
 
 
 @contextmanager
@@ -91,7 +92,7 @@ def start(image: Path, usart: int = 1) -> Iterator[Emulator]:
             )
         )
         stack.callback(process.kill)
-        _wait_for(serial.getsockname()[1])
+        _wait_for(serial.getsockname()[1], process, image, stderr)
         yield Emulator(process, serial.getsockname()[1], debugger.getsockname()[1], stderr)
         if process.poll() is not None:
             raise SimulatorError(f"{PROGRAM} has ended by itself, status {process.returncode}")

@@ -49,7 +49,7 @@ class SimProcess:
 
     def messages(self) -> str:
         """The messages of the process so far."""
-        return _text(self._stderr)
+        return text_of(self._stderr)
 
     def end(self) -> None:
         """Power the drive off. Raises SimulatorError when the process has failed, with its message."""
@@ -145,11 +145,12 @@ def _ready(process: subprocess.Popen[bytes], stderr: IO[bytes]) -> tuple[str, st
     line = process.stdout.readline()
     if not line.startswith(_READY):
         process.wait()
-        raise SimulatorError(_text(stderr).strip() or f"{PROGRAM.name} does not start: status {process.returncode}")
+        raise SimulatorError(text_of(stderr).strip() or f"{PROGRAM.name} does not start: status {process.returncode}")
     interface, channel = line.removeprefix(_READY).decode().split()
     return interface, channel
 
 
-def _text(file: IO[bytes]) -> str:
+def text_of(file: IO[bytes]) -> str:
+    """What a process has written to `file` so far."""
     # The process writes through the same file description, whose position must not move.
     return os.pread(file.fileno(), os.fstat(file.fileno()).st_size, 0).decode(errors="replace")
