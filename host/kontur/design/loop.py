@@ -31,6 +31,12 @@ RESONANCES = (1.0, 0.9, 1.1)
 MASSES = (1.0, 0.8, 1.2)
 VARIANTS = tuple((resonance, mass) for resonance in RESONANCES for mass in MASSES)
 """Factors on the resonance and the mass that the margins hold for; the first are the machine as it is."""
+GAPS = tuple((resonance, 1.0) for resonance in (0.8, 0.65, 0.5, 0.35, 0.2))
+"""The same of an axis with a gap, as motions of some sizes see it. In the gap is no spring, so the first harmonic of a
+motion sees the spring times a real factor between 0 and 1, which is 1 for large motions and 0 for those inside:
+the describing function of a dead zone (A. Gelb and W. E. Vander Velde, Multiple-Input Describing Functions, 1968)."""
+GAP_MS = 1.25
+"""Times the largest sensitivity that is allowed in a gap. docs/adr/0090."""
 REVERSAL_MPS2 = 1.0  # acceleration of the reversal whose friction is to be balanced
 SCREW_MPS = 0.1
 REVERSAL_S = 0.1  # over which its error is averaged
@@ -171,6 +177,11 @@ class Plant:
     friction: Complex
 
 
+def variants_of(axis: Axis) -> tuple[tuple[float, float], ...]:
+    """VARIANTS, and GAPS behind them where the axis has a gap and a spring."""
+    return VARIANTS + GAPS if axis.backlash_m > 0.0 and axis.resonance_Hz > 0.0 else VARIANTS
+
+
 def plant(grid: Grid, axis: Axis, delay_periods: int, variants: Sequence[tuple[float, float]] = VARIANTS) -> Plant:
     """The axis with each of the factors on resonance and mass."""
     found = [_encoders(grid, _varied(axis, *variant), delay_periods) for variant in variants]
@@ -230,6 +241,13 @@ def transfer(law: Law, plant_of_axis: Plant) -> Complex:
     return np.asarray(-np.sum(law.force * plant_of_axis.force, axis=1))
 
 
+def largest_sensitivity(open_loop: Complex) -> float:
+    """Largest |S| of the loops (v, f) of variants_of() an axis; those in a gap count for 1 / GAP_MS of theirs."""
+    size = np.max(1.0 / np.abs(1.0 + open_loop), axis=1)
+    size[len(VARIANTS) :] /= GAP_MS
+    return float(np.max(size))
+
+
 def stable(grid: Grid, axis: Axis, law: Law, open_loop: Complex) -> bool:
     """Whether all loops (v, f) close to stable ones: Nyquist's criterion for laws that are stable themselves.
 
@@ -285,7 +303,7 @@ def screw_error(grid: Grid, axis: Axis, law: Law, plant_of_axis: Plant, s: Compl
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins of one axis: the worst over all VARIANTS, the rest of the machine as it is.
+    """Margins of one axis: the worst over all VARIANTS, the rest of the machine as it is, and its gap closed.
 
     `ms_at_Hz`, `resonance`, `mass`: where Ms is reached. `gain`: factor on the loop to instability, upwards.
     `phase_deg` and `delay_s` at the crossovers. `crossover_Hz`: the highest frequency with |L| = 1. `bandwidth_Hz`: up
@@ -304,7 +322,8 @@ class Margins:
 
 
 def margins(grid: Grid, open_loop: Complex, variants: Sequence[tuple[float, float]] = VARIANTS) -> Margins:
-    """Margins of the loops (v, f) of one axis."""
+    """Margins of the loops (v, f) of one axis; of those in a gap there are none."""
+    open_loop = open_loop[: len(variants)]
     size = 1.0 / np.abs(1.0 + open_loop)
     worst, at = np.unravel_index(int(np.argmax(size)), size.shape)
     gain = phase_deg = delay_s = math.inf

@@ -129,11 +129,12 @@ _LOCAL = {  # and where one more local search begins: with little of the second 
 
 @dataclass(frozen=True, eq=False)
 class AxisDesign:
-    """What is predicted for one axis. `force_change_N`: loop.force_change(). `reversal_m`: error of a friction
-    reversal, root mean square over loop.REVERSAL_S. `loops` (v, f): L at the frequencies `hz`, for each of
-    loop.VARIANTS."""
+    """What is predicted for one axis. `largest`: loop.largest_sensitivity(), in its gap too. `force_change_N`:
+    loop.force_change(). `reversal_m`: error of a friction reversal, root mean square over loop.REVERSAL_S. `loops`
+    (v, f): L at the frequencies `hz`, for each of loop.VARIANTS."""
 
     margins: loop.Margins
+    largest: float
     force_change_N: float
     reversal_m: float
     hz: loop.Floats
@@ -201,7 +202,8 @@ class Problem:
         """A grid of frequencies (loop.Grid.around), and on it the axis at each of `places`; computed once."""
         if (points, near) not in self._plants:
             grid = loop.Grid.around(self.machine.axes, self.control_hz, points, near)
-            axes = [loop.plant(grid, place.axis, self.machine.delay_periods) for place in self.places]
+            delay = self.machine.delay_periods
+            axes = [loop.plant(grid, one.axis, delay, loop.variants_of(one.axis)) for one in self.places]
             self._plants[points, near] = grid, axes
         return self._plants[points, near]
 
@@ -260,15 +262,15 @@ class _Search:
         excess, energy, change_N = 0.0, 0.0, [0.0, 0.0]
         for place, law, plant in zip(problem.places, laws, self.plants, strict=True):
             open_loop = loop.transfer(law, plant)
-            s = 1.0 / (1.0 + open_loop)
             if not loop.stable(grid, place.axis, law, open_loop):
                 return _UNSTABLE + aggressive
-            excess += max(0.0, math.log(float(np.max(np.abs(s))) / self.ms))
+            s = 1.0 / (1.0 + open_loop[0])
+            excess += max(0.0, math.log(loop.largest_sensitivity(open_loop) / self.ms))
             i = problem.machine.axes.index(place.axis)
-            change_N[i] = max(change_N[i], loop.force_change(grid, problem.counts_m[i], law, s[0]))
+            change_N[i] = max(change_N[i], loop.force_change(grid, problem.counts_m[i], law, s))
             if place.number == 1 or not any(p.swapped for p in problem.places):  # the contour error is along the normal
-                energy += loop.reversal_error(grid, place.axis, problem.at, law, plant, s[0]) ** 2
-                energy += loop.screw_error(grid, place.axis, law, plant, s[0]) ** 2 if problem.at == 1 else 0.0
+                energy += loop.reversal_error(grid, place.axis, problem.at, law, plant, s) ** 2
+                energy += loop.screw_error(grid, place.axis, law, plant, s) ** 2 if problem.at == 1 else 0.0
         excess += max(0.0, math.log(loop.force_step(*change_N) / self.force_step_N))
         return 0.5 * math.log(energy / 2.0) + _EXCESS * excess
 
@@ -359,7 +361,7 @@ def _start(problem: Problem, known: Sequence[float]) -> loop.Floats:
 def _used(problem: Problem, vector: loop.Floats) -> tuple[float, float]:
     """Ms and the force step in N, on the fine grid."""
     axes = predicted(problem, problem.gains(vector))
-    return max(axis.margins.ms for axis in axes), _force_step_N(axes)
+    return max(axis.largest for axis in axes), _force_step_N(axes)
 
 
 def _within(problem: Problem, vector: loop.Floats) -> loop.Floats:
@@ -445,12 +447,13 @@ def predicted(problem: Problem, values: Mapping[str, float]) -> tuple[AxisDesign
         i = problem.machine.axes.index(place.axis)
         axis = AxisDesign(
             loop.margins(grid, open_loop),
+            loop.largest_sensitivity(open_loop),
             loop.force_change(grid, problem.counts_m[i], law, s),
             loop.reversal_error(grid, place.axis, problem.at, law, plant, s),
             grid.hz,
-            open_loop,
+            open_loop[: len(loop.VARIANTS)],
         )
-        if i not in found or axis.margins.ms > found[i].margins.ms:
+        if i not in found or axis.largest > found[i].largest:
             found[i] = axis
     return found[0], found[1]
 
@@ -461,8 +464,13 @@ def _force_step_N(axes: tuple[AxisDesign, AxisDesign]) -> float:
 
 def _limit(problem: Problem, axes: tuple[AxisDesign, AxisDesign], step_N: float) -> str:
     """What keeps the loop from being faster, in a sentence."""
-    name, axis, result = max(zip("xy", problem.machine.axes, axes, strict=True), key=lambda item: item[2].margins.ms)
+    name, axis, result = max(zip("xy", problem.machine.axes, axes, strict=True), key=lambda item: item[2].largest)
     m = result.margins
+    if result.largest > max(m.ms, 0.97 * problem.ms):
+        return (
+            f"The gap of {axis.backlash_m * 1e6:.3g} µm of {name} limits it: in it is only the mass of the motor. "
+            f"Under {problem.controller} disturbances are halved up to {m.bandwidth_Hz:.3g} Hz."
+        )
     if m.ms > 0.97 * problem.ms:
         what = f"the lag of the force and the delay of {problem.machine.delay_periods} control period"
         if axis.resonance_Hz > 0.0:

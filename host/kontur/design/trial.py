@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The error of a short move on the simulated machine, which decides between gains that keep the margins.
 
-`loop` has no backlash, no friction that builds up, no counts and no adaptation. This move has them all: a circle at a
-high feed and then, round the reversal of each axis, at a low one.
+`loop` has no table that moves in its gap, no friction that builds up, no counts and no adaptation. This move has them
+all: a circle at a high feed and then, round the reversal of each axis, at a low one.
 """
 
 from __future__ import annotations
