@@ -10,7 +10,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from kontur.cli.live_page import view
 from kontur.cli.options import NumberRange, StopRequest, drive_of, interruptible, target_options
 from kontur.cli.output import print_json, print_table
 from kontur.drive.axes import AXES
-from kontur.errors import FileError, InputError, KonturError
+from kontur.errors import BusError, FileError, InputError, KonturError, NoAnswerError
 from kontur.files import write_atomically
 
 if TYPE_CHECKING:
@@ -44,6 +44,10 @@ _STEPS = {
     "prove": "The sensitivity of each axis is measured with the new gains, and circles are run in both senses at two "
     "speeds, before and after.",
 }
+_LOST = (
+    "A drive that hears nothing of its host stops its axes. Once it answers again, the same command goes on after the "
+    "last step that was finished."
+)
 _HEADINGS = {
     "case": "circle",
     "controller": "controller",
@@ -110,6 +114,8 @@ def command(
         click.echo("Interrupted: the axes have slowed down, and the parameters are as they were.", err=True)
         sys.exit(stop_requested.exit_code)
     except KonturError as error:
+        if begun is not None and isinstance(error, (BusError, NoAnswerError)):
+            error.args = (f"{error}\n{asked.where()}{_LOST}",)
         result["diagnosis"] = {"kind": getattr(error, "kind", "error"), "text": str(error)}
         worth_keeping = bool(result["axes"]) or not isinstance(error, InputError)
         raise
@@ -134,10 +140,15 @@ class _Asked:
     length_checked: bool
     yes: bool
     as_json: bool
+    said: list[str] = field(default_factory=list)
 
     def say(self, text: str) -> None:
+        self.said.append(text)
         if not self.as_json:
             click.echo(f"{text}.", err=True)
+
+    def where(self) -> str:
+        return f"It came at this step: {self.said[-1]}. " if self.said else ""
 
     def explain(self, step: str) -> None:
         """Say what a step does, and ask for it."""

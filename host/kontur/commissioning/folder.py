@@ -58,7 +58,8 @@ class Progress:
             raise FileError(
                 self.file,
                 f"is of a commissioning that {'was finished' if ended else 'was broken off'} with another "
-                f"{' and '.join(changed)}; name another folder with --out, or delete this file to "
+                f"{' and '.join(changed)}; {_set_again(before, who) if changed == ['wiring'] else ''}"
+                f"name another folder with --out, or delete this file to "
                 f"{'overwrite what is in this one' if ended else 'begin anew'}",
             )
         if not changed and not ended:  # what has changed before the first step is done was mended
@@ -77,3 +78,10 @@ class Progress:
     def end(self) -> None:
         """All is done: the next one with the same drive and machine begins anew. Raises FileError."""
         write_atomically(self.file, (json.dumps({"who": self._steps["who"], "ended": True}) + "\n").encode())
+
+
+def _set_again(before: Mapping[str, Any], who: Mapping[str, Any]) -> str:
+    """What brings the wiring back that a drive without power has forgotten."""
+    was, now = before["wiring"], who["wiring"]
+    other = " ".join(f"{name}={was[name]:g}" for name in now if name in was and was[name] != now[name])
+    return f"where the drive has lost its power since, set again what it has not stored (`kontur param set {other}`), "

@@ -54,13 +54,16 @@ def commissioned(target: Target, before: Mapping[str, float], warn: Callable[[st
         session = Session(before or device.parameters.dump())
     try:
         yield session
+    except KonturError as error:  # what parameters_kept() could not do may be done below
+        error.args = (str(error).removesuffix(f"\n{_NOT_RESTORED}"),)
+        raise
     finally:
         if not session.keep:
             try:
                 with open_drive(target) as device:
                     _restore(device, session.before, controller)
             except KonturError as error:
-                warn(f"{error}\n{_NOT_RESTORED}")
+                warn(f"{_NOT_RESTORED} ({error})")
 
 
 def identify_axes(
