@@ -12,6 +12,7 @@ import click
 import pytest
 
 from kontur.cli import main
+from kontur.cli.options import parameter_names
 
 ROOT = Path(__file__).parents[2]
 WIDTH = 120
@@ -77,9 +78,11 @@ def dead_links(page: Path) -> list[str]:
 
 
 def kontur_commands(page: Path) -> list[list[str]]:
-    """The calls of `kontur` in the fenced code of a page, as words."""
-    _, code = prose_and_code(page)
+    """The calls of `kontur` in the fenced code of a page, and inline in its text, as words."""
+    prose, code = prose_and_code(page)
     calls = re.findall(r"^(?:\.venv/bin/)?kontur (.*)$", code, re.MULTILINE)
+    if page.name != "CHANGELOG.md":  # which names old commands inline
+        calls += re.findall(r"`(?:\.venv/bin/)?kontur ([^`]+)`", prose)
     return [shlex.split(call, comments=True) for call in calls]
 
 
@@ -98,7 +101,12 @@ def unknown_to_cli(words: list[str]) -> str | None:
     if inside is not None:  # `kontur live` runs another command
         return unknown_to_cli(["live", *rest[:inside]]) or unknown_to_cli(rest[inside:])
     options = {option: parameter for parameter in command.params for option in parameter.opts}
+    parameters = parameter_names()
     for word, value in zip(rest, [*rest, ""][1:], strict=True):
+        if words[:2] == ["param", "set"] and re.match(r"[a-z_]+\.\w+=", word):
+            if word.partition("=")[0] not in parameters:
+                return word
+            continue
         if word in ("--help", "-h") or not re.match(r"--?[a-z]", word):
             continue
         if word not in options:
@@ -187,3 +195,10 @@ def test_an_unknown_command_is_found() -> None:
     assert unknown_to_cli(["run", "circle", "--size-of-it", "4"]) == "--size-of-it"
     assert unknown_to_cli(["run", "circle", "--controller", "fastest"]) == "--controller fastest"
     assert unknown_to_cli(["bench", "nothing"]) == "nothing"
+    assert unknown_to_cli(["param", "set", "plant_x.mass=1", "plant_x.weight=1"]) == "plant_x.weight=1"
+
+
+def test_a_command_inline_is_read_over_the_end_of_its_line(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("Try `kontur run circle\n--size 4`, then\n```\nkontur info\n```\n")
+    assert kontur_commands(page) == [["info"], ["run", "circle", "--size", "4"]]
