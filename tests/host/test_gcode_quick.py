@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines of G0, G1, x, y and F are read by a quick way of their own, which gives what the reader of all words gives."""
+"""Lines of G0 to G3, X, Y, I, J, F and S are read by a quick way of their own, which gives what the reader of all words
+gives."""
 
 import gc
 import itertools
+import math
 import random
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from kontur.path import gcode, gcode_words, plain_lines, programs
 from kontur.path.gcode_words import Refusals
-from kontur.path.geometry import Program
+from kontur.path.geometry import Curve, Move, Program
 
 MODES = (
     *("G20", "G21", "G90", "G91", "G93", "G94", "G54", "G55", "G61", "G61.1", "G64 P0.01", "G92 X1 Y2", "G92.1", "G80"),
@@ -18,6 +21,10 @@ MODES = (
         "G10 L2 P1 X3 Y4",
         "G10 L2 P2 R30",
         "G10 L2 P2 R0",
+        "G18",
+        "G17",
+        "G90.1",
+        "G91.1",
         "M3 S5",
         "G0 Z5",
         "G1 Z0",
@@ -39,15 +46,58 @@ def number(rng: random.Random) -> str:
 def line(rng: random.Random, other: float) -> str:
     if rng.random() < other:
         return rng.choice(MODES)
+    if rng.random() < 0.2:
+        return arc(rng)
     words = [rng.choice(("G0", "G1", "g01", "G00", "")), *(f"{letter}{number(rng)}" for letter in "XY")]
+    words += [f"S{number(rng)}"] if rng.random() < 0.2 else []
     words = [rng.choice(("", "N5", "n07 ")), *(word for word in words if rng.random() < 0.8)]
     words += [f"F{rng.choice(('100', '.5', '6000.', '70') * 4 + ('0',))}"] if rng.random() < 0.3 else []
-    return rng.choice(("", " ")).join(words) + rng.choice(("", "", " ", "\t", " (a)", ";b"))
+    return rng.choice(("", " ")).join(words) + rng.choice(
+        ("", "", " ", "\t", " (a)", ";b", "(a) (b)", "(a(b)", "(", ";(", "(;)")
+    )
+
+
+def arc(rng: random.Random) -> str:
+    """Mostly one that begins and ends on its circle, wherever it begins: a full one. Others are refused."""
+    words = [f"{rng.choice('GGg')}{rng.choice(('2', '3', '03'))}", f"I{number(rng)}", f"J{number(rng)}"]
+    words += [f"X{number(rng)}"] if rng.random() < 0.1 else []
+    kept = [word for word in words if rng.random() < 0.9]
+    rng.shuffle(kept)
+    return rng.choice(("", " ", "(c)")).join([*kept, f"S{rng.randrange(3)}"] if rng.random() < 0.3 else kept)
+
+
+def chain(rng: random.Random) -> str:
+    """Lines and arcs one after the other, each arc from where it begins to a place on its circle."""
+    out, x, y = ["G1 F600 X0 Y0"], 0.0, 0.0
+    for _ in range(40):
+        radius, begin, end = rng.uniform(0.1, 9.0), rng.uniform(0.0, 7.0), rng.uniform(0.0, 7.0)
+        i, j = -radius * math.cos(begin), -radius * math.sin(begin)
+        if rng.random() < 0.6:
+            x, y = x + i + radius * math.cos(end), y + j + radius * math.sin(end)
+            off = rng.choice((0.0, 0.0, 0.01, 0.05))
+            digits = rng.choice((2, 4, 6))
+            x, y = round(x + off, digits), round(y, digits)
+            out.append(f"G{rng.choice((2, 3))} X{x:.6f} Y{y:.6f} I{i:.4f} J{j:.4f}")
+        else:
+            x, y = round(x + i, 3), round(y + j, 3)
+            out.append(f"G{rng.choice((0, 1))} X{x:.3f} Y{y:.3f} S{rng.randrange(1000) / 4}")
+    return "\n".join(out)
 
 
 def both(text: str, z: str = "pen") -> list[tuple[Program, list[tuple[str, int]]]]:
     read = (gcode.read(text, "p.ngc", z=z, source=source) for source in (None, gcode_words.blocks))
-    return [(program, [(str(error), count) for error, count in refusals]) for program, refusals in read]
+    return [(comparable(program), [(str(error), count) for error, count in refusals]) for program, refusals in read]
+
+
+def comparable(program: Program) -> Program:
+    """With arcs whose radius changes as what they are made of: a Curve is equal to itself alone."""
+    items = tuple(
+        replace(item, segment=(item.segment.formula.args, item.segment.length_m))  # type: ignore[attr-defined]
+        if isinstance(item, Move) and isinstance(item.segment, Curve)
+        else item
+        for item in program.items
+    )
+    return replace(program, items=items)
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -62,6 +112,16 @@ def test_quick_way_gives_the_same_program_and_refusals(seed: int, monkeypatch: p
         assert quick == slow
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_arcs_and_powers_are_those_of_the_reader_of_all_words(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = random.Random(seed)
+    monkeypatch.setattr(gcode, "_SPAN", rng.choice((1, 4, 64)))
+    quick, slow = both(chain(rng))
+    assert quick == slow
+    assert quick[0].moves
+    assert quick[0].events
+
+
 def test_points_nearer_than_a_nanometre_are_one_however_many_there_are() -> None:
     steps = itertools.accumulate(itertools.cycle((1e-3, 4e-7, 4e-7, 4e-7, 5e-4)), initial=0.0)
     quick, slow = both(
@@ -73,9 +133,11 @@ def test_points_nearer_than_a_nanometre_are_one_however_many_there_are() -> None
 
 @pytest.mark.parametrize(
     "word",
-    ["X1.2.3", "X.", "X-", "X+-1", "X1 2", "X 1", "X1-2", "1X", "X1X2", "G2", "G0.5", "G1.0", "G-1", "F-1", "F0",
-     "F1e-9", "F." + 330 * "0" + "1", "X1e12", "X1000000000000", "X-999999999999", "N-5", "N1.5", "N1N2", "X\u0661",
-     "X1_0", "x1\x0b", "X1\x00", "Xnan", "Xinf", "X1,5", "/X5", "*", "X1\u2028Y2", "\ud800"],
+    ["X1.2.3", "X.", "X-", "X+-1", "X1 2", "X 1", "X1-2", "1X", "X1X2", "G2", "G4", "I5", "J0", "G2I1J1J1", "G3 X1",
+     "G2 I0 J0", "G2 R5 X9", "X1(a)2", "X1 (a) 2", "S5(a)", "S-1", "S1e3", "S999999999999", "S1S2",
+     "G3 I1 S0.1234567", "G0.5", "G1.0", "G-1", "F-1", "F0", "F1e-9", "F." + 330 * "0" + "1", "X1e12",
+     "X1000000000000", "X-999999999999", "N-5", "N1.5", "N1N2", "X\u0661", "X1_0", "x1\x0b", "X1\x00", "Xnan",
+     "Xinf", "X1,5", "/X5", "*", "X1\u2028Y2", "\ud800"],
 )  # fmt: skip
 def test_word_beside_the_plain_ones_is_read_as_ever(word: str) -> None:
     plain = "".join(f"G1 X{i}.5 Y-{i}\n" for i in range(10))
@@ -93,7 +155,7 @@ def test_plain_lines_behind_a_mode_are_carried_out_in_it(mode: str) -> None:
 
 
 def test_command_line_reads_plain_lines_many_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "G21 G90\nG1 F600\n" + "X1.5Y-2\nG1 X3\nN50 G01 X1.000 Y2.000 F900\nG0 X5 Y5\n" * 100
+    text = "G21 G90\nG1 F600\n" + "X1.5Y-2 S7 (a)\nG1 X3; b\nN50 G02 I2. J0 F900\nG0 X5 Y5\n" * 100
     file = tmp_path / "long.ngc"
     file.write_text(text)
     one_by_one = []
@@ -104,7 +166,8 @@ def test_command_line_reads_plain_lines_many_at_a_time(tmp_path: Path, monkeypat
         return read(code, line, refusals)
 
     monkeypatch.setattr(gcode_words, "_block", counted)
-    assert len(programs.load(file).moves) == 400
+    program = programs.load(file)
+    assert (len(program.moves), len(program.events)) == (400, 100)
     assert one_by_one == ["G21G90"]
 
 

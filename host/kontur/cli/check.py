@@ -128,15 +128,11 @@ def _events(trajectory: Trajectory) -> list[dict[str, Any]]:
     from kontur.path.geometry import KNOT_S
     from kontur.planning.outputs import boundaries
 
-    found: dict[str, dict[str, Any]] = {}
     arrives, _ = boundaries(trajectory)
-    for event in trajectory.program.events:
-        if event.kind in found:
-            found[event.kind]["count"] += 1
-        else:
-            time_s = float(arrives[event.before]) * KNOT_S
-            found[event.kind] = {"word": event.kind, "count": 1, "line": event.line, "time_s": time_s}
-    return list(found.values())
+    return [
+        {"word": kind, "count": count, "line": first.line, "time_s": float(arrives[first.before]) * KNOT_S}
+        for kind, (count, first) in trajectory.program.events.kinds().items()
+    ]
 
 
 def _print(result: dict[str, Any], trajectory: Trajectory | None) -> None:

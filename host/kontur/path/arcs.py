@@ -15,11 +15,27 @@ import numpy as np
 from kontur.path.geometry import Arc, Curve, Segment
 from kontur.path.shapes import spiral_formula
 
+INCH_M = 25.4e-3
+SAME = 1e-9
+"""m or degrees: positions nearer than this are one."""
 FULL_RAD = 1e-6
 """An arc about a given centre that turns by less than this, either way, is a full circle."""
 _TURN = 2.0 * math.pi
 _UNEVEN_MAX_M = 0.2e-6  # how far a circular arc may be from the even change of the radius
 _SHIFT_SHARE_MAX = 0.1  # of the radius: a centre may be shifted by as much
+
+
+def problem(here: complex, to: complex, center: complex, unit_m: float) -> str | None:
+    """Why there is no arc from `here` to `to` about `center`, in a program whose unit is `unit_m`; None: there is."""
+    start_r, end_r = abs(here - center), abs(to - center)
+    if start_r < SAME or end_r < SAME:
+        return "the centre of the arc is one of its ends; correct I and J"
+    if not on_arc(start_r, end_r, unit_m == INCH_M):
+        return (
+            f"the end is not on the arc: the radius is {start_r / unit_m:.4f} at its start and {end_r / unit_m:.4f} at "
+            "its end; correct X, Y, I or J, or give more digits"
+        )
+    return None
 
 
 def on_arc(start_r: float, end_r: float, inch: bool) -> bool:

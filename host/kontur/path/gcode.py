@@ -14,16 +14,18 @@ from __future__ import annotations
 
 import gc
 import math
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
+import numpy.typing as npt
 
-from kontur.path import arcs, gcode_words, plain_lines
+from kontur.path import arcs, events, gcode_words, plain_lines
+from kontur.path.arcs import INCH_M, SAME
 from kontur.path.gcode_words import Block, Refusals
-from kontur.path.geometry import Dwell, Event, Line, Move, Point, Program, Segment
-from kontur.path.moves import Builder, dwells_in
+from kontur.path.geometry import Dwell, FloatArray, Line, Move, Point, Program, Segment
+from kontur.path.moves import Builder
+from kontur.path.notes import notes
 from kontur.path.offsets import AXES, SYSTEMS, Offsets, zeros
 from kontur.path.plain_lines import Lines, carried
 
@@ -33,9 +35,6 @@ ignore: whatever they do, x and y go as programmed; refuse: no word of them is t
 
 Source = Callable[[str, Refusals], Iterator[Block]]
 
-_INCH_M = 25.4e-3
-_SAME = 1e-9  # m or degrees: positions nearer than this are one
-_LONG_DWELL_S = 10.0
 _END = (2, 30)
 _TURNS_MAX = 1000
 _FEW, _SPAN = 4, 64  # lines: fewer are quicker one by one; so many are tried at once behind one that was not taken
@@ -77,8 +76,8 @@ def read(
                 break
     if not refusals and not reader.items.moves:
         refusals.add("there is no motion in this file; it needs a line like G1 X10 Y5 F1000")
-    items, events = reader.items.table(), tuple(reader.events)
-    return Program(name, items, start_m, _notes(items, events), events), refusals
+    items, switched = reader.items.table(), reader.events.events()
+    return Program(name, items, start_m, notes(items, switched), switched), refusals
 
 
 def _others(text: str, reader: _Reader) -> Iterator[Block]:
@@ -112,26 +111,6 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _notes(items: Sequence[Move | Dwell], events: tuple[Event, ...]) -> tuple[str, ...]:
-    """What a user should know of a program that can be run."""
-    notes = []
-    ignored = [event for event in events if event.kind in "TABC"]
-    if ignored:
-        counts = Counter(event.kind for event in ignored)
-        words = ", ".join(word if count == 1 else f"{word} ×{count}" for word, count in counts.items())
-        notes.append(f"Not executed, since the machine has no such thing: {words}; first in line {ignored[0].line}.")
-    long = [dwell for _, dwell in dwells_in(items) if dwell.duration_s > _LONG_DWELL_S]
-    if long:
-        how_many = "1 dwell waits" if len(long) == 1 else f"{len(long)} dwells wait"
-        where = f"in line {long[0].line}" if len(long) == 1 else f"the first in line {long[0].line} and the longest"
-        longest = max(item.duration_s for item in long)
-        notes.append(
-            f"{how_many} for more than {_LONG_DWELL_S:g} s, {where} for {longest:g} s: P is in seconds. "
-            "Some programs mean milliseconds."
-        )
-    return tuple(notes)
-
-
 class _Reader:
     """The modal state, and the program so far. Positions are the machine's, in m (A, B, C in degrees)."""
 
@@ -141,10 +120,10 @@ class _Reader:
         self.at = zeros() | {"X": start_m[0], "Y": start_m[1]}
         self.here = start_m  # x and y of `at`
         self.span = _SPAN  # of lines that are tried at once
-        self.plain = True  # whether x and y of a line are where it ends, but for the origin
+        self.plain = True  # whether x and y of a line are where it ends, but for the origin, and i and j its centre
         self.origin = (0.0, 0.0)
         self.items = Builder(start_m)
-        self.events: list[Event] = []
+        self.events = events.Builder()
         self.offsets = Offsets()
         self.homes = {280: zeros(), 300: zeros()}
         self.unit_m = 1e-3
@@ -163,30 +142,66 @@ class _Reader:
         end = min(part.plain_until(first), first + self.span)
         if end - first < _FEW or not self.plain:
             return first
-        g, x, y, f = part.values[:, first:end]
+        g, x, y, f, s, i, j = part.values[:, first:end]
         motion = carried(10.0 * g, -1.0 if self.motion is None else self.motion)
         feed = carried(f / 60.0 * self.unit_m, self.feed or 0.0)
-        if motion[0] not in (0.0, 10.0) or feed[0] == 0.0:
+        if motion[0] < 0.0 or feed[0] == 0.0:
             return first
         place = np.stack([carried(self.origin[0] + x * self.unit_m, self.here[0]),
                           carried(self.origin[1] + y * self.unit_m, self.here[1])])  # fmt: skip
         step = np.abs(np.diff(place, axis=1, prepend=np.array(self.here)[:, None]))
-        tiny = np.flatnonzero(np.any((step > 0.0) & (step < _SAME), axis=0))
-        self.span *= 2
-        if tiny.size:  # run() takes this line as one that goes nowhere
-            end, self.span = first + int(tiny[0]), _SPAN
-            if end == first:
-                return first
-        rows = slice(0, end - first)
-        moved = np.any(step[:, rows] > 0.0, axis=0)
+        centred = ~(np.isnan(i) & np.isnan(j))
+        turns = (motion >= 20.0) & (centred | ~(np.isnan(x) & np.isnan(y)))
+        other = np.any((step > 0.0) & (step < SAME), axis=0)  # run() takes this line as one that goes nowhere
+        other |= centred != turns  # I or J beside a line, or an arc without them
+        stop = int(np.argmax(other)) if np.any(other) else end - first
+        bent: list[tuple[int, Segment]] = []
+        if np.any(turns[:stop]):
+            stop = self._bent(bent, np.flatnonzero(turns[:stop]), stop, motion, place, i, j)
+        self.span = _SPAN if stop < end - first else 2 * self.span
+        if stop == 0:
+            return first
+        rows = slice(0, stop)
+        moved = np.any(step[:, rows] > 0.0, axis=0) | turns[rows]
         feeds = np.where(motion[rows] == 0.0, math.inf, feed[rows])[moved]
         place = place[:, rows]
-        line = np.flatnonzero(moved) + (part.number + first)
-        self.items.lines(place[0, moved], place[1, moved], feeds, line, self.tolerance_m)
+        line = np.arange(stop) + (part.number + first)
+        begin = len(self.items)
+        before = begin + np.cumsum(moved) - moved  # the item of each line, or the next one's
+        power = ~np.isnan(s[rows])
+        if np.any(power):
+            self.events.powers(s[rows][power], before[power], line[power])
+        self.items.lines(place[0, moved], place[1, moved], feeds, line[moved], self.tolerance_m)
+        for row, segment in bent:
+            item = int(before[row])
+            move = Move(segment, float(feeds[item - begin]), line=int(line[row]), tolerance_m=self.tolerance_m)
+            self.items.put(item, move)
         self.here = float(place[0, -1]), float(place[1, -1])
         self.at |= {"X": self.here[0], "Y": self.here[1]}
         self.motion, self.feed = int(motion[rows][-1]), float(feed[rows][-1])
-        return end
+        return first + stop
+
+    def _bent(
+        self,
+        bent: list[tuple[int, Segment]],
+        rows: npt.NDArray[np.intp],
+        stop: int,
+        motion: FloatArray,
+        place: FloatArray,
+        i: FloatArray,
+        j: FloatArray,
+    ) -> int:
+        """Put the arcs in `rows` of what take() has into `bent`. Returns the row of the first one that is refused, or
+        `stop`."""
+        ends = [self.here, *zip(*place[:, :stop].tolist(), strict=True)]
+        offsets = np.nan_to_num(np.stack([i[rows], j[rows]], axis=1)).tolist()
+        for row, offset in zip(rows.tolist(), offsets, strict=True):
+            here, to = complex(*ends[row]), complex(*ends[row + 1])
+            center = complex(*offset) * self.unit_m * self.offsets.turns[self.offsets.chosen] + here
+            if arcs.problem(here, to, center, self.unit_m) is not None:
+                return int(row)
+            bent.append((row, arcs.segment(here, to, center, motion[row] == 30.0)))
+        return stop
 
     def run(self, block: Block) -> None:
         """Carry out one block, in the order of RS274NGC: feed, events, dwell, modes, offsets, the move, a hold."""
@@ -221,7 +236,8 @@ class _Reader:
         for m in block.m:
             if m in (0, 1, 60):
                 self._hold(block, m)
-        self.plain = not (self.relative or self.inverse_time or self.stops or self.offsets.turned)
+        flat = self.plane == 170 and not self.center_absolute
+        self.plain = flat and not (self.relative or self.inverse_time or self.stops or self.offsets.turned)
         self.origin = self.offsets.of("X"), self.offsets.of("Y")
 
     def _refuse(self, block: Block, letter: str, what: str) -> None:
@@ -231,7 +247,7 @@ class _Reader:
         codes, values = block.codes, block.values
         if "feed mode" in codes and (codes["feed mode"] == 930) != self.inverse_time:
             self.inverse_time, self.feed = not self.inverse_time, None
-        unit_m = {200: _INCH_M, 210: 1e-3}.get(codes.get("units", 0), self.unit_m)
+        unit_m = {200: INCH_M, 210: 1e-3}.get(codes.get("units", 0), self.unit_m)
         changed, self.unit_m = unit_m != self.unit_m, unit_m
         if "F" in values:
             if not values["F"] > 0.0:
@@ -263,7 +279,7 @@ class _Reader:
                     self._event(block, f"M{m} E0 Q{block.values['Q']:g}")
 
     def _event(self, block: Block, word: str) -> None:
-        self.events.append(Event(word, len(self.items), block.line))
+        self.events.add(word, len(self.items), block.line)
 
     def _hold(self, block: Block, m: int) -> None:
         """An event, at which the path is held once it has begun: it rests for as long as the drive needs to stop it."""
@@ -346,7 +362,7 @@ class _Reader:
             if axis in block.values:
                 base = 0.0 if machine else self.at[axis] if self.relative else self.offsets.of(axis)
                 to = base + self._length(block, axis)
-                target[axis] = self.at[axis] if abs(to - self.at[axis]) < _SAME else to
+                target[axis] = self.at[axis] if abs(to - self.at[axis]) < SAME else to
         return target
 
     def _turned_target(self, block: Block) -> dict[str, float]:
@@ -399,7 +415,7 @@ class _Reader:
         """Go to `target`, with all axes at once."""
         here = self.here
         end = (target.get("X", here[0]), target.get("Y", here[1]))
-        end = here if math.dist(here, end) < _SAME else end
+        end = here if math.dist(here, end) < SAME else end
         moves = end != here or motion >= 20
         rises = self._lift(block, motion > 0 and moves, target)
         if rises is True:
@@ -414,7 +430,7 @@ class _Reader:
     def _lift(self, block: Block, cuts: bool, target: dict[str, float]) -> bool | None:
         """Whether z rises or falls on the way to `target`; None: neither. Other axes and z are refused where `z` says
         so."""
-        changed = [axis for axis in "ZABC" if abs(target.get(axis, self.at[axis]) - self.at[axis]) >= _SAME]
+        changed = [axis for axis in "ZABC" if abs(target.get(axis, self.at[axis]) - self.at[axis]) >= SAME]
         if not changed:
             return None
         if self.z == "ignore":
@@ -480,14 +496,8 @@ class _Reader:
         if turns not in range(1, _TURNS_MAX + 1):
             self._refuse(block, "P", f"P of an arc is the number of its turns, 1 to {_TURNS_MAX}")
             return None
-        start_r, end_r = abs(here - center), abs(to - center)
-        if start_r < _SAME or end_r < _SAME:
-            refuse("the centre of the arc is one of its ends; correct I and J")
-            return None
-        if not arcs.on_arc(start_r, end_r, self.unit_m == _INCH_M):
-            refuse(
-                f"the end is not on the arc: the radius is {start_r / self.unit_m:.4f} at its start and "
-                f"{end_r / self.unit_m:.4f} at its end; correct X, Y, I or J, or give more digits"
-            )
+        problem = arcs.problem(here, to, center, self.unit_m)
+        if problem is not None:
+            refuse(problem)
             return None
         return arcs.segment(here, to, center, left, int(turns))

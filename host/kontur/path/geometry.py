@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Generic, Protocol, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
+
+from kontur.path.events import Events
 
 FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]
@@ -64,7 +66,7 @@ class Line:
         return np.zeros(np.size(s_m))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Arc:
     """A circular piece from the angle `start_rad` (from the x axis) on, turning by `sweep_rad`.
 
@@ -76,7 +78,7 @@ class Arc:
     start_rad: float
     sweep_rad: float
 
-    @cached_property
+    @property
     def length_m(self) -> float:
         return self.radius_m * abs(self.sweep_rad)
 
@@ -326,23 +328,6 @@ class MoveTable(Sequence[Item], Generic[Item]):
 
 
 @dataclass(frozen=True)
-class Event:
-    """A word of the program that switches something beside the path, such as "M3", "S1000", "M62 P0" or "Z-1" (a pen).
-
-    It happens before item `before` of the program, or at its end. `line` is the line of the file.
-    """
-
-    word: str
-    before: int
-    line: int
-
-    @property
-    def kind(self) -> str:
-        """The word of an M code; of the others, which have values, the letter."""
-        return self.word.split()[0] if self.word[0] == "M" else self.word[0]
-
-
-@dataclass(frozen=True)
 class Program:
     """A connected path: each move starts where the one before it ends, the first one at `start_m`.
 
@@ -353,7 +338,7 @@ class Program:
     items: Sequence[Move | Dwell]
     start_m: Point
     notes: tuple[str, ...] = ()
-    events: tuple[Event, ...] = ()
+    events: Events = field(default_factory=Events)
 
     @cached_property
     def moves(self) -> Sequence[Move]:

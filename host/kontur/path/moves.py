@@ -48,6 +48,11 @@ class Builder:
             column.frombytes(values.tobytes())
         self.moves += len(x_m)
 
+    def put(self, row: int, item: Move) -> None:
+        """`item` in place of the line in `row`, behind all others that are no lines."""
+        self._at.append(row)
+        self._others.append(item)
+
     def add(self, item: Move | Dwell, end_m: Point) -> None:
         """Any item, which ends at `end_m`; lines begin where the one before ends."""
         is_move = isinstance(item, Move)

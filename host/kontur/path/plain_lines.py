@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines of G-code that consist of G0 or G1, x, y and F, or less, many at a time: nine tenths of a long file.
+"""Lines of G-code that consist of G0 to G3, X, Y, I, J, F and S, or less, many at a time: nine tenths of a long file.
 
-A line is *plain* if it is a row of letters with one number each, none of them twice, and of blanks before letters and
-at its end; G must be 0 or 1 and F above zero. All others are read word by word (kontur.path.gcode_words).
+A line is *plain* if it is a row of letters with one number each, none of them twice, and of blanks and comments before
+letters and at its end; G must be 0 to 3 and F above zero. All others are read word by word (kontur.path.gcode_words).
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from kontur.path.geometry import FloatArray
 
 _CHARACTERS = 1 << 19  # of a text at once
 _END = re.compile(r"\r\n|\r|\n")
-_LETTERS = b"GXYFN"
+_LETTERS = b"GXYFSIJN"  # their columns in Lines.values, but for N
+_COMMENT = re.compile(rb"\([^()\n]*\)|;[^\n]*")
 _OTHER, _LETTER, _DIGIT, _DOT, _SIGN, _BLANK, _NEWLINE = range(7)
 _FOLLOWED = {  # what of a plain line may stand before what
     _LETTER: (_DIGIT, _DOT, _SIGN),
@@ -30,6 +31,7 @@ _FOLLOWED = {  # what of a plain line may stand before what
     _NEWLINE: (_BLANK, _LETTER, _NEWLINE),
 }
 _LARGEST, _LEAST_FEED = 1e12, 1e-300
+_MOTIONS = (0.0, 1.0, 2.0, 3.0)
 _DIGITS = 15  # of a number that is read with others
 _POWERS = 10.0 ** np.arange(_DIGITS + 1)
 
@@ -52,8 +54,8 @@ _KIND, _WRONG, _COLUMN = _tables()
 
 
 class Lines:
-    """Lines of a text, the first of them its line `number`. `values` (4, n): the numbers of G, X, Y and F of the plain
-    ones, NaN where there is none."""
+    """Lines of a text, the first of them its line `number`. `values` (7, n): the numbers of G, X, Y, F, S, I and J of
+    the plain ones, NaN where there is none."""
 
     def __init__(self, text: str, number: int) -> None:
         data = text.encode("utf-8", "surrogatepass") + b"\n"
@@ -61,15 +63,18 @@ class Lines:
             data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         self.number = number
         self._data = data
-        raw = np.frombuffer(data, np.uint8)
+        code = data
+        if b"(" in data or b";" in data:
+            code = _COMMENT.sub(lambda comment: b" " * len(comment[0]), data)
+        raw = np.frombuffer(code, np.uint8)
         kind = _KIND[raw]
         self._end = np.flatnonzero(kind == _NEWLINE)
         self._begin = np.append(0, self._end[:-1] + 1)
         before = np.append(np.uint8(_NEWLINE), kind[:-1])
         plain = ~np.logical_or.reduceat(_WRONG[8 * before + kind], self._begin)
-        self.values = self._read(raw, kind, plain)[:4]
+        self.values = self._read(raw, kind, plain)[:-1]
         g, feed = self.values[0], self.values[3]
-        plain &= (np.isnan(g) | (g == 0.0) | (g == 1.0)) & (np.isnan(feed) | (feed > _LEAST_FEED))
+        plain &= (np.isnan(g) | np.isin(g, _MOTIONS)) & (np.isnan(feed) | (feed > _LEAST_FEED))
         self._others: list[int] = np.flatnonzero(~plain).tolist()
 
     def _read(

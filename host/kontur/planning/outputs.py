@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.can.outputs import BY_RATE, FULL_POWER, HOLD, Outputs
-from kontur.path.geometry import KNOT_S, Event, FloatArray, Move, Program
+from kontur.path.events import Event
+from kontur.path.geometry import KNOT_S, FloatArray, Move, Program
 from kontur.path.moves import dwells_in, lengths_m
 from kontur.planning.planner import Trajectory
 from kontur.planning.rest import EQUAL, Rest

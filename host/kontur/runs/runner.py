@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -308,8 +307,8 @@ def _what(device: Device, target: Target, options: RunOptions) -> dict[str, Any]
 
 def _switched(trajectory: Planned) -> str:
     """The words that switch something, and how often each."""
-    counts = Counter(event.kind for event in trajectory.program.events)
-    return ", ".join(word if count == 1 else f"{word} ×{count}" for word, count in counts.items())
+    kinds = trajectory.program.events.kinds()
+    return ", ".join(word if count == 1 else f"{word} ×{count}" for word, (count, _) in kinds.items())
 
 
 def _outcome(streamed: StreamResult, warnings: tuple[int, ...], log_problem: FileError | None) -> dict[str, Any]:
