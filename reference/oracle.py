@@ -87,6 +87,7 @@ class Params:
     lambda_1ps: float = 200.0
     gamma_1ps: float = 1.2
     beta: float = 6.0
+    stiffness_1ps2: float = 0.0
     k_bar_1pm: float = 1e3
     e_max_m: float = 1e-3
     psi_printed: bool = False
@@ -106,6 +107,7 @@ class Params:
     dead_zone_mps: float = 1e-3
     mu_printed: bool = False
     input_printed: bool = False
+    in_axes: bool = False
     # adaptive feedforward of friction and mass; not in the paper
     friction_rate_1ps: float = 40.0
     mass_rate_1ps: float = 20.0
@@ -508,10 +510,10 @@ def screw_demand(force_N: Array, position_m: Array, p: Params) -> Array:
 
 
 def surface(e: Array, e_dot: Array, p: Params) -> tuple[Array, Array, Array]:
-    """(10): s_bar = A e + e', with A = diag(lambda + psi gamma) and B = A' = diag(psi' gamma)."""
+    """(10): s_bar = A e + e', with A = diag(lambda + psi gamma); B = A' + stiffness (not in the paper)."""
     (psi_1, psi_1_dot), (psi_2, psi_2_dot) = (psi(e[j], e_dot[j], p) for j in (0, 1))
     a = np.diag([p.lambda_1ps + psi_1 * p.gamma_1ps, p.lambda_1ps + psi_2 * p.gamma_1ps])
-    b = np.diag([psi_1_dot * p.gamma_1ps, psi_2_dot * p.gamma_1ps])
+    b = np.diag([psi_1_dot * p.gamma_1ps, psi_2_dot * p.gamma_1ps]) + p.stiffness_1ps2 * np.eye(2)
     return a @ e + e_dot, a, b
 
 
@@ -565,10 +567,10 @@ def compensation(
 ) -> tuple[Array, Array, Array, Array]:
     """(17)-(24) with desired z = 0: (z_n m, s m/s, v m/s^2 in the frame, force M R v in N).
 
-    z_n = R^T z, z_n' = R^T (z' + w I_e z); s = alpha z_n + z_n' (21); v = -alpha z_n' - mu sat(s/phi) (24).
+    z_n = R^T z, z_n' = R^T (z' + w I_e z), or R^T z' (in_axes, not in the paper); s = alpha z_n + z_n' (21); v = -alpha z_n' - mu sat(s/phi) (24).
     """
     z_n = rot.T @ z
-    z_n_dot = rot.T @ (z_dot + w * I_E @ z)
+    z_n_dot = rot.T @ (z_dot if p.in_axes else z_dot + w * I_E @ z)
     s = p.alpha_1ps * z_n + z_n_dot
     v = -p.alpha_1ps * z_n_dot - mu * sat(s, p.phi_mps)
     return z_n, s, v, p.mass_kg * (rot @ v)

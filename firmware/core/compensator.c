@@ -45,7 +45,7 @@ void compensator_step(const struct compensator_cfg *cfg, const struct plant_cfg 
     z.y = model_error(z_max, &q[1], &state->q_bar[1]);
     const vec2 z_dot = v2_sub(q_dot, state->q_bar_dot);
     out->z_n = v2_to_frame(t, z);
-    const vec2 zn_dot = v2_to_frame(t, v2_mad(z_dot, theta_dot, v2_ie(z)));
+    const vec2 zn_dot = v2_to_frame(t, v2_mad(z_dot, n_mul(cfg->turning, theta_dot), v2_ie(z)));
 
     out->mu = v2(acc_to(state->mu[0]), acc_to(state->mu[1]));
     out->s = v2_mad(zn_dot, cfg->alpha, out->z_n); /* (21), desired z = 0 */

@@ -14,6 +14,8 @@
  * - v is an acceleration in the frame at the foot point, so the force is M R v.
  * - (25) mu starts at mu_0, grows only while |s| > dead_zone, and is clamped. `law_printed` selects the printed form:
  *   mu starts at 0 and grows by rho |s|.
+ * - z_n' = R^T (z' + theta' I_e z) turns with the frame, and (24) lacks what would take the turning back: on a curve
+ *   it may grow (docs/adr/0085). `turning` = 0 takes z_n' = R^T z', whose loop does not depend on theta'.
  * - |z| is limited to phi/alpha, because beyond it sat() saturates and z would only wind up.
  *
  * | symbol | meaning                                   | unit      |
@@ -36,6 +38,7 @@ struct compensator_cfg {
     num rho;       /* 1/T0^2, times ACC_GAIN */
     num phi;       /* > 0 */
     num dead_zone; /* um/T0 */
+    num turning;   /* 1, or 0: share of theta' in the rate of z_n */
     bool law_printed;
     bool input_printed;
 };

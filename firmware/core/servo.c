@@ -273,6 +273,7 @@ __attribute__((noinline, cold)) static void lower_gains(const struct servo_cfg *
     for (unsigned i = 0; i < sizeof lowered / sizeof lowered[0]; i++) {
         *lowered[i] = n_mul(*lowered[i], gain);
     }
+    g.smc.stiffness = n_mul(g.smc.stiffness, n_mul(gain, gain));
     state->gains = g;
     state->gain = gain;
     state->gains_lowered = state->gains_changed = true;

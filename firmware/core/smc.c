@@ -5,7 +5,7 @@
 
 struct surface {
     num a; /* lambda + psi gamma */
-    num b; /* psi' gamma */
+    num b; /* psi' gamma + stiffness */
 };
 
 /* (11) and its derivative. Beyond e_max psi is constant. */
@@ -26,7 +26,7 @@ static struct surface surface(const struct smc_cfg *cfg, num e, num e_dot)
         psi = n_div(cfg->beta, h.cosh_x);
         psi_dot = n_neg(n_mul(psi, n_mul(n_div(h.sinh_x, h.cosh_x), x_dot)));
     }
-    const struct surface s = {n_mad(cfg->lambda, psi, cfg->gamma), n_mul(psi_dot, cfg->gamma)};
+    const struct surface s = {n_mad(cfg->lambda, psi, cfg->gamma), n_mad(cfg->stiffness, psi_dot, cfg->gamma)};
     return s;
 }
 

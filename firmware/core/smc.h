@@ -10,6 +10,7 @@
  *   last two.
  * - (15) L sign(q') uses the reference velocity with a boundary layer, because a measured sign chatters at
  *   standstill. It is a separate output, because the reference model (2) must not see it.
+ * - (15) B has `stiffness` besides, so that the error can decay with a pair of complex poles; 0 is the paper's law.
  *
  * | symbol        | meaning                                   | unit          |
  * |---------------|-------------------------------------------|---------------|
@@ -33,8 +34,9 @@ struct plant_cfg {
 
 struct smc_cfg {
     num lambda, gamma, beta;
-    num k_bar; /* 1/um; k_bar e_max <= TRIG_COSH_MAX */
-    num e_max; /* um */
+    num stiffness; /* 1/T0^2, >= 0 */
+    num k_bar;     /* 1/um; k_bar e_max <= TRIG_COSH_MAX */
+    num e_max;     /* um */
     bool psi_printed;
     num k_0, k_max;     /* start and upper clamp of k_hat, 1/T0 */
     num zeta;           /* floor of k_hat, 1/T0 */

@@ -298,6 +298,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
         .gains.smc = {.lambda = milli_per_s(a->lambda),
                       .gamma = milli_per_s(a->gamma),
                       .beta = milli(a->beta),
+                      .stiffness = n_ratio(a->stiffness, 4000000), /* centi/s2 to 1/T0^2 */
                       .k_bar = n_ratio(a->k_bar, 1000000),
                       .e_max = milli(a->e_max),
                       .psi_printed = a->psi_printed != 0,
@@ -314,6 +315,7 @@ struct servo_cfg configuration_servo(const struct od_data *od)
                               .rho = n_ratio((int64_t)u->rho * ACC_GAIN, 40000000),
                               .phi = nano_mps(u->phi),
                               .dead_zone = nano_mps(u->dead_zone),
+                              .turning = u->in_axes != 0 ? NUM(0) : NUM(1),
                               .law_printed = u->law_printed != 0,
                               .input_printed = u->input_printed != 0},
         .feedforward = {.friction_rate = milli_per_s(od->feedforward.friction_rate),

@@ -12,7 +12,7 @@
 struct api_params {
     double dt, mass[2], viscous[2], coulomb[2], force_max[2], observer;
     double v_min, lag_max;
-    double lambda, gamma, beta, k_bar, e_max, k_0, k_max, zeta, zeta_rate, xi, epsilon, friction_speed;
+    double lambda, gamma, beta, stiffness, k_bar, e_max, k_0, k_max, zeta, zeta_rate, xi, epsilon, friction_speed;
     double alpha, mu_0, mu_max, rho, phi, dead_zone;
     double friction_rate, mass_rate, feedforward_acceleration;
     double k_p, k_v, k_i, coupling, integral_max;
@@ -20,7 +20,7 @@ struct api_params {
     double presliding[2], breakaway[2], stribeck[2], lead[2];
     double cogging_cos[2][3], cogging_sin[2][3], ripple_cos[2][3], ripple_sin[2][3];
     double force_constant[2], impedance[2], back_emf[2], power_factor, blend;
-    int newton, psi_printed, mu_printed, input_printed;
+    int newton, psi_printed, mu_printed, input_printed, in_axes;
 };
 
 struct api_point {

@@ -72,17 +72,20 @@ def test_the_law_of_a_cascade_is_its_closed_form_whatever_the_screw() -> None:
         assert law.force[0] == pytest.approx(expected, rel=0.01)
 
 
-def test_the_law_of_ccu_leaves_a_rigid_mass_with_four_real_poles() -> None:
-    """1 + L = (s + A) (s + k_0) (s + alpha) (s + mu/phi) / s^4 with A = lambda + beta gamma, but for the observer.
+@pytest.mark.parametrize("stiffness", [0.0, 8000.0])
+def test_the_law_of_ccu_leaves_a_rigid_mass_with_these_four_poles(stiffness: float) -> None:
+    """1 + L = ((s + A) (s + k) + B) (s + alpha) (s + mu/phi) / s^4 with A = lambda + beta gamma but for the observer.
 
-    No gain makes a pair of them complex, as those of a cascade are (docs/adr/0064).
+    Without B, the stiffness, all are real. With it two may be complex, as those of a cascade are (docs/adr/0084).
     """
     machine = only(load(MACHINES / "ball_screw.toml"), viscous_Nspm=0.0, encoder_m=1e-8)
-    problem, poles = Problem(machine, "ccu", FULL, 2.0, 2.0), (100.0, 120.0, 90.0, 110.0)
+    problem, (a, k, alpha, ratio) = Problem(machine, "ccu", FULL, 2.0, 2.0), (100.0, 120.0, 90.0, 110.0)
     grid = loop.Grid.at(np.geomspace(2.0, 20.0, 12), CONTROL_HZ)
-    gains = problem.gains(np.log([*poles, 5000.0])) | {"smc.beta": 0.0}
+    gains = {"smc.lambda": a, "smc.k_0": k, "smc.k_max": k, "smc.zeta": k, "smc.beta": 0.0, "smc.stiffness": stiffness}
+    gains |= {"compensator.alpha": alpha, "compensator.mu_0": 6.0, "compensator.mu_max": 6.0}
+    gains |= {"compensator.phi": 6.0 / ratio, "observer.bandwidth": 5000.0}
     s = 2j * np.pi * grid.hz
-    one_plus_l = np.prod([s + pole for pole in poles], axis=0) / s**4
+    one_plus_l = ((s + a) * (s + k) + stiffness) * (s + alpha) * (s + ratio) / s**4
     for axis, law in zip(machine.axes, problem.loops(grid, gains), strict=True):
         assert law.force[0] == pytest.approx(-axis.mass_kg * s**2 * (one_plus_l - 1.0), rel=0.05)
 

@@ -171,6 +171,42 @@ def test_oracle_law_makes_the_contour_error_slide_on_its_surface(path: str, prin
         assert abs(s_dot[1] + k_hat[1] * s_bar[1]) < 1e-4 * scale
 
 
+def test_oracle_error_with_stiffness_decays_with_the_poles_of_its_polynomial() -> None:
+    """e'' + (A + K) e' + (A K + B) e = 0 on a straight path: of a pair of complex poles here, and stable.
+
+    V = (s_bar^2 + B e^2) / 2 falls: V' = -K s_bar^2 - A B e^2 (docs/adr/0084).
+    """
+    p = replace(P, beta=0.0, lambda_1ps=80.0, stiffness_1ps2=2e4)
+    k, still, mass = np.array([60.0, 60.0]), np.zeros(2), p.mass_kg
+    state, dt = np.array([1e-5, 0.0]), 1e-6
+    lyapunov, size_um = [], []
+    for _ in range(40_000):
+        e, e_dot = np.array([state[0], 0.0]), np.array([state[1], 0.0])
+        force, s_bar = oracle.contouring_law(np.eye(2), 0.0, 0.0, e, e_dot, e, e_dot, still, still, k, p)
+        lyapunov.append(0.5 * (s_bar[0] ** 2 + p.stiffness_1ps2 * state[0] ** 2))
+        size_um.append(state[0] * 1e6)
+        half = state[1] + 0.5 * dt * force[0] / mass[0]
+        state = np.array([state[0] + dt * half, state[1] + dt * force[0] / mass[0]])
+    pole = complex(np.roots([1.0, 80.0 + 60.0, 80.0 * 60.0 + 2e4])[0])
+    assert abs(pole.imag) > 100.0
+    t = dt * np.arange(len(size_um))
+    expected = 10.0 * np.exp(pole.real * t) * (np.cos(pole.imag * t) - pole.real / pole.imag * np.sin(pole.imag * t))
+    np.testing.assert_allclose(size_um, expected, atol=2e-3)
+    assert np.all(np.diff(lyapunov) < 0.0)
+
+
+@pytest.mark.parametrize("in_axes", [False, True])
+def test_oracle_compensator_in_the_axes_is_stable_whatever_the_frames_turning(in_axes: bool) -> None:
+    """z'' = R v with v of (24) in its boundary layer: in the frame it grows where alpha mu/phi < theta'^2."""
+    p = replace(P, alpha_1ps=5.0, phi_mps=1.0, in_axes=in_axes)  # mu/phi is 10 1/s below
+    z, z_dot, dt, w = np.array([1e-6, 0.0]), np.zeros(2), 1e-4, 27.0  # r 3 mm at 80 mm/s
+    for k in range(20_000):
+        force = oracle.compensation(z, z_dot, oracle.rotation(w * k * dt), w, np.array([10.0, 10.0]), p)[3]
+        z_dot = z_dot + dt * force / p.mass_kg
+        z = z + dt * z_dot
+    assert (size(z) < 1e-9) == in_axes
+
+
 def test_oracle_observer_has_a_triple_pole_where_the_bandwidth_puts_it() -> None:
     dt, bandwidth = 1e-4, 1300.0
     gains = oracle.observer_gains(bandwidth, dt)
@@ -423,13 +459,16 @@ def law_inputs(rng: np.random.Generator, e_m: float, e_dot_mps: float) -> dict[s
     return {name: rng.uniform(-v, v, 2) for name, v in scale.items()}
 
 
+@pytest.mark.parametrize("stiffness", [0.0, 3e4])
 @pytest.mark.parametrize("printed", [False, True])
 @pytest.mark.parametrize(
     ("e_m", "e_dot_mps"), [(0.0, 0.0), (1e-7, 1e-5), (1e-5, 1e-3), (2e-4, 0.02), (9e-4, 0.1), (4e-3, 0.8)]
 )
-def test_law_is_the_oracles_but_for_rounding(core: Core, e_m: float, e_dot_mps: float, printed: bool) -> None:
+def test_law_is_the_oracles_but_for_rounding(
+    core: Core, e_m: float, e_dot_mps: float, printed: bool, stiffness: float
+) -> None:
     within_range(core, e_m < 9e-4)
-    p, rng = replace(P, psi_printed=printed), np.random.default_rng(9)
+    p, rng = replace(P, psi_printed=printed, stiffness_1ps2=stiffness), np.random.default_rng(9)
     drive, limit = core.drive(p), core.bound.drive(p)
     for k_hat in ([100.0, 150.0], [399.99, 99.0], [120.0, 110.0]) * 10:
         angle, w, w_dot = rng.uniform(-4.0, 4.0), rng.uniform(-30.0, 30.0), rng.uniform(-500.0, 500.0)
@@ -453,10 +492,13 @@ def test_law_is_the_oracles_but_for_rounding(core: Core, e_m: float, e_dot_mps: 
             check(name, found[name], value, allowed[name])
 
 
+@pytest.mark.parametrize("in_axes", [False, True])
 @pytest.mark.parametrize("printed", [False, True])
 @pytest.mark.parametrize(("z_m", "z_dot_mps"), [(0.0, 0.0), (1e-7, 1e-5), (1e-5, 1e-3), (2e-3, 0.1)])
-def test_compensator_is_the_oracles_but_for_rounding(core: Core, z_m: float, z_dot_mps: float, printed: bool) -> None:
-    p, rng = replace(P, mu_printed=printed), np.random.default_rng(10)
+def test_compensator_is_the_oracles_but_for_rounding(
+    core: Core, z_m: float, z_dot_mps: float, printed: bool, in_axes: bool
+) -> None:
+    p, rng = replace(P, mu_printed=printed, in_axes=in_axes), np.random.default_rng(10)
     drive, limit, z_max = core.drive(p), core.bound.drive(p), P.phi_mps / P.alpha_1ps
     for mu in ([1.0, 2.0], [3.9999999, 0.5]) * 15:
         rot, w = oracle.rotation(rng.uniform(-4.0, 4.0)), rng.uniform(-30.0, 30.0)

@@ -51,7 +51,8 @@ static inline struct servo_cfg nominal(void)
                               .mu_max = mk(4 / MPS2),
                               .rho = mk(0.5 * T0 * T0 * ACC_GAIN),
                               .phi = mk(1e-3 / MPS),
-                              .dead_zone = mk(1e-3 / MPS)},
+                              .dead_zone = mk(1e-3 / MPS),
+                              .turning = mk(1)},
         .feedforward = {.acceleration = mk(0.5 / MPS2)}, /* both rates are 0, so that it is off */
         .gains.cascade = {.k_p = mk(67.4 * T0),
                           .k_v = mk(307 * T0),

@@ -19,7 +19,8 @@ void setUp(void)
                                    .mu_max = mk(5),
                                    .rho = mk(0.03125 * ACC_GAIN),
                                    .phi = mk(8),
-                                   .dead_zone = mk(4)};
+                                   .dead_zone = mk(4),
+                                   .turning = mk(1)};
     plant = (struct plant_cfg){.mass = mk2(2, 4), .viscous = mk2(0.5, 1), .coulomb = mk2(10, 20)};
     at_um(100, 200, q);
     compensator_reset(&cfg, &state, q, mk2(6, 7));
@@ -92,6 +93,16 @@ static void test_rate_of_z_has_the_frames_rotation_in_it(void)
     compensator_step(&cfg, &plant, &state, p, mk2(6, 7), mk2(1, 0), mk(0.25), &out);
     TEST_ASSERT_EQUAL_DOUBLE(0.5 * 4, val(out.s.x));
     TEST_ASSERT_EQUAL_DOUBLE(-0.25 * 4, val(out.s.y));
+}
+
+static void test_rate_of_z_in_the_axes_has_no_rotation_in_it(void)
+{
+    pos_t p[2];
+    cfg.turning = mk(0);
+    at_um(100 + 4, 200, p);
+    compensator_step(&cfg, &plant, &state, p, mk2(6 + 1, 7 + 3), mk2(1, 0), mk(0.25), &out);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5 * 4 + 1, val(out.s.x));
+    TEST_ASSERT_EQUAL_DOUBLE(3, val(out.s.y));
 }
 
 static void test_mu_grows_only_outside_the_dead_zone(void)
@@ -188,6 +199,7 @@ int main(void)
     RUN_TEST(test_compensation_is_full_beyond_the_boundary_layer);
     RUN_TEST(test_force_is_mass_times_the_compensation_turned_into_the_axis_frame);
     RUN_TEST(test_rate_of_z_has_the_frames_rotation_in_it);
+    RUN_TEST(test_rate_of_z_in_the_axes_has_no_rotation_in_it);
     RUN_TEST(test_mu_grows_only_outside_the_dead_zone);
     RUN_TEST(test_mu_stops_at_its_limit);
     RUN_TEST(test_mu_as_printed_starts_from_zero_and_always_grows);

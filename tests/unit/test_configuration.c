@@ -76,7 +76,8 @@ static void test_contouring_law(void)
                              .k_max = 412345,
                              .zeta = 98765,
                              .xi = 10203040,
-                             .epsilon = 1234567};
+                             .epsilon = 1234567,
+                             .stiffness = 23456789};
     od.contour.friction_speed = 87654;
     const struct smc_cfg a = configuration_servo(&od).gains.smc;
     near(173.205 * T0, a.lambda); /* 1/s */
@@ -91,6 +92,7 @@ static void test_contouring_law(void)
     near(98.765 * T0 * T0 * ACC_GAIN, a.zeta_rate); /* 1/s2 */
     near(10203.040 * UM * T0 * ACC_GAIN, a.xi);     /* 1/(m s) */
     near(1.234567e-3 / UM * T0, a.epsilon);
+    near(234567.89 * T0 * T0, a.stiffness); /* 1/s2 */
     near(87.654e-6 / UM * T0, a.friction_speed);
     od.smc.psi_printed = 0;
     TEST_ASSERT_FALSE(configuration_servo(&od).gains.smc.psi_printed);
@@ -147,6 +149,9 @@ static void test_uncertainty_compensator(void)
     near(2.222222e-3 / UM * T0, u.dead_zone);
     TEST_ASSERT_TRUE(u.law_printed);
     TEST_ASSERT_FALSE(u.input_printed);
+    near(1, u.turning);
+    od.compensator.in_axes = 1;
+    near(0, configuration_servo(&od).gains.compensator.turning);
     od.compensator.law_printed = 0;
     od.compensator.input_printed = 1;
     TEST_ASSERT_FALSE(configuration_servo(&od).gains.compensator.law_printed);

@@ -656,10 +656,12 @@ static void test_oscillation_lowers_the_gains_of_every_law_without_a_step_of_the
 static void test_lowered_gains_are_those_of_the_configuration_times_the_factor(void)
 {
     watch_for_oscillation(true);
+    cfg.gains.smc.stiffness = mk(0.25);
     shake(1500);
     const struct servo_gains *g = &state.gains;
     ASSERT_NEAR(0.5 * val(cfg.gains.smc.lambda), val(g->smc.lambda), 1.0);
     ASSERT_NEAR(0.5 * val(cfg.gains.smc.gamma), val(g->smc.gamma), 1.0);
+    ASSERT_NEAR(0.25 * val(cfg.gains.smc.stiffness), val(g->smc.stiffness), 1.0);
     ASSERT_NEAR(0.5 * val(cfg.gains.smc.k_0), val(g->smc.k_0), 1.0);
     ASSERT_NEAR(0.5 * val(cfg.gains.smc.k_max), val(g->smc.k_max), 2.0);
     ASSERT_NEAR(0.5 * val(cfg.gains.smc.zeta), val(g->smc.zeta), 1.0);

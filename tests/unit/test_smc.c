@@ -129,6 +129,27 @@ static void test_adaptive_gain_pulls_against_the_sliding_variable(void)
     ASSERT_NEAR(-4 * (4 * -4 + 0.5 * -4), val(out.u_linear.y), 72.0);
 }
 
+static void test_stiffness_pulls_against_the_error_and_leaves_the_sliding_variable(void)
+{
+    cfg.beta = mk(0);
+    in.e = mk2(3, -5);
+    in.e_dot = mk2(2, 0);
+    step();
+    ASSERT_NEAR(-2 * 1 * 2, val(out.u_linear.x), 4.0);
+    cfg.stiffness = mk(0.75);
+    step();
+    ASSERT_NEAR(3 + 2, val(out.s_bar.x), 5.0);
+    ASSERT_NEAR(-2 * (1 * 2 + 0.75 * 3), val(out.u_linear.x), 8.5);
+    ASSERT_NEAR(-4 * (0.75 * -5), val(out.u_linear.y), 15.0);
+}
+
+static void test_stiffness_adds_to_the_rate_of_a(void)
+{
+    const double without = b_at(50, 30);
+    cfg.stiffness = mk(0.75);
+    TEST_ASSERT_DOUBLE_WITHIN(2e-5 + HALF_STEPS(16), without + 0.75, b_at(50, 30));
+}
+
 static void test_force_is_mass_times_the_demanded_acceleration_plus_viscous_friction(void)
 {
     plant.viscous = mk2(0.5, 0.25);
@@ -230,6 +251,8 @@ int main(void)
     RUN_TEST(test_b_is_the_rate_of_a);
     RUN_TEST(test_b_is_zero_beyond_e_max_where_a_is_constant);
     RUN_TEST(test_adaptive_gain_pulls_against_the_sliding_variable);
+    RUN_TEST(test_stiffness_pulls_against_the_error_and_leaves_the_sliding_variable);
+    RUN_TEST(test_stiffness_adds_to_the_rate_of_a);
     RUN_TEST(test_force_is_mass_times_the_demanded_acceleration_plus_viscous_friction);
     RUN_TEST(test_the_law_acts_in_the_frame_at_the_foot_point);
     RUN_TEST(test_friction_is_that_of_the_reference_velocity_and_is_returned_apart);
