@@ -45,11 +45,12 @@ _LAST_GAP = 0.004  # of the last pass
 _TURNS = 5  # of the last pass, at most
 _WORTH = 0.995  # of its duration: if one does not make it shorter than that, no more follow
 _MUCH_LOWER = 0.75  # share of a limit
+_LOWEST = 1e-3  # share of a limit that is planned with; equations with less are not solvable in double precision
 _NEWTON_MAX = 25  # steps of a round
 _REST = 3  # equal control points at a stop
 _NEAR = 7  # ms around an excess in which a limit is lowered
 _NEAR_CAP = 0.88
-_SLOWING = 8  # rounds
+_SLOWING = 24  # rounds; two or three are usual
 _AROUND = 24  # ms, in the first round; half as much more in each that follows
 _PASSED_S = 6e-3
 _TINY = 1e-10  # m, nearer than this to a stop is at rest
@@ -171,7 +172,7 @@ class _Law:
             if (turn == 0 and np.min(shares) >= _MUCH_LOWER) or (turn > 1 and rows[1] > _WORTH * rows[0]):
                 break
             before = np.stack([np.interp(s, was, one) for one in shares.T], axis=1) if turn else 1.0
-            shares = np.minimum(1.0, before / self.excess(s, rests))
+            shares = np.clip(before / self.excess(s, rests), _LOWEST, 1.0)
         return min(found, key=lambda stretches: sum(map(len, stretches)))
 
     def stretches(self, s: FloatArray, rests: _Index) -> list[FloatArray]:
@@ -186,9 +187,7 @@ class _Law:
             part = part[max(moving[0] - 1, 0) : moving[-1] + 2] if moving.size else part[[0, -1]]
             part[[0, -1]] = low, high
             part = _averaged(np.pad(part, width // 2 + 1, mode="edge"), width)
-            moving = np.flatnonzero((part > low + _TINY) & (part < high - _TINY))
-            part = part[moving[0] : moving[-1] + 1]
-            out.append(np.concatenate([[low], part, np.full(_REST - 1, high)]))
+            out.append(_between_rests(part, low, high))
         return out
 
     def _ratios(self, stretches: list[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -217,20 +216,30 @@ class _Law:
         return stretches
 
 
+def _between_rests(part: FloatArray, low: float, high: float) -> FloatArray:
+    """The motion `part`, with one row of rest at `low` before and those of a stop at `high` behind what moves."""
+    moving = np.flatnonzero((part > low + _TINY) & (part < high - _TINY))
+    return np.concatenate([[low], part[moving[0] : moving[-1] + 1], np.full(_REST - 1, high)])
+
+
 def _ratios(path: DrivenPath, control_m: FloatArray, checked: Limits) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Speed, acceleration and jerk (n,) over their limits of the axis that comes nearest to them, for control points
-    (n,) of the distance."""
-    control = knots.control_points(path.point(_spline_values(control_m)))
+    (n,) of the distance, with a rest at either end."""
+    control = knots.control_points(path.point(_spline_values(np.pad(control_m, _REST, mode="edge"))))
 
     def ratio(values: FloatArray, limit: tuple[float, float]) -> FloatArray:
         return np.asarray(np.max(np.abs(values) / np.array(limit), axis=1))
 
     velocity, second = (control[2:] - control[:-2]) / (2.0 * KNOT_S), np.diff(control, 2, axis=0) / KNOT_S**2
-    speed = np.pad(ratio(velocity, checked.velocity_mps), 1)
     upper, lower = _accelerations(velocity, checked)
-    acceleration = np.pad(np.max(np.maximum(second / upper, -second / lower), axis=1), 1)
-    between = np.pad(ratio(np.diff(control, 3, axis=0) / KNOT_S**3, checked.jerk_mps3), 2)
-    return speed, acceleration, np.maximum(between[1:], between[:-1])
+    speed, acceleration = (
+        ratio(velocity, checked.velocity_mps),
+        np.max(np.maximum(second / upper, -second / lower), axis=1),
+    )
+    between = ratio(np.diff(control, 3, axis=0) / KNOT_S**3, checked.jerk_mps3)
+    jerk = np.maximum(between[1:], between[:-1])
+    inner = slice(_REST - 1, -(_REST - 1))
+    return speed[inner], acceleration[inner], jerk[_REST - 2 : -(_REST - 2)]
 
 
 def _accelerations(velocity: FloatArray, limits: Limits) -> tuple[FloatArray, FloatArray]:
@@ -318,12 +327,12 @@ def _slower(control: FloatArray, excess: FloatArray, around: int) -> FloatArray:
     """The same motion, slowed smoothly for so many ms `around` the rows where `excess` (n,) is above 1."""
     needed = np.where(excess > 1.0, 1.002 * excess, 1.0)
     factor = _averaged(_averaged(maximum_filter1d(needed, 2 * around + 1), around), around)
+    control, factor = np.pad(control, _REST, mode="edge"), np.pad(factor, _REST, mode="edge")
     time = np.append(0.0, np.cumsum(0.5 * (factor[1:] + factor[:-1])))
     rows = np.arange(len(control), dtype=np.float64)
     at = np.minimum(CubicSpline(time, rows)(np.minimum(np.arange(math.ceil(time[-1]) + 1), time[-1])), rows[-1])
-    slow = np.asarray(CubicSpline(rows, control, bc_type="clamped")(at))
-    slow = np.maximum.accumulate(np.clip(slow, control[0], control[-1]))
-    return np.concatenate([control[:1], slow, control[-1:]])
+    slow = np.maximum.accumulate(np.clip(CubicSpline(rows, control, bc_type="clamped")(at), control[0], control[-1]))
+    return _between_rests(slow, control[0], control[-1])
 
 
 def _resampled(s: FloatArray, rests: _Index, b: FloatArray, step: float, new_step: float) -> tuple[FloatArray, _Index]:
