@@ -14,7 +14,7 @@ from kontur.commissioning.identify import _reversals
 from kontur.commissioning.recording import Scan
 from kontur.commissioning.reversal import Presliding
 from kontur.drive.target import Target, open_drive
-from kontur.machine import LENGTHS, MACHINES, Axis, load
+from kontur.machine import LENGTHS, MACHINES, Axis, Machine, load
 
 
 def known(axis: Axis, delay_periods: int) -> tuple[Dynamics, Friction]:
@@ -26,9 +26,9 @@ def known(axis: Axis, delay_periods: int) -> tuple[Dynamics, Friction]:
     return dynamics, Friction(*(Value(one, 0.0) for one in friction))
 
 
-def presliding_of(machine: str, **changed: float | str) -> tuple[Axis, Presliding | None]:
+def presliding_of(machine: str | Machine, **changed: float | str) -> tuple[Axis, Presliding | None]:
     """Of the simulated axis x, of which only this is measured. It has no cogging, which would be taken off before."""
-    whole = load(MACHINES / f"{machine}.toml")
+    whole = machine if isinstance(machine, Machine) else load(MACHINES / f"{machine}.toml")
     axis = replace(whole.x, cogging_N=0.0, ripple=0.0, **changed)  # type: ignore[arg-type]
     with open_drive(Target(machine=replace(whole, x=axis), told=LENGTHS)) as device:
         device.select_controller("cascade")

@@ -28,6 +28,7 @@ _LEAST_M, _MOST_M = 1e-6, 1.5e-4
 _GAP_PRIOR_M, _GAP_MAX_M = 3e-5, 1e-4
 _SHARE_PRIOR = 0.15  # standard deviation of the table's share of the friction, around one half
 _BEFORE_MAX_M = 1e-5  # by which an axis that sticks may have come back before it is recorded
+_BEYOND_PRIOR_M = 1e-6  # by which its table, which swings, has come back more or less than the motor
 _FORCE_ERROR = 0.01  # of the friction: what the model does not have
 _SPEED_ERROR = 0.5  # of what the friction falls with the speed
 _INERTIA_ERROR = 0.3
@@ -35,6 +36,7 @@ _ALIKE = 10.0  # points with one error in common
 _CROSSING = 0.01  # of the table's friction, within which the gap is crossed
 _MODEL_ERROR, _GAP_ERROR, _GAP_LEAST_M, _SHARE_ERROR, _REST_ERROR = 0.1, 0.1, 5e-7, 0.05, 0.05  # what the model lacks
 _SEEN = 1.5  # times its uncertainty
+_SLIPS, _STICKS, _MOST = 2.0, 0.5, 0.8  # times the mean velocity, of an axis that has most of its force
 _UNEXPLAINED = 0.05  # share of the force's variance that a fit may leave
 
 
@@ -79,24 +81,24 @@ def presliding(scans: Sequence[Scan], dynamics: Dynamics, friction: Friction) ->
         """Level and offsets of the best fit, and its residual."""
         whole_m, share, gap_m = math.exp(float(vector[0])), float(vector[1]), float(vector[2])
         shape = [
-            _shape(run, float(before_m), whole_m, share, gap_m, stretch_m)
-            for run, before_m in zip(runs, vector[3:], strict=True)
+            _shape(run, before_m, beyond_m, whole_m, share, gap_m, stretch_m)
+            for run, (before_m, beyond_m) in zip(runs, vector[3:].reshape(-1, 2), strict=True)
         ]
         basis = np.column_stack([np.concatenate(shape), offsets]) / sigma_N[:, None]
         x = np.linalg.lstsq(basis, force_N / sigma_N, rcond=None)[0]
         return x, basis @ x - force_N / sigma_N
 
     def residual(vector: Floats) -> Floats:
-        prior = [(vector[1] - 0.5) / _SHARE_PRIOR, vector[2] / _GAP_PRIOR_M]
+        prior = [(vector[1] - 0.5) / _SHARE_PRIOR, vector[2] / _GAP_PRIOR_M, *vector[4::2] / _BEYOND_PRIOR_M]
         return np.concatenate([parts(vector)[1] / math.sqrt(_ALIKE), prior])
 
-    low = [math.log(_LEAST_M), 0.0, 0.0] + [0.0] * len(runs)
-    high = [math.log(_MOST_M), 1.0, _GAP_MAX_M] + [_BEFORE_MAX_M] * len(runs)
-    scale = np.array([0.3, 0.2, 5e-6] + [1e-6] * len(runs))
+    low = [math.log(_LEAST_M), 0.0, 0.0] + [0.0, -_BEFORE_MAX_M] * len(runs)
+    high = [math.log(_MOST_M), 1.0, _GAP_MAX_M] + [_BEFORE_MAX_M] * 2 * len(runs)
+    scale = np.array([0.3, 0.2, 5e-6] + [1e-6, 1e-6] * len(runs))
     fits = [
         least_squares(
-            residual, [math.log(start_m), 0.5, gap_m + 1e-7] + [1e-7] * len(runs), bounds=(low, high), x_scale=scale,
-            loss="soft_l1", max_nfev=30,
+            residual, [math.log(start_m), 0.5, gap_m + 1e-7] + [1e-7, 0.0] * len(runs), bounds=(low, high),
+            x_scale=scale, loss="soft_l1", max_nfev=30,
         )
         for start_m in _STARTS_M for gap_m in _GAPS_M
     ]  # fmt: skip
@@ -120,7 +122,11 @@ def presliding(scans: Sequence[Scan], dynamics: Dynamics, friction: Friction) ->
 
 
 def _run(scan: Scan, sign: float, dynamics: Dynamics, friction: Friction) -> _Run:
-    """From the turn on, less what accelerates the axis and its viscous friction."""
+    """From the turn on, less what accelerates the axis and its viscous friction.
+
+    Where the force falls with the speed, an axis this slow sticks and slips in turns. While it sticks, its friction is
+    what pulls it, and no longer a function of the distance: what comes after the first slip is left out.
+    """
     time_s = _means(scan.time_s)
     first_m = sign * _means(scan.first_m)
     delayed_N = np.interp(scan.time_s - dynamics.lag_delay_s.value, scan.time_s, scan.force_N)
@@ -135,7 +141,10 @@ def _run(scan: Scan, sign: float, dynamics: Dynamics, friction: Friction) -> _Ru
     )
     turn = int(np.argmin(first_m))
     distance_m = np.maximum.accumulate(first_m[turn:] - first_m[turn])
-    of = slice(turn, turn + int(np.searchsorted(distance_m, _LONGEST_M)))
+    mean_mps = distance_m[-1] / (time_s[-1] - time_s[turn])
+    slipped = (velocity[turn:] > _SLIPS * mean_mps) & (force_N[turn:] > _MOST * np.max(force_N))
+    sticks = np.flatnonzero(np.maximum.accumulate(slipped) & (velocity[turn:] < _STICKS * mean_mps))
+    of = slice(turn, turn + min([int(np.searchsorted(distance_m, _LONGEST_M)), *sticks[:1]]))
     motor_m: Floats | None = distance_m[: of.stop - turn]
     table_m = None
     if dynamics.encoder_at == "table":
@@ -150,8 +159,11 @@ def _means(values: Floats) -> Floats:
     return np.asarray(np.mean(values[: len(values) // _BLOCK * _BLOCK].reshape(-1, _BLOCK), axis=1))
 
 
-def _shape(run: _Run, before_m: float, whole_m: float, share: float, gap_m: float, stretch_m: float) -> Floats:
-    """Friction of motor and table over that at rest. `stretch_m`: of the spring under all of the friction."""
+def _shape(
+    run: _Run, before_m: float, beyond_m: float, whole_m: float, share: float, gap_m: float, stretch_m: float
+) -> Floats:
+    """Friction of motor and table over that at rest. `before_m`: by how much the axis had come back when the run
+    begins, its table by `beyond_m` more. `stretch_m`: of the spring under all of the friction."""
     grid_m = np.geomspace(1e-8, 1e-3, 600) - 1e-8
     of_table = _slip(grid_m, whole_m)
     crossed = np.clip(of_table / _CROSSING + 0.5, 0.0, 1.0)  # the spring is in the gap while it has no force
@@ -161,7 +173,7 @@ def _shape(run: _Run, before_m: float, whole_m: float, share: float, gap_m: floa
         table_m, motor_m = run.table_m + before_m, np.interp(run.table_m + before_m, grid_m, behind_m)
     else:
         motor_m = run.motor_m + before_m
-        table_m = np.interp(motor_m, behind_m, grid_m) if run.table_m is None else run.table_m + before_m
+        table_m = np.interp(motor_m + beyond_m, behind_m, grid_m) if run.table_m is None else run.table_m + before_m
     return np.asarray(((1.0 - share) * _slip(motor_m, whole_m) + share * _slip(table_m, whole_m)) * run.left)
 
 
