@@ -32,6 +32,7 @@ _RUNAWAY_NM, _ROUGH_NM, MEASURE_NM = 500_000, 5_000_000, 3_000_000  # following 
 _SHARES = (0.05, 0.15, 0.45, 1.0)  # of the force that is allowed, for the ramp, one after the other
 _SEEN_COUNTS = 4  # a movement this large shows that the encoder counts
 _BROKEN_M = 1.2e-4  # beyond presliding
+_MOST_BREAKAWAY = 0.75  # of the force that is allowed
 _RAMP_S, _SWING_MS = 2.0, 5000
 _SLOW, _FAST = 1, 40  # periods in _SWING_MS: 0.2 Hz, 8 Hz
 _WATCH_S = 0.002
@@ -146,6 +147,12 @@ def direction(device: Device, axis: str, agreed: Agreed, stop_requested: Callabl
         force_N = share * agreed.force_N
         counts = counts or _counts(device, axis, force_N, stop_requested)
         found = _ramp(device, axis, force_N, stop_requested) if counts else None
+        if found is not None and found > _MOST_BREAKAWAY * agreed.force_N:
+            raise Diagnosis(
+                "force",
+                f"axis {axis} breaks away at {found:.0f} N, and {agreed.force_N:.0f} N are allowed, which is too "
+                f"little to measure it: allow {found / _MOST_BREAKAWAY:.0f} N or more with --force",
+            )
         if found is not None:
             return found
     raise Diagnosis(
@@ -168,13 +175,14 @@ def _counts(device: Device, axis: str, force_N: float, stop_requested: Callable[
 def _ramp(device: Device, axis: str, force_N: float, stop_requested: Callable[[], bool]) -> float | None:
     """Let the force swing slowly up to `force_N`; the force at which the axis broke away, None where it did not."""
     count_m = _count_m(device, axis)
-    work, largest_N = 0.0, 0.0
+    work, largest_N, was_m = 0.0, 0.0, 0.0
 
     def broken(moved_m: float, now_N: float) -> bool:
-        nonlocal work, largest_N
+        nonlocal work, largest_N, was_m
         largest_N = max(largest_N, abs(now_N))
-        if abs(moved_m) > _SEEN_COUNTS * count_m:
-            work += moved_m * now_N
+        if abs(moved_m - was_m) > _SEEN_COUNTS * count_m:
+            work += (moved_m - was_m) * now_N
+            was_m = moved_m
         return abs(moved_m) > max(_BROKEN_M, 20.0 * count_m)
 
     try:
@@ -220,6 +228,17 @@ def _swing(mover: Mover, force_N: float, periods: int, enough: Callable[[float, 
 
 def _count_m(device: Device, axis: str) -> float:
     return float(device.read(f"plant_{axis}.encoder")) * 1e-6
+
+
+def bind(device: Device, axis: str, agreed: Agreed, mass_kg: float, breakaway_N: float) -> None:
+    """From now on the drive's own limit is the agreed force, and speed changes take half of what friction leaves."""
+    force_N = min(agreed.force_N, float(device.read(f"plant_{axis}.force_limit")))
+    most_umps2 = 0.5e6 * (force_N - breakaway_N) / mass_kg
+    rates = {name: float(device.read(name)) for name in (f"profile_{way}eleration_{axis}" for way in ("acc", "dec"))}
+    device.parameters.set(
+        {f"plant_{axis}.force_limit": round(force_N, 3)}
+        | {name: round(most_umps2) for name, rate in rates.items() if rate > most_umps2}
+    )
 
 
 def _begin_ramp(device: Device, axis: str, force_N: float, periods: int) -> None:

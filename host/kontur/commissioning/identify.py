@@ -8,9 +8,9 @@ to hold the axis while its frequency response is measured.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,7 @@ _NOISE_S = 0.15
 _REVERSAL_MPS, _REVERSAL_S = 2e-4, 2.4
 _SLIDE_MPS, _SLIDE_S = 2e-3, 0.5  # until all of the friction slips
 _REVERSAL_ROOM_M = 5e-3
+_ROUGH, _MOST = 0.9, 0.8  # of the force that is allowed: the slow sine, and the friction at most
 _BIAS_MPS = 0.0873  # no whole number of Hz by common leads
 _WINDOWS = 3  # of each line and direction: their scatter is the uncertainty of a point
 _LOOSE_HZ = 20.0  # a first mode below is that of a loose coupling
@@ -92,7 +93,9 @@ def identify(
     with step("direction", "the force grows slowly until the axis moves: direction, breakaway"):
         breakaway_N = first_moves.direction(device, axis, agreed, stop_requested)
     with step("rough", "a slow sine of a millimetre: mass, roughly"):
-        mass_kg, coulomb_N = first_moves.rough(device, axis, min(agreed.force_N, 2.5 * breakaway_N), stop_requested)
+        sine_N = min(_ROUGH * agreed.force_N, 2.5 * breakaway_N)
+        mass_kg, coulomb_N = first_moves.rough(device, axis, sine_N, stop_requested)
+    first_moves.bind(device, axis, agreed, mass_kg, breakaway_N)
     device.parameters.set(
         {f"plant_{axis}.mass": round(mass_kg, 3), f"plant_{axis}.coulomb": round(0.8 * coulomb_N, 3)}
         | first_moves.FIRM | {f"following_window_{axis}": first_moves.MEASURE_NM}
@@ -114,6 +117,7 @@ def identify(
         first_moves.moving(device, axis, stop_requested) as mover,
     ):
         steps = _speeds(mover, agreed)
+        agreed = replace(agreed, speed_mps=min(agreed.speed_mps, 1.05 * steps[-1][0]))
         reversals = _reversals(mover)
     with (
         step("scans", "one speed for long: cogging, ripple, and what a scale shows"),
@@ -182,7 +186,7 @@ def _speeds(mover: Mover, agreed: Agreed) -> list[tuple[float, float, float]]:
     """Rows of speed, mean friction of both directions and its standard deviation."""
     steps = []
     for speed in _SPEEDS_MPS:
-        if speed > agreed.speed_mps:
+        if speed > agreed.speed_mps or _expected_N(steps, speed) > _MOST * agreed.force_N:
             break
         both = []
         for sign in (1.0, -1.0):
@@ -207,6 +211,14 @@ def _speeds(mover: Mover, agreed: Agreed) -> list[tuple[float, float, float]]:
             f"widen position_limit_{mover.axis} or allow more speed",
         )
     return steps
+
+
+def _expected_N(steps: Sequence[tuple[float, float, float]], speed_mps: float) -> float:
+    """The friction at a speed, from the line through the last two."""
+    if len(steps) < 2:
+        return 0.0
+    (slow, slow_N, _), (fast, fast_N, _) = steps[-2:]
+    return fast_N + (speed_mps - fast) * max(0.0, fast_N - slow_N) / (fast - slow)
 
 
 def _scans(mover: Mover, agreed: Agreed) -> list[tuple[Scan, Scan]]:
@@ -277,7 +289,7 @@ def screw_parameters(axis: str, found: Screw | None) -> dict[str, float]:
 def _response(mover: Mover, agreed: Agreed, mass_kg: float) -> Response:
     """Small enough that the table does not leave a flank of its backlash: 0.15 N/kg, at a speed with much friction."""
     speed_mps = min(_BIAS_MPS, agreed.speed_mps, 0.2 * (mover.high_m - mover.low_m))
-    force_N = min(agreed.force_N, max(8.0, 0.15 * mass_kg))
+    force_N = min(0.5 * agreed.force_N, max(8.0, 0.15 * mass_kg))
     low = Setup(response.lines(8.0, 60.0, 8, 1.0), force_N, speed_mps, 1.0, _WINDOWS, 0.3)
     high = Setup(response.lines(24.0, 900.0, 24, 0.5), force_N, speed_mps, 0.5, _WINDOWS, 0.2)
     parts = [
