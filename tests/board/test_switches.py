@@ -27,13 +27,14 @@ def run_stream(board: Board) -> None:
     outputs = Outputs(np.array([3]), np.array([ON | FLOOD | PEN], dtype=np.uint16), np.array([HALF], dtype=np.uint16))
     start = int(here[0, 0]), int(here[0, 1])
     board.write(0x1404, 1, 0x501, 4)
-    frames, before = bytearray(wire.pack_knots(knots, start)), outputs.frames()
-    chained(frames, before)
+    frames = bytearray(wire.pack_knots(knots, start))
+    chained(frames, outputs)
+    before = dict(zip(outputs.knot.tolist(), outputs.frames(), strict=True))
     for sub, value, size in ((4, KNOTS, 4), (2, start[0] & 0xFFFFFFFF, 4), (3, start[1] & 0xFFFFFFFF, 4), (1, 1, 1)):
         board.write(0x2200, sub, value, size)
     for n in range(KNOTS):
         if n in before:
-            board.send(0x501, before[n])
+            board.send(0x501, before[n].tobytes())
             board.run(0.2)
         board.send(0x301, bytes(frames[8 * n : 8 * n + 8]))
         board.run(0.2)

@@ -6,51 +6,25 @@ import json
 import math
 import re
 import sys
-import threading
 
 import numpy as np
 import pytest
 from cam_paths import circle, letters
 from click.testing import CliRunner
+from gated_planning import LIMITS, MACHINE, Gate, opened_on_the_way
 
-from kontur import machine
 from kontur.cli import main, planned
 from kontur.cli.live_page import Panel
 from kontur.cli.run_progress import run_progress
-from kontur.drive import knot_sender
-from kontur.drive.state_machine import BIT_PATH_RUNS
 from kontur.drive.stream import Operator
 from kontur.drive.target import Target, open_drive
-from kontur.errors import PathError
 from kontur.path import gcode, programs, smoothing
 from kontur.path.smoothing import TOLERANCE_M
 from kontur.planning.ahead import Ahead
-from kontur.planning.bounds import limits
 from kontur.planning.planner import Planning, plan
 from kontur.runs.log import read
 from kontur.runs.runner import RunOptions, run
 from kontur.sim import process as sim_process
-
-MACHINE = machine.load()
-LIMITS = limits(MACHINE)
-
-
-class Gate:
-    """A planning whose steps after the first wait until `opened` is set; `fails` then."""
-
-    def __init__(self, program, fails=False):
-        self.planning = Planning(program, LIMITS, tolerance_m=TOLERANCE_M)
-        self.opened, self.fails = threading.Event(), fails
-        self.steps = self.planning.steps
-        self.planning.steps = self._steps
-
-    def _steps(self):
-        for number, _ in enumerate(self.steps()):
-            yield
-            if number == 0:
-                assert self.opened.wait(300.0)
-                if self.fails:
-                    raise PathError("p.ngc:7: it cannot be planned")
 
 
 @pytest.fixture
@@ -58,40 +32,13 @@ def small_windows(monkeypatch):
     monkeypatch.setattr(smoothing, "_WINDOWS_S", (0.5,))
 
 
-@pytest.fixture
-def opens_on_the_way(monkeypatch):
-    """A function that opens a gate when the drive moves, and has accepted all that is planned."""
-    written = []
-
-    def arrange(gate):
-        advance = knot_sender.KnotSender.advance
-
-        def advanced(sender):
-            moves = sender.device.axes.both(BIT_PATH_RUNS)
-            if moves and sender.accepted >= len(planned_so_far) and not gate.opened.is_set():
-                written.append(sender.device.read_stable("stream.total"))
-                gate.opened.set()
-                gate.ahead.ended()
-            advance(sender)
-
-        monkeypatch.setattr(knot_sender.KnotSender, "advance", advanced)
-        gate.ahead = Ahead(gate.planning)
-        while not len(gate.ahead.knots_nm):
-            assert not gate.ahead.ended(0.01)
-        planned_so_far = gate.ahead.knots_nm
-        return gate.ahead
-
-    arrange.total_before = written
-    return arrange
-
-
-def test_knots_that_come_on_the_way_are_those_of_the_whole(small_windows, opens_on_the_way):
+def test_knots_that_come_on_the_way_are_those_of_the_whole(small_windows, monkeypatch):
     program = letters(6)
-    ahead = opens_on_the_way(Gate(program))
+    ahead, total_before = opened_on_the_way(Gate(program), monkeypatch)
     assert 300 < len(ahead.knots_nm) < 0.8 * len(plan(program, LIMITS, tolerance_m=TOLERANCE_M).knots_nm)
     result = run(ahead, "ccu", Target(MACHINE))
     whole = run(plan(program, LIMITS, tolerance_m=TOLERANCE_M), "ccu", Target(MACHINE))
-    assert opens_on_the_way.total_before == [0]
+    assert total_before == [0]
     assert result.completed
     for key in ("trajectory", "smoothing", "feed", "status", "accepted"):
         assert result.log.meta[key] == whole.log.meta[key]
@@ -125,8 +72,8 @@ def test_time_is_told_about_before_the_path_is_planned_and_exactly_then(small_wi
     assert terminal.getvalue().count(f"p.ngc takes {duration_s:.2f} s") == 1
 
 
-def test_a_planning_that_fails_on_the_way_stops_the_drive_on_the_path(small_windows, opens_on_the_way):
-    ahead = opens_on_the_way(Gate(letters(6), fails=True))
+def test_a_planning_that_fails_on_the_way_stops_the_drive_on_the_path(small_windows, monkeypatch):
+    ahead, _ = opened_on_the_way(Gate(letters(6), fails=True), monkeypatch)
     result = run(ahead, "ccu", Target(MACHINE), RunOptions(raise_fault=False))
     assert not result.completed
     assert str(result.error) == "p.ngc:7: it cannot be planned"
@@ -172,10 +119,12 @@ def test_a_path_that_was_stopped_while_it_was_planned_is_resumed(small_windows, 
     assert rest.meta["accepted"] == len(ahead.knots_nm)
 
 
-def test_the_command_starts_before_the_end_of_the_planning(small_windows, drive, tmp_path, monkeypatch):
+@pytest.mark.parametrize("powers", [False, True])
+def test_the_command_starts_before_the_end_of_the_planning(small_windows, drive, tmp_path, monkeypatch, powers):
     file = tmp_path / "letters.ngc"
-    ends = [move.segment.end_m for move in letters(6).moves]
-    file.write_text("G1 F3000\n" + "\n".join(f"X{x * 1e3:.3f} Y{y * 1e3:.3f}" for x, y in ends) + "\n")
+    ends = [(*move.segment.end_m, f"S{i}" if powers else "") for i, move in enumerate(letters(6).moves)]
+    text = "\n".join(f"X{x * 1e3:.3f} Y{y * 1e3:.3f} {s}" for x, y, s in ends)
+    file.write_text(f"G1 F3000{' M3' if powers else ''}\n{text}\n")
     complete = []
 
     def may_start(ahead):

@@ -38,17 +38,21 @@ class Outputs:
         """CRC-32 of the changes, as the drive counts it (2180h:4)."""
         return zlib.crc32(np.stack([self.knot, self._words()], axis=1).astype("<u4").tobytes())
 
-    def first(self, count: int) -> Outputs:
-        """The first `count` changes."""
-        return Outputs(self.knot[:count], self.digital[:count], self.power[:count])
+    def __getitem__(self, rows: slice) -> Outputs:
+        """Some of the changes."""
+        return Outputs(self.knot[rows], self.digital[rows], self.power[rows])
 
-    def frames(self) -> dict[int, bytes]:
-        """The frame (RPDO5) that precedes each knot with a change."""
+    def since(self, knot: int) -> Outputs:
+        """The changes from this knot on."""
+        return self[int(np.searchsorted(self.knot, knot)) :]
+
+    def frames(self) -> NDArray[np.uint8]:
+        """The frame (RPDO5) that precedes each knot with a change (m, 6)."""
         frames = np.empty((len(self), 6), dtype=np.uint8)
         frames[:, 0] = self.knot & 0xFF
         frames[:, 2:6] = self._words().astype("<u4").view(np.uint8).reshape(-1, 4)
         frames[:, 1] = crc8(frames[:, [0, 2, 3, 4, 5]])
-        return {knot: frame.tobytes() for knot, frame in zip(self.knot.tolist(), frames, strict=True)}
+        return frames
 
     def _words(self) -> NDArray[np.uint32]:
         return self.digital.astype(np.uint32) | self.power.astype(np.uint32) << np.uint32(16)
@@ -57,7 +61,7 @@ class Outputs:
 NONE = Outputs(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.uint16), np.empty(0, dtype=np.uint16))
 
 
-def chained(knots: bytearray, outputs: dict[int, bytes]) -> None:
+def chained(knots: bytearray, outputs: Outputs) -> None:
     """Change the CRC of the frames of `knots` that a frame of `outputs` precedes: they are refused without it."""
-    for knot, frame in outputs.items():
-        knots[8 * knot + 1] ^= frame[1] | 1
+    crc = np.frombuffer(knots, dtype=np.uint8)[1::8]
+    crc[outputs.knot] ^= outputs.frames()[:, 1] | 1

@@ -118,8 +118,7 @@ def _planned(
         "feed": None if feed is None else dataclasses.asdict(feed),
         "events": _events(trajectory),
     }
-    if program.events:
-        result["notes"] += passed_over(trajectory)
+    result["notes"] += passed_over(trajectory)
     return trajectory
 
 

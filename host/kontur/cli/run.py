@@ -244,7 +244,7 @@ def command(
         recording = dataclasses.replace(recording, out=_of_this_part(recording.out))
     if output.report is not None:  # now, since modules in C that a second Ctrl-C breaks off while loading may crash
         importlib.import_module("kontur.report.page")
-    notes = [*program.notes, *_of_outputs(path), *clipped(limits(target.machine, motion.accel, motion.jerk))]
+    notes = [*program.notes, *clipped(limits(target.machine, motion.accel, motion.jerk))]
     notes = [*source.notes(), *notes]
     results: list[RunResult] = []
     try:
@@ -289,11 +289,12 @@ def _report(
     Returns what could not be saved.
     """
     from kontur.planning.ahead import Ahead
+    from kontur.planning.outputs import passed_over
 
     errors: list[KonturError] = []
     try:
         trajectory = path.trajectory() if isinstance(path, Ahead) else path
-        _print(trajectory, results, output.as_json, motion.override, notes)
+        _print(trajectory, results, output.as_json, motion.override, [*notes, *passed_over(trajectory)])
     finally:  # also where nobody reads what is printed
         for result in results:
             if result.error is not None:
@@ -316,8 +317,7 @@ def _report(
 
 def _plan(program: Program, motion: Motion, recording: Recording, target: Target) -> tuple[Planned, RunOptions]:
     """The trajectory, or so much of it that it can be driven while the rest is planned; and the options that all runs
-    of it have in common. A drive in this process, whose time is not that of the clock, gets all of it, and so does one
-    that switches outputs."""
+    of it have in common. A drive in this process, whose time is not that of the clock, gets all of it."""
     from kontur.planning.bounds import limits
     from kontur.planning.outputs import Tool
     from kontur.runs.runner import RunOptions
@@ -325,7 +325,7 @@ def _plan(program: Program, motion: Motion, recording: Recording, target: Target
     values = parameters_of(motion.params) if motion.params is not None else {}
     values |= parameter_values(motion.parameters)
     bounds = limits(target.machine, motion.accel, motion.jerk)
-    whole = target.in_process or motion.resume or bool(program.events)
+    whole = target.in_process or motion.resume
     path = planned(program, bounds, target.machine.soft_limits_m, motion.tolerance, whole)
     return path, RunOptions(
         parameters=values,
@@ -336,13 +336,6 @@ def _plan(program: Program, motion: Motion, recording: Recording, target: Target
         resume=motion.resume,
         whole=False,
     )
-
-
-def _of_outputs(path: Planned) -> list[str]:
-    from kontur.planning.outputs import passed_over
-    from kontur.planning.planner import Trajectory
-
-    return passed_over(path) if path.program.events and isinstance(path, Trajectory) else []
 
 
 def _run(

@@ -12,6 +12,8 @@ one, and the state is read by SDO before anything is done about it.
 from __future__ import annotations
 
 import zlib
+from array import array
+from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -56,16 +58,39 @@ class Knots(Protocol):
     def knots_nm(self) -> NDArray[np.int32]:
         """Those that are there (N, 2)."""
 
+    @property
+    def switches(self) -> bool:
+        """Whether they may have outputs."""
+
+    @property
+    def holds(self) -> int:
+        """At how many knots the path is held, all in all."""
+
+    def outputs_from(self, knot: int) -> Outputs:
+        """The changes of the outputs from this knot on, as far as there are knots."""
+
     def done(self, knots: int) -> float:
         """The share of the path that so many knots are."""
 
 
 @dataclass(frozen=True)
 class AllKnots:
-    """Knots that are all there."""
+    """Knots that are all there, and their outputs."""
 
     knots_nm: NDArray[np.int32]
+    outputs: Outputs = switched.NONE
     complete: bool = True
+
+    @property
+    def switches(self) -> bool:
+        return len(self.outputs) > 0
+
+    @property
+    def holds(self) -> int:
+        return len(self.outputs.holds)
+
+    def outputs_from(self, knot: int) -> Outputs:
+        return self.outputs.since(knot)
 
     def done(self, knots: int) -> float:
         return knots / len(self.knots_nm)
@@ -137,24 +162,22 @@ def start_nm(knots_nm: NDArray[np.int32]) -> tuple[int, int]:
 
 
 class KnotSender:
-    """Keeps the drive's queue filled with `knots` and `outputs`, of a new stream or of one that is resumed.
-
-    Where there are outputs, all knots are there from the start.
+    """Keeps the drive's queue filled with `knots` and their outputs, of a new stream or of one that is resumed.
 
     `accepted`: knots that the drive is known to have accepted, of `total`, which is 0 as long as it is not known;
-    `retransmitted`: knot frames sent again.
+    `retransmitted`: knot frames sent again; `holds`: the knots so far at which the path is held.
     """
 
-    def __init__(self, device: Device, knots: Knots, resume: bool = False, outputs: Outputs = switched.NONE) -> None:
+    def __init__(self, device: Device, knots: Knots, resume: bool = False) -> None:
         self.device = device
         self.total = len(knots.knots_nm) if knots.complete else 0
         self.accepted = resume_stream(device, knots.knots_nm) if resume else 0
         self.retransmitted = 0
         self._knots = knots
+        self.holds: list[int] = []
         self._frames = bytearray()
+        self._changes, self._output_frames = array("q"), bytearray()  # knots with a frame of outputs, and these
         self._pack()
-        self._outputs = outputs.frames()
-        switched.chained(self._frames, self._outputs)
         self._first = self.accepted
         self._sent = self._ever_sent = self.accepted  # the next knot to send, and the greatest one that was sent
         self._sent_s = [0.0] * _NUMBERS  # of the knots on their way, by number
@@ -200,8 +223,9 @@ class KnotSender:
             self._take()
         limit = min(self._credit, len(self._frames) // 8)
         for i in range(self._sent, min(self._sent + _BURST, limit)):
-            if (frame := self._outputs.get(i)) is not None:
-                link.send(self._outputs_cob_id, frame)
+            at = bisect_left(self._changes, i)
+            if at < len(self._changes) and self._changes[at] == i:
+                link.send(self._outputs_cob_id, bytes(self._output_frames[6 * at : 6 * at + 6]))
             link.send(self._cob_id, bytes(self._frames[8 * i : 8 * i + 8]))  # which may wait
             self._sent_s[i % _NUMBERS] = link.time_s
             self._sent = i + 1
@@ -226,12 +250,20 @@ class KnotSender:
 
     def _pack(self) -> None:
         knots_nm, packed = self._knots.knots_nm, len(self._frames) // 8
+        if packed and len(knots_nm) == packed:
+            return
         before = start_nm(knots_nm[packed - 1 :] if packed else knots_nm)
         frames = wire.pack_knots(knots_nm[packed:], before, packed)
         if packed:
             self._frames += frames
         else:
             self._frames = frames  # an hour of them is not copied
+        if self._knots.switches:
+            outputs = self._knots.outputs_from(packed)
+            switched.chained(self._frames, outputs)
+            self._changes.frombytes(outputs.knot.astype(np.int64).tobytes())
+            self._output_frames += outputs.frames().tobytes()
+            self.holds += outputs.holds
 
     def _handle_status(self, before_s: float) -> None:
         """Acknowledge knots by the latest TPDO1, and go back if one was lost. The one before came at `before_s`."""

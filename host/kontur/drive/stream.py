@@ -7,7 +7,7 @@ kontur.drive.knot_sender keeps the drive's queue filled; here the motion is star
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -73,14 +73,15 @@ class StreamResult:
 class Motion:
     """What was commanded so far of a path that has been started; all as in StreamResult.
 
-    `holds`: knots ahead at which the path is held; `released`: when it was let go on from the first ones of these.
+    `holds`: knots at which the path is held, as far as they are known; `released`: when it was let go on from the first
+    of them that are not `passed`.
     """
 
     start_s: float
     rates: list[tuple[float, float]]
     stop_s: float | None = None
     passed: int = 0
-    holds: tuple[int, ...] = ()
+    holds: Sequence[int] = ()
     released: list[float] = field(default_factory=list)
 
 
@@ -96,7 +97,7 @@ def stream(
     raise_fault: bool = True,
 ) -> StreamResult:
     """Send `knots_nm` (N, 2) and let the drive follow them and switch `outputs`; returns when it stands still again.
-    More knots may come while it moves, unless there are outputs.
+    Where more knots come while it moves, these have their outputs themselves.
 
     The drive must be enabled and stand at the first knot. `before_start` is called when the queue has a second of
     knots and motion is about to start, `started` when it has; what it gets is kept up to date.
@@ -108,26 +109,25 @@ def stream(
     instead where `raise_fault` is False. KeyboardInterrupt: a stop was requested where a path that is to go on is
     held, and stays so.
     """
-    if outputs:
+    knots = AllKnots(knots_nm, outputs) if isinstance(knots_nm, np.ndarray) else knots_nm
+    if knots.switches:
         device.pdos.require(*OUTPUTS)
-    knots = AllKnots(knots_nm) if isinstance(knots_nm, np.ndarray) else knots_nm
-    sender = KnotSender(device, knots, resume, outputs)
+    sender = KnotSender(device, knots, resume)
     passed = int(device.read_stable("stream.executed")) if resume else 0
     sender.fill()
     rate = _first_rate(sender, operator)
     device.override_feed(rate)
     if resume:  # it may have been stopped at a hold
-        _release(sender, operator, outputs)
-        if _hold(device, outputs):
+        _release(sender, knots, operator)
+        if _hold(device, knots):
             raise KeyboardInterrupt
     before_start()
     start_s = _start(device)
-    holds = tuple(hold for hold in outputs.holds if hold >= passed)
-    motion = Motion(start_s, [(start_s, rate)], passed=passed, holds=holds)
+    motion = Motion(start_s, [(start_s, rate)], passed=passed, holds=sender.holds)
     started(motion)
     fault = None
     try:
-        _follow(sender, operator, motion, outputs)
+        _follow(sender, knots, operator, motion)
     except EmcyError as error:
         if raise_fault:
             raise
@@ -149,7 +149,7 @@ def stream(
         passed=passed,
     )
     if result.completed:
-        _check_end(device, knots.knots_nm, outputs)
+        _check_end(device, knots)
         operator.progress(1.0)
     return result
 
@@ -161,11 +161,11 @@ def _first_rate(sender: KnotSender, operator: Operator) -> float:
     return rate or 1.0
 
 
-def _follow(sender: KnotSender, operator: Operator, motion: Motion, outputs: Outputs) -> None:
+def _follow(sender: KnotSender, knots: Knots, operator: Operator, motion: Motion) -> None:
     """Send knots while the path runs, and do what the operator commands; returns when the axes stand."""
     device, rate = sender.device, motion.rates[-1][1]
-    while rate == 0.0 or device.axes.both(BIT_PATH_RUNS) or _runs(device) or _hold(device, outputs):
-        if not device.axes.both(BIT_PATH_RUNS) and _release(sender, operator, outputs):
+    while rate == 0.0 or device.axes.both(BIT_PATH_RUNS) or _runs(device) or _hold(device, knots):
+        if not device.axes.both(BIT_PATH_RUNS) and _release(sender, knots, operator):
             motion.released.append(device.link.time_s)
             device.link.wait(lambda: _started(device), _START_TIMEOUT_S)
         if (wanted := operator.feed_override()) != rate:
@@ -183,17 +183,17 @@ def _follow(sender: KnotSender, operator: Operator, motion: Motion, outputs: Out
         operator.progress(sender.share)
 
 
-def _hold(device: Device, outputs: Outputs) -> int:
+def _hold(device: Device, knots: Knots) -> int:
     """The knot, plus 1, at which the path is held; 0: it is not."""
-    return int(device.read_stable("outputs.hold")) if outputs.holds else 0
+    return int(device.read_stable("outputs.hold")) if knots.holds else 0
 
 
-def _release(sender: KnotSender, operator: Operator, outputs: Outputs) -> bool:
+def _release(sender: KnotSender, knots: Knots, operator: Operator) -> bool:
     """Wait until the operator lets a path go on that is held. Returns whether it goes on."""
     device = sender.device
-    if not (hold := _hold(device, outputs)):
+    if not (hold := _hold(device, knots)):
         return False
-    number = outputs.holds.index(hold - 1) - len(outputs.holds)
+    number = sender.holds.index(hold - 1) - knots.holds
     while not operator.stop_requested():
         if operator.release(number) and device.read_stable("stream.state") == STOPPED:
             device.write("stream.command", RELEASE)
@@ -231,7 +231,7 @@ def _stands(device: Device) -> bool:
     return device.axes.both(BIT_PATH_RUNS, False)
 
 
-def _check_end(device: Device, knots_nm: NDArray[np.int32], outputs: Outputs) -> None:
+def _check_end(device: Device, knots: Knots) -> None:
     """Every knot and its outputs were executed once and in order, or StreamError says what happened instead."""
     device.faults.check()
     executed = device.read_stable("stream.executed")
@@ -239,6 +239,7 @@ def _check_end(device: Device, knots_nm: NDArray[np.int32], outputs: Outputs) ->
         underruns = device.read_stable("stream.underruns")
         why = "it ran out of knots (the host or the bus was too slow)" if underruns else "it was halted"
         raise StreamError(f"the drive stopped on the path before its end: {why}; {executed} knots done")
+    knots_nm, outputs = knots.knots_nm, knots.outputs_from(0)
     want = zlib.crc32(np.ascontiguousarray(knots_nm, dtype="<i4").tobytes())
     got = device.read_stable("stream.checksum")
     if got != want or executed != len(knots_nm):

@@ -35,9 +35,8 @@ class RunClock:
         # A path that is resumed starts from standstill, not at full rate.
         first = 0.0 if motion.passed else self._goal
         self._path = PathTime(first, self._stop, motion.passed * KNOT_S * control_hz)
-        self._holds = [hold * KNOT_S * control_hz for hold in motion.holds]
-        self._path.hold = self._holds[0] if self._holds else math.inf
         self._rates, self._stops, self._last, self._released = 1, False, 0, 0
+        self._before = sum(hold < motion.passed for hold in motion.holds)
         self._first_tick: int | None = None
 
     def follow(self, now_s: float) -> None:
@@ -100,6 +99,7 @@ class RunClock:
 
     def _take_commands(self) -> None:
         motion = self._motion
+        self._path.hold = self._hold()
         commands: list[tuple[int, float | None]]  # the time, and the rate; None: a hold is released
         commands = [(self._period(at_s), rate) for at_s, rate in motion.rates[self._rates :]]
         commands += [(self._period(at_s), None) for at_s in motion.released[self._released :]]
@@ -115,7 +115,12 @@ class RunClock:
                 self._goal = goal
             else:
                 self._released += 1
-                self._path.hold = self._holds[self._released] if self._released < len(self._holds) else math.inf
+                self._path.hold = self._hold()
+
+    def _hold(self) -> float:
+        """Path time, in control periods, from which on it is held next."""
+        holds, number = self._motion.holds, self._before + self._released
+        return holds[number] * KNOT_S * self.control_hz if number < len(holds) else math.inf
 
     def _find_end(self) -> None:
         if self.periods is None and (ends := self._path.reaches(self._length)) is not None:

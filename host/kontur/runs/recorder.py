@@ -7,7 +7,7 @@ So memory is bounded, and after any end of the program the log on the disk lacks
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -101,8 +101,8 @@ class Recorder:
         self._true: tuple[Floats, ContourError] | None = None  # of the periods from `_true_from` of the run on
         self._true_from = 0
 
-    def begin(self, trajectory: Planned, start_nm: tuple[int, int], word: NDArray[np.uint32]) -> None:
-        """Record from now on: `trajectory` is about to start, at `start_nm`; `word`: the outputs of its knots
+    def begin(self, trajectory: Planned, start_nm: tuple[int, int], word: Callable[[], NDArray[np.uint32]]) -> None:
+        """Record from now on: `trajectory` is about to start, at `start_nm`; `word()`: the outputs of its knots so far
         (kontur.planning.outputs)."""
         self._word = word
         program, from_s = trajectory.program, self._score_from_s
@@ -225,7 +225,7 @@ class Recorder:
         ) | self._true_at(time_s, self._clock)
         if self._switches:
             path_s, rate = self._clock.path_time(time_s), self._clock.rate(time_s)
-            found |= switched_columns(self._word, path_s, rate)
+            found |= switched_columns(self._word(), path_s, rate)
         self._clock.forget(time_s[-1])
         self._coverage.add(found, path_s_m)
         self._keep(np.column_stack([found[name] for name in self._names]))

@@ -72,7 +72,7 @@ def left_by(device: Device, trajectory: Trajectory, reach_m: float) -> Left:
 def check_outputs(device: Device, outputs: Outputs) -> None:
     """Raises StreamError where the drive has switched other outputs than these up to where it stopped."""
     changes, checksum = (int(device.read_stable(f"outputs.{name}")) for name in ("changes", "checksum"))
-    if changes > len(outputs) or checksum != outputs.first(changes).checksum:
+    if changes > len(outputs) or checksum != outputs[:changes].checksum:
         raise StreamError(
             "the drive has switched other outputs so far than this program does; give the file and the options of the "
             "run that was stopped, such as --laser and --full-s"

@@ -29,7 +29,7 @@ from kontur.machine import ALL
 from kontur.path.geometry import KNOT_S
 from kontur.planning.ahead import Ahead, Planned
 from kontur.planning.bounds import Limits, limits
-from kontur.planning.outputs import SPINDLE, Tool, of_rest, of_words, words
+from kontur.planning.outputs import SPINDLE, Switching, Tool, of_rest, of_words, words
 from kontur.planning.planner import Trajectory
 from kontur.planning.rest import Rest, whole
 from kontur.runs import resume
@@ -156,7 +156,7 @@ def _run(
         )
         try:
             left = None
-            if isinstance(trajectory, Ahead) and (options.resume or trajectory.program.events):
+            if isinstance(trajectory, Ahead) and options.resume:
                 trajectory = trajectory.trajectory()
             if options.resume and isinstance(trajectory, Trajectory):
                 left = resume.left_by(device, trajectory, resume.RETURN_MAX_M if options.approach is None else math.inf)
@@ -209,13 +209,14 @@ def _move(
     word = np.zeros(1, dtype=np.uint32)
     if isinstance(trajectory, Trajectory) and trajectory.program.events:
         word = of_rest(words(trajectory, options.tool), driven)
+    switching = Switching(trajectory, options.tool) if isinstance(trajectory, Ahead) else None
     device.write("energy.reset", 1)
     start_nm = device.position_nm()
 
     def before_start() -> None:
         if options.scope is not None:
             scopes.arm(device, options.scope)
-        recorder.begin(driven.trajectory, start_nm, word)
+        recorder.begin(driven.trajectory, start_nm, lambda: word if switching is None else switching.word)
 
     def stop_requested() -> bool:
         planning_failed = isinstance(trajectory, Ahead) and trajectory.error is not None
@@ -223,7 +224,7 @@ def _move(
 
     streamed = stream(
         device,
-        trajectory if isinstance(trajectory, Ahead) else driven.trajectory.knots_nm,
+        switching or driven.trajectory.knots_nm,
         dataclasses.replace(operator, stop_requested=stop_requested),
         outputs=of_words(word),
         before_start=before_start,

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A planning that waits after its first step until a test lets it go on."""
+
+import threading
+
+from kontur import machine
+from kontur.drive import knot_sender
+from kontur.drive.state_machine import BIT_PATH_RUNS
+from kontur.errors import PathError
+from kontur.path.smoothing import TOLERANCE_M
+from kontur.planning.ahead import Ahead
+from kontur.planning.bounds import limits
+from kontur.planning.planner import Planning
+
+MACHINE = machine.load()
+LIMITS = limits(MACHINE)
+_WAITING = 2  # knots whose outputs are not known before the next ones
+
+
+class Gate:
+    """A planning whose steps after the first wait until `opened` is set; `fails` then."""
+
+    def __init__(self, program, fails=False):
+        self.planning = Planning(program, LIMITS, tolerance_m=TOLERANCE_M)
+        self.opened, self.fails = threading.Event(), fails
+        self.steps = self.planning.steps
+        self.planning.steps = self._steps
+
+    def _steps(self):
+        for number, _ in enumerate(self.steps()):
+            yield
+            if number == 0:
+                assert self.opened.wait(300.0)
+                if self.fails:
+                    raise PathError("p.ngc:7: it cannot be planned")
+
+
+def opened_on_the_way(gate, monkeypatch):
+    """The path of a gate that opens when the drive moves, and has accepted all that is planned; and a list of the
+    stream's total before that."""
+    written = []
+    advance = knot_sender.KnotSender.advance
+
+    def advanced(sender):
+        moves = sender.device.axes.both(BIT_PATH_RUNS)
+        if moves and sender.accepted >= len(planned_so_far) - _WAITING and not gate.opened.is_set():
+            written.append(sender.device.read_stable("stream.total"))
+            gate.opened.set()
+            ahead.ended()
+        advance(sender)
+
+    monkeypatch.setattr(knot_sender.KnotSender, "advance", advanced)
+    ahead = Ahead(gate.planning)
+    while not len(ahead.knots_nm):
+        assert not ahead.ended(0.01)
+    planned_so_far = ahead.knots_nm
+    return ahead, written
