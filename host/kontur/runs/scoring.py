@@ -31,6 +31,7 @@ Index = NDArray[np.intp]
 _REACH = 4.0  # path searched on either side of the expected position, in distances to it
 _NEWTON_M = 1e-11  # a foot point is found when it moves less; the distance errs by the square of it
 _NEWTON_MAX = 80
+_STRAIGHT, _LOOKS = 0.99, 33  # chord over length of a curve that may have one foot point only; where others are sought
 _REST = 1e-9  # a curve rests where its formula moves less, in m per unit of its parameter
 _BESIDE_M = 1e-9
 _TABLE_M = 20e-6  # spacing of a curve's table of arc length, at most; interpolated it is right to far below 1 pm
@@ -332,6 +333,25 @@ class _FastCurve:
         return np.asarray(np.where(number == self._nodes - 1, high, low + number * step))
 
     def foot(self, q_m: Array, low: Array, high: Array, guess: Array) -> Array:
+        """The foot point that is found from `guess`; where the curve bends much between `low` and `high`, as round a
+        corner, the nearest one there."""
+        s = self._root(q_m, low, high, guess)
+        bent = np.flatnonzero(_length(self._point(high) - self._point(low)) < _STRAIGHT * (high - low))
+        if bent.size:
+            q_m, low, high = q_m[bent], low[bent], high[bent]
+            step = (high - low) / (_LOOKS - 1)
+            at = low + step * np.arange(_LOOKS)[:, None]
+            off = self._point(at.ravel()).reshape(*at.shape, 2) - q_m
+            near = low + step * np.argmin(np.hypot(off[..., 0], off[..., 1]), axis=0)
+            other = self._root(q_m, np.maximum(near - step, low), np.minimum(near + step, high), near)
+            nearer = _length(self._point(other) - q_m) < _length(self._point(s[bent]) - q_m)
+            s[bent[nearer]] = other[nearer]
+        return s
+
+    def _point(self, s: Array) -> Array:
+        return self.formula(self._parameter(s), 0)
+
+    def _root(self, q_m: Array, low: Array, high: Array, guess: Array) -> Array:
         """Root of (q - c(s)) . c'(s) by Newton from `guess`, confined between `low` and `high` by bisection."""
         s, low, high = guess.copy(), low.copy(), high.copy()
         active = np.arange(s.size)
