@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.signal import lfilter
 
 from kontur.cli import main
 from kontur.experiments.bench_plan import lines, stops_s
@@ -82,7 +83,7 @@ SQUARE = "G1 F6000 X5\nY5\nX0\nY0"
         "G64 P0\n" + SQUARE,
         "G1 F6000 X5\nG4 P0.01\nY5\nG4 P0.01\nX0\nG4 P0.01\nY0",
         "G1 F6000 X5\nM0\nY5\nM1\nX0\nM0\nY0",
-        "G64 P0.01 G1 F6000 X5\nG64 P0.02 Y5\nG64 P0.01 X0\nG64 P0.02 Y0",
+        "G64 P0.01 G1 F6000 X5\nG61 Y5\nG64 P0.01 X0\nG61 Y0",
     ],
 )
 def test_where_a_program_says_stop_it_stops_in_the_corner(text):
@@ -96,6 +97,19 @@ def stops_in_its_corner(program, of, tolerance_m=TOLERANCE_M):
     return np.sum(np.all(plan(program, of, tolerance_m=tolerance_m).knots_nm == corner, axis=1)) >= 3
 
 
+def test_the_tolerance_may_change_on_the_way_without_a_stop():
+    text = "G64 P0.01 G1 F6000 X5\nG64 P0.05 Y5\nX0\nG64 P0.01 Y0"
+    program = gcode.parse(text, "p.ngc")
+    trajectory = plan(program, LIMITS)
+    (path,) = (move.segment for move in trajectory.driven)
+    s = np.linspace(0.0, path.length_m, 40_001)
+    away = np.hypot(*(path.point(s) - of_distance(program, s)).T)
+    within = np.where((s > 5e-3) & (s < 15e-3), 50e-6, 10e-6)
+    assert np.all(away <= within)
+    assert np.max(away[within > 10e-6]) > 25e-6
+    assert np.max(away[within < 50e-6]) > 7e-6
+
+
 def test_where_going_round_is_slower_or_lets_an_axis_ring_the_motion_stops():
     program = zigzag(90, 2)
     quick = replace(LIMITS, jerk_mps3=(1000.0, 1000.0))
@@ -104,7 +118,32 @@ def test_where_going_round_is_slower_or_lets_an_axis_ring_the_motion_stops():
     assert stops_in_its_corner(program, LIMITS, 4e-6)
     assert stops_in_its_corner(program, quick)
     assert not stops_in_its_corner(program, quick, 60e-6)
-    assert stops_in_its_corner(program, limits(load(MACHINES / "ball_screw.toml")))
+    assert not stops_in_its_corner(program, limits(load(MACHINES / "ball_screw.toml")))
+    slow = limits(load(MACHINES / "long_axis.toml"))  # its mode takes 30 ms
+    assert stops_in_its_corner(program, slow)
+    assert not stops_in_its_corner(program, slow, 30e-6)
+
+
+def test_an_axis_with_a_first_mode_rings_no_more_by_corners_than_by_arcs():
+    of = limits(load(MACHINES / "ball_screw.toml"))
+    square, arcs = shapes.square(0.02, 0.0, 0.1), shapes.square(0.02, 5e-3, 0.1)
+    round_ = plan(square, of, tolerance_m=TOLERANCE_M)
+    assert round_.duration_s < 0.93 * plan(square, of).duration_s
+    ringing = ringing_m(round_, 1.0 / of.average_s)
+    assert ringing < 0.8 * ringing_m(plan(arcs, of), 1.0 / of.average_s)
+    unaware = plan(square, replace(of, average_s=0.0), tolerance_m=TOLERANCE_M)
+    assert ringing < 0.5 * ringing_m(unaware, 1.0 / of.average_s)
+
+
+def ringing_m(trajectory, mode_Hz):
+    """How far a mode without damping swings about where the acceleration would hold it, at most."""
+    knots = 1e-9 * np.pad(trajectory.knots_nm.astype(float), ((200, 200), (0, 0)), mode="edge")
+    acceleration = np.diff(knots, 2, axis=0) / KNOT_S**2
+    steps = np.arange(8)[:, None, None] / 8.0
+    a = (acceleration[:-1] + steps * np.diff(acceleration, axis=0)).transpose(1, 0, 2).reshape(-1, 2)
+    w, step_s = 2.0 * math.pi * mode_Hz, KNOT_S / 8.0
+    swing = lfilter([0.0, -(step_s**2)], [1.0, (w * step_s) ** 2 - 2.0, 1.0], a, axis=0)
+    return float(np.max(np.abs(swing + a / w**2)))
 
 
 def test_a_corner_beside_an_exact_arc_is_a_stop():

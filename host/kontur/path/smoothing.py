@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A smooth curve within a tolerance of a path of many short pieces, such as CAM programs consist of.
 
-The path is cut where the motion stops: at dwells, where the tolerance changes, and at true corners beside exact pieces.
+The path is cut where the motion stops: at dwells, where it begins to be exact, and at true corners beside exact pieces.
 Between two stops the curve is a quintic B-spline p(s), whose parameter is the distance s along the file's path q(s). Of
 all such splines it is nearly the one with the least integral of |p'''|^2, weighted, among those with |p(s) - q(s)| <=
 tolerance for all s. As s is the same in both, neither path is further from the other than the tolerance.
@@ -87,7 +87,6 @@ class _Stretch:
     first: int
     last: int
     smooth: bool
-    tolerance_m: float
     before: tuple[Dwell, ...]
     after: tuple[Dwell, ...]
     duration_s: float
@@ -125,26 +124,32 @@ def parts(
     polyline = polyline or Polyline(moves)
     for batch in _batches(_stretches(program, polyline, tolerance, corner_m)):
         if batch[0].long:
-            yield from _in_windows(program, polyline, batch[0])
+            yield from _in_windows(program, polyline, tolerance, batch[0])
         elif batch[0].smooth:
-            yield from _smoothed(moves, polyline, batch)
+            yield from _smoothed(moves, polyline, tolerance, batch)
         else:
-            yield from _unsmoothed(moves, batch)
+            yield from _unsmoothed(moves, tolerance, batch)
 
 
-def _smoothed(moves: Sequence[Move], polyline: Polyline, batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
-    fit, good = fitted(polyline, [stretch.first for stretch in batch], batch[-1].last, batch[0].tolerance_m)
+def _smoothed(
+    moves: Sequence[Move], polyline: Polyline, tolerance: FloatArray, batch: list[_Stretch]
+) -> Iterator[Exact | Smooth]:
+    fit, good = fitted(polyline, [stretch.first for stretch in batch], batch[-1].last, tolerance)
     for begin, end in _runs(good):
         chosen = batch[begin:end]
         if good[begin]:
             yield Smooth(moves[chosen[0].first : chosen[-1].last + 1], fit.path(begin, end), _dwells(chosen))
         elif any(len(stretch.starts) > 1 for stretch in chosen):
-            yield from _smoothed(moves, polyline, [piece for stretch in chosen for piece in stretch.pieces()])
+            yield from _smoothed(
+                moves, polyline, tolerance, [piece for stretch in chosen for piece in stretch.pieces()]
+            )
         else:
             yield _exact(moves, chosen)
 
 
-def _in_windows(program: Program, polyline: Polyline, stretch: _Stretch) -> Iterator[Exact | Smooth]:
+def _in_windows(
+    program: Program, polyline: Polyline, tolerance: FloatArray, stretch: _Stretch
+) -> Iterator[Exact | Smooth]:
     """A long stretch. The curve of each window goes on as that of the one before ends, up to its fourth derivative."""
     moves, edge_m = program.moves, polyline.edge_m
     last, windows, most_s = stretch.last, iter(_WINDOWS_S), 0.0
@@ -162,7 +167,7 @@ def _in_windows(program: Program, polyline: Polyline, stretch: _Stretch) -> Iter
         window.before = stretch.before if first == stretch.first else ()
         window.after = stretch.after if end == last + 1 else ()
         for spacing in _CLOSER:
-            fit, good = fitted(polyline, [first], ahead - 1, stretch.tolerance_m, head, spacing)
+            fit, good = fitted(polyline, [first], ahead - 1, tolerance, head, spacing)
             if good[0]:
                 break
         if good[0]:
@@ -173,7 +178,7 @@ def _in_windows(program: Program, polyline: Polyline, stretch: _Stretch) -> Iter
             yield _exact(moves, [window])
         else:  # the curve has left the file's path, within the tolerance, so that this cannot go on
             raise PathError(
-                f"{program.where(moves[first].line)}: no smooth curve within {stretch.tolerance_m * 1e6:g} µm goes on "
+                f"{program.where(moves[first].line)}: no smooth curve within {tolerance[first] * 1e6:g} µm goes on "
                 "from here; use another --tolerance, or 0"
             )
         first = end
@@ -184,9 +189,9 @@ def _durations(moves: Sequence[Move], edge_m: FloatArray) -> FloatArray:
     return np.asarray(np.diff(edge_m) / np.minimum(feeds_mps(moves), _SPEED_MPS))
 
 
-def _unsmoothed(moves: Sequence[Move], batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
+def _unsmoothed(moves: Sequence[Move], tolerance: FloatArray, batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
     """Stretches that are not smoothed. Arcs that stand alone between stops are optimised, with the lines there."""
-    alone = np.array([s.tolerance_m > 0.0 and s.first == s.last and _short(moves[s.first]) for s in batch])
+    alone = np.array([tolerance[s.first] > 0.0 and s.first == s.last and _short(moves[s.first]) for s in batch])
     window = np.cumsum([stretch.duration_s for stretch in batch]) // _WINDOWS_S[-1]
     exact: list[_Stretch] = []
     for begin, end in _runs(np.where(alone, window, -1.0)):
@@ -227,8 +232,8 @@ def _runs(kind: npt.NDArray[np.float64] | npt.NDArray[np.bool_]) -> Iterator[tup
 
 
 def _batches(stretches: Iterator[_Stretch]) -> Iterator[list[_Stretch]]:
-    """Neighbouring stretches that are exact, of about _MOVES at most, or smoothed with one tolerance, of about
-    _WINDOWS_S of motion besides."""
+    """Neighbouring stretches that are exact, of about _MOVES at most, or smoothed, of about _WINDOWS_S of motion
+    besides."""
     batch: list[_Stretch] = []
     windows, duration_s = iter(_WINDOWS_S), 0.0
     most_s = next(windows)
@@ -239,7 +244,7 @@ def _batches(stretches: Iterator[_Stretch]) -> Iterator[list[_Stretch]]:
             or stretch.last - batch[0].first >= _MOVES
             or (batch[0].smooth and duration_s + stretch.duration_s > most_s)
         )
-        if batch and (full or stretch.smooth != batch[0].smooth or stretch.tolerance_m != batch[0].tolerance_m):
+        if batch and (full or stretch.smooth != batch[0].smooth):
             yield batch
             batch, duration_s = [], 0.0
             most_s = next(windows, most_s)
@@ -255,11 +260,11 @@ def _stretches(program: Program, polyline: Polyline, tolerance: FloatArray, corn
     dwells = _dwells_before(program)
     windows = iter(_WINDOWS_S)
     most_s, whole = next(windows), None
-    for first, last, smooth, round_, within_m, duration_s in zip(
+    for first, last, smooth, round_, duration_s in zip(
         *_cut(program, polyline, tolerance, corner_m, dwells), strict=True
     ):
         after = dwells.get(count, ()) if last == count - 1 else ()
-        one = _Stretch(first, last, smooth, within_m, dwells.get(first, ()), after, duration_s, (first,))
+        one = _Stretch(first, last, smooth, dwells.get(first, ()), after, duration_s, (first,))
         if whole is None:
             whole = one
         elif round_ and whole.duration_s + duration_s <= most_s and last - whole.first < _MOVES:
@@ -281,15 +286,15 @@ def _cut(
     tolerance: FloatArray,
     corner_m: float,
     dwells: dict[int, tuple[Dwell, ...]],
-) -> tuple[list[int], list[int], list[bool], list[bool], list[float], list[float]]:
+) -> tuple[list[int], list[int], list[bool], list[bool], list[float]]:
     """The first and the last move of each piece between stops and corners, whether it is smoothed, whether the curve
-    may go round the corner at its start, its tolerance, and the time it may take."""
+    may go round the corner at its start, and the time it may take."""
     moves = program.moves
     count = len(moves)
-    stop = (polyline.turn > EXACT_RAD) & (tolerance[1:] <= 0.0)
-    stop |= tolerance[1:] != tolerance[:-1]
+    within_m = np.minimum(tolerance[1:], tolerance[:-1])  # where two moves meet
+    stop = (within_m <= 0.0) & ((polyline.turn > EXACT_RAD) | (tolerance[1:] != tolerance[:-1]))
     stop[[i - 1 for i in dwells if 0 < i < count]] = True
-    corner = polyline.corners(_CORNER_REACH * np.minimum(tolerance[1:], tolerance[:-1])) & ~stop
+    corner = polyline.corners(_CORNER_REACH * within_m) & ~stop
     bends = (polyline.turn > EXACT_RAD) | ((polyline.turn > _EVEN_RAD) & polyline.straight[1:] & polyline.straight[:-1])
     bends &= ~(stop | corner)
     first = np.append(0, np.flatnonzero(stop | corner) + 1)
@@ -297,11 +302,11 @@ def _cut(
     smooth = np.logical_or.reduceat(np.append(bends, False), first) & (tolerance[first] > 0.0)
     straight = np.logical_and.reduceat(polyline.straight, first) & (tolerance[first] > 0.0)
     may = smooth | straight
-    round_ = np.append(False, corner)[first] & may & np.append(False, may[:-1]) & (tolerance[first] >= corner_m)
+    round_ = np.append(False, corner & (within_m >= corner_m))[first] & may & np.append(False, may[:-1])
     if np.any(smooth) or np.any(round_):  # all lines between corners are splines, too: the parts are fewer
         smooth |= straight
     duration = np.add.reduceat(_durations(moves, polyline.edge_m), first) + _STOP_S
-    return first.tolist(), last.tolist(), smooth.tolist(), round_.tolist(), tolerance[first].tolist(), duration.tolist()
+    return first.tolist(), last.tolist(), smooth.tolist(), round_.tolist(), duration.tolist()
 
 
 def _dwells_before(program: Program) -> dict[int, tuple[Dwell, ...]]:

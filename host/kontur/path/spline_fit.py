@@ -77,18 +77,20 @@ def fitted(
     polyline: Polyline,
     first: list[int],
     last: int,
-    tolerance_m: float,
+    tolerance_m: FloatArray,
     head: FloatArray | None = None,
     spacing: float = 1.0,
 ) -> tuple[Fit, npt.NDArray[np.bool_]]:
     """The fit to stretches that begin with the moves `first` and follow one another up to `last`, and which of them are
-    within the tolerance. `head` (5, 2): point and derivatives with which a single stretch begins. `spacing`: of the
-    knots, as a share of what is usual.
+    within the tolerance `tolerance_m` of each move of the path. `head` (5, 2): point and derivatives with which a
+    single stretch begins. `spacing`: of the knots, as a share of what is usual.
     """
     stops = polyline.edge_m[[*first, last + 1]]
     at, turn = polyline.features(first[0], last)
     inside = ~np.isin(at, stops)
-    fit = Fit(polyline, _knots(at[inside], turn[inside], stops, spacing * tolerance_m), at[inside], tolerance_m, head)
+    at, turn = at[inside], turn[inside]
+    within = Within(polyline.edge_m[first[0] : last + 2], tolerance_m[first[0] : last + 1])
+    fit = Fit(polyline, _knots(at, turn, stops, spacing * within.between(at, at)), at, within, head)
     fit.relax()
     late = np.flatnonzero(fit.late())
     for _ in range(_TIGHTENING):
@@ -103,16 +105,30 @@ def fitted(
     return fit, good
 
 
-def _knots(at: FloatArray, turn: FloatArray, stops: FloatArray, tolerance_m: float) -> list[FloatArray]:
-    """The knots of each stretch."""
+class Within:
+    """The tolerance of the moves (n,) that end at the distances `edge_m` (n + 1,), the first of which is a start."""
+
+    def __init__(self, edge_m: FloatArray, tolerance_m: FloatArray) -> None:
+        self._edge_m, self._tolerance_m = edge_m, tolerance_m
+
+    def between(self, low_m: FloatArray, high_m: FloatArray) -> FloatArray:
+        """The least tolerance (n,) between two distances; where moves meet, that of both of them."""
+        first = np.clip(np.searchsorted(self._edge_m, low_m, side="left") - 1, 0, len(self._tolerance_m) - 1)
+        last = np.clip(np.searchsorted(self._edge_m, high_m, side="right") - 1, 0, len(self._tolerance_m) - 1)
+        rows = np.stack([first, last + 1], axis=1).ravel()
+        return np.asarray(np.minimum.reduceat(np.append(self._tolerance_m, math.inf), rows)[::2])
+
+
+def _knots(at: FloatArray, turn: FloatArray, stops: FloatArray, tolerance_m: FloatArray) -> list[FloatArray]:
+    """The knots of each stretch. The path turns by `turn` (n,) at the distances `at`, within a tolerance (n,)."""
     total = np.append(0.0, np.cumsum(turn))
     most = np.minimum(np.diff(stops) / _SPANS_MIN, _SPACING_MAX_M)
     spacing = most[np.clip(np.searchsorted(stops, at, side="right") - 1, 0, len(most) - 1)]
     open_rows, h = np.arange(len(at)), float(np.max(most))
-    while open_rows.size and h > 0.05 * tolerance_m:
+    while open_rows.size and h > 0.05 * np.min(tolerance_m):
         s = at[open_rows]
         inside = total[np.searchsorted(at, s + h, side="right")] - total[np.searchsorted(at, s - h, side="left")]
-        done = h * inside <= _DENSITY * tolerance_m
+        done = h * inside <= _DENSITY * tolerance_m[open_rows]
         spacing[open_rows] = np.minimum(spacing[open_rows], h)
         open_rows, h = open_rows[~done], h / _LADDER
     return [
@@ -159,11 +175,11 @@ class Fit:
         polyline: Polyline,
         knots: list[FloatArray],
         joints: FloatArray,
-        tolerance_m: float,
+        within: Within,
         head: FloatArray | None = None,
     ) -> None:
         k = _DEGREE
-        self._polyline, self._knots, self._joints, self._tolerance_m = polyline, knots, joints, tolerance_m
+        self._polyline, self._knots, self._joints, self._within = polyline, knots, joints, within
         self._head = head
         spans = np.array([len(g) - 1 for g in knots])
         start = np.array([g[0] for g in knots])
@@ -181,6 +197,7 @@ class Fit:
         self._base = np.arange(len(self._stretch)) + k * self._stretch  # first coefficient of each span
         low = np.concatenate([g[:-1] for g in knots])
         self._h = np.concatenate([np.diff(g) for g in knots])
+        self._tolerance_m = within.between(low, low + self._h)
         self._joint_span = np.searchsorted(low, joints, side="right") - 1
         self._joint_point = polyline.point(joints)
         at = low + ((np.arange(_SAMPLES) + 0.5) / _SAMPLES)[:, None] * self._h
@@ -218,9 +235,7 @@ class Fit:
     def part(self, stretches: _Index) -> Fit:
         """A fit of some of the stretches, with the weights up to now."""
         inside = np.isin(self._stretch[self._joint_span], stretches)
-        out = Fit(
-            self._polyline, [self._knots[i] for i in stretches], self._joints[inside], self._tolerance_m, self._head
-        )
+        out = Fit(self._polyline, [self._knots[i] for i in stretches], self._joints[inside], self._within, self._head)
         spans, rows = self._rows(stretches)
         out._weight = self._weight[:, spans]
         out._step = self._step[rows]
@@ -255,7 +270,7 @@ class Fit:
 
     def late(self) -> npt.NDArray[np.bool_]:
         """Which of the stretches are beyond the tolerance, or so near to it that they may be between the samples."""
-        return np.asarray(np.maximum.reduceat(self._off(), self._span[:-1]) > _HELD * self._tolerance_m)
+        return np.asarray(np.maximum.reduceat(self._off() / self._tolerance_m, self._span[:-1]) > _HELD)
 
     def _set_weight(self, weight: FloatArray) -> None:
         """Set the weights, kept in their range and even enough from span to span."""

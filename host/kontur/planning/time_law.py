@@ -52,7 +52,7 @@ _NEAR = 7  # ms around an excess in which a limit is lowered
 _NEAR_CAP = 0.88
 _SLOWING = 24  # rounds; two or three are usual
 _AROUND = 24  # ms, in the first round; half as much more in each that follows
-_PASSED_S = 6e-3
+_PASSED_S, _OF_PERIOD = 6e-3, 0.4
 _TINY = 1e-10  # m, nearer than this to a stop is at rest
 _WINDOW = 4000  # samples that are solved for at once, up to the next stop
 
@@ -285,15 +285,14 @@ def caps(path: DrivenPath, feed_mps: FloatArray, limits: Limits, s: FloatArray) 
 def corner_m(limits: Limits) -> float:
     """The least tolerance with which the motion goes round true corners.
 
-    An axis that comes to rest with a constant jerk, within the acceleration, is this far from the corner _PASSED_S
+    An axis that comes to rest with a constant jerk, within the acceleration, is this far from the corner some time
     before. Where the other axis sets off at that time, both are so far from it together, and the corner is passed in
-    twice the time. Were that less, milliseconds could not resolve it, and a stop would be faster. An axis with a first
-    mode stops, too: it would ring.
+    twice the time. Were that less than twice _PASSED_S, milliseconds could not resolve it, and a stop would be faster.
+    Nor may it be much less than the period of a mode, which it would excite.
     """
-    if limits.average_s > 0.0:
-        return math.inf
     jerk, acceleration = max(limits.jerk_mps3), max(limits.acceleration_mps2)
-    return math.sqrt(2.0) * min(jerk * _PASSED_S**3 / 6.0, acceleration * _PASSED_S**2 / 2.0)
+    passed_s = max(_PASSED_S, _OF_PERIOD * limits.average_s)
+    return math.sqrt(2.0) * min(jerk * passed_s**3 / 6.0, acceleration * passed_s**2 / 2.0)
 
 
 def pieces(path: DrivenPath, feed_mps: FloatArray, ends_m: FloatArray, limits: Limits) -> list[Piece]:
