@@ -50,12 +50,14 @@ AVERAGE_MAX_S = 1.0
 @dataclass(frozen=True)
 class Force:
     """What moves an axis of `mass_kg`: `limit_N` at most, less friction: `coulomb_N`, and `viscous_Nspm` times the
-    speed."""
+    speed. For long it bears `continuous_N`, as a mean square over the time constant `thermal_s`; 0: as much as ever."""
 
     limit_N: float
     mass_kg: float
     viscous_Nspm: float
     coulomb_N: float
+    continuous_N: float = 0.0
+    thermal_s: float = 0.0
 
     def gaining_mps2(self, speed_mps: FloatArray) -> FloatArray:
         """The greatest acceleration (n,) that raises the speeds (n,), which are no less than 0."""
@@ -115,6 +117,14 @@ class Limits:
                 if not LIMIT_RANGE[0] <= value <= LIMIT_RANGE[1]:
                     raise PathError(f"limit {name} is {value:g}; it must be {LIMIT_RANGE[0]:g}..{LIMIT_RANGE[1]:g}")
 
+    def slower(self, share: float) -> Limits:
+        """The same with a `share` of the velocity, and its square of the acceleration."""
+        return replace(
+            self,
+            velocity_mps=(share * self.velocity_mps[0], share * self.velocity_mps[1]),
+            acceleration_mps2=(share**2 * self.acceleration_mps2[0], share**2 * self.acceleration_mps2[1]),
+        )
+
 
 def _swing_Hz(axis: Axis) -> float:
     """The frequency at which an axis with a mode goes on to swing while its encoder is held."""
@@ -142,7 +152,14 @@ def limits(machine: Machine, acceleration_mps2: float | None = None, jerk_mps3: 
 
 
 def _force(axis: Axis) -> Force:
-    return Force(axis.force_limit_N, axis.mass_kg, axis.viscous_Nspm, axis.coulomb_N)
+    return Force(
+        axis.force_limit_N,
+        axis.mass_kg,
+        axis.viscous_Nspm,
+        axis.coulomb_N,
+        axis.continuous_force_N,
+        axis.thermal_s,
+    )
 
 
 @dataclass(slots=True)

@@ -90,9 +90,13 @@ class Windows:
 
     def rest(self) -> Iterator[Rows]:
         """What is held back: it ends with a stop."""
+        yield from self.tail()
+        self._held = None
+
+    def tail(self) -> Iterator[Rows]:
+        """What rest() would give; it stays held back."""
         if self._held is not None:
             control, _, move, _, _, at_m = self._held
-            self._held = None
             yield control, (move,), at_m
 
     def _back_ms(self, feed_mps: FloatArray) -> int:

@@ -22,8 +22,9 @@ acceleration is limited.
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -38,7 +39,7 @@ from kontur.path.polyline import Polyline
 from kontur.path.smoothing import Exact, Smooth
 from kontur.path.spline_fit import SmoothPath
 from kontur.planning import joined, knots, s_curve, time_law
-from kontur.planning.bounds import Limits, pieces_of, planned
+from kontur.planning.bounds import Limits, Piece, pieces_of, planned
 from kontur.planning.checks import (
     RING,
     PlannerError,
@@ -53,6 +54,7 @@ from kontur.planning.checks import (
     jumps_m,
 )
 from kontur.planning.feed import Bounds, Feed, reached
+from kontur.planning.heat import HEAT, Heat
 from kontur.planning.joined import Windows
 from kontur.planning.knots import POSITION_RANGE_M
 
@@ -179,64 +181,80 @@ class Planning:
         """Distances (n,) and points (n, 2) at each millisecond, part by part."""
         edge_m = self._polyline.edge_m
         inside, done = planned(self._limits), 0
-        windows = Windows(inside, self._limits)
+        windows, heat = Windows(inside, self._limits), Heat(inside.force)
         corner_m = time_law.corner_m(inside)
         for part in smoothing.parts(self.program, self._tolerance_m, self._polyline, corner_m):
             at_m = float(edge_m[done])
             ends = edge_m[done + 1 : done + len(part.moves) + 1] - at_m
             share = partial(self._share, done, len(part.moves))
-            if isinstance(part, Exact):
-                yield from self._moved(windows.rest())
-                pieces = pieces_of(replace(self.program, items=part.items), inside, share)
-                control = s_curve.distance(pieces, self._limits.average_s, self._check_more, share)
-                motion = iter([(control, part.moves, at_m)])
-                self._driven += part.moves
-            else:
-                feed = feeds_mps(part.moves)
-                self._check_more(float(np.sum(np.diff(ends, prepend=0.0) / feed)))
-                pieces = time_law.pieces(part.path, feed, ends, inside)
-                motion = self._fastest(part, windows, feed, ends, at_m, share)
+            if isinstance(part, Smooth):
                 self.deviation_m = max(self.deviation_m, part.path.deviation_m)
-            self._bounds.add(pieces)
+            self._driven += _driven(part)
+            pieces, motion, windows = self._cool(heat, windows, partial(self._planned, part, ends, at_m, share))
+            self._bounds.add([replace(piece, v=0.0, limit=HEAT) for piece in pieces] if heat.share < 1.0 else pieces)
             self._jumps_m = np.append(self._jumps_m, at_m + jumps_m(pieces))
             yield from self._moved(motion)
+            if not (isinstance(part, Smooth) and part.goes_on):
+                heat.faster()
             done += len(part.moves)
         yield from self._moved(windows.rest())
 
-    def _fastest(
+    def _cool(
         self,
-        part: Smooth,
+        heat: Heat,
         windows: Windows,
-        feed: FloatArray,
+        plan_part: Callable[[Limits, Windows], tuple[list[Piece], list[joined.Rows]]],
+    ) -> tuple[list[Piece], list[joined.Rows], Windows]:
+        """A part, planned as fast as `heat` allows: its pieces, its motion, and the windows behind it."""
+        while True:
+            tried = copy.copy(windows)
+            pieces, motion = plan_part(planned(self._limits.slower(heat.share)), tried)
+            if not heat.counts:
+                return pieces, motion, tried
+            points = [position for _, position in _points(motion)]
+            over = heat.over([*points, *(position for _, position in _points(tried.tail()))])
+            if over <= 1.0:
+                heat.add(points)
+                return pieces, motion, tried
+            if not heat.slower(over):
+                raise PathError(
+                    f"{self.program.name}: even slowly the force of an axis stays above its continuous one; see "
+                    "continuous_force_N, coulomb_N and viscous_Nspm in the machine file"
+                )
+
+    def _planned(
+        self,
+        part: Exact | Smooth,
         ends: FloatArray,
         at_m: float,
         share: Callable[[float], None],
-    ) -> Iterator[joined.Rows]:
-        """The motion along `part`, which begins at the distance `at_m`; its windows may be known to a place in them."""
-        if isinstance(part.path, SmoothPath):
-            moves: tuple[Move, ...] = (Move(part.path, math.inf, line=part.moves[0].line),)
-        else:
-            moves = tuple(part.moves)
-        self._driven += moves
+        limits: Limits,
+        windows: Windows,
+    ) -> tuple[list[Piece], list[joined.Rows]]:
+        """The pieces of a part, which begins at the distance `at_m`, and the motion up to its end, or up to a place in
+        it that its window gives."""
+        moves = _driven(part)
+        if isinstance(part, Exact):
+            pieces = pieces_of(replace(self.program, items=part.items), limits, share)
+            control = s_curve.distance(pieces, self._limits.average_s, self._check_more, share)
+            return pieces, [*windows.rest(), (control, moves, at_m)]
+        feed = feeds_mps(part.moves)
+        self._check_more(float(np.sum(np.diff(ends, prepend=0.0) / feed)))
+        pieces = time_law.pieces(part.path, feed, ends, limits)
+        windows.limits = limits
         if part.continues or part.goes_on:
-            yield from windows.add(part, moves[0], feed, ends, at_m, share)
-            return
-        yield from windows.rest()
-        law = time_law.distances(part.path, part.dwell_s, feed, ends, windows.limits, self._limits, share)
-        yield np.pad(law, 1, mode="edge"), moves, at_m
+            return pieces, list(windows.add(part, moves[0], feed, ends, at_m, share))
+        law = time_law.distances(part.path, part.dwell_s, feed, ends, limits, self._limits, share)
+        return pieces, [*windows.rest(), (np.pad(law, 1, mode="edge"), moves, at_m)]
 
-    def _moved(self, motion: Iterator[joined.Rows]) -> Iterator[tuple[FloatArray, FloatArray]]:
-        for control, moves, from_m in motion:
-            self._count += len(control) - 2
+    def _moved(self, motion: Iterable[joined.Rows]) -> Iterator[tuple[FloatArray, FloatArray]]:
+        for rows in motion:
+            self._count += len(rows[0]) - 2
             self._check_more(0.0)
-            s = s_curve.spline_values(control)
-            edge = np.append(0.0, np.cumsum([move.segment.length_m for move in moves]))
-            for first in range(0, len(s), knots.ROWS):
-                chunk = s[first : first + knots.ROWS]
-                position = positions(moves, chunk, edge)
+            for s, position in _points([rows]):
                 if self.deviation_m > 0.0:
                     check_smoothed(self.program, position, self._travel_m)
-                yield from_m + chunk, position
+                yield s, position
 
     def _share(self, done: int, more: int, of_part: float) -> None:
         self._report((done + 0.9 * of_part * more) / len(self.program.moves))
@@ -294,6 +312,22 @@ class _Knots:
         self._before = control[-3:]
         kept = max(0, end - knots.OVERLAP)
         self._s, self._position, self._begin = self._s[kept:], self._position[kept:], end - kept
+
+
+def _driven(part: Exact | Smooth) -> tuple[Move, ...]:
+    """The moves of a part as they are driven."""
+    if isinstance(part, Smooth) and isinstance(part.path, SmoothPath):
+        return (Move(part.path, math.inf, line=part.moves[0].line),)
+    return tuple(part.moves)
+
+
+def _points(motion: Iterable[joined.Rows]) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Distances (n,) and points (n, 2) at each millisecond."""
+    for control, moves, from_m in motion:
+        edge = np.append(0.0, np.cumsum([move.segment.length_m for move in moves]))
+        for first in range(0, len(control) - 2, knots.ROWS):
+            s = s_curve.spline_values(control[first : first + knots.ROWS + 2])
+            yield from_m + s, positions(moves, s, edge)
 
 
 def positions(moves: tuple[Move, ...], s: FloatArray, edge: FloatArray | None = None) -> FloatArray:

@@ -112,11 +112,8 @@ def distance(
 
 
 def spline_values(control: FloatArray) -> FloatArray:
-    """Values (n,) of the cubic spline of `control` (n + 2,), which is overwritten."""
-    for first in range(0, len(control) - 2, knots.ROWS):
-        part = control[first : first + knots.ROWS + 2]
-        control[first : first + len(part) - 2] = (part[:-2] + 4.0 * part[1:-1] + part[2:]) / 6.0
-    return control[:-2]
+    """Values (n,) of the cubic spline of `control` (n + 2,)."""
+    return np.asarray((control[:-2] + 4.0 * control[1:-1] + control[2:]) / 6.0)
 
 
 def _advanced(state: FloatArray, t: FloatArray, jerk: FloatArray) -> FloatArray:
