@@ -108,6 +108,8 @@ def test_g61_and_g64_say_what_the_tolerance_is():
     text = "G1 X1 F1000\nG64 P0.02 Q0.01\nX2\nG64\nX3\nG61\nX4\nG20 G64 P0.001\nX5"
     found = [move.tolerance_m for move in gcode.parse(text, "p.ngc").moves]
     assert found == [None, pytest.approx(20e-6), None, 0.0, pytest.approx(25.4e-6)]
+    with pytest.raises(FileError, match=r"Q-0\.01: the tolerance of G64 must not be negative"):
+        gcode.parse("G64 P0.01 Q-0.01\nG1 F100 X1", "p.ngc")
     with pytest.raises(FileError, match="the tolerance of G64 must not be negative"):
         gcode.parse("G64 P-1\nG1 X1 F1000", "p.ngc")
 

@@ -71,6 +71,11 @@ def evenly(points):
 def beyond_m(program, trajectory):
     """How far the spline of the knots is beyond the tolerance at most, or the path beyond it from that."""
     tolerance = np.array([TOLERANCE_M if m.tolerance_m is None else m.tolerance_m for m in program.moves])
+    rapid = np.array([move.rapid for move in program.moves])
+    cut = np.pad(~rapid, 1)
+    tolerance = np.where(
+        rapid & ~cut[:-2] & ~cut[2:], np.maximum(tolerance, np.minimum(10.0 * tolerance, 100e-6)), tolerance
+    )
     point, move = dense(program)
     knots = 1e-9 * np.pad(trajectory.knots_nm.astype(float), ((1, 2), (0, 0)), mode="edge")
     u = np.arange(4)[:, None, None] / 4.0

@@ -115,6 +115,7 @@ def _planned(
     result |= {
         "duration_s": trajectory.duration_s,
         "path_deviation_um": trajectory.deviation_m * 1e6,
+        "rapid_deviation_um": trajectory.rapid_deviation_m * 1e6,
         "feed": None if feed is None else dataclasses.asdict(feed),
         "events": _events(trajectory),
     }

@@ -417,7 +417,8 @@ def _print(trajectory: Trajectory, results: list[RunResult], as_json: bool, over
     notes = [*notes, *(f"{meta['controller']} oscillated: {meta['oscillation']}." for meta in oscillated)]
     if as_json:
         print_json({"program": name, "duration_s": trajectory.duration_s, "feed": feed and asdict(feed),
-                    "override_percent": override, "path_deviation_um": trajectory.deviation_m * 1e6, "notes": notes,
+                    "override_percent": override, "path_deviation_um": trajectory.deviation_m * 1e6,
+                    "rapid_deviation_um": trajectory.rapid_deviation_m * 1e6, "notes": notes,
                     "contour_error": "true" if first.has_truth else "estimated",
                     "told": first.meta.get("told"), "compensation": first.meta.get("compensation"), "runs": rows,
                     "warnings": warnings_json(warnings)})  # fmt: skip

@@ -312,8 +312,8 @@ class _Reader:
             self.center_absolute = codes["arc centre"] == 901
 
     def _set_tolerance(self, block: Block) -> None:
-        """G61: the exact path; G61.1: with a stop after each move; G64 P: within P of it; G64: within what the host is
-        told."""
+        """G61: the exact path; G61.1: with a stop after each move; G64 P: within P of it, whatever Q is; G64: within
+        what the host is told."""
         self.stops = block.codes["path control"] == 611
         if block.codes["path control"] != 640:
             self.tolerance_m = 0.0
@@ -321,6 +321,8 @@ class _Reader:
         tolerance = block.values.get("P")
         if tolerance is not None and not tolerance >= 0.0:
             self._refuse(block, "P", "the tolerance of G64 must not be negative")
+        if not block.values.get("Q", 0.0) >= 0.0:
+            self._refuse(block, "Q", "the tolerance of G64 must not be negative")
         self.tolerance_m = None if tolerance is None else abs(tolerance) * self.unit_m
 
     def _set_offset(self, block: Block, code: int) -> None:

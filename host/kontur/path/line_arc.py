@@ -20,7 +20,7 @@ class LineArcPath:
     all moves. `grid_m`: distances that are close together where the path bends.
     """
 
-    deviation_m = 0.0
+    deviation_m = rapid_deviation_m = 0.0
 
     def __init__(self, moves: Sequence[Move]) -> None:
         segments = [move.segment for move in moves]

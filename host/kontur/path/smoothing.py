@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -30,10 +31,11 @@ from kontur.path.geometry import Arc, Dwell, FloatArray, Line, Move, MoveTable, 
 from kontur.path.line_arc import LineArcPath
 from kontur.path.moves import dwells_in, feeds_mps, is_scheduled, tolerances_m
 from kontur.path.polyline import Polyline
-from kontur.path.spline_fit import SmoothPath, fitted
+from kontur.path.spline_fit import SmoothPath, Within, fitted
 
 TOLERANCE_M = 10e-6
 """How far a smoothed path may be from the file's, unless something else is said."""
+_RAPID, _RAPID_MAX_M = 10.0, 100e-6  # tolerances of rapid moves: so many of the others, unless that is too much
 EXACT_RAD = 2e-3  # a joint that turns by less counts as tangent
 _EVEN_RAD = 1e-6  # lines that turn by less are one line
 _CORNER_REACH = 4.0  # tolerances from a corner over which its turn is measured, too
@@ -122,34 +124,46 @@ def parts(
         yield Exact(program.items)
         return
     polyline = polyline or Polyline(moves)
+    rapid = np.isinf(feeds_mps(moves))
+    free = rapid & ~_tied(program, rapid)
+    tolerance = np.where(free, np.maximum(tolerance, np.minimum(_RAPID * tolerance, _RAPID_MAX_M)), tolerance)
+    within = Within(polyline.edge_m, tolerance, rapid)
     for batch in _batches(_stretches(program, polyline, tolerance, corner_m)):
         if batch[0].long:
-            yield from _in_windows(program, polyline, tolerance, batch[0])
+            yield from _in_windows(program, polyline, within, batch[0])
         elif batch[0].smooth:
-            yield from _smoothed(moves, polyline, tolerance, batch)
+            yield from _smoothed(moves, polyline, within, batch)
         else:
-            yield from _unsmoothed(moves, tolerance, batch)
+            yield from _unsmoothed(moves, within, batch)
+
+
+def _tied(program: Program, rapid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """The moves (n,) at one of whose ends there is a cut, or something happens beside the path."""
+    tied = np.zeros(len(rapid), np.bool_)
+    tied[1:] |= ~rapid[:-1]
+    tied[:-1] |= ~rapid[1:]
+    dwells = [row for row, _ in dwells_in(program.items)]
+    for event in program.events:
+        move = event.before - bisect_left(dwells, event.before)
+        tied[max(move - 1, 0) : move + 1] = True
+    return tied
 
 
 def _smoothed(
-    moves: Sequence[Move], polyline: Polyline, tolerance: FloatArray, batch: list[_Stretch]
+    moves: Sequence[Move], polyline: Polyline, within: Within, batch: list[_Stretch]
 ) -> Iterator[Exact | Smooth]:
-    fit, good = fitted(polyline, [stretch.first for stretch in batch], batch[-1].last, tolerance)
+    fit, good = fitted(polyline, [stretch.first for stretch in batch], batch[-1].last, within)
     for begin, end in _runs(good):
         chosen = batch[begin:end]
         if good[begin]:
             yield Smooth(moves[chosen[0].first : chosen[-1].last + 1], fit.path(begin, end), _dwells(chosen))
         elif any(len(stretch.starts) > 1 for stretch in chosen):
-            yield from _smoothed(
-                moves, polyline, tolerance, [piece for stretch in chosen for piece in stretch.pieces()]
-            )
+            yield from _smoothed(moves, polyline, within, [piece for stretch in chosen for piece in stretch.pieces()])
         else:
             yield _exact(moves, chosen)
 
 
-def _in_windows(
-    program: Program, polyline: Polyline, tolerance: FloatArray, stretch: _Stretch
-) -> Iterator[Exact | Smooth]:
+def _in_windows(program: Program, polyline: Polyline, within: Within, stretch: _Stretch) -> Iterator[Exact | Smooth]:
     """A long stretch. The curve of each window goes on as that of the one before ends, up to its fourth derivative."""
     moves, edge_m = program.moves, polyline.edge_m
     last, windows, most_s = stretch.last, iter(_WINDOWS_S), 0.0
@@ -167,7 +181,7 @@ def _in_windows(
         window.before = stretch.before if first == stretch.first else ()
         window.after = stretch.after if end == last + 1 else ()
         for spacing in _CLOSER:
-            fit, good = fitted(polyline, [first], ahead - 1, tolerance, head, spacing)
+            fit, good = fitted(polyline, [first], ahead - 1, within, head, spacing)
             if good[0]:
                 break
         if good[0]:
@@ -177,9 +191,10 @@ def _in_windows(
         elif head is None:
             yield _exact(moves, [window])
         else:  # the curve has left the file's path, within the tolerance, so that this cannot go on
+            most_um = within.tolerance_m[first] * 1e6
             raise PathError(
-                f"{program.where(moves[first].line)}: no smooth curve within {tolerance[first] * 1e6:g} µm goes on "
-                "from here; use another --tolerance, or 0"
+                f"{program.where(moves[first].line)}: no smooth curve within {most_um:g} µm goes on from here; "
+                "use another --tolerance, or 0"
             )
         first = end
 
@@ -189,9 +204,11 @@ def _durations(moves: Sequence[Move], edge_m: FloatArray) -> FloatArray:
     return np.asarray(np.diff(edge_m) / np.minimum(feeds_mps(moves), _SPEED_MPS))
 
 
-def _unsmoothed(moves: Sequence[Move], tolerance: FloatArray, batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
+def _unsmoothed(moves: Sequence[Move], within: Within, batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
     """Stretches that are not smoothed. Arcs that stand alone between stops are optimised, with the lines there."""
-    alone = np.array([tolerance[s.first] > 0.0 and s.first == s.last and _short(moves[s.first]) for s in batch])
+    alone = np.array(
+        [within.tolerance_m[s.first] > 0.0 and s.first == s.last and _short(moves[s.first]) for s in batch]
+    )
     window = np.cumsum([stretch.duration_s for stretch in batch]) // _WINDOWS_S[-1]
     exact: list[_Stretch] = []
     for begin, end in _runs(np.where(alone, window, -1.0)):

@@ -9,7 +9,7 @@ slow where h is small, as in a corner. There |p'''|^2 counts less, since the jer
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -39,13 +39,15 @@ _Index = npt.NDArray[np.intp]
 @dataclass(frozen=True, eq=False)
 class SmoothPath:
     """A smoothed path of one or more stretches, by the distance along the file's path (Segment of kontur.path.geometry,
-    but for that). `stops_m` (k + 1,): its ends and where it rests between them. `deviation_m`: from the file's path.
+    but for that). `stops_m` (k + 1,): its ends and where it rests between them. `deviation_m`: from the file's path,
+    `rapid_deviation_m`: from rapid moves of that.
     """
 
     spline: BSpline
     grid_m: FloatArray
     stops_m: FloatArray
     deviation_m: float
+    rapid_deviation_m: float = 0.0
 
     @property
     def length_m(self) -> float:
@@ -54,7 +56,7 @@ class SmoothPath:
     def until(self, length_m: float) -> SmoothPath:
         """The beginning of a path without stops on its way."""
         grid = np.append(self.grid_m[self.grid_m < length_m - 1e-9], length_m)
-        return SmoothPath(self.spline, grid, np.array([0.0, length_m]), self.deviation_m)
+        return replace(self, grid_m=grid, stops_m=np.array([0.0, length_m]))
 
     def derivative(self, s_m: FloatArray, order: int) -> FloatArray:
         """Derivative (n, 2) by the distance along the file's path; order 0 is the point."""
@@ -77,19 +79,19 @@ def fitted(
     polyline: Polyline,
     first: list[int],
     last: int,
-    tolerance_m: FloatArray,
+    within: Within,
     head: FloatArray | None = None,
     spacing: float = 1.0,
 ) -> tuple[Fit, npt.NDArray[np.bool_]]:
     """The fit to stretches that begin with the moves `first` and follow one another up to `last`, and which of them are
-    within the tolerance `tolerance_m` of each move of the path. `head` (5, 2): point and derivatives with which a
+    within the tolerance of each move of the path. `head` (5, 2): point and derivatives with which a
     single stretch begins. `spacing`: of the knots, as a share of what is usual.
     """
     stops = polyline.edge_m[[*first, last + 1]]
     at, turn = polyline.features(first[0], last)
     inside = ~np.isin(at, stops)
     at, turn = at[inside], turn[inside]
-    within = Within(polyline.edge_m[first[0] : last + 2], tolerance_m[first[0] : last + 1])
+    within = within.part(first[0], last)
     fit = Fit(polyline, _knots(at, turn, stops, spacing * within.between(at, at)), at, within, head)
     fit.relax()
     late = np.flatnonzero(fit.late())
@@ -106,17 +108,28 @@ def fitted(
 
 
 class Within:
-    """The tolerance of the moves (n,) that end at the distances `edge_m` (n + 1,), the first of which is a start."""
+    """The tolerance of the moves (n,) that end at the distances `edge_m` (n + 1,), the first of which is a start, and
+    which of them are rapid."""
 
-    def __init__(self, edge_m: FloatArray, tolerance_m: FloatArray) -> None:
-        self._edge_m, self._tolerance_m = edge_m, tolerance_m
+    def __init__(self, edge_m: FloatArray, tolerance_m: FloatArray, rapid: npt.NDArray[np.bool_]) -> None:
+        self._edge_m, self.tolerance_m, self._rapid = edge_m, tolerance_m, rapid
+
+    def part(self, first: int, last: int) -> Within:
+        """That of the moves from `first` to `last`."""
+        moves = slice(first, last + 1)
+        return Within(self._edge_m[first : last + 2], self.tolerance_m[moves], self._rapid[moves])
 
     def between(self, low_m: FloatArray, high_m: FloatArray) -> FloatArray:
         """The least tolerance (n,) between two distances; where moves meet, that of both of them."""
-        first = np.clip(np.searchsorted(self._edge_m, low_m, side="left") - 1, 0, len(self._tolerance_m) - 1)
-        last = np.clip(np.searchsorted(self._edge_m, high_m, side="right") - 1, 0, len(self._tolerance_m) - 1)
+        most = len(self.tolerance_m) - 1
+        first = np.clip(np.searchsorted(self._edge_m, low_m, side="left") - 1, 0, most)
+        last = np.clip(np.searchsorted(self._edge_m, high_m, side="right") - 1, 0, most)
         rows = np.stack([first, last + 1], axis=1).ravel()
-        return np.asarray(np.minimum.reduceat(np.append(self._tolerance_m, math.inf), rows)[::2])
+        return np.asarray(np.minimum.reduceat(np.append(self.tolerance_m, math.inf), rows)[::2])
+
+    def rapid(self, at_m: FloatArray) -> npt.NDArray[np.bool_]:
+        """Whether the moves at distances (n,) are rapid."""
+        return np.asarray(self._rapid[np.clip(np.searchsorted(self._edge_m, at_m) - 1, 0, len(self._rapid) - 1)])
 
 
 def _knots(at: FloatArray, turn: FloatArray, stops: FloatArray, tolerance_m: FloatArray) -> list[FloatArray]:
@@ -198,6 +211,7 @@ class Fit:
         low = np.concatenate([g[:-1] for g in knots])
         self._h = np.concatenate([np.diff(g) for g in knots])
         self._tolerance_m = within.between(low, low + self._h)
+        self._middle = low + 0.5 * self._h
         self._joint_span = np.searchsorted(low, joints, side="right") - 1
         self._joint_point = polyline.point(joints)
         at = low + ((np.arange(_SAMPLES) + 0.5) / _SAMPLES)[:, None] * self._h
@@ -227,10 +241,13 @@ class Fit:
             (self._start + self._step)[first:last],
             _DEGREE,
         )
-        off = self._off()[self._span[begin] : self._span[end]]
+        spans = slice(self._span[begin], self._span[end])
+        off = self._off()[spans]
+        rapid = self._within.rapid(self._middle[spans])
         grid = np.concatenate([*(g[:-1] for g in knots), knots[-1][-1:]]) - start
         stops = np.array([*(g[0] for g in knots), knots[-1][-1]]) - start
-        return SmoothPath(spline, grid, stops, float(np.max(off)))
+        worst = (float(np.max(off, where=of, initial=0.0)) for of in (~rapid, rapid))
+        return SmoothPath(spline, grid, stops, *worst)
 
     def part(self, stretches: _Index) -> Fit:
         """A fit of some of the stretches, with the weights up to now."""

@@ -68,7 +68,8 @@ class Trajectory:
     `knots_nm` (n, 2): control points for the wire. `position_m` (n, 2): points of the path that the spline passes
     through. `path_s_m` (n,): distance travelled along the whole program, never falling. `digest`: SHA-256 of the knots.
     `driven`: the moves as they are driven, by the same distance; `deviation_m` is the most by which they are off the
-    program's. `feed`: what of the programmed feeds is reached; None where the program has none, but times.
+    program's, and `rapid_deviation_m` off its rapid moves. `feed`: what of the programmed feeds is reached; None where
+    the program has none, but times.
     """
 
     program: Program
@@ -79,6 +80,7 @@ class Trajectory:
     driven: tuple[Move, ...]
     feed: Feed | None = None
     deviation_m: float = 0.0
+    rapid_deviation_m: float = 0.0
 
     @property
     def duration_s(self) -> float:
@@ -87,9 +89,14 @@ class Trajectory:
     @property
     def smoothed(self) -> str:
         """That the path is smoothed, in words; empty where it is exact."""
-        if not self.deviation_m > 0.0:
+        if not self.is_smoothed:
             return ""
-        return f"smoothed within the tolerance: at most {self.deviation_m * 1e6:.1f} µm from the program's"
+        rapid = f", {self.rapid_deviation_m * 1e6:.1f} µm on rapid moves" if self.rapid_deviation_m > 0.0 else ""
+        return f"smoothed within the tolerance: at most {self.deviation_m * 1e6:.1f} µm from the program's{rapid}"
+
+    @property
+    def is_smoothed(self) -> bool:
+        return self.deviation_m > 0.0 or self.rapid_deviation_m > 0.0
 
 
 def plan(
@@ -130,7 +137,8 @@ class Planning:
         tolerance_m: float = 0.0,
     ) -> None:
         self.program = program
-        self.deviation_m = 0.0
+        self.deviation_m = self.rapid_deviation_m = 0.0
+        self._smooth = False
         self._limits, self._travel_m, self._tolerance_m = limits, travel_m, tolerance_m
         self._report = progress or (lambda share: None)
         if not program.moves:
@@ -165,10 +173,11 @@ class Planning:
         knots_nm, position_m, s = self.rows.planned()
         feed = None
         if not is_scheduled(self.program.moves):
-            feed = reached(self.program, self._bounds, s, _speed(s if self.deviation_m == 0.0 else position_m))
+            feed = reached(self.program, self._bounds, s, _speed(position_m if self._smooth else s))
         self._report(1.0)
         driven = tuple(self._driven)
-        return Trajectory(self.program, knots_nm, position_m, s, knots.digest(knots_nm), driven, feed, self.deviation_m)
+        off = self.deviation_m, self.rapid_deviation_m
+        return Trajectory(self.program, knots_nm, position_m, s, knots.digest(knots_nm), driven, feed, *off)
 
     def _add_scheduled(self) -> None:
         s, position = _scheduled(self.program)
@@ -189,6 +198,8 @@ class Planning:
             share = partial(self._share, done, len(part.moves))
             if isinstance(part, Smooth):
                 self.deviation_m = max(self.deviation_m, part.path.deviation_m)
+                self.rapid_deviation_m = max(self.rapid_deviation_m, part.path.rapid_deviation_m)
+                self._smooth = self.deviation_m > 0.0 or self.rapid_deviation_m > 0.0
             self._driven += _driven(part)
             pieces, motion, windows = self._cool(heat, windows, partial(self._planned, part, ends, at_m, share))
             self._bounds.add([replace(piece, v=0.0, limit=HEAT) for piece in pieces] if heat.share < 1.0 else pieces)
@@ -252,7 +263,7 @@ class Planning:
             self._count += len(rows[0]) - 2
             self._check_more(0.0)
             for s, position in _points([rows]):
-                if self.deviation_m > 0.0:
+                if self._smooth:
                     check_smoothed(self.program, position, self._travel_m)
                 yield s, position
 

@@ -111,7 +111,7 @@ class Recorder:
         self._rapids = Rapids(program)
         self._scorer = Scorer(program, from_s) if self._sim is not None else None
         self._tracking: Scorer | None = None
-        if self._sim is not None and isinstance(trajectory, Trajectory) and trajectory.deviation_m > 0.0:
+        if self._sim is not None and isinstance(trajectory, Trajectory) and trajectory.is_smoothed:
             self._tracking = Scorer(dataclasses.replace(program, items=trajectory.driven), from_s)
         self._coverage = Coverage(program, from_s)
         if self._watch is None:
