@@ -155,9 +155,10 @@ class _Reader:
         other = np.any((step > 0.0) & (step < SAME), axis=0)  # run() takes this line as one that goes nowhere
         other |= centred != turns  # I or J beside a line, or an arc without them
         stop = int(np.argmax(other)) if np.any(other) else end - first
-        bent: list[tuple[int, Segment]] = []
-        if np.any(turns[:stop]):
-            stop = self._bent(bent, np.flatnonzero(turns[:stop]), stop, motion, place, i, j)
+        bends = np.flatnonzero(turns[:stop])
+        bent = self._bent(bends, motion, place, np.stack([i, j], axis=1)) if bends.size else []
+        if len(bent) < len(bends):
+            stop = int(bends[len(bent)])
         self.span = _SPAN if stop < end - first else 2 * self.span
         if stop == 0:
             return first
@@ -172,7 +173,7 @@ class _Reader:
         if np.any(power):
             self.events.powers(s[rows][power], before[power], line[power])
         self.items.lines(place[0, moved], place[1, moved], feeds, line[moved], self.tolerance_m)
-        for row, segment in bent:
+        for row, segment in zip(bends.tolist(), bent, strict=False):
             item = int(before[row])
             move = Move(segment, float(feeds[item - begin]), line=int(line[row]), tolerance_m=self.tolerance_m)
             self.items.put(item, move)
@@ -182,26 +183,18 @@ class _Reader:
         return first + stop
 
     def _bent(
-        self,
-        bent: list[tuple[int, Segment]],
-        rows: npt.NDArray[np.intp],
-        stop: int,
-        motion: FloatArray,
-        place: FloatArray,
-        i: FloatArray,
-        j: FloatArray,
-    ) -> int:
-        """Put the arcs in `rows` of what take() has into `bent`. Returns the row of the first one that is refused, or
-        `stop`."""
-        ends = [self.here, *zip(*place[:, :stop].tolist(), strict=True)]
-        offsets = np.nan_to_num(np.stack([i[rows], j[rows]], axis=1)).tolist()
-        for row, offset in zip(rows.tolist(), offsets, strict=True):
+        self, rows: npt.NDArray[np.intp], motion: FloatArray, place: FloatArray, centre: FloatArray
+    ) -> list[Segment]:
+        """The arcs in `rows` of what take() has, up to the first one that is refused."""
+        ends = [self.here, *zip(*place[:, : rows[-1] + 1].tolist(), strict=True)]
+        bent: list[Segment] = []
+        for row, offset in zip(rows.tolist(), np.nan_to_num(centre[rows]).tolist(), strict=True):
             here, to = complex(*ends[row]), complex(*ends[row + 1])
             center = complex(*offset) * self.unit_m * self.offsets.turns[self.offsets.chosen] + here
             if arcs.problem(here, to, center, self.unit_m) is not None:
-                return int(row)
-            bent.append((row, arcs.segment(here, to, center, motion[row] == 30.0)))
-        return stop
+                break
+            bent.append(arcs.segment(here, to, center, motion[row] == 30.0))
+        return bent
 
     def run(self, block: Block) -> None:
         """Carry out one block, in the order of RS274NGC: feed, events, dwell, modes, offsets, the move, a hold."""
