@@ -184,7 +184,7 @@ def _noise(device: Device, axis: str) -> tuple[Value, Value | None]:
 # --- friction, and what goes by the angle of the screw ----------------------------------------------------------------
 def _speeds(mover: Mover, agreed: Agreed) -> list[tuple[float, float, float]]:
     """Rows of speed, mean friction of both directions and its standard deviation."""
-    steps = []
+    steps: list[tuple[float, float, float]] = []
     for speed in _SPEEDS_MPS:
         if speed > agreed.speed_mps or _expected_N(steps, speed) > _MOST * agreed.force_N:
             break
