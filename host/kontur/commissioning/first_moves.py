@@ -175,14 +175,13 @@ def _counts(device: Device, axis: str, force_N: float, stop_requested: Callable[
 def _ramp(device: Device, axis: str, force_N: float, stop_requested: Callable[[], bool]) -> float | None:
     """Let the force swing slowly up to `force_N`; the force at which the axis broke away, None where it did not."""
     count_m = _count_m(device, axis)
-    work, largest_N, was_m = 0.0, 0.0, 0.0
+    work, largest_N = 0.0, 0.0
 
     def broken(moved_m: float, now_N: float) -> bool:
-        nonlocal work, largest_N, was_m
+        nonlocal work, largest_N
         largest_N = max(largest_N, abs(now_N))
-        if abs(moved_m - was_m) > _SEEN_COUNTS * count_m:
-            work += (moved_m - was_m) * now_N
-            was_m = moved_m
+        if abs(moved_m) > _SEEN_COUNTS * count_m:
+            work += moved_m * now_N
         return abs(moved_m) > max(_BROKEN_M, 20.0 * count_m)
 
     try:
