@@ -199,6 +199,17 @@ def test_fault_on_the_way_says_at_which_step_and_what_to_look_at() -> None:
     assert caught.value.kind == "blocked"
 
 
+@pytest.mark.parametrize("code", [0x8130, 0xFF10])
+def test_host_that_was_too_slow_is_no_blocked_axis(code: int) -> None:
+    words = r"axis x was stopped at this step: constant speeds\. no heartbeat"
+    with (
+        pytest.raises(Diagnosis, match=words) as caught,
+        first_moves.explained("x", "constant speeds", lambda text: None),
+    ):
+        raise EmcyError(code, 1, b"", "no heartbeat")
+    assert caught.value.kind == "host"
+
+
 def test_encoder_and_scale_that_disagree_are_no_blocked_axis() -> None:
     """The drive watches them, and says what to look at: a scale_m of another scale ends within some millimetres."""
     with drive(load(MACHINES / "stiff_scale.toml")) as device:

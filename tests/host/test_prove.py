@@ -18,7 +18,7 @@ from kontur.cli import main
 from kontur.commissioning import prove
 from kontur.commissioning.prove import Candidate, Evidence, Proof
 from kontur.drive.target import Target
-from kontur.errors import EmcyError, HeldError
+from kontur.errors import EmcyError, HeldError, StreamError
 from kontur.machine import MACHINES
 from kontur.report import proof_page
 from kontur.report.proof_page import Curve
@@ -104,11 +104,38 @@ def test_circle_on_which_the_drive_stops_counts_and_a_drive_that_is_held_does_no
 
     _, setup = prove._circles(Target(), "ccu", 0.004, 0.02)
     fails(EmcyError(0x8611, 1, b"", "following"))
-    found = prove._run(Target(), setup, 0.02, lambda: False, None)
+    found = prove._run(Target(), setup, 0.02, lambda text: None, lambda: False, None)
     assert found == (None, (None, None), "the drive stopped in cw: following")
     fails(HeldError("held"))
     with pytest.raises(HeldError):
-        prove._run(Target(), setup, 0.02, lambda: False, None)
+        prove._run(Target(), setup, 0.02, lambda text: None, lambda: False, None)
+
+
+@pytest.mark.parametrize(
+    ("error", "tries"),
+    [
+        (EmcyError(0xFF10, 1, b"", "ran out of knots"), 3),
+        (EmcyError(0x8130, 1, b"", "no heartbeat"), 3),
+        (StreamError("no status for 2 s"), 3),
+        (EmcyError(0xFF1F, 1, b"", "oscillated"), 1),
+    ],
+)
+def test_circle_that_a_slow_host_has_ended_is_run_again(
+    error: Exception, tries: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    runs = []
+
+    def circle_test(*_: object) -> Any:
+        runs.append(1)
+        raise error
+
+    monkeypatch.setattr(prove, "circle_test", circle_test)
+    _, setup = prove._circles(Target(), "ccu", 0.004, 0.02)
+    found = prove._run(Target(), setup, 0.02, said.append, lambda: False, None)
+    assert found[2] == f"the drive stopped in ccw: {error}"
+    assert len(runs) == tries
+    assert said == [f"ccu: once more, since the drive stopped in ccw: {error}"] * (tries - 1)
 
 
 def test_why_the_drive_stopped_is_in_the_text_the_json_and_the_report(

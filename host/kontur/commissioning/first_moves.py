@@ -45,6 +45,8 @@ _GAUGED_M, _GAUGED_MPS, _GAUGE_ERROR = 0.02, 0.01, 0.02
 _GENTLE, _GENTLE_N = 3.0, 20.0  # force on the way to a switch: times what the axis breaks away at, and least
 _CATCH_UP_S = 20.0
 _DISAGREE = 0x7306  # two encoders of an axis: docs/faults.md
+HOST_FAULTS = (0x8130, 0xFF10)
+"""Of a host or a bus that was too slow: no heartbeat, no knots. They say nothing of the axes."""
 _ENDS, _SWITCHES = {"max": "upper", "min": "lower"}, {"max": 2, "min": 1}  # names, and bits of digital_inputs
 _RISE_UM = 200.0  # of the reference, over which the feedforward of the friction turns
 _NM = 1e-9
@@ -97,6 +99,8 @@ def explained(axis: str, what: str, say: Callable[[str], None]) -> Iterator[None
                 f"(plant_{axis}.encoder, second_encoder_{axis}.length), one counts the other way "
                 f"(wiring_{axis}.invert_encoder, second_encoder_{axis}.invert), or what is between them slips. {error}",
             ) from error
+        if error.code in HOST_FAULTS:
+            raise Diagnosis("host", f"axis {axis} was stopped at this step: {what}. {error}") from error
         raise Diagnosis(
             "blocked",
             f"axis {axis} has stopped at this step: {what}. Is it blocked on its way, did it meet an end stop whose "
@@ -131,8 +135,11 @@ def catch_up(device: Device) -> None:
 
 @contextmanager
 def moving(device: Device, axis: str, stop_requested: Callable[[], bool]) -> Iterator[Mover]:
+    """The axis with power and telemetry; without both afterwards, since this program may compute for long then, and an
+    answer would stand behind all that was sent meanwhile."""
     with device.axes.enabled(also=TELEMETRY):
         yield Mover(device, axis, stop_requested)
+    device.pdos.restore()
 
 
 # --- direction --------------------------------------------------------------------------------------------------------

@@ -8,9 +8,11 @@ to hold the axis while its frequency response is measured.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from kontur.commissioning import first_moves, fit, response, reversal, screw
 from kontur.commissioning.bias import Mover
 from kontur.commissioning.first_moves import Agreed, Diagnosis, explained
 from kontur.commissioning.fit import Dynamics, Friction, Value
-from kontur.commissioning.recording import Scan, ScopeRecorder, record, scan
+from kontur.commissioning.recording import Recording, Scan, ScopeRecorder, record, scan
 from kontur.commissioning.response import Floats, Response, Setup
 from kontur.commissioning.reversal import Presliding
 from kontur.commissioning.screw import ORDERS, Harmonics, Screw, Transmission
@@ -190,15 +192,9 @@ def _speeds(mover: Mover, agreed: Agreed) -> list[tuple[float, float, float]]:
             break
         both = []
         for sign in (1.0, -1.0):
-            duration_s = min(1.0, max(0.7, 0.05 / speed))
-            if mover.longest_s(speed, sign) < min(duration_s, 0.6):
-                middle_m = 0.5 * (mover.low_m + mover.high_m)
-                mover.go(middle_m - sign * 0.45 * (mover.high_m - mover.low_m), min(0.05, agreed.speed_mps))
-            duration_s = min(duration_s, mover.longest_s(speed, sign))
-            if duration_s < 0.25:
+            found = mover.steadily(partial(_at_speed, mover, sign * speed, agreed))
+            if found is None:
                 break
-            with mover.moving(sign * speed, 0.3 if speed < 0.05 else 0.15):
-                found = record(mover, duration_s)
             half = len(found.force_N) // 2
             both.append((found.velocity_mps, float(np.mean(found.force_N)), _deviation(found.force_N), half))
         if len(both) == 2:
@@ -219,6 +215,20 @@ def _expected_N(steps: Sequence[tuple[float, float, float]], speed_mps: float) -
         return 0.0
     (slow, slow_N, _), (fast, fast_N, _) = steps[-2:]
     return fast_N + (speed_mps - fast) * max(0.0, fast_N - slow_N) / (fast - slow)
+
+
+def _at_speed(mover: Mover, velocity_mps: float, agreed: Agreed) -> Recording | None:
+    """None: there is too little travel."""
+    speed, sign = abs(velocity_mps), math.copysign(1.0, velocity_mps)
+    duration_s = min(1.0, max(0.7, 0.05 / speed))
+    if mover.longest_s(speed, sign) < min(duration_s, 0.6):
+        middle_m = 0.5 * (mover.low_m + mover.high_m)
+        mover.go(middle_m - sign * 0.45 * (mover.high_m - mover.low_m), min(0.05, agreed.speed_mps))
+    duration_s = min(duration_s, mover.longest_s(speed, sign))
+    if duration_s < 0.25:
+        return None
+    with mover.moving(velocity_mps, 0.3 if speed < 0.05 else 0.15):
+        return record(mover, duration_s)
 
 
 def _scans(mover: Mover, agreed: Agreed) -> list[tuple[Scan, Scan]]:
@@ -248,7 +258,7 @@ def _reversals(mover: Mover) -> list[Scan]:
             recorder.start()
             mover.pause(0.05)
             mover.run(_REVERSAL_MPS if k % 2 == 0 else -_REVERSAL_MPS)
-            mover.pause(recorder.duration_s)
+            recorder.wait(mover)
             found.append(recorder.read())
     return found
 

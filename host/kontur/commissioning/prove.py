@@ -10,11 +10,12 @@ from dataclasses import asdict, dataclass, field, replace
 import numpy as np
 
 from kontur.commissioning import response
+from kontur.commissioning.first_moves import HOST_FAULTS
 from kontur.commissioning.response import Response, Setup
 from kontur.design.search import AxisDesign, Problem, predicted
 from kontur.drive.device import Device
 from kontur.drive.target import Target, open_drive
-from kontur.errors import DeviceError, HeldError, NoAnswerError
+from kontur.errors import DeviceError, HeldError, NoAnswerError, StreamError
 from kontur.experiments.circle_test import Setup as Circles
 from kontur.experiments.circle_test import circle_test
 from kontur.machine import FULL, Machine
@@ -29,6 +30,7 @@ _CIRCLES = ((0.020, 0.1), (0.004, 0.02))  # radius, feed
 _SENSES = ("ccw", "cw")
 _LEAD = 0.25  # turns to speed up, and to slow down: less of the drive's time than a half
 _UNSCORED_S = 0.3
+_TRIES = 3
 _BAND_HZ, _POINTS, _WINDOW_S = (10.0, 500.0), 16, 0.5
 _FORCE_PER_KG, _LEAST_N = 0.3, 10.0
 _QUIETER = "ask for a quieter design: --for quiet"
@@ -106,7 +108,7 @@ def prove(
             tests, errors_um, stopped = [], [], []
             for when, parameters in (("before", before), ("after", one.parameters)):
                 test, error_um, why = _run(
-                    target, replace(setup, parameters=parameters), feed_mps, stop_requested, watch
+                    target, replace(setup, parameters=parameters), feed_mps, say, stop_requested, watch
                 )
                 tests.append(test)
                 errors_um.append(error_um)
@@ -197,10 +199,16 @@ def _circles(target: Target, controller: str, radius_m: float, feed_mps: float) 
 
 
 def _run(
-    target: Target, setup: Circles, feed_mps: float, stop_requested: Callable[[], bool], watch: Watcher | None
+    target: Target,
+    setup: Circles,
+    feed_mps: float,
+    say: Callable[[str], None],
+    stop_requested: Callable[[], bool],
+    watch: Watcher | None,
+    tries: int = _TRIES,
 ) -> tuple[CircleTest | None, tuple[float | None, float | None], str | None]:
     """The circular test and the mean errors in µm of both senses; where the drive stopped by itself, in place of them
-    in which sense and why."""
+    in which sense and why. Where the host or the bus was too slow, the circles are run again."""
     bounds = limits(target.machine)
     on = _SENSES[0]
 
@@ -213,6 +221,9 @@ def _run(
     except (NoAnswerError, HeldError):
         raise
     except DeviceError as error:
+        if tries > 1 and (isinstance(error, StreamError) or getattr(error, "code", 0) in HOST_FAULTS):
+            say(f"{setup.controller}: once more, since the drive stopped in {on}: {str(error).removesuffix('.')}")
+            return _run(target, setup, feed_mps, say, stop_requested, watch, tries - 1)
         return None, (None, None), f"the drive stopped in {on}: {error}"
     ccw_um, cw_um = (summary.summarise(run.log).mean_um for run in runs)
     return CircleTest(setup.radius_m * 1e3, {"controller": setup.controller}, (circle,)), (ccw_um, cw_um), None

@@ -133,10 +133,18 @@ class ScopeRecorder:
             self._device.faults.check()
             raise
 
-    def read(self) -> Scan:
-        """What was recorded. Takes a moment; the axis should be at rest."""
+    def wait(self, mover: Mover) -> None:
+        """Let it record to its end, by the time of the drive, which is not that of this program."""
+        mover.pause(self.duration_s)
+        self._complete()
+
+    def _complete(self) -> None:
         if not scope.wait(self._device, _TIMEOUT_S):
             raise DeviceError("the scope of the drive does not end its recording; arm it no other way meanwhile")
+
+    def read(self) -> Scan:
+        """What was recorded. Takes a moment; the axis should be at rest."""
+        self._complete()
         found = scope.read(self._device)
         with self._faults_first():
             scope.release(self._device)
@@ -152,10 +160,13 @@ class ScopeRecorder:
 def scan(mover: Mover, velocity_mps: float, longest_s: float, settle_s: float) -> Scan:
     """Move at constant speed for as long as the travel allows, `longest_s` at most."""
     speed_mps, sign = abs(velocity_mps), 1.0 if velocity_mps > 0.0 else -1.0
-    room_s = mover.longest_s(speed_mps, sign) - max(0.0, settle_s - SETTLE_S) - _ARMING_S
-    duration_s = min(longest_s, room_s)
-    recorder = ScopeRecorder(mover.device, mover.axis, duration_s)
-    with mover.moving(velocity_mps, settle_s):
-        recorder.start()
-        mover.pause(recorder.duration_s)
-    return recorder.read()
+
+    def measure() -> Scan:
+        room_s = mover.longest_s(speed_mps, sign) - max(0.0, settle_s - SETTLE_S) - _ARMING_S
+        recorder = ScopeRecorder(mover.device, mover.axis, min(longest_s, room_s))
+        with mover.moving(velocity_mps, settle_s):
+            recorder.start()
+            recorder.wait(mover)
+        return recorder.read()
+
+    return mover.steadily(measure)

@@ -162,7 +162,11 @@ def _windows(
                 f"position_limit_{mover.axis}"
             )
         with mover.moving(sign * setup.speed_mps):
-            found.append(excite(mover, hz, amplitude_N, setup, fit[sign], second))
+            windows = excite(mover, hz, amplitude_N, setup, fit[sign], second)
+        if mover.held_back:
+            mover.late()
+            continue
+        found.append(windows)
         left[sign] -= fit[sign]
         progress(1.0 - sum(left.values()) / (2.0 * setup.windows))
     return np.concatenate(found)
