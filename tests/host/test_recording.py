@@ -8,6 +8,7 @@ import pytest
 
 from kontur.commissioning import first_moves, response
 from kontur.commissioning.bias import Mover
+from kontur.commissioning.identify import identify
 from kontur.commissioning.recording import ScopeRecorder, scan
 from kontur.drive import scope
 from kontur.drive.device import Device
@@ -99,3 +100,25 @@ def test_nothing_but_the_status_is_sent_after_a_movement() -> None:
             with first_moves.moving(device, "x", lambda: False):
                 assert len(device.pdos.sent()) > len(before)
             assert device.pdos.sent() == before
+
+
+def fall_silent(device: Device) -> None:
+    """Send no heartbeat any more, with power, until the drive is in fault."""
+    with device.axes.enabled():
+        device.link.stop_heartbeat()
+        device.link.wait(lambda: False, 2.0)
+        device.faults.check()
+
+
+def test_identification_goes_on_after_a_fault_that_ended_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> float:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(first_moves, "direction", interrupted)
+    with open_drive(Target()) as device:
+        with pytest.raises(EmcyError, match="heartbeat"):
+            fall_silent(device)
+        assert "fault" in device.axes.states()
+        with pytest.raises(KeyboardInterrupt):  # it has come to its second step
+            identify(device, "x", first_moves.Agreed(100.0))
+        assert device.axes.states() == ("switch on disabled", "switch on disabled")

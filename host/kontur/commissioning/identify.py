@@ -88,6 +88,8 @@ def identify(
             yield
         steps_s[name] = round(device.link.time_s - step_s, 3)
 
+    if any(device.read(f"error_code_{one}") for one in "xy"):  # as where the bus was lost before
+        device.axes.reset_faults()
     device.select_controller("cascade")
     first_moves.prepare(device, axis)
     with step("noise", "without power: noise of the encoder"):

@@ -86,6 +86,18 @@ class StateMachine:
             self._link.wait(lambda before=states: self.states() != before, RESEND_S)  # type: ignore[misc]
         self._link.wait(lambda: False, SETTLE_S)
 
+    def reset_faults(self) -> None:
+        """Reset latched faults; no axis gets power. Raises DeviceError where one stays, and what enable() raises."""
+        with self.master.held():
+            self.master.claim()
+            self.pdos.require(*COMMANDS)
+            self.start_node()
+            self.faults.clear_emergencies()
+            self.controlwords(DISABLE_VOLTAGE, DISABLE_VOLTAGE)  # a reset is an edge of its bit
+            if not self.command_until(FAULT_RESET, lambda: "fault" not in self.states(), _STATE_TIMEOUT_S):
+                raise DeviceError(self._stuck("reset", self.states()))
+            self.controlwords(DISABLE_VOLTAGE, DISABLE_VOLTAGE)
+
     @contextmanager
     def enabled(self, also: tuple[str, ...] = ()) -> Iterator[None]:
         """The drive held, and both axes enable()d inside; switched off afterwards, whatever happened."""
