@@ -17,6 +17,11 @@ from kontur.errors import DeviceError
 _OFF_PULSE, _OFF_PULSE_MPS = 0.05, 5e-3  # share of the distance of two pulses, and speed
 
 
+def count_m(device: Device, axis: str) -> float:
+    """The length of a count of the first encoder, as the drive has it."""
+    return float(device.read(f"plant_{axis}.encoder")) * 1e-6
+
+
 def length_m(
     device: Device, axis: str, index_m: float, stop_requested: Callable[[], bool] = lambda: False
 ) -> float | None:
@@ -25,8 +30,8 @@ def length_m(
     Homes the axis to one pulse and then to the next one, by its homing method, one of method_of(). The drive, which
     must be enabled, has its zero where it was, afterwards.
     """
-    count_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
-    zero = _zero(device, axis, count_m)
+    each_m = count_m(device, axis)
+    zero = _zero(device, axis, each_m)
     method = int(device.read(f"homing_method_{axis}"))
     pulses = []
     for k in range(2):
@@ -39,22 +44,22 @@ def length_m(
         except DeviceError:
             device.faults.check()
             return None
-        pulses.append(_zero(device, axis, count_m))
+        pulses.append(_zero(device, axis, each_m))
     here_nm = float(device.read(f"position_actual_{axis}"))
-    device.write(f"home_offset_{axis}", round(here_nm + (pulses[1] - zero) * count_m / wire.M_PER_NM))
+    device.write(f"home_offset_{axis}", round(here_nm + (pulses[1] - zero) * each_m / wire.M_PER_NM))
     device.write(f"homing_method_{axis}", METHODS["here"])
     home(device, axis)
     return index_m / abs(pulses[1] - pulses[0])
 
 
-def _zero(device: Device, axis: str, count_m: float) -> float:
+def _zero(device: Device, axis: str, each_m: float) -> float:
     """What the encoder counts at the user's position 0. Both are of the same instants, so the axis may still settle."""
     count, position = f"encoder_count_{axis}", f"position_{axis}"
     scope.arm(device, scope.Setup((count, position), scope.trigger("now"), 0.0))
     if not scope.wait(device, 5.0):
         raise DeviceError("the scope of the drive records nothing")
     found = scope.read(device)
-    return float(np.mean(found[count] - found[position] * 1e-3 / count_m))
+    return float(np.mean(found[count] - found[position] * 1e-3 / each_m))
 
 
 def method_of(device: Device, axis: str) -> int:

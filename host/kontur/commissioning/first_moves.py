@@ -171,7 +171,7 @@ def direction(device: Device, axis: str, agreed: Agreed, stop_requested: Callabl
 
 def _counts(device: Device, axis: str, force_N: float, stop_requested: Callable[[], bool]) -> bool:
     """Whether the encoder counts while the force swings fast, with a growing amplitude up to `force_N`."""
-    least_m = _SEEN_COUNTS * _count_m(device, axis)
+    least_m = _SEEN_COUNTS * encoder.count_m(device, axis)
     try:
         with moving(device, axis, stop_requested) as mover:
             return _swing(mover, force_N, _FAST, lambda moved_m, _: abs(moved_m) > least_m)
@@ -181,7 +181,7 @@ def _counts(device: Device, axis: str, force_N: float, stop_requested: Callable[
 
 def _ramp(device: Device, axis: str, force_N: float, stop_requested: Callable[[], bool]) -> float | None:
     """Let the force swing slowly up to `force_N`; the force at which the axis broke away, None where it did not."""
-    count_m = _count_m(device, axis)
+    count_m = encoder.count_m(device, axis)
     work, largest_N = 0.0, 0.0
 
     def broken(moved_m: float, now_N: float) -> bool:
@@ -232,10 +232,6 @@ def _swing(mover: Mover, force_N: float, periods: int, enough: Callable[[float, 
     return False
 
 
-def _count_m(device: Device, axis: str) -> float:
-    return float(device.read(f"plant_{axis}.encoder")) * 1e-6
-
-
 def bind(device: Device, axis: str, agreed: Agreed, mass_kg: float, breakaway_N: float) -> None:
     """From now on the drive's own limit is the agreed force, and speed changes take half of what friction leaves."""
     force_N = min(agreed.force_N, float(device.read(f"plant_{axis}.force_limit")))
@@ -266,7 +262,7 @@ def rough(device: Device, axis: str, force_N: float, stop_requested: Callable[[]
     limit_N = 0.5 * float(device.read(f"plant_{axis}.force_limit"))
     setup = Setup((_ROUGH_HZ,), min(force_N, limit_N), 0.0, 0.5, 2, 0.4)
     control_hz = float(device.read("clock.control_hz"))
-    count_m = _count_m(device, axis)
+    count_m = encoder.count_m(device, axis)
     with moving(device, axis, stop_requested) as mover:
         windows = response.excite(mover, setup.hz, setup.force_N, setup, setup.windows, False)
     force, moved = np.mean(windows, axis=0)[:2, 0]
@@ -334,7 +330,7 @@ def _lost_m(position_m: Floats, force_N: Floats) -> float:
 # --- length of a count ------------------------------------------------------------------------------------------------
 def length_factor(device: Device, axis: str, agreed: Agreed, stop_requested: Callable[[], bool]) -> float:
     """What the mass is to be multiplied with, by the length of a count as it is now."""
-    before_m = _count_m(device, axis)
+    before_m = encoder.count_m(device, axis)
     device.parameters.set({f"homing_method_{axis}": encoder.method_of(device, axis)})
     with device.axes.enabled():
         found_m = encoder.length_m(device, axis, agreed.index_m, stop_requested)

@@ -18,6 +18,7 @@ import numpy as np
 
 from kontur.commissioning import first_moves, fit, response, reversal, screw
 from kontur.commissioning.bias import Mover
+from kontur.commissioning.encoder import count_m
 from kontur.commissioning.first_moves import Agreed, Diagnosis, explained
 from kontur.commissioning.fit import Dynamics, Friction, Value
 from kontur.commissioning.recording import Recording, Scan, ScopeRecorder, record, scan
@@ -312,14 +313,13 @@ def _response(mover: Mover, agreed: Agreed, mass_kg: float) -> Response:
 
 def _base(device: Device, axis: str, found: Friction) -> Axis:
     """What the fit of the response takes as known."""
-    encoder_m = float(device.read(f"plant_{axis}.encoder")) * 1e-6
     low, high = (float(device.read(f"position_limit_{axis}.{end}")) * _NM for end in ("min", "max"))
     return Axis(
         mass_kg=1.0,
         viscous_Nspm=found.viscous_Nspm.value,
         coulomb_N=found.coulomb_N.value,
         force_limit_N=float(device.read(f"plant_{axis}.force_limit")),
-        encoder_m=encoder_m,
+        encoder_m=count_m(device, axis),
         travel_m=(low, high),
         soft_limit_m=(low, high),
         velocity_mps=0.3,

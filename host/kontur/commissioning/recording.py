@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kontur.commissioning.bias import SETTLE_S, Mover
+from kontur.commissioning.encoder import count_m
 from kontur.commissioning.response import Floats
 from kontur.drive import scope
 from kontur.drive.device import Device
@@ -107,9 +108,7 @@ class ScopeRecorder:
 
     def __init__(self, device: Device, axis: str, duration_s: float) -> None:
         self._device, self._axis = device, axis
-        self.counts_m = [
-            float(device.read(name)) * 1e-6 for name in (f"plant_{axis}.encoder", f"second_encoder_{axis}.length")
-        ]
+        self.counts_m = [count_m(device, axis), float(device.read(f"second_encoder_{axis}.length")) * 1e-6]
         names = [f"encoder_count_{axis}", f"force_{axis}"]
         if self.counts_m[1] > 0.0:
             names += [f"second_count_{axis}", f"position_{axis}"]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kontur.commissioning.bias import Mover
+from kontur.commissioning.encoder import count_m
 from kontur.drive.device import Device
 from kontur.errors import DeviceError, ParameterError
 
@@ -102,7 +103,7 @@ def measure(
     """
     control_hz = int(device.read("clock.control_hz"))
     _check(setup, control_hz, float(device.read(f"plant_{axis}.force_limit")))
-    lengths_m = [float(device.read(f"plant_{axis}.encoder")) * 1e-6]
+    first_m = count_m(device, axis)
     second_m = float(device.read(f"second_encoder_{axis}.length")) * 1e-6
     mover = Mover(device, axis, stop_requested)
     sets = math.ceil(len(setup.hz) / LINES)
@@ -115,7 +116,7 @@ def measure(
             progress((i + share) / sets)
 
         windows = _windows(mover, chosen, amplitude_N, setup, second_m > 0.0, done)
-        parts.append(_response(np.array(chosen), windows, amplitude_N, (*lengths_m, second_m), control_hz))
+        parts.append(_response(np.array(chosen), windows, amplitude_N, (first_m, second_m), control_hz))
     return joined(parts)
 
 
