@@ -567,7 +567,8 @@ def compensation(
 ) -> tuple[Array, Array, Array, Array]:
     """(17)-(24) with desired z = 0: (z_n m, s m/s, v m/s^2 in the frame, force M R v in N).
 
-    z_n = R^T z, z_n' = R^T (z' + w I_e z), or R^T z' (in_axes, not in the paper); s = alpha z_n + z_n' (21); v = -alpha z_n' - mu sat(s/phi) (24).
+    z_n = R^T z, z_n' = R^T (z' + w I_e z), or R^T z' (in_axes, not in the paper); s = alpha z_n + z_n' (21);
+    v = -alpha z_n' - mu sat(s/phi) (24).
     """
     z_n = rot.T @ z
     z_n_dot = rot.T @ (z_dot if p.in_axes else z_dot + w * I_E @ z)
