@@ -26,7 +26,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from kontur.errors import PathError
 from kontur.path.geometry import Arc, Dwell, FloatArray, Line, Move, MoveTable, Program
 from kontur.path.line_arc import LineArcPath
 from kontur.path.moves import dwells_in, feeds_mps, is_scheduled, tolerances_m
@@ -164,11 +163,12 @@ def _smoothed(
 
 
 def _in_windows(program: Program, polyline: Polyline, within: Within, stretch: _Stretch) -> Iterator[Exact | Smooth]:
-    """A long stretch. The curve of each window goes on as that of the one before ends, up to its fourth derivative."""
+    """A long stretch. The curve of each window goes on as that of the one before ends, up to its fourth derivative.
+    Where none goes on within the tolerance, the one before is driven as far as it was fitted, and ends in a stop."""
     moves, edge_m = program.moves, polyline.edge_m
     last, windows, most_s = stretch.last, iter(_WINDOWS_S), 0.0
     time_s = np.append(0.0, np.cumsum(_durations(moves[stretch.first : last + 1], edge_m[stretch.first : last + 2])))
-    first, head = stretch.first, None
+    first, head, rest = stretch.first, None, None
     while first <= last:
         most_s = next(windows, most_s)
         now = first - stretch.first
@@ -177,25 +177,27 @@ def _in_windows(program: Program, polyline: Polyline, within: Within, stretch: _
             end = last + 1
         ahead = stretch.first + int(np.searchsorted(time_s, time_s[end - stretch.first] + _AHEAD_S))
         ahead = min(last + 1, max(ahead, int(np.searchsorted(edge_m, edge_m[end] + _AHEAD_M))))
-        window = replace(stretch, first=first, last=end - 1)
-        window.before = stretch.before if first == stretch.first else ()
-        window.after = stretch.after if end == last + 1 else ()
         for spacing in _CLOSER:
             fit, good = fitted(polyline, [first], ahead - 1, within, head, spacing)
             if good[0]:
                 break
+        path, goes_on = None, False
         if good[0]:
-            path = fit.path(0, 1).until(float(edge_m[end] - edge_m[first]))
-            yield Smooth(moves[first:end], path, _dwells([window]), head is not None, end <= last)
-            head = np.concatenate([path.derivative(path.stops_m[1:], order) for order in range(5)])
-        elif head is None:
+            whole, at_m = fit.path(0, 1), float(edge_m[end] - edge_m[first])
+            path, goes_on = whole.until(at_m), end <= last
+            rest = (whole.since(at_m), ahead) if goes_on else None
+        elif rest is not None:
+            (path, end), rest = rest, None
+        window = replace(stretch, first=first, last=end - 1)
+        window.before = stretch.before if first == stretch.first else ()
+        window.after = stretch.after if end == last + 1 else ()
+        if path is not None:
+            yield Smooth(moves[first:end], path, _dwells([window]), head is not None, goes_on)
+        else:
             yield _exact(moves, [window])
-        else:  # the curve has left the file's path, within the tolerance, so that this cannot go on
-            most_um = within.tolerance_m[first] * 1e6
-            raise PathError(
-                f"{program.where(moves[first].line)}: no smooth curve within {most_um:g} µm goes on from here; "
-                "use another --tolerance, or 0"
-            )
+        head = None
+        if path is not None and goes_on:
+            head = np.concatenate([path.derivative(path.stops_m[1:], order) for order in range(5)])
         first = end
 
 

@@ -58,6 +58,13 @@ class SmoothPath:
         grid = np.append(self.grid_m[self.grid_m < length_m - 1e-9], length_m)
         return replace(self, grid_m=grid, stops_m=np.array([0.0, length_m]))
 
+    def since(self, length_m: float) -> SmoothPath:
+        """The end of a path without stops on its way, from there on."""
+        t, coefficients, degree = self.spline.tck
+        grid = np.append(length_m, self.grid_m[self.grid_m > length_m + 1e-9]) - length_m
+        spline = BSpline(t - length_m, coefficients, degree)
+        return replace(self, spline=spline, grid_m=grid, stops_m=np.array([0.0, self.length_m - length_m]))
+
     def derivative(self, s_m: FloatArray, order: int) -> FloatArray:
         """Derivative (n, 2) by the distance along the file's path; order 0 is the point."""
         return np.asarray(self.spline(np.clip(s_m, 0.0, self.stops_m[-1]), order))
