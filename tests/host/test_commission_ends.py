@@ -200,6 +200,18 @@ def test_soft_limits_of_the_user_stay(tmp_path: Path, sim: process.SimProcess, m
     assert "position_limit" not in text
 
 
+def test_design_without_a_filter_leaves_none_in_the_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("zero_1", "zero_damping_1", "pole_1", "pole_damping_1")
+    of_before = {f"force_filter_x.{name}": value for name, value in zip(names, (80.0, 0.3, 78.0, 0.7), strict=True)}
+    Steps(monkeypatch)
+    with process.start(slcan_tcp="0", pace="sync", machine=MACHINES / "ball_screw.toml") as drive:
+        with open_drive(Target(bus=drive.options())) as device:
+            device.parameters.set(of_before)
+        assert commission(tmp_path, *on(drive)).exit_code == 0
+        after = state(drive)[0]
+    assert (after["force_filter_x.zero_1"], after["force_filter_x.pole_1"]) == (0.0, 0.0)  # off
+
+
 @pytest.mark.parametrize(("options", "kind"), [([], "length"), (["--length-checked"], "device")])
 def test_length_of_a_count_that_nothing_proves_ends_before_anything_moves(
     options: list[str], kind: str, sim: process.SimProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

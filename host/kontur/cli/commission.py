@@ -361,16 +361,19 @@ def _tune(
         progress.keep("tune", options, kept)
     result["design"] = kept["design"]
     _add_time("tune", kept["time"], result)
+    with open_drive(target) as device:
+        declared = device.declared
+        # A design without a filter means none, also where the drive has one of before, or of the other controller.
+        unfiltered = {name: one.default for name, one in device.parameters.items() if name.startswith("force_filter_")}
     after: dict[str, dict[str, float]] = {
-        name: {
+        name: unfiltered
+        | {
             key: value
             for key, value in values.items()
             if target.in_process or not key.startswith("position_limit_")  # the user's own
         }
         for name, values in kept["after"].items()
     }
-    with open_drive(target) as device:
-        declared = device.declared
     for name, values in after.items():
         write_atomically(asked.out / f"params-{name}.toml", parameter_file.text(values, declared).encode())
     return after

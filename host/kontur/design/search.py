@@ -226,6 +226,7 @@ class Problem:
         if self.second:
             gains |= dict.fromkeys(("second_encoder_x.crossover", "second_encoder_y.crossover"), values[law - 2])
         for name, axis in zip("xy", self.machine.axes, strict=True):
+            gains |= {f"force_filter_{name}.{key}_1": 0.0 for key in ("zero", "pole")}  # off, where a drive has one
             for key, value in zip(("zero", "zero_damping", "pole", "pole_damping"), values[law:], strict=False):
                 scale = 1.0 if "damping" in key else axis.resonance_Hz or _RIGID_HZ
                 gains[f"force_filter_{name}.{key}_1"] = value * scale
