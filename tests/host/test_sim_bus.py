@@ -92,13 +92,11 @@ def test_node_id_moves_all_identifiers() -> None:
 
 
 def test_clock_pace_does_not_outrun_the_wall_clock() -> None:
+    begin = time.monotonic()  # before the drive's clock starts: it may be behind later, and catch up
     with open_bus(pace="clock") as bus:
-        begin = time.monotonic()
-        while bus.recv(0.02) is not None:
-            pass
-        while bus.time_s < 0.2:  # type: ignore[attr-defined]
+        while bus.time_s < 1.0:  # type: ignore[attr-defined]
             bus.recv(0.05)
-        assert time.monotonic() - begin >= 0.19
+        assert time.monotonic() - begin >= 0.99
 
 
 def test_an_answer_at_clock_pace_takes_the_time_of_a_wire() -> None:

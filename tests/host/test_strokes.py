@@ -23,6 +23,7 @@ class Table:
     """Device and Mover at once: an axis at `at_m` that may be within 0 and `travel_m`."""
 
     axis = "x"
+    held_back = False
 
     def __init__(self, travel_m: float, at_m: float) -> None:
         self.low_m, self.high_m, self.at_m = 0.0, travel_m, at_m

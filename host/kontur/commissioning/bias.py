@@ -123,7 +123,7 @@ class Mover:
             return
         sign = 1.0 if way_m > 0.0 else -1.0
         speed_mps = min(speed_mps, math.sqrt(0.4 * abs(way_m) * self._slowest_mps2))
-        stop_m = 0.5 * speed_mps * self.change_s(speed_mps) + 0.04 * speed_mps  # and what is read and written meanwhile
+        stop_m = 0.5 * speed_mps * self.change_s(speed_mps) + 0.05 * speed_mps  # and what is read and written meanwhile
         with self.moving(sign * speed_mps, 0.0):
             end_s = self.device.link.time_s + 2.0 + abs(way_m) / speed_mps
             while sign * (position_m - self.position_m()) > stop_m:
