@@ -11,6 +11,8 @@ from typing import overload
 import numpy as np
 import numpy.typing as npt
 
+from kontur.path.rows import Rows
+
 
 @dataclass(frozen=True)
 class Event:
@@ -36,7 +38,7 @@ def kind(word: str) -> str:
 _NONE = np.empty(0, np.int64)
 
 
-class Events(Sequence[Event]):
+class Events(Rows[Event]):
     """A sequence of events like a tuple, as rows of numbers: 24 bytes an event in place of 250. Event i is the word
     `words[code[i]]`; `code`, `before` and `line` are (n,). `words` are in the order in which they first come."""
 
@@ -60,16 +62,6 @@ class Events(Sequence[Event]):
         if isinstance(index, slice):
             return Events(self.words, self.code[index], self.before[index], self.line[index])
         return Event(self.words[self.code[index]], int(self.before[index]), int(self.line[index]))
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Sequence):
-            return NotImplemented
-        return len(self) == len(other) and all(a == b for a, b in zip(self, other, strict=True))
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def __repr__(self) -> str:
-        return f"Events({list(self)})"
 
     def rows(self, words: Iterable[str]) -> npt.NDArray[np.intp]:
         """Which events are one of these `words`."""

@@ -11,12 +11,13 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Generic, Protocol, TypeVar, cast, overload
+from typing import Any, Protocol, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from kontur.path.events import Events
+from kontur.path.rows import Rows
 
 FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]
@@ -234,7 +235,7 @@ class Dwell:
 Item = TypeVar("Item", bound="Move | Dwell")
 
 
-class MoveTable(Sequence[Item], Generic[Item]):
+class MoveTable(Rows[Item]):
     """A sequence of moves and dwells like a tuple, with its lines as rows of numbers: 40 bytes a line in place of 275.
 
     Each of the rows (n,) begins where the one before it ends; `x_m`, `y_m` (n + 1,) are these places. Lines have their
@@ -289,16 +290,6 @@ class MoveTable(Sequence[Item], Generic[Item]):
                     segment = Line(points[row], points[row + 1])
                     item = Move(segment, feed, feed == math.inf, line, None, None if within != within else within)
                 yield cast(Any, item)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Sequence):
-            return NotImplemented
-        return len(self) == len(other) and all(a == b for a, b in zip(self, other, strict=True))
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def __repr__(self) -> str:
-        return f"MoveTable({list(self)})"
 
     def moves(self) -> MoveTable[Move]:
         """The same without dwells."""
