@@ -37,6 +37,7 @@ _CROSSING = 0.01  # of the table's friction, within which the gap is crossed
 _MODEL_ERROR, _GAP_ERROR, _GAP_LEAST_M, _SHARE_ERROR, _REST_ERROR = 0.1, 0.1, 5e-7, 0.05, 0.05  # what the model lacks
 _SEEN = 1.5  # times its uncertainty
 _SLIPS, _STICKS, _MOST = 2.0, 0.5, 0.8  # times the mean velocity, of an axis that has most of its force
+_SLIP_ERROR = 0.02  # of the force at which an axis slips
 _UNEXPLAINED = 0.05  # share of the force's variance that a fit may leave
 
 
@@ -54,13 +55,14 @@ class Presliding:
 @dataclass(frozen=True, eq=False)
 class _Run:
     """From a reversal on: distances of motor and table (None: not seen), force, its standard deviation, what is left of
-    the friction at rest at this speed; (n,) each."""
+    the friction at rest at this speed; (n,) each. `slip_N`: the force at which it slipped, where it sticks again."""
 
     motor_m: Floats | None
     table_m: Floats | None
     force_N: Floats
     sigma_N: Floats
     left: Floats
+    slip_N: float | None
 
 
 def presliding(scans: Sequence[Scan], dynamics: Dynamics, friction: Friction) -> Presliding | None:
@@ -74,6 +76,11 @@ def presliding(scans: Sequence[Scan], dynamics: Dynamics, friction: Friction) ->
     sigma_N = np.concatenate([run.sigma_N for run in runs])
     offsets = np.concatenate([np.full((len(run.force_N), 1), float(k)) for k, run in enumerate(runs)])
     offsets = (offsets == np.arange(len(runs))).astype(np.float64)
+    # An axis slips with its friction at rest: where a run ends with that, most of its curve is not seen
+    slips = [k for k, run in enumerate(runs) if run.slip_N is not None]
+    slip_N = np.array([runs[k].slip_N for k in slips], dtype=np.float64)
+    at_slip = np.column_stack([np.ones(len(slips)), np.eye(len(runs))[slips]])
+    force_N, sigma_N = np.append(force_N, slip_N), np.append(sigma_N, _SLIP_ERROR * slip_N)
     rest_N = friction.coulomb_N.value * friction.breakaway.value
     stretch_m = rest_N / dynamics.stiffness_Npm if dynamics.stiffness_Npm > 0.0 else 0.0
 
@@ -84,7 +91,7 @@ def presliding(scans: Sequence[Scan], dynamics: Dynamics, friction: Friction) ->
             _shape(run, before_m, beyond_m, whole_m, share, gap_m, stretch_m)
             for run, (before_m, beyond_m) in zip(runs, vector[3:].reshape(-1, 2), strict=True)
         ]
-        basis = np.column_stack([np.concatenate(shape), offsets]) / sigma_N[:, None]
+        basis = np.vstack([np.column_stack([np.concatenate(shape), offsets]), at_slip]) / sigma_N[:, None]
         x = np.linalg.lstsq(basis, force_N / sigma_N, rcond=None)[0]
         return x, basis @ x - force_N / sigma_N
 
@@ -152,7 +159,8 @@ def _run(scan: Scan, sign: float, dynamics: Dynamics, friction: Friction) -> _Ru
     elif scan.second_m is not None:
         second_m = sign * _means(scan.second_m)[of]
         table_m = np.maximum.accumulate(second_m - second_m[0])
-    return _Run(motor_m, table_m, force_N[of], sigma_N[of], left[of])
+    slip_N = float(np.max(force_N[of])) if len(sticks) and turn + sticks[0] == of.stop else None
+    return _Run(motor_m, table_m, force_N[of], sigma_N[of], left[of], slip_N)
 
 
 def _means(values: Floats) -> Floats:
