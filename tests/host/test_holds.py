@@ -147,16 +147,19 @@ def in_a_hold() -> Iterator[tuple[Target, Trajectory, Operator]]:
         yield target, t, stopped
 
 
+def executed_knots(target: Target) -> float:
+    with open_drive(target) as device:
+        return device.read("stream.executed")
+
+
 def test_resume_with_other_outputs_is_refused_before_anything_moves(
     in_a_hold: tuple[Target, Trajectory, Operator],
 ) -> None:
     target, t, _ = in_a_hold
-    with open_drive(target) as device:
-        executed = device.read("stream.executed")
+    executed = executed_knots(target)
     with pytest.raises(StreamError, match=r"has switched other outputs so far.*--full-s"):
         run(t, "ccu", target, RunOptions(resume=True, tool=Tool(full_s=700.0)))
-    with open_drive(target) as device:
-        assert device.read("stream.executed") == executed
+    assert executed_knots(target) == executed
     go = Operator(release=lambda _: True)
     assert run(t, "ccu", target, RunOptions(resume=True), operator=go).completed
 
@@ -165,11 +168,10 @@ def test_stop_in_a_hold_that_is_asked_for_again_when_the_path_is_resumed_moves_n
     in_a_hold: tuple[Target, Trajectory, Operator],
 ) -> None:
     target, t, stopped = in_a_hold
+    executed = executed_knots(target)
     with open_drive(target) as device:
-        executed = device.read("stream.executed")
         assert device.read("outputs.hold") > 0
     with pytest.raises(KeyboardInterrupt):
         run(t, "ccu", target, RunOptions(resume=True), operator=stopped)
-    with open_drive(target) as device:
-        assert device.read("stream.executed") == executed
+    assert executed_knots(target) == executed
     assert run(t, "ccu", target, RunOptions(resume=True), operator=UNATTENDED).completed

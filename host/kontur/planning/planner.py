@@ -138,7 +138,6 @@ class Planning:
     ) -> None:
         self.program = program
         self.deviation_m = self.rapid_deviation_m = 0.0
-        self._smooth = False
         self._limits, self._travel_m, self._tolerance_m = limits, travel_m, tolerance_m
         self._report = progress or (lambda share: None)
         if not program.moves:
@@ -199,7 +198,6 @@ class Planning:
             if isinstance(part, Smooth):
                 self.deviation_m = max(self.deviation_m, part.path.deviation_m)
                 self.rapid_deviation_m = max(self.rapid_deviation_m, part.path.rapid_deviation_m)
-                self._smooth = self.deviation_m > 0.0 or self.rapid_deviation_m > 0.0
             self._driven += _driven(part)
             pieces, motion, windows = self._cool(heat, windows, partial(self._planned, part, ends, at_m, share))
             self._bounds.add([replace(piece, v=0.0, limit=HEAT) for piece in pieces] if heat.share < 1.0 else pieces)
@@ -266,6 +264,10 @@ class Planning:
                 if self._smooth:
                     check_smoothed(self.program, position, self._travel_m)
                 yield s, position
+
+    @property
+    def _smooth(self) -> bool:
+        return self.deviation_m > 0.0 or self.rapid_deviation_m > 0.0
 
     def _share(self, done: int, more: int, of_part: float) -> None:
         self._report((done + 0.9 * of_part * more) / len(self.program.moves))
