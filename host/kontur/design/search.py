@@ -21,6 +21,7 @@ from scipy.optimize import Bounds, differential_evolution, minimize
 from scipy.stats import qmc
 
 from kontur.design import loop
+from kontur.design.laws import KNOWN, LAWS, LOCAL, Gains, Searched
 from kontur.design.trial import STOPPED, Trial
 from kontur.drive import parameter_file
 from kontur.drive.controllers import CONTROLLERS
@@ -28,8 +29,6 @@ from kontur.drive.objects import Objects
 from kontur.drive.target import Target, open_drive
 from kontur.errors import MachineError
 from kontur.machine import FULL, Axis, Machine
-
-Gains = dict[str, float]
 
 _POPULATION, _GENERATIONS = 40, 60
 _OBSERVERS = ((60.0, 600.0), (600.0, 5000.0))  # rad/s: the basins
@@ -40,60 +39,7 @@ _SEED = 1
 _UNSTABLE = 1e4  # above every logarithm of an error with
 _EXCESS = 10.0  # times the logarithm of what exceeds a limit, which keeps the search within it
 _INSIDE = 0.995  # share of a limit that a candidate beyond it is brought to
-_MU_MPS2 = 6.0
-_LEARNING_PER_S = 2.0  # of the adaptive feedforward: slow beside every loop that a machine with a mode allows
 _DIGITS = 5
-_SLOPE_MAX, _STIFFNESS_MAX = 2000.0, 16e6  # 1/s and 1/s2: what the objects allow
-
-
-@dataclass(frozen=True)
-class Searched:
-    """A quantity that is searched for, on a logarithmic scale."""
-
-    name: str
-    least: float
-    greatest: float
-
-
-def _smc(law: Sequence[float]) -> Gains:
-    """From the sum of the two poles of (15), and their product as a share of its square: above 1/4 they are complex."""
-    total, share = law
-    apart = math.sqrt(max(0.0, 1.0 - 4.0 * share))
-    slope, gain = min(_SLOPE_MAX, total * (1.0 + apart) / 2.0), total * (1.0 - apart) / 2.0
-    return {
-        "smc.lambda": slope,
-        "smc.k_0": gain,
-        "smc.k_max": gain,
-        "smc.zeta": gain,
-        "smc.stiffness": min(_STIFFNESS_MAX, max(0.0, share - 0.25) * total**2),
-    }
-
-
-def _ccu(law: Sequence[float]) -> Gains:
-    total, share, alpha, ratio = law
-    return _smc((total, share)) | {
-        "compensator.alpha": alpha,
-        "compensator.mu_0": _MU_MPS2,
-        "compensator.mu_max": _MU_MPS2,
-        "compensator.phi": _MU_MPS2 / ratio,
-        "compensator.dead_zone": _MU_MPS2 / ratio,
-        "compensator.in_axes": 1.0,
-        "feedforward.friction_rate": _LEARNING_PER_S,
-        "feedforward.mass_rate": _LEARNING_PER_S,
-    }
-
-
-def _cascade(law: Sequence[float]) -> Gains:
-    position, velocity, integral = law
-    return {
-        "cascade.position_gain": position,
-        "cascade.velocity_gain": velocity,
-        "cascade.integral_gain": integral,
-    }
-
-
-def _ccc(law: Sequence[float]) -> Gains:
-    return _cascade(law[:3]) | {"cascade.coupling_gain": law[3]}
 
 
 # While the response of the law is taken: no adaptation, no limits, and no reaction to the impulse. Nothing is cancelled
@@ -121,21 +67,6 @@ _NO_FILTER = (1.0, 0.6, 1.0, 0.6)  # zeros and poles cancel each other
 _CROSSOVER = Searched("crossover of the encoders", 3.0, 300.0)  # Hz
 _RIGID_HZ = 200.0  # in place of the first mode of a rigid axis
 _OBSERVER = Searched("observer.bandwidth", _OBSERVERS[0][0], _OBSERVERS[-1][-1])
-_SMC = (Searched("sum of poles", 10.0, 4000.0), Searched("product of poles", 0.03, 1.5))
-_CASCADE = (Searched("K_p", 5.0, 1900.0), Searched("K_v", 20.0, 4900.0), Searched("K_i", 1.0, 1900.0))
-_LAWS: dict[str, tuple[tuple[Searched, ...], Callable[[Sequence[float]], Gains]]] = {
-    "track": (_SMC, _smc),
-    "cc": (_SMC, _smc),
-    "ccu": ((*_SMC, Searched("alpha", 5.0, 1900.0), Searched("mu/phi", 20.0, 6000.0)), _ccu),
-    "cascade": (_CASCADE, _cascade),
-    "ccc": ((*_CASCADE, Searched("W", 0.1, 5.0)), _ccc),
-}
-_KNOWN = {  # where a search begins besides: the two basins of the contouring law with compensator
-    "ccu": ((300.0, 0.22, 60.0, 1000.0, 1120.0), (1435.0, 0.198, 1140.0, 1500.0, 250.0)),
-}
-_LOCAL = {  # and where one more local search begins: with little of the second integrator, which the cascade never has
-    "ccu": ((2800.0, 0.25, 60.0, 1000.0, 200.0),),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +116,7 @@ class Problem:
     def __init__(self, machine: Machine, controller: str, compensation: str, ms: float, force_step_N: float) -> None:
         self.machine, self.controller, self.ms, self.force_step_N = machine, controller, ms, force_step_N
         self.number = CONTROLLERS.index(controller)
-        self.searched, self._gains = _LAWS[controller]
+        self.searched, self._gains = LAWS[controller]
         if machine.model != "full":
             raise MachineError(f"machine {machine.name!r}: a design needs a machine with the model 'full'")
         with open_drive(Target(machine=machine)) as device:
@@ -355,7 +286,7 @@ def _candidates(problem: Problem, progress: Callable[[float], None]) -> Iterator
         law = _in_basin(problem, cost, observer, stage(2 * i))
         yield from _with_damping(problem, cost, law)
         yield from _with_damping(problem, cost, _with_filter(problem, cost, law, stage(2 * i + 1)))
-    for known in _LOCAL.get(problem.controller, ()):
+    for known in LOCAL.get(problem.controller, ()):
         yield from _with_damping(problem, cost, _polished(cost, _start(problem, known), 0.3))
 
 
@@ -396,7 +327,7 @@ def _in_basin(
     box = [*problem.bounds[: -1 - len(_FILTER)], (math.log(observer[0]), math.log(observer[1]))]
     low, high = np.array(box).T
     population = _population(low, high)
-    for known in _KNOWN.get(problem.controller, ()):
+    for known in KNOWN.get(problem.controller, ()):
         if observer[0] <= known[-1] <= observer[1]:
             centre = _start(problem, known)
             population[::4] = np.clip(centre + (population[::4] - population.mean(axis=0)) / 4.0, low, high)
