@@ -54,6 +54,23 @@ def completions(line: str) -> list[str]:
             for text in done.stdout.splitlines() if text.startswith(("plain,", "file,"))]  # fmt: skip
 
 
+def in_new_process(program: str, **environment: str) -> str:
+    kept = {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=kept | environment
+    )  # fmt: skip
+    return done.stdout.strip()
+
+
+def test_arrays_are_multiplied_without_threads_of_their_own() -> None:
+    assert in_new_process("import os, kontur.cli, numpy; print(len(os.listdir('/proc/self/task')))") == "1"
+
+
+def test_who_asks_for_threads_keeps_them() -> None:
+    program = "import os, kontur.cli; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    assert in_new_process(program, OPENBLAS_NUM_THREADS="2") == "2"
+
+
 @pytest.mark.parametrize("words", [[], *COMMANDS, *SUBCOMMANDS], ids=" ".join)
 def test_help_loads_nothing_that_takes_time(words: list[str]) -> None:
     assert loaded_by([*words, "--help"]) == set()

@@ -54,6 +54,8 @@ class _NoMf4(ModuleType):
 
 
 sys.modules.setdefault("can.io.mf4", _NoMf4("can.io.mf4"))
+# NumPy's BLAS reads it when it is loaded. The matrices here are small: threads of its own only wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class _Verbs(click.Group):
