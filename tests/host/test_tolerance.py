@@ -8,6 +8,10 @@ from cam_paths import letters, rosette
 from click.testing import CliRunner
 
 from kontur.cli import main
+from kontur.cli.bench import plan_command
+from kontur.experiments import bench_plan
+from kontur.path import gcode
+from kontur.path.geometry import Arc
 from kontur.runs.log import read
 
 
@@ -83,4 +87,14 @@ def test_bench_plan_prints_the_ratios_and_the_speed():
     assert all(path["deviation_um"] <= result["tolerance_um"] for path in result["paths"])
     assert result["lines"] == 1000
     assert result["total_s"] == pytest.approx(result["read_s"] + result["plan_s"])
-    assert "1000 lines: read in" in kontur("bench", "plan", "--lines", 1000).stdout
+    assert "1000 lines (arcs): read in" in kontur("bench", "plan", "--lines", 1000, "--kind", "arcs").stdout
+
+
+@pytest.mark.parametrize("kind", bench_plan.KINDS)
+def test_long_file_of_the_bench_has_what_its_kind_says(kind):
+    (option,) = (option for option in plan_command.params if option.name == "kind")
+    assert set(option.type.choices) == set(bench_plan.KINDS)
+    program = gcode.parse(bench_plan.KINDS[kind](3000), kind)
+    arcs = sum(isinstance(move.segment, Arc) for move in program.moves)
+    assert (arcs, len(program.events)) == {"arcs": (2000, 0), "raster": (0, 3000)}.get(kind, (0, 0))
+    assert len(program.moves) == 3000 + (kind == "spiral")

@@ -123,9 +123,16 @@ def bus_command(*, bitrate: int, as_json: bool) -> None:
     show_default=True,
     help="Lines of the file that is read and planned; its first knots are timed from when it is opened.",
 )
-@click.option("--no-stops", is_flag=True, help="Read and plan a spiral, a file without any stop on its way.")
+@click.option(
+    "--kind",
+    type=click.Choice(("lines", "arcs", "raster", "spiral")),
+    default="lines",
+    show_default=True,
+    help="What the file has: lines in rows of waves; two arcs after each such line; a laser's raster with an S in each "
+    "line; a spiral of lines without any stop on its way.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def plan_command(*, lines: int, no_stops: bool, as_json: bool) -> None:
+def plan_command(*, lines: int, kind: str, as_json: bool) -> None:
     """Plan paths of short lines, and compare their times with the least ones; read and plan a long file.
 
     The limits are those of Table 1 at 100 mm/s, the tolerance is 10 µm. The least times are those of the smooth curves
@@ -135,14 +142,14 @@ def plan_command(*, lines: int, no_stops: bool, as_json: bool) -> None:
     from kontur.experiments.bench_plan import bench
 
     with progress_bar("planning") as progress:
-        result = bench(lines, progress, not no_stops)
+        result = bench(lines, progress, kind)
     if as_json:
         print_json(result)
         return
     headings = {"duration_s": "s", "least_s": "least s", "deviation_um": "off µm"}
     print_table(result["paths"], title="Times of paths", headings=headings)
     click.echo(
-        f"{result['lines']} lines: read in {result['read_s']:.1f} s, planned in {result['plan_s']:.1f} s, "
+        f"{result['lines']} lines ({kind}): read in {result['read_s']:.1f} s, planned in {result['plan_s']:.1f} s, "
         f"the first knots after {result['first_knots_s']:.2f} s, {result['us_per_line']:.0f} µs a line; "
         f"the motion takes {result['motion_s']:.1f} s; "
         f"{result['peak_MiB']:.0f} MiB at most"

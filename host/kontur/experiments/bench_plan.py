@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 import resource
 import tempfile
 import time
@@ -26,6 +27,7 @@ FEED_MPS = 0.1
 LIMITS = Limits()
 _ROW_M, _STEP_M = 0.08, 1e-4
 _TURN = 2.0 * math.pi
+_BEND_MIN, _BEND_MAX = 0.005, 0.2  # of arcs, in 1/mm
 
 LEAST_S = {"circle r 20": 1.319, "circle r 4": 0.3198, "rosette": 1.912, "spiral": 2.425, "trochoid": 1.368}
 """Least times at FEED_MPS within LIMITS, by tests/host/time_optimum.py, which a test compares."""
@@ -177,12 +179,54 @@ def spiral_lines(count: int) -> str:
     return "".join(parts)
 
 
-def bench(count: int, progress: Callable[[float], None], stops: bool = True) -> dict[str, Any]:
-    """The ratios of all cases, and the time and memory to read and plan `count` lines, with `stops` or without: these
-    first, since memory is the most that this process has had. `first_knots_s`: from when the file is opened until all
-    of it has been read and checked, and its first knots are planned."""
-    found = _long(waves(count) if stops else spiral_lines(count), progress)
-    return {"tolerance_um": TOLERANCE_M * 1e6, "paths": [_ratio(case) for case in cases()]} | found
+def wave_arcs(count: int) -> str:
+    """G-code of the same rows as waves(), with two arcs after each line. An arc has the curvature of the wave there."""
+    text = waves(count).splitlines()
+    number = re.compile("[XY]([-0-9.]+)")
+    points = np.array([[float(value) for value in number.findall(line)] for line in text[1:]])
+    chord = np.diff(points, axis=0)
+    heading = np.unwrap(np.arctan2(chord[:, 1], chord[:, 0]))
+    bend = np.clip(np.gradient(heading) / np.hypot(*chord.T), -_BEND_MAX, _BEND_MAX)
+    left, radius = bend > 0.0, 1.0 / np.maximum(np.abs(bend), _BEND_MIN)
+    half = 0.5 * np.hypot(*chord.T)
+    height = np.where(left, 1.0, -1.0) * np.sqrt(radius**2 - half**2) / (2.0 * half)
+    centre = 0.5 * chord + height[:, None] * np.stack([-chord[:, 1], chord[:, 0]], axis=1)
+    out = text[:2]
+    for row, line in enumerate(text[2:]):
+        if row % 3 == 0:
+            out.append(f"G1{line}")
+        else:
+            out.append(f"G{3 if left[row] else 2}{line}I{centre[row, 0]:.3f}J{centre[row, 1]:.3f}")
+    return "\n".join(out) + "\n"
+
+
+def laser_raster(count: int) -> str:
+    """G-code of rows to and fro in `count` lines of 0.1 mm, as a laser burns an image: with an S in each line."""
+    columns = round(_ROW_M / _STEP_M)
+    out = [f"G21 G90 G1 F{FEED_MPS * 6e4:g}"]
+    for item in range(count):
+        row, column = divmod(item, columns + 1)
+        x = column if row % 2 == 0 else columns - column
+        power = (7 * item) % 1000
+        out.append(f"X{x / 10:.1f}S{power}" if column else f"X{x / 10:.1f}Y{row / 10 + 0.1:.1f}S0")
+    return "\n".join(out) + "\n"
+
+
+KINDS: dict[str, Callable[[int], str]] = {
+    "lines": waves,
+    "arcs": wave_arcs,
+    "raster": laser_raster,
+    "spiral": spiral_lines,
+}
+"""Long files by their kind. Only the spiral has no stop on its way."""
+
+
+def bench(count: int, progress: Callable[[float], None], kind: str = "lines") -> dict[str, Any]:
+    """The ratios of all cases, and the time and memory to read and plan `count` lines of one of KINDS: these first,
+    since memory is the most that this process has had. `first_knots_s`: from when the file is opened until all of it
+    has been read and checked, and its first knots are planned."""
+    found = _long(KINDS[kind](count), progress)
+    return {"tolerance_um": TOLERANCE_M * 1e6, "kind": kind, "paths": [_ratio(case) for case in cases()]} | found
 
 
 def _ratio(case: Case) -> dict[str, Any]:
