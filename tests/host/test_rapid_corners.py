@@ -9,7 +9,8 @@ from click.testing import CliRunner
 
 from kontur.cli import main
 from kontur.path import gcode
-from kontur.path.smoothing import TOLERANCE_M
+from kontur.path.events import Event
+from kontur.path.smoothing import TOLERANCE_M, parts
 from kontur.planning.planner import Limits, plan
 
 RAPIDS = "G0 X5\nY5\nX10\nY8\nG1 F3000 X15\nY10"
@@ -47,6 +48,18 @@ def test_where_something_is_switched_a_rapid_move_is_as_near_as_a_cut(event):
     trajectory = planned(f"G0 X5\n{event}\nY5\nX10\nY10\nX15\nG1 F3000 Y10")
     assert off_m(trajectory, (5, 0)) < 10e-6
     assert off_m(trajectory, (5, 5)) < 10e-6
+
+
+def test_events_of_a_raster_are_no_objects_when_its_first_part_is_made(monkeypatch):
+    def made(*_, **__):
+        raise AssertionError("an Event is made")
+
+    text = "S1\nG0 X1\nS2\nG0 X2 Y1\n" + "".join(f"G1 F600 X{i}.5 S{i % 3}\n" for i in range(100)) + "G4 P1\nM62 P0\n"
+    program = gcode.parse(text, "p.ngc")
+    monkeypatch.setattr(Event, "__init__", made)
+    assert next(parts(program, TOLERANCE_M)).moves[0].rapid
+    with pytest.raises(AssertionError, match="is made"):
+        program.events[0]
 
 
 def test_a_hole_that_an_ignored_z_drills_is_where_the_file_says():

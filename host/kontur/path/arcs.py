@@ -11,8 +11,9 @@ import math
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
-from kontur.path.geometry import Arc, Curve, Segment
+from kontur.path.geometry import Arc, Curve, FloatArray, Segment
 from kontur.path.shapes import spiral_formula
 
 INCH_M = 25.4e-3
@@ -41,9 +42,13 @@ def problem(here: complex, to: complex, center: complex, unit_m: float) -> str |
 def on_arc(start_r: float, end_r: float, inch: bool) -> bool:
     """Whether the end of an arc counts as on it, by the radii in m about its centre: 0.028 mm or, in a program in
     inches, 0.0028 inch, or 0.1 % of the radius, but never more than 100 times those lengths."""
-    tolerance = 2.0 * math.sqrt(2.0) * (25.4e-6 if inch else 10e-6)
+    tolerance = _tolerance(inch)
     differ = abs(start_r - end_r)
     return differ <= tolerance or differ <= min(1e-3 * max(start_r, end_r), 100.0 * tolerance)
+
+
+def _tolerance(inch: bool) -> float:
+    return 2.0 * math.sqrt(2.0) * (25.4e-6 if inch else 10e-6)
 
 
 def center_from_radius(here: complex, to: complex, radius: float, left: bool) -> complex | None:
@@ -75,6 +80,49 @@ def segment(here: complex, to: complex, center: complex, left: bool, turns: int 
         )
     center -= shift * chord
     return _arc(here, center, sense * (_sweep(here - center, to - center, sense) + more))
+
+
+def columns(
+    here: FloatArray, to: FloatArray, center: FloatArray, left: npt.NDArray[np.bool_], unit_m: float
+) -> tuple[FloatArray, dict[int, Segment]]:
+    """What problem() and segment() say of arcs from `here` (2, n) about `center` to `to`, up to the first one that has
+    a problem: the arcs (5, k) as ArcColumns has them, and those that are no arcs but curves, by their number.
+
+    It is the same bit for bit: absolute values and angles are those of the C library, which NumPy's own are not on
+    every processor.
+    """
+    start_r, end_r = np.hypot(*(here - center)), np.hypot(*(to - center))
+    tolerance, differ = _tolerance(unit_m == INCH_M), np.abs(start_r - end_r)
+    on = (differ <= tolerance) | (differ <= np.minimum(1e-3 * np.maximum(start_r, end_r), 100.0 * tolerance))
+    good = (start_r >= SAME) & (end_r >= SAME) & on
+    k = len(good) if np.all(good) else int(np.argmin(good))
+    here, to, center, start_r = here[:, :k], to[:, :k], center[:, :k], start_r[:k]
+    sense = np.where(left[:k], 1.0, -1.0)
+    full = np.all(to == here, axis=0)
+    chord = to - here
+    chord /= np.where(full, 1.0, np.hypot(*chord))
+    (x, y), (chord_x, chord_y) = center - (here + to) / 2.0, chord
+    shift = np.where(full, 0.0, x * chord_x + y * chord_y)
+    uneven = 0.21 * np.abs(shift) * (_sweeps(here - center, to - center, sense) / math.pi) ** 3
+    curved = ~full & ((uneven > _UNEVEN_MAX_M) | (np.abs(shift) > _SHIFT_SHARE_MAX * start_r))
+    others = {
+        i: segment(complex(*here[:, i]), complex(*to[:, i]), complex(*center[:, i]), bool(left[i]))
+        for i in np.flatnonzero(curved).tolist()
+    }
+    center = center - shift * chord
+    sweep = sense * np.where(full, _TURN, _sweeps(here - center, to - center, sense))
+    x, y = here - center
+    return np.stack([*center, np.hypot(x, y), _angles(y, x), sweep]), others
+
+
+def _sweeps(start: FloatArray, end: FloatArray, sense: FloatArray) -> FloatArray:
+    """_sweep() of directions (2, n)."""
+    angle = sense * _angles(end[1] * start[0] - end[0] * start[1], end[0] * start[0] + end[1] * start[1])
+    return np.where(angle > FULL_RAD, angle, angle + _TURN)
+
+
+def _angles(y: FloatArray, x: FloatArray) -> FloatArray:
+    return np.fromiter(map(math.atan2, y.tolist(), x.tolist()), float, len(x))
 
 
 def _arc(here: complex, center: complex, sweep: float) -> Arc:

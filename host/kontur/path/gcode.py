@@ -18,12 +18,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-import numpy.typing as npt
 
 from kontur.path import arcs, events, gcode_words, plain_lines
 from kontur.path.arcs import INCH_M, SAME
 from kontur.path.gcode_words import Block, Refusals
-from kontur.path.geometry import Dwell, FloatArray, Line, Move, Point, Program, Segment
+from kontur.path.geometry import Dwell, Line, Move, Point, Program, Segment
 from kontur.path.moves import Builder
 from kontur.path.notes import notes
 from kontur.path.offsets import AXES, SYSTEMS, Offsets, zeros
@@ -156,9 +155,12 @@ class _Reader:
         other |= centred != turns  # I or J beside a line, or an arc without them
         stop = int(np.argmax(other)) if np.any(other) else end - first
         bends = np.flatnonzero(turns[:stop])
-        bent = self._bent(bends, motion, place, np.stack([i, j], axis=1)) if bends.size else []
-        if len(bent) < len(bends):
-            stop = int(bends[len(bent)])
+        if bends.size:
+            here = np.concatenate([np.array(self.here)[:, None], place[:, :-1]], axis=1)[:, bends]
+            centre = np.nan_to_num(np.stack([i, j])[:, bends]) * self.unit_m + here
+            bent, curved = arcs.columns(here, place[:, bends], centre, motion[bends] == 30.0, self.unit_m)
+            if bent.shape[1] < len(bends):
+                stop = int(bends[bent.shape[1]])
         self.span = _SPAN if stop < end - first else 2 * self.span
         if stop == 0:
             return first
@@ -173,28 +175,12 @@ class _Reader:
         if np.any(power):
             self.events.powers(s[rows][power], before[power], line[power])
         self.items.lines(place[0, moved], place[1, moved], feeds, line[moved], self.tolerance_m)
-        for row, segment in zip(bends.tolist(), bent, strict=False):
-            item = int(before[row])
-            move = Move(segment, float(feeds[item - begin]), line=int(line[row]), tolerance_m=self.tolerance_m)
-            self.items.put(item, move)
+        if bends.size:
+            self.items.bend(before[bends[: bent.shape[1]]], bent, curved)
         self.here = float(place[0, -1]), float(place[1, -1])
         self.at |= {"X": self.here[0], "Y": self.here[1]}
         self.motion, self.feed = int(motion[rows][-1]), float(feed[rows][-1])
         return first + stop
-
-    def _bent(
-        self, rows: npt.NDArray[np.intp], motion: FloatArray, place: FloatArray, centre: FloatArray
-    ) -> list[Segment]:
-        """The arcs in `rows` of what take() has, up to the first one that is refused."""
-        ends = [self.here, *zip(*place[:, : rows[-1] + 1].tolist(), strict=True)]
-        bent: list[Segment] = []
-        for row, offset in zip(rows.tolist(), np.nan_to_num(centre[rows]).tolist(), strict=True):
-            here, to = complex(*ends[row]), complex(*ends[row + 1])
-            center = complex(*offset) * self.unit_m * self.offsets.turns[self.offsets.chosen] + here
-            if arcs.problem(here, to, center, self.unit_m) is not None:
-                break
-            bent.append(arcs.segment(here, to, center, motion[row] == 30.0))
-        return bent
 
     def run(self, block: Block) -> None:
         """Carry out one block, in the order of RS274NGC: feed, events, dwell, modes, offsets, the move, a hold."""

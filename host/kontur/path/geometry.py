@@ -16,6 +16,7 @@ from typing import Any, Protocol, TypeVar, cast, overload
 import numpy as np
 import numpy.typing as npt
 
+from kontur.path.arc_columns import ArcColumns
 from kontur.path.events import Events
 from kontur.path.rows import Rows
 
@@ -238,9 +239,10 @@ Item = TypeVar("Item", bound="Move | Dwell")
 class MoveTable(Rows[Item]):
     """A sequence of moves and dwells like a tuple, with its lines as rows of numbers: 40 bytes a line in place of 275.
 
-    Each of the rows (n,) begins where the one before it ends; `x_m`, `y_m` (n + 1,) are these places. Lines have their
-    `feed_mps`, infinite for a rapid one, their `line` in the file and a tolerance, NaN for none of their own. The rows
-    `at` are `others`: dwells, arcs and so on. A Move is made as it is asked for.
+    Each of the rows (n,) begins where the one before it ends; `x_m`, `y_m` (n + 1,) are these places. Moves have their
+    `feed_mps`, infinite for a rapid one, their `line` in the file and a tolerance, NaN for none of their own. Some rows
+    are `arcs`, with 48 bytes more. The rows `at` are `others`: dwells, curves and so on. A Move is made as it is asked
+    for.
     """
 
     def __init__(
@@ -250,12 +252,13 @@ class MoveTable(Rows[Item]):
         feed_mps: FloatArray,
         line: npt.NDArray[np.int64],
         tolerance_m: FloatArray,
+        arcs: ArcColumns,
         at: list[int],
         others: list[Move | Dwell],
     ) -> None:
         self.x_m, self.y_m = x_m, y_m
         self.feed_mps, self.line, self.tolerance_m = feed_mps, line, tolerance_m
-        self.at, self.others = at, others
+        self.arcs, self.at, self.others = arcs, at, others
 
     def __len__(self) -> int:
         return len(self.feed_mps)
@@ -275,7 +278,7 @@ class MoveTable(Rows[Item]):
         rows, ends = slice(first, last), slice(first, last + 1)
         some = slice(bisect_left(self.at, first), bisect_left(self.at, last))
         at = [row - first for row in self.at[some]]
-        columns = self.feed_mps[rows], self.line[rows], self.tolerance_m[rows]
+        columns = self.feed_mps[rows], self.line[rows], self.tolerance_m[rows], self.arcs.part(first, last)
         return MoveTable(self.x_m[ends], self.y_m[ends], *columns, at, self.others[some])
 
     def __iter__(self) -> Iterator[Item]:
@@ -283,11 +286,14 @@ class MoveTable(Rows[Item]):
         for first in range(0, len(self), _ROWS):
             rows, ends = slice(first, first + _ROWS), slice(first, first + _ROWS + 1)
             points = list(zip(self.x_m[ends].tolist(), self.y_m[ends].tolist(), strict=True))
+            arcs = self.arcs.part(first, first + _ROWS)
+            bent = dict(zip(arcs.at.tolist(), arcs.values.T.tolist(), strict=True))
             columns = (column[rows].tolist() for column in (self.feed_mps, self.line, self.tolerance_m))
             for row, (feed, line, within) in enumerate(zip(*columns, strict=True)):
                 item = others.get(first + row)
                 if item is None:
-                    segment = Line(points[row], points[row + 1])
+                    arc = bent.get(row)
+                    segment = Line(points[row], points[row + 1]) if arc is None else Arc((arc[0], arc[1]), *arc[2:])
                     item = Move(segment, feed, feed == math.inf, line, None, None if within != within else within)
                 yield cast(Any, item)
 
@@ -301,12 +307,14 @@ class MoveTable(Rows[Item]):
         behind = np.cumsum(kept) - 1
         pairs = [(int(behind[row]), item) for row, item in zip(self.at, self.others, strict=True) if kept[row]]
         at, others = [row for row, _ in pairs], [item for _, item in pairs]
+        arcs = ArcColumns(behind[self.arcs.at], self.arcs.values)
         columns = self.feed_mps[kept], self.line[kept], self.tolerance_m[kept]
-        return MoveTable(self.x_m[ends], self.y_m[ends], *columns, at, others)
+        return MoveTable(self.x_m[ends], self.y_m[ends], *columns, arcs, at, others)
 
     def lengths_m(self) -> FloatArray:
         """The lengths (n,), 0 of a dwell."""
         length = np.hypot(np.diff(self.x_m), np.diff(self.y_m))
+        length[self.arcs.at] = self.arcs.length_m
         for row, item in zip(self.at, self.others, strict=True):
             length[row] = item.segment.length_m if isinstance(item, Move) else 0.0
         return np.asarray(length)
@@ -315,7 +323,7 @@ class MoveTable(Rows[Item]):
         """The same with this tolerance for all moves."""
         others = [replace(item, tolerance_m=tolerance_m) if isinstance(item, Move) else item for item in self.others]
         tolerance = np.full(len(self), tolerance_m)
-        return MoveTable(self.x_m, self.y_m, self.feed_mps, self.line, tolerance, self.at, others)
+        return MoveTable(self.x_m, self.y_m, self.feed_mps, self.line, tolerance, self.arcs, self.at, others)
 
 
 @dataclass(frozen=True)

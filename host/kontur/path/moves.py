@@ -11,7 +11,8 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from kontur.path.geometry import Dwell, FloatArray, Line, Move, MoveTable, Point
+from kontur.path.arc_columns import ArcColumns
+from kontur.path.geometry import Arc, Dwell, FloatArray, Line, Move, MoveTable, Point, Segment
 
 
 class Builder:
@@ -20,6 +21,7 @@ class Builder:
     def __init__(self, start_m: Point) -> None:
         self._x, self._y = array("d", start_m[:1]), array("d", start_m[1:])
         self._feed, self._line, self._tolerance = array("d"), array("q"), array("d")
+        self._arc_at, self._arc = array("q"), array("d")
         self._at: list[int] = []
         self._others: list[Move | Dwell] = []
         self.moves = 0
@@ -48,15 +50,28 @@ class Builder:
             column.frombytes(values.tobytes())
         self.moves += len(x_m)
 
-    def put(self, row: int, item: Move) -> None:
-        """`item` in place of the line in `row`, behind all others that are no lines."""
-        self._at.append(row)
-        self._others.append(item)
+    def bend(self, rows: npt.NDArray[np.int64], arcs: FloatArray, others: dict[int, Segment]) -> None:
+        """Arcs, or by their numbers `others`, in place of the lines in `rows` (k,), the last ones. `arcs` (5, k): as
+        ArcColumns has them."""
+        for i, segment in others.items():
+            row = int(rows[i])
+            within = self._tolerance[row]
+            self._at.append(row)
+            tolerance_m = None if within != within else within
+            self._others.append(Move(segment, self._feed[row], line=self._line[row], tolerance_m=tolerance_m))
+        if others:
+            rows, arcs = np.delete(rows, list(others)), np.delete(arcs, list(others), axis=1)
+        self._arc_at.frombytes(rows.astype(np.int64).tobytes())
+        self._arc.frombytes(arcs.T.tobytes())
 
     def add(self, item: Move | Dwell, end_m: Point) -> None:
         """Any item, which ends at `end_m`; lines begin where the one before ends."""
         is_move = isinstance(item, Move)
-        if not (isinstance(item, Move) and isinstance(item.segment, Line)):
+        segment = item.segment if isinstance(item, Move) else None
+        if isinstance(segment, Arc):
+            self._arc_at.append(len(self))
+            self._arc.extend((*segment.center_m, segment.radius_m, segment.start_rad, segment.sweep_rad))
+        elif not isinstance(segment, Line):
             self._at.append(len(self))
             self._others.append(item)
         within = item.tolerance_m if isinstance(item, Move) else None
@@ -69,7 +84,8 @@ class Builder:
 
     def table(self) -> MoveTable[Move | Dwell]:
         x, y, feed, tolerance = (np.frombuffer(c) for c in (self._x, self._y, self._feed, self._tolerance))
-        return MoveTable(x, y, feed, np.frombuffer(self._line, np.int64), tolerance, self._at, self._others)
+        arcs = ArcColumns(np.frombuffer(self._arc_at, np.int64), np.frombuffer(self._arc).reshape(-1, 5).T)
+        return MoveTable(x, y, feed, np.frombuffer(self._line, np.int64), tolerance, arcs, self._at, self._others)
 
 
 def feeds_mps(moves: Sequence[Move]) -> FloatArray:
@@ -94,11 +110,28 @@ def tolerances_m(moves: Sequence[Move], default_m: float) -> FloatArray:
     return np.fromiter(given, float, len(moves))
 
 
+def arcs(moves: Sequence[Move]) -> ArcColumns:
+    """Those of the moves that are arcs."""
+    if isinstance(moves, MoveTable):
+        return moves.arcs
+    found = [(row, move.segment) for row, move in enumerate(moves) if isinstance(move.segment, Arc)]
+    values = [(*arc.center_m, arc.radius_m, arc.start_rad, arc.sweep_rad) for _, arc in found]
+    return ArcColumns(np.array([row for row, _ in found], np.int64), np.array(values, float).reshape(-1, 5).T)
+
+
+def others(moves: Sequence[Move]) -> list[int]:
+    """Which of the moves are neither lines nor arcs."""
+    if isinstance(moves, MoveTable):
+        return moves.at
+    return [row for row, move in enumerate(moves) if not isinstance(move.segment, (Line, Arc))]
+
+
 def straight(moves: Sequence[Move]) -> npt.NDArray[np.bool_]:
     """Which of the moves (n,) are lines."""
     if not isinstance(moves, MoveTable):
         return np.fromiter((isinstance(move.segment, Line) for move in moves), np.bool_, len(moves))
     out = np.ones(len(moves), np.bool_)
+    out[moves.arcs.at] = False
     out[moves.at] = False
     return out
 
@@ -108,6 +141,7 @@ def ends_m(moves: Sequence[Move]) -> FloatArray:
     if not isinstance(moves, MoveTable):
         return np.array([_ends_m(move) for move in moves]).reshape(len(moves), 4)
     out = np.stack([moves.x_m[:-1], moves.y_m[:-1], moves.x_m[1:], moves.y_m[1:]], axis=1)
+    out[moves.arcs.at] = moves.arcs.ends_m()
     for row, item in zip(moves.at, moves.others, strict=True):
         out[row] = _ends_m(cast(Move, item))
     return out

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kontur.path.geometry import FloatArray, Move
-from kontur.path.moves import ends_m, straight
+from kontur.path.moves import arcs, ends_m, others, straight
 
 CORNER_RAD = 0.6
 """A joint of pieces that turns by more is a true corner and stays a stop."""
@@ -28,7 +28,7 @@ class Polyline:
         self._moves = moves
         count = len(moves)
         self.straight = straight(moves)
-        self._bent = np.flatnonzero(~self.straight)
+        self._arcs, self._others = arcs(moves), np.array(others(moves), np.int64)
         self.edge_m, self.ends_m = np.zeros(count + 1), np.empty((count + 1, 2))
         self.gaps_m: list[tuple[int, float]] = []
         self.turn = np.empty(count)
@@ -36,7 +36,7 @@ class Polyline:
         for first in range(0, count, _MOVES):
             rows = slice(first, min(first + _MOVES, count))
             after = slice(first + 1, rows.stop + 1)
-            start, self.ends_m[after], self.edge_m[after], turn_in, turn_out = _of(moves[rows], self.straight[rows])
+            start, self.ends_m[after], self.edge_m[after], turn_in, turn_out = _of(moves[rows])
             if first == 0:
                 self.ends_m[0] = start[0]
             gap = np.max(np.abs(start - self.ends_m[rows]), axis=1)
@@ -66,8 +66,14 @@ class Polyline:
         length = edge[move + 1] - edge[move]
         share = np.divide(s - edge[move], length, out=np.zeros_like(s), where=length > 0.0)[:, None]
         out = (1.0 - share) * self.ends_m[move] + share * self.ends_m[move + 1]
-        if self._bent.size:
+        if len(self._arcs):
             rows = np.flatnonzero(~self.straight[move])
+            arc = np.minimum(np.searchsorted(self._arcs.at, move[rows]), len(self._arcs) - 1)
+            of_arc = self._arcs.at[arc] == move[rows]
+            rows, arc = rows[of_arc], arc[of_arc]
+            out[rows] = self._arcs.point(arc, s[rows] - edge[move[rows]])
+        if self._others.size:
+            rows = np.flatnonzero(np.isin(move, self._others))
             rows = rows[np.argsort(move[rows], kind="stable")]
             for group in np.split(rows, np.flatnonzero(np.diff(move[rows])) + 1):
                 if group.size:
@@ -78,21 +84,27 @@ class Polyline:
     def features(self, first: int, last: int) -> tuple[FloatArray, FloatArray]:
         """Distances (n,), rising, at which the moves `first` to `last` turn, and by how much (n,)."""
         at, turn = [self.edge_m[first + 1 : last + 1]], [self.turn[first:last]]
-        for i in self._bent[(self._bent >= first) & (self._bent <= last)]:
+        found = self._arcs.part(first, last + 1)
+        length, bend = found.length_m, np.abs(found.curvature)
+        counts = 1 + np.ceil(bend * length / _TURN_STEP_RAD).astype(np.int64)
+        of = np.repeat(np.arange(len(found)), counts)
+        number = np.arange(len(of)) - (np.cumsum(counts) - counts)[of]
+        step = (length / counts)[of]
+        at.append(self.edge_m[first + found.at[of]] + (number + 0.5) * step)
+        turn.append(bend[of] * step)
+        for i in self._others[(self._others >= first) & (self._others <= last)].tolist():
             segment = self._moves[i].segment
-            bend = np.abs(segment.curvature(np.linspace(0.0, segment.length_m, 9)))
-            count = 1 + math.ceil(float(np.max(bend)) * segment.length_m / _TURN_STEP_RAD)
-            step = segment.length_m / count
-            middle = (np.arange(count) + 0.5) * step
+            most = np.max(np.abs(segment.curvature(np.linspace(0.0, segment.length_m, 9))))
+            count = 1 + math.ceil(float(most) * segment.length_m / _TURN_STEP_RAD)
+            one = segment.length_m / count
+            middle = (np.arange(count) + 0.5) * one
             at.append(self.edge_m[i] + middle)
-            turn.append(np.abs(segment.curvature(middle)) * step)
+            turn.append(np.abs(segment.curvature(middle)) * one)
         order = np.argsort(np.concatenate(at), kind="stable")
         return np.concatenate(at)[order], np.concatenate(turn)[order]
 
 
-def _of(
-    moves: Sequence[Move], is_straight: npt.NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+def _of(moves: Sequence[Move]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Starts and ends (n, 2) of moves, their lengths (n,), and the headings (n,) at their starts and ends."""
     ends = ends_m(moves)
     start, end = ends[:, :2], ends[:, 2:]
@@ -100,7 +112,11 @@ def _of(
     length = np.hypot(chord[:, 0], chord[:, 1])
     heading_in = np.arctan2(chord[:, 1], chord[:, 0])
     heading_out = heading_in.copy()
-    for i in np.flatnonzero(~is_straight).tolist():
+    bent, everything = arcs(moves), slice(None)
+    length[bent.at] = bent.length_m
+    heading_in[bent.at] = bent.heading(everything, np.zeros(len(bent)))
+    heading_out[bent.at] = bent.heading(everything, bent.length_m)
+    for i in others(moves):
         segment = moves[i].segment
         length[i] = segment.length_m
         tangent = segment.tangent(np.array([0.0, segment.length_m]))

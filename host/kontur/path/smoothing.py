@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -141,10 +140,10 @@ def _tied(program: Program, rapid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool
     tied = np.zeros(len(rapid), np.bool_)
     tied[1:] |= ~rapid[:-1]
     tied[:-1] |= ~rapid[1:]
-    dwells = [row for row, _ in dwells_in(program.items)]
-    for event in program.events:
-        move = event.before - bisect_left(dwells, event.before)
-        tied[max(move - 1, 0) : move + 1] = True
+    before = program.events.before
+    move = before - np.searchsorted([row for row, _ in dwells_in(program.items)], before)
+    tied[np.maximum(move - 1, 0)] = True
+    tied[move[move < len(tied)]] = True
     return tied
 
 

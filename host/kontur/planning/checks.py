@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
 
 from kontur.errors import KonturError, PathError, shown
+from kontur.path.arc_columns import ArcColumns
 from kontur.path.geometry import DURATION_MAX_S, KNOT_S, Arc, Curve, FloatArray, Move, Program
-from kontur.path.moves import feeds_mps
+from kontur.path.moves import arcs, feeds_mps, is_scheduled, others
 from kontur.path.polyline import Polyline
 from kontur.planning import knots
 from kontur.planning.bounds import Limits, Piece, sampled
@@ -18,6 +19,7 @@ from kontur.planning.bounds import Limits, Piece, sampled
 RING = 16  # knots after which the spline's response to a step in acceleration has decayed
 Travel = tuple[tuple[float, float], tuple[float, float]]
 """((x least, x greatest), (y least, y greatest)) in m."""
+_ARCS = 1 << 15  # looked at at once, to bound memory
 
 
 class PlannerError(KonturError):
@@ -53,29 +55,48 @@ def _extent(move: Move, where: str) -> FloatArray:
     if move.schedule is not None:
         s = move.schedule.distance_m
     elif isinstance(segment, Arc):
-        turn = math.copysign(1.0, segment.sweep_rad)
-        quarter = np.arange(4) * 0.5 * np.pi - segment.start_rad
-        s = np.append(s, segment.radius_m * (turn * quarter % (2.0 * np.pi)))
-        s = s[s <= segment.length_m]
+        return np.asarray(arcs([move]).extremes_m()[0])
     elif isinstance(segment, Curve):
         s, _ = sampled(segment, where)
     return segment.point(s)
 
 
+def _arcs(program: Program) -> Iterator[ArcColumns]:
+    """The arcs of a program without a time law of its own, some at a time to bound memory."""
+    found = arcs(() if is_scheduled(program.moves) else program.moves)
+    for first in range(0, len(found), _ARCS):
+        yield found.chosen(slice(first, first + _ARCS))
+
+
 def extent_m(program: Program) -> FloatArray:
     """The least and the greatest (2, 2) x and y that the path reaches."""
     moves = program.moves
-    polyline = Polyline(moves)
-    bent = (moves[i] for i in np.flatnonzero(~polyline.straight).tolist())
-    points = np.concatenate([polyline.ends_m, *(_extent(move, program.where(move.line)) for move in bent)])
-    return np.stack([np.min(points, axis=0), np.max(points, axis=0)])
+    points = [Polyline(moves).ends_m]
+    for found in _arcs(program):
+        extremes = found.extremes_m().reshape(-1, 2)
+        points.append(np.stack([np.min(extremes, axis=0), np.max(extremes, axis=0)]))
+    rest = range(len(moves)) if is_scheduled(moves) else others(moves)
+    points += [_extent(moves[i], program.where(moves[i].line)) for i in rest]
+    every = np.concatenate(points)
+    return np.stack([np.min(every, axis=0), np.max(every, axis=0)])
 
 
 def check_travel(program: Program, polyline: Polyline, travel_m: Travel) -> None:
     moves = program.moves
     least_m, greatest_m = np.transpose(travel_m)
-    within = np.all((polyline.ends_m >= least_m - 1e-9) & (polyline.ends_m <= greatest_m + 1e-9), axis=1)
-    inside = polyline.straight & within[1:] & within[:-1]
+
+    def within(points: FloatArray) -> npt.NDArray[np.bool_]:
+        inside = (points >= least_m - 1e-9) & (points <= greatest_m + 1e-9)
+        return np.asarray(inside[..., 0] & inside[..., 1])
+
+    ends = within(polyline.ends_m)
+    inside = polyline.straight & ends[1:] & ends[:-1]
+    for found in _arcs(program):
+        center, radius = found.values[:2].T, found.values[2, :, None]
+        circle = within(center - radius) & within(center + radius)
+        rest = found.chosen(~circle)
+        inside[found.at] = circle
+        inside[rest.at] = np.all(within(rest.extremes_m()), axis=1)
     for i in np.flatnonzero(~inside).tolist():
         move = moves[i]
         points = _extent(move, program.where(move.line))
