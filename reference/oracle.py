@@ -116,6 +116,7 @@ class Params:
     presliding_m: Array = field(default_factory=lambda: _pair(0.0, 0.0))
     breakaway: Array = field(default_factory=lambda: _pair(1.0, 1.0))
     stribeck_mps: Array = field(default_factory=lambda: _pair(1e-3, 1e-3))
+    force_delay_s: Array = field(default_factory=lambda: _pair(0.0, 0.0))
     lead_m: Array = field(default_factory=lambda: _pair(0.0, 0.0))
     cogging_cos_N: Array = field(default_factory=lambda: np.zeros((2, 3)))
     cogging_sin_N: Array = field(default_factory=lambda: np.zeros((2, 3)))
@@ -905,6 +906,7 @@ class State:
     shape_change: Array
     turns_m: list[list[float]]
     screw_N: Array
+    lead_N: Array
     saturated: bool = False
     turn: int = 0
     controller: str | None = None
@@ -942,6 +944,7 @@ class Servo:
             shape_change=zero,
             turns_m=[[0.0], [0.0]],
             screw_N=zero,
+            lead_N=zero,
         )
         self._reset_laws(measured_m, zero)
         self.contour: Contour | None = None
@@ -980,7 +983,7 @@ class Servo:
         s.energy_J = s.energy_J + np.where(turn, power(q_dot, acceleration, p) * TURNS * p.dt_s, 0.0)
         c = contour_error(self.knots_m, self.start_m, t_s, rate, rate_dot_1ps, q, q_dot, p)
         self.contour = c
-        screw = s.screw_N
+        screw, ahead = s.screw_N, s.screw_N + s.lead_N
 
         now = History(np.zeros(2), np.zeros(2), np.zeros(2))
         saturated = False
@@ -990,7 +993,7 @@ class Servo:
             if fresh or switched:
                 self._reset_laws(q, q_dot)
             u, balance, linear = self._law(controller, c, q, q_dot)
-            u, balance = u + screw, balance + screw
+            u, balance = u + ahead, balance + ahead
             s.offset = s.last[0].force - s.filtering - u if switched and not fresh else p.blend * s.offset
             if not switched and np.all(np.abs(s.offset) < BLENDED_N):
                 s.offset = np.zeros(2)
@@ -1005,6 +1008,9 @@ class Servo:
         s.enabled, s.controller, s.saturated = enabled, controller, saturated
         s.last = [now, s.last[0]]
         self._predict(c, measured_m, q_dot, now.force - screw if enabled else np.zeros(2), enabled)
+        jerk = rate**3 * spline(self.knots_m, self.start_m, t_s).d3  # but for what a change of the rate adds (decision)
+        lead = p.force_delay_s * (p.mass_kg * jerk + p.viscous_Nspm * c.r_ddot) if enabled else np.zeros(2)
+        s.lead_N = np.where(np.arange(2) == s.turn % 2, lead, s.lead_N)
         return now.force
 
     def _filter(self, force: Array) -> tuple[Array, list[Array]]:
@@ -1020,7 +1026,7 @@ class Servo:
         p, s = self.p, self.state
         if s.turn < 2:
             i = s.turn
-            v = c.r_dot + FRICTION_AHEAD * p.dt_s * c.r_ddot
+            v = c.r_dot + (FRICTION_AHEAD * p.dt_s + p.force_delay_s) * c.r_ddot
             along = float(sat(v, p.friction_speed_mps)[i])
             x = s.turns_m[i][-1] + float(v[i]) * TURNS * p.dt_s
             s.turns_m[i] = remembered(s.turns_m[i], x) if enabled else [0.0]

@@ -176,12 +176,13 @@ static vec2 where_enabled(const bool enabled[2], vec2 v)
     return v2(enabled[0] ? v.x : NUM(0), enabled[1] ? v.y : NUM(0));
 }
 
-/* What goes beyond the law: cancel cogging and ripple, then filter. Each axis starts with the force of now, so that its
+/* What goes beyond the law: lead, cancel cogging and ripple, then filter. Each axis starts with the force of now, so that its
  * filters change nothing where the force stays. */
 static __attribute__((noinline, flatten)) vec2 refine(const struct servo_cfg *cfg, struct servo_state *state,
                                                       bool start, num net_x, num net_y, num balance_x, num balance_y)
 {
-    const vec2 force = v2_add(v2(net_x, net_y), v2_add(v2(balance_x, balance_y), state->screw));
+    const vec2 balance = v2_add(v2(balance_x, balance_y), v2_add(state->screw, state->lead));
+    const vec2 force = v2_add(v2(net_x, net_y), balance);
     if (!cfg->force_filter.on) {
         return force;
     }
@@ -217,7 +218,8 @@ _Static_assert(FRICTION_PERIODS == SERVO_SLOTS, "the friction of an axis is comp
 static inline void predict_friction(const struct servo_cfg *cfg, struct servo_state *state, int axis, num r_dot,
                                     num r_ddot)
 {
-    const num v = n_mad(r_dot, n_mul(NUM(AHEAD_FRICTION), cfg->dt), r_ddot);
+    const num ahead = n_mad(cfg->delay.axis[axis].time, NUM(AHEAD_FRICTION), cfg->dt);
+    const num v = n_mad(r_dot, ahead, r_ddot);
     const bool slips = n_lt(NUM(0), cfg->friction.axis[axis].presliding);
     const num direction = slips ? NUM(0) : n_sat(v, cfg->gains.smc.friction_speed);
     (void)friction_step(&cfg->friction, &state->friction, axis, state->enabled[axis], v, direction,
@@ -232,8 +234,26 @@ static inline num predict_screw(const struct servo_cfg *cfg, const struct servo_
     return n_sub(screw_cancel(&cfg->screw.axis[axis], then, demand), demand);
 }
 
+static bool is_forced(uint32_t forced, int axis)
+{
+    return (forced >> axis & 1u) != 0u;
+}
+
+/* The piece of the path of now is in the cache, as contour_step() has left it. A change of the override adds to the third
+ * derivative of the reference what is left out here: it is slow. */
+static inline num predict_lead(const struct servo_cfg *cfg, const struct servo_state *state, int axis,
+                               const struct path_state *path, num r_ddot)
+{
+    const struct spline_piece *piece = &state->spline_cache.piece[path->knot % SPLINE_CACHE_SIZE];
+    const num jerk = n_mul(spline_third(axis == 0 ? piece->c3.x : piece->c3.y),
+                           n_mul(path->rate, n_mul(path->rate, path->rate)));
+    const num lead = n_mad(n_mul(cfg->delay.axis[axis].viscous, r_ddot), cfg->delay.axis[axis].mass, jerk);
+    return state->enabled[axis] && !is_forced(state->forced, axis) ? lead : NUM(0);
+}
+
 static __attribute__((noinline, flatten)) void predict(const struct servo_cfg *cfg, struct servo_state *state,
-                                                       const struct servo_out *out, pos_t x, pos_t y)
+                                                       const struct servo_out *out, const struct path_state *path,
+                                                       pos_t x, pos_t y)
 {
     const struct contour_out *c = &out->contour;
     const bool even = state->slot % 2u == 0u;
@@ -253,6 +273,11 @@ static __attribute__((noinline, flatten)) void predict(const struct servo_cfg *c
         const bool on = state->enabled[1];
         geometry_push(&cfg->geometry, &state->geometry, 1, on ? c->r_dot.y : NUM(0), on ? c->r_ddot.y : NUM(0),
                       state->friction.shape.y);
+    }
+    if (cfg->delay.on && even) {
+        state->lead.x = predict_lead(cfg, state, 0, path, c->r_ddot.x);
+    } else if (cfg->delay.on) {
+        state->lead.y = predict_lead(cfg, state, 1, path, c->r_ddot.y);
     }
     if (cfg->screw.on && even) {
         state->screw.x = predict_screw(cfg, state, 0, out->force.x, state->screw.x, x, out->velocity.x);
@@ -284,7 +309,7 @@ __attribute__((noinline, cold)) static void lower_gains(const struct servo_cfg *
 static __attribute__((noinline)) void copy_configuration(const struct servo_cfg *cfg, struct servo_state *state)
 {
     state->extras =
-        cfg->force_limit.on || cfg->geometry.on || cfg->screw.on || cfg->force_filter.on || cfg->friction.on;
+        cfg->force_limit.on || cfg->geometry.on || cfg->screw.on || cfg->force_filter.on || cfg->delay.on || cfg->friction.on;
     if (!cfg->force_limit.on) {
         state->force_limit.limit = cfg->plant.force_max;
     }
@@ -319,11 +344,6 @@ void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const p
     copy_configuration(cfg, state);
     take_gains(cfg, state);
     reset_laws(cfg, state, measured, ZERO);
-}
-
-static bool is_forced(uint32_t forced, int axis)
-{
-    return (forced >> axis & 1u) != 0u;
 }
 
 /* Axes whose force is given are where they are to be, and the path, which follows them, asks nothing of them. There is
@@ -387,7 +407,8 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
         }
         if (rarely(switched && !enabling_changed)) {
             state->offset =
-                v2_sub(v2_sub(state->force, state->filtering), v2_add(demand.net, v2_add(balance, state->screw)));
+                v2_sub(v2_sub(state->force, state->filtering),
+                       v2_add(demand.net, v2_add(balance, v2_add(state->screw, state->lead))));
             state->blending = true;
         }
         if (rarely(state->blending)) {
@@ -429,6 +450,6 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
     state->force = out->force;
     *applied = demand;
     if (state->extras) {
-        predict(cfg, state, out, in->measured[0], in->measured[1]);
+        predict(cfg, state, out, &in->path, in->measured[0], in->measured[1]);
     }
 }

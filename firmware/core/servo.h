@@ -50,6 +50,17 @@ struct servo_gains {
     struct cascade_cfg cascade;
 };
 
+/* A force acts later than the models have it. What the reference asks for, M r'' + C r', is therefore demanded as of then:
+ * with its rate times the delay besides, and friction likewise. What the loop adds stays as late as the force is. */
+struct servo_delay_cfg {
+    bool on;
+    struct {
+        num time;    /* T0 */
+        num mass;    /* M times the time, N per um/T0^3 */
+        num viscous; /* C times the time, N per um/T0^2 */
+    } axis[2];
+};
+
 struct servo_cfg {
     num dt;    /* control period, T0 */
     num blend; /* factor per period on the switching offset, 0..1 */
@@ -61,6 +72,7 @@ struct servo_cfg {
     struct energy_cfg energy[2];
     struct force_filter_cfg force_filter;
     struct force_limit_cfg force_limit;
+    struct servo_delay_cfg delay;
     struct friction_cfg friction;
     struct screw_cfg screw;
     struct oscillation_cfg oscillation;
@@ -100,7 +112,7 @@ struct servo_state {
     struct cascade_state cascade;
     struct energy_state energy[2];
     bool enabled[2];
-    bool extras; /* one at least of force_limit, geometry, screw, force_filter and friction is on */
+    bool extras; /* one at least of force_limit, geometry, screw, force_filter, delay and friction is on */
     enum controller controller;
     uint32_t forced;    /* servo_in.forced of the last period */
     bool saturated;     /* in the last period */
@@ -118,6 +130,7 @@ struct servo_state {
     struct friction_state friction; /* of an axis: persists while it is enabled */
     vec2 filtering;                 /* what the force filters have added to the force of the last period, N */
     vec2 screw;                     /* what cancels cogging and ripple in the next period, N */
+    vec2 lead;                      /* what the reference asks for besides in the next period, as its force is late, N */
     pos_t tool[2];                  /* with geometry.on, its position in this period */
     struct force_limit_state force_limit;
     struct dual_feedback_state dual_feedback[2];

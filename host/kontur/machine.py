@@ -298,6 +298,8 @@ def _lead_error_nm(i: int, axis: Axis) -> int | None:
     return errors_nm[i] if i < len(errors_nm) else None
 
 
+_FORCE_DELAY_S = 0.01  # as much as the drive can be told
+
 # What the drive is told of an axis: the parameter, from which level on, and its value; None: it stays as it is. What
 # lies between motor and table is told where the position comes from the motor alone. Directions are not told, so that a
 # wrong one can be rehearsed.
@@ -309,6 +311,7 @@ _PARAMETERS: tuple[tuple[str, str, Callable[[Axis], float | None]], ...] = (
     ("plant_{}.encoder", LENGTHS, lambda axis: axis.encoder_m * 1e6),
     ("position_limit_{}.min", LENGTHS, lambda axis: axis.soft_limit_m[0] * 1e9),
     ("position_limit_{}.max", LENGTHS, lambda axis: axis.soft_limit_m[1] * 1e9),
+    ("plant_{}.force_delay", FULL, lambda axis: min(axis.current_lag_s, _FORCE_DELAY_S) or None),
     ("friction_{}.presliding", FULL, lambda axis: axis.presliding_m * 1e6 or None),
     ("friction_{}.breakaway", FULL, lambda axis: axis.breakaway if axis.breakaway > 1.0 else None),
     ("friction_{}.stribeck", FULL, lambda axis: axis.stribeck_mps if axis.breakaway > 1.0 else None),

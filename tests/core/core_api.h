@@ -17,7 +17,7 @@ struct api_params {
     double friction_rate, mass_rate, feedforward_acceleration;
     double k_p, k_v, k_i, coupling, integral_max;
     double sections[2][4][4], continuous[2], thermal[2];
-    double presliding[2], breakaway[2], stribeck[2], lead[2];
+    double presliding[2], breakaway[2], stribeck[2], force_delay[2], lead[2];
     double cogging_cos[2][3], cogging_sin[2][3], ripple_cos[2][3], ripple_sin[2][3];
     double force_constant[2], impedance[2], back_emf[2], power_factor, blend;
     int newton, psi_printed, mu_printed, input_printed, in_axes;

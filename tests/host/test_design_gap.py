@@ -40,13 +40,14 @@ def test_a_gap_oscillates_where_the_spring_of_its_describing_function_says() -> 
     gains = found.gains(GAINS)
     grid, plants = found.plants(900, 101)
     open_loop = loop.transfer(found.loops(grid, gains)[1], plants[1])
-    at_hz = float(grid.hz[int(np.argmin(np.min(np.abs(1.0 + open_loop), axis=0)))])
+    size = 1.0 / np.abs(1.0 + open_loop)
+    at_hz = grid.hz[np.argmax(size, axis=1)][np.max(size, axis=1) > loop.GAP_MS * found.ms]
     case = machines.cases()["part"]
     options = RunOptions(parameters={**found.told, **gains}, score_from_s=case.score_from_s)
     with pytest.raises(EmcyError, match=r"FF1Fh.* y at \d+ Hz") as ended:
         run(plan(case.program, limits(MACHINE)), "ccu", Target(machine=MACHINE, seed=1, told=NOTHING), options)
     seen_hz = float(str(ended.value).rpartition(" y at ")[2].split()[0])
-    assert seen_hz == pytest.approx(at_hz, rel=0.05)
+    assert 90.0 < min(at_hz) < seen_hz < max(at_hz) < 135.0  # it depends on how far it swings
 
 
 def test_a_search_counts_the_loop_in_the_gap_against_its_limit() -> None:
@@ -61,3 +62,13 @@ def test_what_limits_a_design_is_its_gap() -> None:
     found = problem(MACHINE)
     axes = predicted(found, found.gains(GAINS))
     assert search._limit(found, axes, 1.0).startswith("The gap of 12.3 µm of y limits it")
+
+
+def test_a_spring_that_is_all_but_gone_counts_only_where_no_sensor_is_at_the_table() -> None:
+    motor = MACHINE.x
+    softest = min(resonance for resonance, _ in loop.variants_of(motor))
+    assert softest == 0.2
+    for table in (dataclasses.replace(motor, scale_m=1e-8), dataclasses.replace(motor, encoder_at="table")):
+        assert min(resonance for resonance, _ in loop.variants_of(table)) == 0.5
+        rigid = dataclasses.replace(table, backlash_m=0.0)
+        assert loop.variants_of(rigid) == loop.VARIANTS

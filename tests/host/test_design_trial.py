@@ -15,7 +15,7 @@ from kontur.design.search import design
 from kontur.design.trial import STOPPED, Trial
 from kontur.drive import parameter_file
 from kontur.errors import MachineError
-from kontur.experiments import demo
+from kontur.experiments import demo, machines
 from kontur.machine import MACHINES, load
 
 BALL_SCREW = load(MACHINES / "ball_screw.toml")
@@ -48,6 +48,39 @@ def test_gains_that_stop_the_drive_lose() -> None:
     assert Trial(BALL_SCREW, "ccu")(values) == STOPPED
 
 
+SHAKING = {
+    "smc.lambda": 1340.3, "smc.k_0": 391.72, "smc.k_max": 391.72, "smc.zeta": 391.72, "compensator.alpha": 1185.6,
+    "compensator.mu_0": 6.0, "compensator.mu_max": 6.0, "compensator.phi": 0.0041381,
+    "compensator.dead_zone": 0.0041381, "compensator.in_axes": 1.0,
+    "feedforward.friction_rate": 2.0, "feedforward.mass_rate": 2.0,
+    "observer.bandwidth": 257.93, "force_filter_x.zero_1": 246.27, "force_filter_x.zero_damping_1": 1.3231,
+    "force_filter_x.pole_1": 166.31, "force_filter_x.pole_damping_1": 0.28392, "force_filter_y.zero_1": 291.41,
+    "force_filter_y.zero_damping_1": 1.3231, "force_filter_y.pole_1": 196.8, "force_filter_y.pole_damping_1": 0.28392,
+}  # fmt: skip
+"""Gains for draw 701 within all margins, with the least error of the trial. They stop circles of 4 mm at 100 mm/s."""
+
+
+def test_gains_that_a_longer_path_stops_are_not_quiet() -> None:
+    machine = machines.draw(701)
+    problem, trial = search.Problem(machine, "ccu", "full", 2.0, 2.0), Trial(machine, "ccu")
+    values = {**machine.parameters(), **SHAKING}
+    assert max(axis.largest for axis in search.predicted(problem, SHAKING)) <= 2.0
+    case = machines.cases()["r4@100"]
+    assert machines._drive(machine, case, "ccu", values, "f32")["ended"] == "oscillating"
+    assert trial(values) < STOPPED
+    assert trial.quiet({**values, "oscillation.limit": problem.oscillation_N})
+    assert not trial.quiet({**values, "oscillation.limit": search._WATCHED * problem.oscillation_N})
+
+
+def test_a_line_between_stops_may_be_what_is_not_quiet() -> None:
+    """So weak an axis goes round the circle, and not with the greatest acceleration of the machine."""
+    trial, values = Trial(BALL_SCREW, "ccu"), parameter_file.read(demo.designed("ccu"))
+    assert trial.quiet(values)
+    weak = {**values, "plant_x.force_limit": 330.0}
+    assert trial(weak) < STOPPED
+    assert not trial.quiet(weak)
+
+
 @pytest.mark.parametrize("fast", [False, True])
 def test_the_error_on_the_machine_decides_between_gains_within_the_limits(
     fast: bool, monkeypatch: pytest.MonkeyPatch
@@ -63,7 +96,26 @@ def test_the_error_on_the_machine_decides_between_gains_within_the_limits(
 
     monkeypatch.setattr(search, "_candidates", lambda *_: iter(candidates))
     monkeypatch.setattr(Trial, "__call__", error)
+    monkeypatch.setattr(Trial, "quiet", lambda *_: True)
     assert design(BALL_SCREW, "cascade").gains["observer.bandwidth"] == (3000.0 if fast else 1500.0)
+
+
+@pytest.mark.parametrize(("quiet", "chosen"), [((1500.0, 3000.0), 1500.0), ((3000.0,), 3000.0), ((), 1500.0)])
+def test_of_gains_that_are_quiet_the_least_error_decides_and_of_all_if_none_is(
+    quiet: tuple[float, ...], chosen: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    candidates = [np.log([10.0, 40.0, 5.0, observer]) for observer in (3000.0, 1500.0)]
+    monkeypatch.setattr(search, "_candidates", lambda *_: iter(candidates))
+    monkeypatch.setattr(Trial, "__call__", lambda _, values: values["observer.bandwidth"] * 1e-4)
+    watched: set[float] = set()
+
+    def is_quiet(self: Trial, values: Mapping[str, float]) -> bool:
+        watched.add(values["oscillation.limit"])
+        return values["observer.bandwidth"] in quiet
+
+    monkeypatch.setattr(Trial, "quiet", is_quiet)
+    assert design(BALL_SCREW, "cascade").gains["observer.bandwidth"] == chosen
+    assert watched == {15.0}  # half of the default
 
 
 def test_a_machine_that_no_candidate_is_within_the_limits_of_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@
 import pytest
 
 from kontur.drive.target import Target, open_drive
+from kontur.errors import MachineError
 from kontur.experiments import machines
 from kontur.machine import NOTHING, Machine
 
@@ -48,6 +49,18 @@ def test_ratios_are_of_the_same_machine_and_case_and_failures_are_counted() -> N
     assert found["ratio_rigid_worst"] == pytest.approx(2.0)
     assert found["ratio_law_median"] == pytest.approx(1.5)
     assert found["ratio_law_worst"] == pytest.approx(0.9)
+
+
+def test_a_machine_without_a_design_is_a_row_as_others_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    def design(*_: object) -> None:
+        raise MachineError("no gains of ccu keep the limits")
+
+    monkeypatch.setattr(machines, "design", design)
+    row = machines._driven((machines.draw(1), "ccu", "full", "f32"))
+    assert row["design"] is None
+    assert {one["ended"] for one in row["runs"].values()} == {"no design"}
+    found = machines.summarise([{"runs": {case: {"ccu full": one} for case, one in row["runs"].items()}}])
+    assert (found["no_design"], found["tripped"], found["ratio_law_worst"]) == (4, 0, None)
 
 
 def test_a_run_that_trips_says_why() -> None:

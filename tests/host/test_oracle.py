@@ -925,6 +925,28 @@ def test_servo_gives_the_oracles_forces_with_friction_cogging_and_ripple(core: C
     assert size(servo.state.shape) > 1.0
 
 
+@pytest.mark.parametrize("controller", ["ccu", "cascade"])
+@pytest.mark.parametrize("shaped", [False, True])
+def test_servo_gives_the_oracles_forces_where_they_act_late(core: Core, controller: str, shaped: bool) -> None:
+    """At another rate of the path, and off for a while."""
+    shape = {name: getattr(REAL, name) for name in ("presliding_m", "breakaway", "stribeck_mps")} if shaped else {}
+    p, path, rate = core.params(force_delay_s=np.array([1.2e-3, 0.4e-3]), **shape), PATHS["fast circle"], 0.75
+    plant = oracle.Plant(p, path[0] * 1e-9, seed=4)
+    servo, drive = oracle.Servo(p, path, plant.encoder()), core.drive(p, path)
+    drive.reset(np.rint(plant.encoder() * POS_PER_M))
+    bound = force_bound(core.num, controller, p, 0.15, 10.0) + (0.02 if core.num == "f32" else 0.1)
+    most = 0.0
+    for k in range(STEPS):
+        measured, enabled = plant.encoder(), not 900 <= k < 1000
+        s = core.path_time(rate * k * p.dt_s)
+        expected = servo.step(measured, core.seconds(s), controller, rate, enabled=enabled)
+        force, *_ = drive.step(s, np.rint(measured * POS_PER_M), controller, rate, enabled=enabled)
+        check("force", force, expected, bound, f"at step {k}")
+        plant.step(expected)
+        most = max(most, size(servo.state.lead_N))
+    assert most > 5.0
+
+
 def test_servo_takes_the_printed_forms_where_they_are_selected(core: Core) -> None:
     p = core.params(psi_printed=True, mu_printed=True, input_printed=True, newton=False, rho_1ps2=50.0)
     loop, drive = oracle.Loop(p, PATHS["slow circle"], seed=3), core.drive(p, PATHS["slow circle"])

@@ -57,6 +57,13 @@ def test_a_plain_machine_is_told_as_a_rigid_axis() -> None:
     ] + list(TABLE1.gains)  # fmt: skip
 
 
+def test_a_force_that_is_late_is_told_up_to_what_the_drive_takes() -> None:
+    late = told(current_lag_s=4e-4)
+    assert (late["plant_x.force_delay"], late.get("plant_y.force_delay")) == (4e-4, None)
+    assert told(current_lag_s=0.5)["plant_x.force_delay"] == 0.01
+    assert "plant_x.force_delay" not in told(machines.RIGID, current_lag_s=4e-4)
+
+
 def test_rigid_leaves_out_what_a_rigid_axis_does_not_have() -> None:
     rigid = told(machines.RIGID, **REAL)
     assert rigid.keys() == TABLE1.parameters().keys()

@@ -49,6 +49,7 @@ void rig_move(struct rig *r)
 /* A machine with a little of everything: the simulated one has nothing of it, and works with it all the same. */
 static void compensate(struct od_axis *a)
 {
+    a->plant.force_delay = 500;
     a->friction = (struct od_friction){.presliding = 20000, .breakaway = 1200, .stribeck = 1000000};
     a->screw = (struct od_screw){
         .lead = 5000000,

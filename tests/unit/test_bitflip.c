@@ -351,6 +351,7 @@ static bool of_no_meaning(const struct variable *v, size_t bit)
         IN_BOTH(servo.gains.compensator.input_printed),
         IN_BOTH(servo.force_filter.on),
         IN_BOTH(servo.force_limit.on),
+        IN_BOTH(servo.delay.on),
         IN_BOTH(servo.friction.on),
         IN_BOTH(servo.screw.on),
         IN_BOTH(servo.dual_feedback[0].on),

@@ -312,6 +312,24 @@ static void test_learned_feedforward(void)
     near(0.765432 / UM * T0 * T0, l.acceleration); /* m/s2 */
 }
 
+static void test_delay_of_each_axis_is_on_where_there_is_one(void)
+{
+    TEST_ASSERT_FALSE(configuration_servo(&od).delay.on);
+    for (int i = 0; i < 2; i++) {
+        od_init(&od, 1);
+        od.axis[i].plant.force_delay = 1234;
+        od.axis[i].plant.mass = 88123;
+        od.axis[i].plant.viscous = 467890;
+        const struct servo_delay_cfg c = configuration_servo(&od).delay;
+        TEST_ASSERT_TRUE(c.on);
+        near(1.234e-3 / T0, c.axis[i].time);
+        near(88.123 * UM / T0 / T0 * 1.234e-3 / T0, c.axis[i].mass);
+        near(467.890 * UM / T0 * 1.234e-3 / T0, c.axis[i].viscous);
+        near(0, c.axis[1 - i].time);
+        near(0, c.axis[1 - i].mass);
+    }
+}
+
 static void test_friction_of_each_axis_is_on_where_it_is_more_than_a_sign(void)
 {
     TEST_ASSERT_FALSE(configuration_servo(&od).friction.on);
@@ -639,6 +657,7 @@ int main(void)
     RUN_TEST(test_control_period);
     RUN_TEST(test_observer_has_its_poles_where_the_bandwidth_says);
     RUN_TEST(test_learned_feedforward);
+    RUN_TEST(test_delay_of_each_axis_is_on_where_there_is_one);
     RUN_TEST(test_friction_of_each_axis_is_on_where_it_is_more_than_a_sign);
     RUN_TEST(test_screw_of_each_axis_is_on_where_it_has_a_lead);
     RUN_TEST(test_observer_is_slower_for_coarse_encoders_by_the_fourth_root);

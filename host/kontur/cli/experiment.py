@@ -271,7 +271,7 @@ def machines_command(
         ],
         "Mean of the true contour error of the tool, µm, " + ("with factory gains" if factory else _DESIGNED),
     )
-    counts = ", ".join(f"{what} {found[what]}" for what in ("unstable", "oscillating", "tripped"))
+    counts = ", ".join(f"{what} {found[what]}" for what in ("unstable", "oscillating", "tripped", "no_design"))
     ratios = ", ".join(
         f"{name.replace('_', ' ')} {found[name]:.2f}" for name in found if name.startswith("ratio") and found[name]
     )

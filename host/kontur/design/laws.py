@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 Gains = dict[str, float]
@@ -64,18 +64,32 @@ def _ccc(law: Sequence[float]) -> Gains:
     return _cascade(law[:3]) | {"cascade.coupling_gain": law[3]}
 
 
+OBSERVER = Searched("observer.bandwidth", 60.0, 5000.0)  # rad/s
 _SMC = (Searched("sum of poles", 10.0, 4000.0), Searched("product of poles", 0.03, 1.5))
 _CASCADE = (Searched("K_p", 5.0, 1900.0), Searched("K_v", 20.0, 4900.0), Searched("K_i", 1.0, 1900.0))
+_CCU = (
+    _SMC[0],
+    Searched("product of poles", 0.03, 5.0),
+    Searched("alpha", 1.0, 1900.0),
+    Searched("mu/phi", 6.0, 6000.0),
+)
 LAWS: dict[str, tuple[tuple[Searched, ...], Callable[[Sequence[float]], Gains]]] = {
     "track": (_SMC, _smc),
     "cc": (_SMC, _smc),
-    "ccu": ((*_SMC, Searched("alpha", 5.0, 1900.0), Searched("mu/phi", 20.0, 6000.0)), _ccu),
+    "ccu": (_CCU, _ccu),
     "cascade": (_CASCADE, _cascade),
     "ccc": ((*_CASCADE, Searched("W", 0.1, 5.0)), _ccc),
 }
+_OBSERVERS = ((60.0, 600.0), (600.0, 5000.0))
+_TWO_INTEGRATORS = {"product of poles": (0.03, 1.5), "alpha": (5.0, 1900.0), "mu/phi": (20.0, 6000.0)}
+_LITTLE_OF_THEM = {"alpha": (1.0, 20.0), "mu/phi": (6.0, 200.0)}
+_BASINS = tuple({OBSERVER.name: of} for of in _OBSERVERS)
+BASINS: dict[str, tuple[Mapping[str, tuple[float, float]], ...]] = {
+    **dict.fromkeys(LAWS, _BASINS),
+    "ccu": (*(_TWO_INTEGRATORS | basin for basin in _BASINS), _LITTLE_OF_THEM),
+}
+"""What is searched each by itself: ranges of some quantities. The first two have a slow and a fast observer. The
+cascade never has a second integrator, and where a gap or a mode is slow `ccu` may not have it either."""
 KNOWN = {  # where a search begins besides: the two basins of the contouring law with compensator
     "ccu": ((300.0, 0.22, 60.0, 1000.0, 1120.0), (1435.0, 0.198, 1140.0, 1500.0, 250.0)),
-}
-LOCAL = {  # and where one more local search begins: with little of the second integrator, which the cascade never has
-    "ccu": ((2800.0, 0.25, 60.0, 1000.0, 200.0),),
 }

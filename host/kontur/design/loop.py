@@ -35,6 +35,8 @@ GAPS = tuple((resonance, 1.0) for resonance in (0.8, 0.65, 0.5, 0.35, 0.2))
 """The same of an axis with a gap, as motions of some sizes see it. In the gap is no spring, so the first harmonic of a
 motion sees the spring times a real factor between 0 and 1, which is 1 for large motions and 0 for those inside:
 the describing function of a dead zone (A. Gelb and W. E. Vander Velde, Multiple-Input Describing Functions, 1968)."""
+GAP_AT_TABLE = 0.5
+"""Least factor on the resonance in GAPS of an axis with a sensor at the table. docs/adr/0090."""
 GAP_MS = 1.25
 """Times the largest sensitivity that is allowed in a gap. docs/adr/0090."""
 REVERSAL_MPS2 = 1.0  # acceleration of the reversal whose friction is to be balanced
@@ -178,8 +180,14 @@ class Plant:
 
 
 def variants_of(axis: Axis) -> tuple[tuple[float, float], ...]:
-    """VARIANTS, and GAPS behind them where the axis has a gap and a spring."""
-    return VARIANTS + GAPS if axis.backlash_m > 0.0 and axis.resonance_Hz > 0.0 else VARIANTS
+    """VARIANTS, and GAPS behind them where the axis has a gap and a spring.
+
+    Of GAPS only the stiffer ones where a sensor is at the table: nothing there goes by a spring that is all but gone.
+    """
+    if axis.backlash_m == 0.0 or axis.resonance_Hz == 0.0:
+        return VARIANTS
+    at_table = axis.encoder_at == "table" or axis.scale_m > 0.0
+    return VARIANTS + tuple(gap for gap in GAPS if gap[0] >= GAP_AT_TABLE or not at_table)
 
 
 def plant(grid: Grid, axis: Axis, delay_periods: int, variants: Sequence[tuple[float, float]] = VARIANTS) -> Plant:

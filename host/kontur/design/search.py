@@ -3,8 +3,9 @@
 
 The linear loop is searched for the least error of a friction reversal, globally, since the contouring law has two
 basins at least: one with a fast observer, and one with a slow observer and high gains. The best of each basin, without
-and with a filter, and with more damping, then drive the simulated machine, and the least true error decides. Every
-controller is searched for with the same effort. A search of the same machine gives the same gains.
+and with a filter, and with more damping, then drive the simulated machine, and of those that are quiet there the least
+true error decides. Every controller is searched for with the same effort. A search of the same machine gives the same
+gains.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,7 +22,7 @@ from scipy.optimize import Bounds, differential_evolution, minimize
 from scipy.stats import qmc
 
 from kontur.design import loop
-from kontur.design.laws import KNOWN, LAWS, LOCAL, Gains, Searched
+from kontur.design.laws import BASINS, KNOWN, LAWS, OBSERVER, Gains, Searched
 from kontur.design.trial import STOPPED, Trial
 from kontur.drive import parameter_file
 from kontur.drive.controllers import CONTROLLERS
@@ -31,13 +32,12 @@ from kontur.errors import MachineError
 from kontur.machine import FULL, Axis, Machine
 
 _POPULATION, _GENERATIONS = 40, 60
-_OBSERVERS = ((60.0, 600.0), (600.0, 5000.0))  # rad/s: the basins
 _DAMPED = (0.9, 0.8)  # shares of the limit of Ms for which there are candidates besides
-_STAGES = 2 * len(_OBSERVERS)
 _NEAR = 0.7  # logarithm of the factor on gains within which a filter is searched for
 _SEED = 1
 _UNSTABLE = 1e4  # above every logarithm of an error with
 _EXCESS = 10.0  # times the logarithm of what exceeds a limit, which keeps the search within it
+_WATCHED = 0.5  # share of the limit of the watch for oscillation, as a longer path meets more than the trial
 _INSIDE = 0.995  # share of a limit that a candidate beyond it is brought to
 _DIGITS = 5
 
@@ -65,8 +65,8 @@ _FILTER = (
 )
 _NO_FILTER = (1.0, 0.6, 1.0, 0.6)  # zeros and poles cancel each other
 _CROSSOVER = Searched("crossover of the encoders", 3.0, 300.0)  # Hz
+_CROSSOVER_HZ = 25.0  # where a search begins besides
 _RIGID_HZ = 200.0  # in place of the first mode of a rigid axis
-_OBSERVER = Searched("observer.bandwidth", _OBSERVERS[0][0], _OBSERVERS[-1][-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +122,7 @@ class Problem:
         with open_drive(Target(machine=machine)) as device:
             self.objects: Objects = device
             self.control_hz = int(device.read("clock.control_hz"))
+            self.oscillation_N = float(device.read("oscillation.limit"))
         self.told = machine.parameters(compensation=compensation)
         self._told = [self._on_wire(self.told), self._on_wire(_swapped(self.told))]
         self._frozen = self._on_wire(_FROZEN)
@@ -129,7 +130,7 @@ class Problem:
         self.counts_m = tuple((axis.encoder_m, m) for axis, m in zip(machine.axes, second_m, strict=True))
         self.at = 1 if min(second_m) > 0.0 else 0  # where the error counts: 1 at the table
         self.second = (_CROSSOVER,) if max(second_m) > 0.0 else ()
-        self.searched = (*self.searched, *self.second, _OBSERVER, *_FILTER)
+        self.searched = (*self.searched, *self.second, OBSERVER, *_FILTER)
         # Under ccc the loop along the normal differs from the one along the path: each axis has its turn.
         turns = (False, True) if controller == "ccc" else (False,)
         self.places = [
@@ -153,7 +154,7 @@ class Problem:
         """Parameters of the drive for logarithms of the searched quantities, the filter's left out or with them."""
         values = [float(x) for x in np.exp(vector)]
         law = len(self.searched) - len(_FILTER)
-        gains = self._gains(values[: law - 1 - len(self.second)]) | {_OBSERVER.name: values[law - 1]}
+        gains = self._gains(values[: law - 1 - len(self.second)]) | {OBSERVER.name: values[law - 1]}
         if self.second:
             gains |= dict.fromkeys(("second_encoder_x.crossover", "second_encoder_y.crossover"), values[law - 2])
         for name, axis in zip("xy", self.machine.axes, strict=True):
@@ -266,39 +267,37 @@ def _searched(problem: Problem, progress: Callable[[float], None]) -> loop.Float
             f"step of {problem.force_step_N:g} N; the nearest have {worst:.4g} and {step_N:.4g} N. Allow more: --ms, "
             "--force-step"
         )
-    error, best = min(found, key=lambda result: result[0])
-    if error == STOPPED:
+    found.sort(key=lambda result: result[0])
+    if found[0][0] == STOPPED:
         raise MachineError(
             f"machine {problem.machine.name!r}: all gains of {problem.controller} that keep the limits stop the drive "
             "on the simulated machine; ask for more margin: a lower --ms or --force-step"
         )
-    return best
+    watched = {"oscillation.limit": _WATCHED * problem.oscillation_N}
+    for error, candidate in found:
+        if error < STOPPED and trial.quiet({**problem.told, **problem.gains(candidate), **watched}):
+            return candidate
+    return found[0][1]
 
 
 def _candidates(problem: Problem, progress: Callable[[float], None]) -> Iterator[loop.Floats]:
-    """For each observer the best gains without and with a filter, each with less and more damping."""
+    """For each basin the best gains without and with a filter, each with less and more damping."""
     cost = _Search(problem, problem.ms)
+    basins = BASINS[problem.controller]
 
     def stage(done: int) -> Callable[[float], None]:
-        return lambda share: progress((done + share) / _STAGES)
+        return lambda share: progress((done + share) / (2 * len(basins)))
 
-    for i, observer in enumerate(_OBSERVERS):
-        law = _in_basin(problem, cost, observer, stage(2 * i))
+    for i, basin in enumerate(basins):
+        law = _in_basin(problem, cost, basin, stage(2 * i))
         yield from _with_damping(problem, cost, law)
         yield from _with_damping(problem, cost, _with_filter(problem, cost, law, stage(2 * i + 1)))
-    for known in LOCAL.get(problem.controller, ()):
-        yield from _with_damping(problem, cost, _polished(cost, _start(problem, known), 0.3))
 
 
 def _with_damping(problem: Problem, cost: _Search, best: loop.Floats) -> Iterator[loop.Floats]:
     """`best`, and the best near it with less of the limit of Ms, without those that are not stable."""
     damped = (_polished(_Search(problem, share * problem.ms), best, 0.05) for share in _DAMPED)
     yield from (_within(problem, vector) for vector in (best, *damped) if cost(vector) < _UNSTABLE)
-
-
-def _start(problem: Problem, known: Sequence[float]) -> loop.Floats:
-    """Logarithms of known gains without a filter; a crossover of encoders is put in where there is one."""
-    return np.asarray(np.log([*known[:-1], *(25.0 for _ in problem.second), known[-1]]))
 
 
 def _used(problem: Problem, vector: loop.Floats) -> tuple[float, float]:
@@ -321,16 +320,16 @@ def _within(problem: Problem, vector: loop.Floats) -> loop.Floats:
 
 
 def _in_basin(
-    problem: Problem, cost: _Search, observer: tuple[float, float], progress: Callable[[float], None]
+    problem: Problem, cost: _Search, basin: Mapping[str, tuple[float, float]], progress: Callable[[float], None]
 ) -> loop.Floats:
-    """The logarithms with the least cost without a filter and with an observer within this range."""
-    box = [*problem.bounds[: -1 - len(_FILTER)], (math.log(observer[0]), math.log(observer[1]))]
-    low, high = np.array(box).T
+    """The logarithms with the least cost without a filter, and with the quantities of `basin` within its ranges."""
+    law = problem.searched[: -len(_FILTER)]
+    low, high = np.log([basin.get(one.name, (one.least, one.greatest)) for one in law]).T
     population = _population(low, high)
     for known in KNOWN.get(problem.controller, ()):
-        if observer[0] <= known[-1] <= observer[1]:
-            centre = _start(problem, known)
-            population[::4] = np.clip(centre + (population[::4] - population.mean(axis=0)) / 4.0, low, high)
+        start = np.log([*known[:-1], *(_CROSSOVER_HZ for _ in problem.second), known[-1]])
+        if np.all((low <= start) & (start <= high)):
+            population[::4] = np.clip(start + (population[::4] - population.mean(axis=0)) / 4.0, low, high)
     return _evolved(cost, low, high, population, _GENERATIONS, progress)
 
 

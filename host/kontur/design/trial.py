@@ -16,10 +16,10 @@ import numpy as np
 from kontur.drive.target import Target
 from kontur.errors import DeviceError
 from kontur.machine import NOTHING, Machine
-from kontur.path.geometry import KNOT_S, Arc, Move, Program
+from kontur.path.geometry import KNOT_S, Arc, Line, Move, Program
 from kontur.planning.bounds import limits
-from kontur.planning.planner import plan
-from kontur.runs.runner import RunOptions, run
+from kontur.planning.planner import Trajectory, plan
+from kontur.runs.runner import RunOptions, RunResult, run
 
 STOPPED = 1e3
 """In place of the logarithm of an error: the drive stopped with a fault."""
@@ -27,6 +27,7 @@ _RADIUS_M = 3e-3
 _FAST_MPS, _SLOW_MPS = 0.08, 0.005
 _FAST, _SLOW = math.radians(2 * 360 + 160), math.radians(130)  # the slow part begins 20 degrees before a reversal
 _UNSCORED = math.pi  # in which the axes speed up
+_STOPS_M = 0.03  # from stop to stop, and back
 
 
 class Trial:
@@ -44,12 +45,12 @@ class Trial:
         start = (centre[0] + self._radius_m, centre[1])
         program = Program("trial", tuple(Move(arc, feed) for arc, feed in parts), start)
         self._trajectory = plan(program, limits(machine))
+        self._target = Target(machine=replace(machine, friction_schedule=()), seed=1, told=NOTHING)
 
     def __call__(self, parameters: Mapping[str, float]) -> float:
         """Logarithm of the true contour error, m: the mean over each feed, and of both the geometric mean."""
-        target = Target(machine=replace(self.machine, friction_schedule=()), seed=1, told=NOTHING)
         try:
-            truth = run(self._trajectory, self.controller, target, RunOptions(parameters=parameters)).truth
+            truth = self._run(self._trajectory, parameters).truth
         except DeviceError:
             return STOPPED
         assert truth is not None
@@ -58,3 +59,23 @@ class Trial:
         rows = len(error_m) * KNOT_S / self._trajectory.duration_s
         begin, middle = (int(rows * np.searchsorted(angle, at)) for at in (_UNSCORED, _FAST))
         return 0.5 * sum(math.log(float(np.mean(part))) for part in (error_m[begin:middle], error_m[middle:]))
+
+    def quiet(self, parameters: Mapping[str, float]) -> bool:
+        """Whether the drive is not stopped, neither on the circle nor on a line that both axes go as fast as they may,
+        and back."""
+        try:
+            for trajectory in (self._trajectory, self._between_stops()):
+                self._run(trajectory, parameters)
+        except DeviceError:
+            return False
+        return True
+
+    def _between_stops(self) -> Trajectory:
+        half_m = np.array([min(0.5 * _STOPS_M, 0.4 * (high - low)) for low, high in self.machine.soft_limits_m])
+        start, end = ((float(x), float(y)) for x, y in (self._centre_m - half_m, self._centre_m + half_m))
+        feed_mps = math.hypot(*(axis.velocity_mps for axis in self.machine.axes))
+        there, back = Move(Line(start, end), feed_mps), Move(Line(end, start), feed_mps)
+        return plan(Program("between stops", (there, back), start), limits(self.machine))
+
+    def _run(self, trajectory: Trajectory, parameters: Mapping[str, float]) -> RunResult:
+        return run(trajectory, self.controller, self._target, RunOptions(parameters=parameters))

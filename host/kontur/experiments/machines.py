@@ -21,7 +21,7 @@ import numpy as np
 from kontur.design.search import design
 from kontur.drive.controllers import CONTROLLERS
 from kontur.drive.target import Target
-from kontur.errors import DeviceError
+from kontur.errors import DeviceError, MachineError
 from kontur.experiments import REFERENCE
 from kontur.experiments.demo import part
 from kontur.experiments.engine import Workers, carry_out
@@ -165,8 +165,8 @@ def summarise(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     feedforward, `ratio_law` of cascade with all compensations, to ccu with all. Above 1: ccu is better."""
     runs = [one for row in rows for made in row["runs"].values() for one in made.values()]
     found: dict[str, Any] = {"machines": list(rows)}
-    for what in ("unstable", "oscillating", "tripped"):
-        found[what] = sum(one["ended"] == what for one in runs)
+    for what in ("unstable", "oscillating", "tripped", "no design"):
+        found[what.replace(" ", "_")] = sum(one["ended"] == what for one in runs)
     for name, other in (("ratio_rigid", "cascade rigid"), ("ratio_law", "cascade full")):
         ratios = [
             made[other]["mean_um"] / made[f"{REFERENCE} full"]["mean_um"]
@@ -185,8 +185,13 @@ def _driven(job: tuple[Machine, str, str | None, str]) -> dict[str, Any]:
     if compensation is None:
         name, about, values = controller, None, replace(machine, gains={}).parameters()
     else:
-        found = design(machine, controller, compensation)
-        name, values = f"{controller} {compensation}", found.parameters
+        name = f"{controller} {compensation}"
+        try:
+            found = design(machine, controller, compensation)
+        except MachineError as error:
+            none = {"mean_um": None, "max_um": None, "ended": "no design", "why": str(error)}
+            return {"name": name, "design": None, "runs": dict.fromkeys(cases(), none)}
+        values = found.parameters
         about = {"ms": max(axis.margins.ms for axis in found.axes), "gains": found.gains}
     runs = {case: _drive(machine, path, controller, values, num) for case, path in cases().items()}
     return {"name": name, "design": about, "runs": runs}
