@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from kontur.cli import main
 from kontur.errors import FileError
 from kontur.path import csv, gcode
-from kontur.path.geometry import Program
+from kontur.path.geometry import Curve, Program
+from kontur.planning.planner import Limits, plan
 
 
 def parse(text: str) -> Program:
@@ -92,6 +93,17 @@ def test_arc_with_a_rounded_end_goes_evenly_from_one_radius_to_the_other(
 
 # --- lines, numbers, units --------------------------------------------------------------------------------------------
 SEPARATORS = ["\v", "\f", "\x1c", "\x1d", "\x1e", "\x85", "\u2028", "\u2029"]
+
+
+@pytest.mark.parametrize("end_mm", [0.0195, 0.02, 0.021, 0.022])
+@pytest.mark.parametrize("tolerance_m", [0.0, 1e-5])
+def test_short_arc_that_changes_its_radius_is_planned(end_mm: float, tolerance_m: float) -> None:
+    program = gcode.parse(f"F600\nG1 X-1\nX0\nG3 X{end_mm} I0.003 J0.05\nG1 X1 Y1", "p.ngc")
+    assert isinstance(program.moves[2].segment, Curve)
+    assert program.moves[2].segment.length_m < 26e-6
+    trajectory = plan(program, Limits(), tolerance_m=tolerance_m)
+    assert np.max(np.abs(np.diff(trajectory.position_m, axis=0))) < 2e-5
+    assert trajectory.position_m[-1] == pytest.approx([1e-3, 1e-3])
 
 
 @pytest.mark.parametrize("separator", SEPARATORS)

@@ -320,8 +320,8 @@ def sampled(segment: Curve, where: str) -> tuple[FloatArray, FloatArray]:
 
     s = np.linspace(0.0, segment.length_m, int(np.clip(segment.length_m / _CELL_M, 64, _CELLS_MAX)) + 1)
     s = np.unique(np.append(s, segment.edges_m))
-    s = s[np.append(True, np.diff(s) > _CELL_RAD * _RADIUS_MIN_M)]
-    s[-1] = segment.length_m
+    s = np.append(0.0, s[1:][np.diff(s) > _CELL_RAD * _RADIUS_MIN_M])
+    s = np.append(s[: max(1, len(s) - 1)], segment.length_m)  # of a very short curve nothing else is left
     bend, angle = shape(s)
     while True:
         turn = np.abs((np.diff(angle) + np.pi) % (2.0 * np.pi) - np.pi)
