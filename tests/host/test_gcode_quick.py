@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines of G0 to G3, X, Y, I, J, F and S are read by a quick way of their own, which gives what the reader of all words
-gives."""
+"""Lines of G0 to G3, X, Y, I, J, F and S, and dwells, are read by a quick way of their own, which gives what the reader
+of all words gives."""
 
 import gc
 import itertools
@@ -13,7 +13,7 @@ import pytest
 
 from kontur.path import gcode, gcode_words, plain_lines, programs
 from kontur.path.gcode_words import Refusals
-from kontur.path.geometry import Curve, Move, Program
+from kontur.path.geometry import Curve, Move, MoveTable, Program
 
 MODES = (
     *("G20", "G21", "G90", "G91", "G93", "G94", "G54", "G55", "G61", "G61.1", "G64 P0.01", "G92 X1 Y2", "G92.1", "G80"),
@@ -48,6 +48,8 @@ def line(rng: random.Random, other: float) -> str:
         return rng.choice(MODES)
     if rng.random() < 0.2:
         return arc(rng)
+    if rng.random() < 0.1:
+        return dwell(rng)
     words = [rng.choice(("G0", "G1", "g01", "G00", "")), *(f"{letter}{number(rng)}" for letter in "XY")]
     words += [f"S{number(rng)}"] if rng.random() < 0.2 else []
     words = [rng.choice(("", "N5", "n07 ")), *(word for word in words if rng.random() < 0.8)]
@@ -66,6 +68,15 @@ def arc(rng: random.Random) -> str:
     return rng.choice(("", " ", "(c)")).join([*kept, f"S{rng.randrange(3)}"] if rng.random() < 0.3 else kept)
 
 
+def dwell(rng: random.Random) -> str:
+    """Mostly one that is alone on its line."""
+    words = [rng.choice(("G4", "g04", "G4.0")), f"P{rng.choice(('1', '.25', '0', '-0', '-1', '0.125'))}"]
+    words += [rng.choice(("X1", "F5", "S3", "I0", "P1", "G1"))] if rng.random() < 0.1 else []
+    kept = ["N7 "] * (rng.random() < 0.1) + [word for word in words if rng.random() < 0.95]
+    rng.shuffle(kept)
+    return rng.choice(("", " ")).join(kept)
+
+
 def chain(rng: random.Random) -> str:
     """Lines and arcs one after the other, each arc from where it begins to a place on its circle."""
     out, x, y = ["G1 F600 X0 Y0"], 0.0, 0.0
@@ -80,6 +91,7 @@ def chain(rng: random.Random) -> str:
             out.append(f"G{rng.choice((2, 3))} X{x:.6f} Y{y:.6f} I{i:.4f} J{j:.4f}")
         else:
             x, y = round(x + i, 3), round(y + j, 3)
+            out += [f"G4 P{rng.randrange(3) / 8}"] if rng.random() < 0.3 else []
             out.append(f"G{rng.choice((0, 1))} X{x:.3f} Y{y:.3f} S{rng.randrange(1000) / 4}")
     return "\n".join(out)
 
@@ -116,8 +128,12 @@ def test_quick_way_gives_the_same_program_and_refusals(seed: int, monkeypatch: p
 def test_arcs_and_powers_are_those_of_the_reader_of_all_words(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = random.Random(seed)
     monkeypatch.setattr(gcode, "_SPAN", rng.choice((1, 4, 64)))
-    quick, slow = both(chain(rng))
+    text = chain(rng)
+    quick, slow = both(text)
     assert quick == slow
+    items = gcode.read(text, "p.ngc")[0].items
+    assert isinstance(items, MoveTable)
+    assert items.at == sorted(items.at)
     assert quick[0].moves
     assert quick[0].events
 
@@ -137,6 +153,7 @@ def test_points_nearer_than_a_nanometre_are_one_however_many_there_are() -> None
      "G2 I0 J0", "G2 R5 X9", "X1(a)2", "X1 (a) 2", "S5(a)", "S-1", "S1e3", "S999999999999", "S1S2",
      "G3 I1 S0.1234567", "G0.5", "G1.0", "G-1", "F-1", "F0", "F1e-9", "F." + 330 * "0" + "1", "X1e12",
      "X1000000000000", "X-999999999999", "N-5", "N1.5", "N1N2", "X\u0661", "X1_0", "x1\x0b", "X1\x00", "Xnan",
+     "G4P1", "P1", "G4 P-1", "G4P1X5", "G4P1F5", "G4P1S5", "G4G1P1", "G1P1X5", "G4P1P1", "G4.1P1", "G4P1(a)",
      "Xinf", "X1,5", "/X5", "*", "X1\u2028Y2", "\ud800"],
 )  # fmt: skip
 def test_word_beside_the_plain_ones_is_read_as_ever(word: str) -> None:
@@ -154,8 +171,14 @@ def test_plain_lines_behind_a_mode_are_carried_out_in_it(mode: str) -> None:
     assert quick == slow
 
 
+def test_dwells_without_a_motion_are_refused_and_hold_nothing() -> None:
+    for text in ("F600 G1\n" + 9 * "G4 P1\n", "F600 G1\n" + 9 * "G4 P1\n" + "M0\nX1\nM0"):
+        quick, slow = both(text)
+        assert quick == slow
+
+
 def test_command_line_reads_plain_lines_many_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "G21 G90\nG1 F600\n" + "X1.5Y-2 S7 (a)\nG1 X3; b\nN50 G02 I2. J0 F900\nG0 X5 Y5\n" * 100
+    text = "G21 G90\nG1 F600\n" + "X1.5Y-2 S7 (a)\nG1 X3; b\nN50 G02 I2. J0 F900\nG4 P.5\nG0 X5 Y5\n" * 100
     file = tmp_path / "long.ngc"
     file.write_text(text)
     one_by_one = []
@@ -167,7 +190,7 @@ def test_command_line_reads_plain_lines_many_at_a_time(tmp_path: Path, monkeypat
 
     monkeypatch.setattr(gcode_words, "_block", counted)
     program = programs.load(file)
-    assert (len(program.moves), len(program.events)) == (400, 100)
+    assert (len(program.moves), len(program.events), len(program.items)) == (400, 100, 500)
     assert one_by_one == ["G21G90"]
 
 

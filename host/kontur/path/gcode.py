@@ -141,7 +141,7 @@ class _Reader:
         end = min(part.plain_until(first), first + self.span)
         if end - first < _FEW or not self.plain:
             return first
-        g, x, y, f, s, i, j = part.values[:, first:end]
+        g, x, y, f, s, i, j, wait = part.values[:, first:end]
         motion = carried(10.0 * g, -1.0 if self.motion is None else self.motion)
         feed = carried(f / 60.0 * self.unit_m, self.feed or 0.0)
         if motion[0] < 0.0 or feed[0] == 0.0:
@@ -166,15 +166,18 @@ class _Reader:
             return first
         rows = slice(0, stop)
         moved = np.any(step[:, rows] > 0.0, axis=0) | turns[rows]
-        feeds = np.where(motion[rows] == 0.0, math.inf, feed[rows])[moved]
+        waits = wait[rows] > 0.0
+        feeds = np.where(waits | (motion[rows] == 0.0), math.inf, feed[rows])
+        put = moved | waits
         place = place[:, rows]
         line = np.arange(stop) + (part.number + first)
-        begin = len(self.items)
-        before = begin + np.cumsum(moved) - moved  # the item of each line, or the next one's
+        before = len(self.items) + np.cumsum(put) - put  # the item of each line, or the next one's
         power = ~np.isnan(s[rows])
         if np.any(power):
             self.events.powers(s[rows][power], before[power], line[power])
-        self.items.lines(place[0, moved], place[1, moved], feeds, line[moved], self.tolerance_m)
+        self.items.lines(place[0, put], place[1, put], feeds[put], line[put], self.tolerance_m)
+        if np.any(waits):
+            self.items.wait(before[waits], wait[rows][waits])
         if bends.size:
             self.items.bend(before[bends[: bent.shape[1]]], bent, curved)
         self.here = float(place[0, -1]), float(place[1, -1])

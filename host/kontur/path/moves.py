@@ -50,6 +50,13 @@ class Builder:
             column.frombytes(values.tobytes())
         self.moves += len(x_m)
 
+    def wait(self, rows: npt.NDArray[np.int64], duration_s: FloatArray) -> None:
+        """Dwells of `duration_s` (k,) in place of the lines in `rows` (k,), which end where they begin."""
+        lines = (self._line[row] for row in rows.tolist())
+        self._at += rows.tolist()
+        self._others += map(Dwell, duration_s.tolist(), lines)
+        self.moves -= len(rows)
+
     def bend(self, rows: npt.NDArray[np.int64], arcs: FloatArray, others: dict[int, Segment]) -> None:
         """Arcs, or by their numbers `others`, in place of the lines in `rows` (k,), the last ones. `arcs` (5, k): as
         ArcColumns has them."""
@@ -85,7 +92,9 @@ class Builder:
     def table(self) -> MoveTable[Move | Dwell]:
         x, y, feed, tolerance = (np.frombuffer(c) for c in (self._x, self._y, self._feed, self._tolerance))
         arcs = ArcColumns(np.frombuffer(self._arc_at, np.int64), np.frombuffer(self._arc).reshape(-1, 5).T)
-        return MoveTable(x, y, feed, np.frombuffer(self._line, np.int64), tolerance, arcs, self._at, self._others)
+        order = np.argsort(np.array(self._at, np.int64), kind="stable").tolist()
+        at, others = [self._at[i] for i in order], [self._others[i] for i in order]
+        return MoveTable(x, y, feed, np.frombuffer(self._line, np.int64), tolerance, arcs, at, others)
 
 
 def feeds_mps(moves: Sequence[Move]) -> FloatArray:

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lines of G-code that consist of G0 to G3, X, Y, I, J, F and S, or less, many at a time: nine tenths of a long file.
+"""Lines of G-code that consist of G0 to G3, X, Y, I, J, F and S, or less, or of G4 with its P, many at a time: nine
+tenths of a long file.
 
 A line is *plain* if it is a row of letters with one number each, none of them twice, and of blanks and comments before
-letters and at its end; G must be 0 to 3 and F above zero. All others are read word by word (kontur.path.gcode_words).
+letters and at its end; G must be 0 to 3 and F above zero, or G 4 and P not negative and alone beside it. All others are
+read word by word (kontur.path.gcode_words).
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from kontur.path.geometry import FloatArray
 
 _CHARACTERS = 1 << 19  # of a text at once
 _END = re.compile(r"\r\n|\r|\n")
-_LETTERS = b"GXYFSIJN"  # their columns in Lines.values, but for N
+_LETTERS = b"GXYFSIJPN"  # their columns in Lines.values, but for N
 _COMMENT = re.compile(rb"\([^()\n]*\)|;[^\n]*")
 _OTHER, _LETTER, _DIGIT, _DOT, _SIGN, _BLANK, _NEWLINE = range(7)
 _FOLLOWED = {  # what of a plain line may stand before what
@@ -31,7 +33,7 @@ _FOLLOWED = {  # what of a plain line may stand before what
     _NEWLINE: (_BLANK, _LETTER, _NEWLINE),
 }
 _LARGEST, _LEAST_FEED = 1e12, 1e-300
-_MOTIONS = (0.0, 1.0, 2.0, 3.0)
+_MOTIONS, _DWELL = (0.0, 1.0, 2.0, 3.0), 4.0
 _DIGITS = 15  # of a number that is read with others
 _POWERS = 10.0 ** np.arange(_DIGITS + 1)
 
@@ -54,8 +56,8 @@ _KIND, _WRONG, _COLUMN = _tables()
 
 
 class Lines:
-    """Lines of a text, the first of them its line `number`. `values` (7, n): the numbers of G, X, Y, F, S, I and J of
-    the plain ones, NaN where there is none."""
+    """Lines of a text, the first of them its line `number`. `values` (8, n): the numbers of G, X, Y, F, S, I, J and P
+    of the plain ones, NaN where there is none. A dwell has its P alone."""
 
     def __init__(self, text: str, number: int) -> None:
         data = text.encode("utf-8", "surrogatepass") + b"\n"
@@ -73,8 +75,13 @@ class Lines:
         before = np.append(np.uint8(_NEWLINE), kind[:-1])
         plain = ~np.logical_or.reduceat(_WRONG[8 * before + kind], self._begin)
         self.values = self._read(raw, kind, plain)[:-1]
-        g, feed = self.values[0], self.values[3]
-        plain &= (np.isnan(g) | np.isin(g, _MOTIONS)) & (np.isnan(feed) | (feed > _LEAST_FEED))
+        g, feed, wait = self.values[0], self.values[3], self.values[7]
+        plain &= np.isnan(feed) | (feed > _LEAST_FEED)
+        dwell = (g == _DWELL) & (wait >= 0.0)
+        if np.any(dwell):
+            dwell &= np.all(np.isnan(self.values[1:7]), axis=0)
+            g[dwell] = math.nan
+        plain &= (np.isnan(g) | np.isin(g, _MOTIONS)) & (dwell | np.isnan(wait))
         self._others: list[int] = np.flatnonzero(~plain).tolist()
 
     def _read(
