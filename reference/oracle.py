@@ -1010,7 +1010,7 @@ class Servo:
         self._predict(c, measured_m, q_dot, now.force - screw if enabled else np.zeros(2), enabled)
         jerk = rate**3 * spline(self.knots_m, self.start_m, t_s).d3  # but for what a change of the rate adds (decision)
         lead = p.force_delay_s * (p.mass_kg * jerk + p.viscous_Nspm * c.r_ddot) if enabled else np.zeros(2)
-        s.lead_N = np.where(np.arange(2) == s.turn % 2, lead, s.lead_N)
+        s.lead_N = np.where(np.arange(2) == s.turn - 2, lead, s.lead_N)
         return now.force
 
     def _filter(self, force: Array) -> tuple[Array, list[Array]]:

@@ -234,55 +234,55 @@ static inline num predict_screw(const struct servo_cfg *cfg, const struct servo_
     return n_sub(screw_cancel(&cfg->screw.axis[axis], then, demand), demand);
 }
 
-static bool is_forced(uint32_t forced, int axis)
-{
-    return (forced >> axis & 1u) != 0u;
-}
-
-/* The piece of the path of now is in the cache, as contour_step() has left it. A change of the override adds to the third
- * derivative of the reference what is left out here: it is slow. */
+/* The piece of the path of now is in the cache, as contour_step() has left it. What a change of the override adds to the
+ * third derivative of the reference is left out. There is no lead while the force of an axis is given. */
 static inline num predict_lead(const struct servo_cfg *cfg, const struct servo_state *state, int axis,
                                const struct path_state *path, num r_ddot)
 {
     const struct spline_piece *piece = &state->spline_cache.piece[path->knot % SPLINE_CACHE_SIZE];
-    const num jerk = n_mul(spline_third(axis == 0 ? piece->c3.x : piece->c3.y),
-                           n_mul(path->rate, n_mul(path->rate, path->rate)));
+    const num jerk =
+        n_mul(spline_third(axis == 0 ? piece->c3.x : piece->c3.y), n_mul(path->rate, n_mul(path->rate, path->rate)));
     const num lead = n_mad(n_mul(cfg->delay.axis[axis].viscous, r_ddot), cfg->delay.axis[axis].mass, jerk);
-    return state->enabled[axis] && !is_forced(state->forced, axis) ? lead : NUM(0);
+    return state->enabled[axis] && usually(state->forced == 0u) ? lead : NUM(0);
+}
+
+/* In one of the slots of an axis its friction, in the other what the reference asks for besides. */
+static inline void predict_axis(const struct servo_cfg *cfg, struct servo_state *state, const struct servo_out *out,
+                                const struct path_state *path, int axis, pos_t at)
+{
+    const bool x = axis == 0;
+    const num r_dot = x ? out->contour.r_dot.x : out->contour.r_dot.y;
+    const num r_ddot = x ? out->contour.r_ddot.x : out->contour.r_ddot.y;
+    if (state->slot < 2u) {
+        if (cfg->friction.on) {
+            predict_friction(cfg, state, axis, r_dot, r_ddot);
+        }
+    } else if (cfg->delay.on) {
+        *(x ? &state->lead.x : &state->lead.y) = predict_lead(cfg, state, axis, path, r_ddot);
+    }
+    if (cfg->friction.on) {
+        friction_move(&state->friction);
+    }
+    if (cfg->geometry.on) {
+        const bool on = state->enabled[axis];
+        geometry_push(&cfg->geometry, &state->geometry, axis, on ? r_dot : NUM(0), on ? r_ddot : NUM(0),
+                      x ? state->friction.shape.x : state->friction.shape.y);
+    }
+    if (cfg->screw.on) {
+        num *const screw = x ? &state->screw.x : &state->screw.y;
+        *screw = predict_screw(cfg, state, axis, x ? out->force.x : out->force.y, *screw, at,
+                               x ? out->velocity.x : out->velocity.y);
+    }
 }
 
 static __attribute__((noinline, flatten)) void predict(const struct servo_cfg *cfg, struct servo_state *state,
                                                        const struct servo_out *out, const struct path_state *path,
                                                        pos_t x, pos_t y)
 {
-    const struct contour_out *c = &out->contour;
-    const bool even = state->slot % 2u == 0u;
-    if (cfg->friction.on) {
-        if (state->slot == 0u) {
-            predict_friction(cfg, state, 0, c->r_dot.x, c->r_ddot.x);
-        } else if (state->slot == 1u) {
-            predict_friction(cfg, state, 1, c->r_dot.y, c->r_ddot.y);
-        }
-        friction_move(&state->friction);
-    }
-    if (cfg->geometry.on && even) {
-        const bool on = state->enabled[0];
-        geometry_push(&cfg->geometry, &state->geometry, 0, on ? c->r_dot.x : NUM(0), on ? c->r_ddot.x : NUM(0),
-                      state->friction.shape.x);
-    } else if (cfg->geometry.on) {
-        const bool on = state->enabled[1];
-        geometry_push(&cfg->geometry, &state->geometry, 1, on ? c->r_dot.y : NUM(0), on ? c->r_ddot.y : NUM(0),
-                      state->friction.shape.y);
-    }
-    if (cfg->delay.on && even) {
-        state->lead.x = predict_lead(cfg, state, 0, path, c->r_ddot.x);
-    } else if (cfg->delay.on) {
-        state->lead.y = predict_lead(cfg, state, 1, path, c->r_ddot.y);
-    }
-    if (cfg->screw.on && even) {
-        state->screw.x = predict_screw(cfg, state, 0, out->force.x, state->screw.x, x, out->velocity.x);
-    } else if (cfg->screw.on) {
-        state->screw.y = predict_screw(cfg, state, 1, out->force.y, state->screw.y, y, out->velocity.y);
+    if (state->slot % 2u == 0u) {
+        predict_axis(cfg, state, out, path, 0, x);
+    } else {
+        predict_axis(cfg, state, out, path, 1, y);
     }
 }
 
@@ -308,8 +308,8 @@ __attribute__((noinline, cold)) static void lower_gains(const struct servo_cfg *
  * flip. */
 static __attribute__((noinline)) void copy_configuration(const struct servo_cfg *cfg, struct servo_state *state)
 {
-    state->extras =
-        cfg->force_limit.on || cfg->geometry.on || cfg->screw.on || cfg->force_filter.on || cfg->delay.on || cfg->friction.on;
+    state->extras = cfg->force_limit.on || cfg->geometry.on || cfg->screw.on || cfg->force_filter.on || cfg->delay.on ||
+                    cfg->friction.on;
     if (!cfg->force_limit.on) {
         state->force_limit.limit = cfg->plant.force_max;
     }
@@ -344,6 +344,11 @@ void servo_reset(const struct servo_cfg *cfg, struct servo_state *state, const p
     copy_configuration(cfg, state);
     take_gains(cfg, state);
     reset_laws(cfg, state, measured, ZERO);
+}
+
+static bool is_forced(uint32_t forced, int axis)
+{
+    return (forced >> axis & 1u) != 0u;
 }
 
 /* Axes whose force is given are where they are to be, and the path, which follows them, asks nothing of them. There is
@@ -406,9 +411,8 @@ __attribute__((flatten)) void servo_step(const struct servo_cfg *cfg, struct ser
             balance = v2_add(balance, v2(g[0].gap_force, g[1].gap_force));
         }
         if (rarely(switched && !enabling_changed)) {
-            state->offset =
-                v2_sub(v2_sub(state->force, state->filtering),
-                       v2_add(demand.net, v2_add(balance, v2_add(state->screw, state->lead))));
+            state->offset = v2_sub(v2_sub(state->force, state->filtering),
+                                   v2_add(demand.net, v2_add(balance, v2_add(state->screw, state->lead))));
             state->blending = true;
         }
         if (rarely(state->blending)) {

@@ -72,10 +72,10 @@ struct servo_cfg {
     struct energy_cfg energy[2];
     struct force_filter_cfg force_filter;
     struct force_limit_cfg force_limit;
-    struct servo_delay_cfg delay;
     struct friction_cfg friction;
     struct screw_cfg screw;
     struct oscillation_cfg oscillation;
+    struct servo_delay_cfg delay;
     struct dual_feedback_cfg dual_feedback[2]; /* only with geometry.on */
     struct geometry_cfg geometry;              /* last, since it is the largest */
 };
@@ -130,8 +130,8 @@ struct servo_state {
     struct friction_state friction; /* of an axis: persists while it is enabled */
     vec2 filtering;                 /* what the force filters have added to the force of the last period, N */
     vec2 screw;                     /* what cancels cogging and ripple in the next period, N */
-    vec2 lead;                      /* what the reference asks for besides in the next period, as its force is late, N */
-    pos_t tool[2];                  /* with geometry.on, its position in this period */
+    vec2 lead;     /* what the reference asks for besides in the next period, as its force is late, N */
+    pos_t tool[2]; /* with geometry.on, its position in this period */
     struct force_limit_state force_limit;
     struct dual_feedback_state dual_feedback[2];
     struct geometry_state geometry;

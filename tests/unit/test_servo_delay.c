@@ -38,9 +38,8 @@ static void steps(double rate, unsigned count)
 
 static void late(double x, double y)
 {
-    cfg.delay = (struct servo_delay_cfg){.on = true,
-                                         .axis = {{mk(x), mk(x * MASS_X), mk(x * VISCOUS_X)},
-                                                  {mk(y), mk(y * MASS_Y), mk(y * VISCOUS_Y)}}};
+    cfg.delay = (struct servo_delay_cfg){
+        .on = true, .axis = {{mk(x), mk(x * MASS_X), mk(x * VISCOUS_X)}, {mk(y), mk(y * MASS_Y), mk(y * VISCOUS_Y)}}};
 }
 
 /* The drive as it starts, on the circle at this rate. */
@@ -86,8 +85,8 @@ static void check_lead(double rate)
     struct spline_point at;
     spline_at(&ring, ring.count, path_s(&in.path), &at);
     const double cube = rate * rate * rate, a_x = rate * rate * val(at.d2.x), a_y = rate * rate * val(at.d2.y);
-    TEST_ASSERT_DOUBLE_WITHIN(0.01, LATE_X * (MASS_X * cube * val(at.d3.x) + VISCOUS_X * a_x), val(lead.x));
-    TEST_ASSERT_DOUBLE_WITHIN(0.01, LATE_Y * (MASS_Y * cube * val(at.d3.y) + VISCOUS_Y * a_y), val(lead.y));
+    TEST_ASSERT_DOUBLE_WITHIN(0.02, LATE_X * (MASS_X * cube * val(at.d3.x) + VISCOUS_X * a_x), val(lead.x));
+    TEST_ASSERT_DOUBLE_WITHIN(0.02, LATE_Y * (MASS_Y * cube * val(at.d3.y) + VISCOUS_Y * a_y), val(lead.y));
     TEST_ASSERT_TRUE(fabs(val(lead.x)) > 0.5 * cube && fabs(val(lead.y)) > 0.5 * cube);
 }
 
@@ -129,17 +128,19 @@ static void test_an_axis_without_power_has_no_lead(void)
     steps(1, 10);
     TEST_ASSERT_TRUE(fabs(val(state.lead.x)) > 0.5);
     in.enabled[0] = false;
-    steps(1, 2);
+    steps(1, 4);
     TEST_ASSERT_EQUAL_DOUBLE(0, val(state.lead.x));
     TEST_ASSERT_TRUE(fabs(val(state.lead.y)) > 0.5);
 }
 
-static void test_an_axis_whose_force_is_given_has_no_lead(void)
+static void test_while_a_force_is_given_there_is_no_lead(void)
 {
     steps(1, 10);
-    in.forced = 2;
-    steps(1, 2);
     TEST_ASSERT_TRUE(fabs(val(state.lead.x)) > 0.5);
+    TEST_ASSERT_TRUE(fabs(val(state.lead.y)) > 0.5);
+    in.forced = 2;
+    steps(1, 4);
+    TEST_ASSERT_EQUAL_DOUBLE(0, val(state.lead.x));
     TEST_ASSERT_EQUAL_DOUBLE(0, val(state.lead.y));
 }
 
@@ -160,7 +161,7 @@ int main(void)
     RUN_TEST(test_the_lead_is_no_force_that_the_models_see);
     RUN_TEST(test_friction_is_that_of_the_speed_then);
     RUN_TEST(test_an_axis_without_power_has_no_lead);
-    RUN_TEST(test_an_axis_whose_force_is_given_has_no_lead);
+    RUN_TEST(test_while_a_force_is_given_there_is_no_lead);
     RUN_TEST(test_a_change_of_controllers_makes_no_step);
     return UNITY_END();
 }
