@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Planning in windows: the first knots come early, and the whole is what it would be if it were planned at once."""
 
+import math
+
 import numpy as np
 import pytest
 from cam_paths import letters, rosette
@@ -9,7 +11,7 @@ from knot_spline import assert_within
 from kontur.errors import PathError
 from kontur.experiments.bench_plan import lines, waves
 from kontur.path import gcode, smoothing
-from kontur.path.geometry import Dwell, Program
+from kontur.path.geometry import Arc, Dwell, Move, Program
 from kontur.path.smoothing import TOLERANCE_M, Exact, Smooth, parts
 from kontur.planning import checks, knots
 from kontur.planning.planner import Limits, Planning, plan
@@ -85,6 +87,37 @@ def test_a_long_exact_program_is_cut_at_its_stops():
     assert len(found) == 3
     assert all(isinstance(part, Exact) for part in found)
     assert tuple(move for part in found for move in part.moves) == program.moves
+
+
+def tangent_arcs(count):
+    """A row of arcs that go on from one another without a corner, left, right, right, left."""
+    moves, x, y, heading, radius = [], 0.0, 0.0, 0.0, 2e-3
+    for i in range(count):
+        sweep = 0.05 * (1, -1, -1, 1)[i % 4]
+        toward = math.copysign(radius, sweep) * np.array([-math.sin(heading), math.cos(heading)])
+        arc = Arc((x + toward[0], y + toward[1]), radius, math.atan2(-toward[1], -toward[0]), sweep)
+        moves.append(Move(arc, 0.1))
+        (x, y), heading = arc.point(np.array([arc.length_m]))[0].tolist(), heading + sweep
+    return Program("p", tuple(moves), (0.0, 0.0))
+
+
+def test_tangent_arcs_are_exact_unless_they_are_too_many_to_be_planned_at_once(monkeypatch):
+    program = tangent_arcs(6000)
+    (whole,) = parts(program, TOLERANCE_M)
+    assert isinstance(whole, Exact)
+    monkeypatch.setattr("kontur.path.smoothing._MOVES", 100)
+    planning = Planning(program, LIMITS, tolerance_m=TOLERANCE_M)
+    steps = planning.steps()
+    while not planning.rows.count:
+        next(steps)
+    assert planning.rows.planned()[2][-1] < 0.5 * planning.length_m
+    for _ in steps:
+        pass
+    trajectory = planning.trajectory()
+    assert 0.0 < trajectory.deviation_m <= TOLERANCE_M
+    exact = plan(program, LIMITS)
+    assert not exact.is_smoothed
+    assert trajectory.duration_s < exact.duration_s
 
 
 def test_dwells_are_kept_where_windows_meet(monkeypatch):

@@ -9,7 +9,7 @@ kontur.path.spline_fit finds it. It goes round true corners, too, where the piec
 or lines.
 
 Arcs between stops and corners, and what the spline does not fit within the tolerance, stay exact, and so does a program
-without joints of lines that turn.
+without joints of lines that turn, up to _LONG times _MOVES of tangent lines and arcs.
 
 The parts of a program come one after the other, about _WINDOWS_S of motion in each, so that who plans them can begin
 with the first one.
@@ -317,7 +317,8 @@ def _cut(
     bends &= ~(stop | corner)
     first = np.append(0, np.flatnonzero(stop | corner) + 1)
     last = np.append(first[1:] - 1, count - 1)
-    smooth = np.logical_or.reduceat(np.append(bends, False), first) & (tolerance[first] > 0.0)
+    many = last - first > _LONG * _MOVES  # an exact stretch of so many would be planned at once
+    smooth = (many | np.logical_or.reduceat(np.append(bends, False), first)) & (tolerance[first] > 0.0)
     straight = np.logical_and.reduceat(polyline.straight, first) & (tolerance[first] > 0.0)
     may = smooth | straight
     round_ = np.append(False, corner & (within_m >= corner_m))[first] & may & np.append(False, may[:-1])
