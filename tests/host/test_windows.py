@@ -120,6 +120,16 @@ def test_tangent_arcs_are_exact_unless_they_are_too_many_to_be_planned_at_once(m
     assert trajectory.duration_s < exact.duration_s
 
 
+def test_arcs_between_corners_begin_with_a_short_window_in_a_long_program(monkeypatch):
+    text = "F6000 G1\n" + "".join(f"G2 X{(i + 1) / 10} I0.05\n" for i in range(400))
+    program = gcode.parse(text, "p.ngc")
+    assert len(next(parts(program, TOLERANCE_M)).moves) > 200
+    monkeypatch.setattr("kontur.path.smoothing._MOVES", 399)
+    sizes = [len(part.moves) for part in parts(program, TOLERANCE_M)]
+    assert sum(sizes) == 400
+    assert sizes[0] < 0.6 * sizes[1] < sizes[1] < 0.6 * sizes[2]
+
+
 def test_dwells_are_kept_where_windows_meet(monkeypatch):
     monkeypatch.setattr(smoothing, "_WINDOWS_S", (0.5,))
     moves = rosette(244).moves

@@ -207,10 +207,15 @@ def _durations(moves: Sequence[Move], edge_m: FloatArray) -> FloatArray:
 
 def _unsmoothed(moves: Sequence[Move], within: Within, batch: list[_Stretch]) -> Iterator[Exact | Smooth]:
     """Stretches that are not smoothed. Arcs that stand alone between stops are optimised, with the lines there."""
+    begin = batch[0].first
+    of_batch = list(moves[begin : batch[-1].last + 1])
     alone = np.array(
-        [within.tolerance_m[s.first] > 0.0 and s.first == s.last and _short(moves[s.first]) for s in batch]
+        [within.tolerance_m[s.first] > 0.0 and s.first == s.last and _short(of_batch[s.first - begin]) for s in batch]
     )
-    window = np.cumsum([stretch.duration_s for stretch in batch]) // _WINDOWS_S[-1]
+    time_s = np.cumsum([stretch.duration_s for stretch in batch])
+    soon = np.cumsum(_WINDOWS_S[:-1] if begin == 0 and len(moves) > _MOVES else ())
+    late = soon[-1] if soon.size else 0.0
+    window = np.where(time_s < late, np.searchsorted(soon, time_s), soon.size + (time_s - late) // _WINDOWS_S[-1])
     exact: list[_Stretch] = []
     for begin, end in _runs(np.where(alone, window, -1.0)):
         chosen = batch[begin:end]
