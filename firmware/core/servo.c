@@ -218,7 +218,7 @@ _Static_assert(FRICTION_PERIODS == SERVO_SLOTS, "the friction of an axis is comp
 static inline void predict_friction(const struct servo_cfg *cfg, struct servo_state *state, int axis, num r_dot,
                                     num r_ddot)
 {
-    const num ahead = n_mad(cfg->delay.axis[axis].time, NUM(AHEAD_FRICTION), cfg->dt);
+    const num ahead = n_mad(cfg->delay.time[axis], NUM(AHEAD_FRICTION), cfg->dt);
     const num v = n_mad(r_dot, ahead, r_ddot);
     const bool slips = n_lt(NUM(0), cfg->friction.axis[axis].presliding);
     const num direction = slips ? NUM(0) : n_sat(v, cfg->gains.smc.friction_speed);
@@ -242,8 +242,10 @@ static inline num predict_lead(const struct servo_cfg *cfg, const struct servo_s
     const struct spline_piece *piece = &state->spline_cache.piece[path->knot % SPLINE_CACHE_SIZE];
     const num jerk =
         n_mul(spline_third(axis == 0 ? piece->c3.x : piece->c3.y), n_mul(path->rate, n_mul(path->rate, path->rate)));
-    const num lead = n_mad(n_mul(cfg->delay.axis[axis].viscous, r_ddot), cfg->delay.axis[axis].mass, jerk);
-    return state->enabled[axis] && usually(state->forced == 0u) ? lead : NUM(0);
+    const num mass = axis == 0 ? cfg->plant.mass.x : cfg->plant.mass.y;
+    const num viscous = axis == 0 ? cfg->plant.viscous.x : cfg->plant.viscous.y;
+    const num rate = n_mad(n_mul(mass, jerk), viscous, r_ddot);
+    return state->enabled[axis] && usually(state->forced == 0u) ? n_mul(cfg->delay.time[axis], rate) : NUM(0);
 }
 
 /* In one of the slots of an axis its friction, in the other what the reference asks for besides. */

@@ -54,11 +54,7 @@ struct servo_gains {
  * with its rate times the delay besides, and friction likewise. What the loop adds stays as late as the force is. */
 struct servo_delay_cfg {
     bool on;
-    struct {
-        num time;    /* T0 */
-        num mass;    /* M times the time, N per um/T0^3 */
-        num viscous; /* C times the time, N per um/T0^2 */
-    } axis[2];
+    num time[2]; /* T0 */
 };
 
 struct servo_cfg {

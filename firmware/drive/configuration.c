@@ -61,18 +61,6 @@ static struct plant_cfg plant(const struct od_plant *x, const struct od_plant *y
     return p;
 }
 
-static struct servo_delay_cfg force_delay(const struct od_plant *x, const struct od_plant *y)
-{
-    struct servo_delay_cfg cfg = {.on = x->force_delay != 0 || y->force_delay != 0};
-    for (int i = 0; i < 2; i++) {
-        const struct od_plant *p = i == 0 ? x : y;
-        cfg.axis[i].time = n_ratio(p->force_delay, 5000);
-        cfg.axis[i].mass = n_ratio((int64_t)p->mass * p->force_delay, 125000000);
-        cfg.axis[i].viscous = n_ratio((int64_t)p->viscous * p->force_delay, 25000000000);
-    }
-    return cfg;
-}
-
 static struct friction_axis_cfg friction(const struct od_friction *f)
 {
     return friction_design(milli(f->presliding), milli(f->breakaway), nano_mps(f->stribeck));
@@ -333,7 +321,8 @@ struct servo_cfg configuration_servo(const struct od_data *od)
         .feedforward = {.friction_rate = milli_per_s(od->feedforward.friction_rate),
                         .mass_rate = milli_per_s(od->feedforward.mass_rate),
                         .acceleration = micro_mps2(od->feedforward.acceleration)},
-        .delay = force_delay(&x->plant, &y->plant),
+        .delay = {.on = x->plant.force_delay != 0 || y->plant.force_delay != 0,
+                  .time = {n_ratio(x->plant.force_delay, 5000), n_ratio(y->plant.force_delay, 5000)}},
         .friction = {.on = friction_on(&x->friction) || friction_on(&y->friction),
                      .axis = {friction(&x->friction), friction(&y->friction)}},
         .screw = {.on = x->screw.lead != 0 || y->screw.lead != 0, .axis = {screw(&x->screw), screw(&y->screw)}},

@@ -143,9 +143,7 @@ static struct servo_cfg config(const struct api_params *p)
         c.friction.on = c.friction.on || p->presliding[i] > 0 || p->breakaway[i] > 1;
         c.friction.axis[i] = friction_design(mk(p->presliding[i] / UM), mk(p->breakaway[i]), mk(p->stribeck[i] / MPS));
         c.delay.on = c.delay.on || p->force_delay[i] > 0;
-        c.delay.axis[i].time = mk(p->force_delay[i] / T0);
-        c.delay.axis[i].mass = mk(p->mass[i] * MPS2 * p->force_delay[i] / T0);
-        c.delay.axis[i].viscous = mk(p->viscous[i] * MPS * p->force_delay[i] / T0);
+        c.delay.time[i] = mk(p->force_delay[i] / T0);
         if (p->lead[i] > 0) {
             c.screw.on = true;
             c.screw.axis[i].turns = screw_turns((uint32_t)lround(p->lead[i] * 1e9));

@@ -38,8 +38,7 @@ static void steps(double rate, unsigned count)
 
 static void late(double x, double y)
 {
-    cfg.delay = (struct servo_delay_cfg){
-        .on = true, .axis = {{mk(x), mk(x * MASS_X), mk(x * VISCOUS_X)}, {mk(y), mk(y * MASS_Y), mk(y * VISCOUS_Y)}}};
+    cfg.delay = (struct servo_delay_cfg){.on = true, .time = {mk(x), mk(y)}};
 }
 
 /* The drive as it starts, on the circle at this rate. */
