@@ -4,7 +4,7 @@
 PYTHON  ?= python3
 PY      := .venv/bin/python
 IMAGE   := image
-TARGET  := inproc slcan vcan qemu
+TARGET  := qemu vcan slcan inproc
 SECONDS := 60
 SEED    := 1
 SAMPLE  := 200
@@ -57,8 +57,8 @@ test-board: firmware
 test-host: lib firmware build/need/qemu-system-arm
 	$(PY) -m pytest -n $(CTEST_PARALLEL_LEVEL) --dist loadfile
 
-# On each target, as many at once as there are processors. A real drive: make test-hil TARGET=can0 NO_MOTION=1, and then
-# without NO_MOTION.
+# On each target, the longest first, as many at once as there are processors. A real drive: make test-hil TARGET=can0
+# NO_MOTION=1, and then without NO_MOTION.
 test-hil:
 	@echo "Drive over its bus: $(TARGET), each told when it is done"
 	+@$(MAKE) --no-print-directory -j$(CTEST_PARALLEL_LEVEL) --output-sync=target $(TARGET:%=hil-%)
