@@ -8,6 +8,7 @@ import pytest
 
 from kontur import machine
 from kontur.errors import MachineError
+from kontur.machine import reader
 
 TABLE1 = machine.DEFAULT.read_text()
 
@@ -130,7 +131,7 @@ def test_the_drives_own_model_refuses_every_key_that_it_does_not_have(tmp_path: 
     assert len(machine.NOT_ON_CHIP) >= 15
     for key in machine.NOT_ON_CHIP:
         value = {"encoder_inverted": "true", "force_inverted": "true", "force_bits": "8"}
-        more = "".join(f"{other} = 0.005\n" for needs, other, _ in machine._NEEDS if needs == key)
+        more = "".join(f"{other} = 0.005\n" for needs, other, _ in reader._NEEDS if needs == key)
         file.write_text(text.replace("[x]\n", f"[x]\n{key} = {value.get(key, '1e-6')}\n{more}", 1))
         with pytest.raises(MachineError, match="must be left out with model"):
             machine.load(file)

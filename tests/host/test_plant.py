@@ -7,6 +7,7 @@ machine file (docs/machines.md), not from the C code.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import subprocess
 from collections.abc import Callable
@@ -49,11 +50,9 @@ class Plant:
         plain = machines.load()
         zero = {"viscous_Nspm": 0.0, "coulomb_N": 0.0, "force_noise_N": 0.0, "mass_kg": 100.0, "index_m": 0.0}
         substeps = keys.pop("substeps", 10)
-        axis = machines.dataclasses.replace(plain.x, **(zero | keys))
-        still = machines.dataclasses.replace(plain.y, **zero)
-        self.machine: Machine = machines.dataclasses.replace(
-            plain, x=axis, y=still, friction_schedule=(), substeps=substeps
-        )
+        axis = dataclasses.replace(plain.x, **(zero | keys))
+        still = dataclasses.replace(plain.y, **zero)
+        self.machine: Machine = dataclasses.replace(plain, x=axis, y=still, friction_schedule=(), substeps=substeps)
         c = self.ffi.new("struct ks_machine *")
         for name, values in self.machine.simulated().items():
             if isinstance(getattr(c, name), (int, float)):
