@@ -228,6 +228,19 @@ def clipped(limits: Limits) -> list[str]:
     return out
 
 
+def accelerations(velocity: FloatArray, limits: Limits) -> tuple[FloatArray, FloatArray]:
+    """The greatest accelerations (n, 2) of the axes at `velocity` (n, 2), upwards and downwards, both above zero."""
+    upper = np.tile(np.array(limits.acceleration_mps2), (len(velocity), 1))
+    lower = upper.copy()
+    if limits.force is not None:
+        for axis, force in enumerate(limits.force):
+            v = velocity[:, axis]
+            gaining = np.maximum(force.gaining_mps2(np.abs(v)), 1e-3 * force.braking_mps2())
+            upper[:, axis] = np.minimum(upper[:, axis], np.where(v >= 0.0, gaining, force.braking_mps2()))
+            lower[:, axis] = np.minimum(lower[:, axis], np.where(v <= 0.0, gaining, force.braking_mps2()))
+    return upper, lower
+
+
 def pieces_of(program: Program, limits: Limits, report: Callable[[float], None]) -> list[Piece]:
     """The pieces of the path in order; one that begins with a stop has `entry` 0. The last one is empty: the end."""
     if limits.force is not None:

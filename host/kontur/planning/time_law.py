@@ -28,25 +28,22 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
-from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d
 
 from kontur.path.geometry import KNOT_S, FloatArray
 from kontur.planning import knots
-from kontur.planning.bounds import AXIS_SPEED, BEND_LIMITS, Limits, Piece
+from kontur.planning.barrier import Barrier
+from kontur.planning.bounds import AXIS_SPEED, BEND_LIMITS, Limits, Piece, accelerations
 
 _STEPS_S = (4.0 * KNOT_S, 2.0 * KNOT_S, KNOT_S)  # of the samples, in each pass
-_RATE_MAX = 4.0  # its square
 _AVERAGE_S = 2.0 * KNOT_S  # of the result
 _TANGENTIAL_SHARE = 0.6  # of the acceleration, for the first motion
-_START, _DROP = 0.05, 0.05  # weight of the barrier at first, and from round to round
 _GAP = 0.01  # share of the duration that the result may be above the least one
 _LAST_GAP = 0.004  # of the last pass
 _TURNS = 5  # of the last pass, at most
 _WORTH = 0.995  # of its duration: if one does not make it shorter than that, no more follow
 _MUCH_LOWER = 0.75  # share of a limit
 _LOWEST = 1e-3  # share of a limit that is planned with; equations with less are not solvable in double precision
-_NEWTON_MAX = 25  # steps of a round
 _REST = 3  # equal control points at a stop
 _NEAR = 7  # ms around an excess in which a limit is lowered
 _NEAR_CAP = 0.88
@@ -151,7 +148,7 @@ class _Law:
             later = rests[rests >= first + _WINDOW]
             last = int(later[0]) if later.size and later[0] < rests[-1] else len(s)
             rows = slice(first, last)
-            b[rows] = _Barrier(position[rows], step, feed[rows], self.limits, shares[rows]).solve(gap)
+            b[rows] = Barrier(position[rows], step, feed[rows], self.limits, shares[rows]).solve(gap)
             first = last
         return _resampled(s, rests, b, step, next_step)
 
@@ -231,7 +228,7 @@ def _ratios(path: DrivenPath, control_m: FloatArray, checked: Limits) -> tuple[F
         return np.asarray(np.max(np.abs(values) / np.array(limit), axis=1))
 
     velocity, second = (control[2:] - control[:-2]) / (2.0 * KNOT_S), np.diff(control, 2, axis=0) / KNOT_S**2
-    upper, lower = _accelerations(velocity, checked)
+    upper, lower = accelerations(velocity, checked)
     speed, acceleration = (
         ratio(velocity, checked.velocity_mps),
         np.max(np.maximum(second / upper, -second / lower), axis=1),
@@ -240,19 +237,6 @@ def _ratios(path: DrivenPath, control_m: FloatArray, checked: Limits) -> tuple[F
     jerk = np.maximum(between[1:], between[:-1])
     inner = slice(_REST - 1, -(_REST - 1))
     return speed[inner], acceleration[inner], jerk[_REST - 2 : -(_REST - 2)]
-
-
-def _accelerations(velocity: FloatArray, limits: Limits) -> tuple[FloatArray, FloatArray]:
-    """The greatest accelerations (n, 2) of the axes at `velocity` (n, 2), upwards and downwards, both above zero."""
-    upper = np.tile(np.array(limits.acceleration_mps2), (len(velocity), 1))
-    lower = upper.copy()
-    if limits.force is not None:
-        for axis, force in enumerate(limits.force):
-            v = velocity[:, axis]
-            gaining = np.maximum(force.gaining_mps2(np.abs(v)), 1e-3 * force.braking_mps2())
-            upper[:, axis] = np.minimum(upper[:, axis], np.where(v >= 0.0, gaining, force.braking_mps2()))
-            lower[:, axis] = np.minimum(lower[:, axis], np.where(v <= 0.0, gaining, force.braking_mps2()))
-    return upper, lower
 
 
 def excess(path: DrivenPath, control_m: FloatArray, checked: Limits, edge: int) -> float:
@@ -343,133 +327,3 @@ def _resampled(s: FloatArray, rests: _Index, b: FloatArray, step: float, new_ste
     was = CubicSpline(time, old, bc_type=((1, rate[0]), (1, rate[-1])))(even)
     rows = np.minimum(np.rint(time[rests] / new_step).astype(np.intp), len(even) - 1)
     return np.asarray(CubicSpline(old, s, bc_type="clamped")(was)), rows
-
-
-# --- Newton's method --------------------------------------------------------------------------------------------------
-
-_Form = tuple[FloatArray, FloatArray, FloatArray]  # weights of b before, at and behind a sample
-
-
-class _Barrier:
-    """The bounds on b of a motion `position` (n, 2), sampled each `step`, by `feed` (n,) and `limits`, of whose
-    acceleration and jerk `shares` (n, 2) count."""
-
-    def __init__(self, position: FloatArray, step: float, feed: FloatArray, limits: Limits, shares: FloatArray) -> None:
-        self._step = step
-        p = np.pad(position, ((2, 2), (0, 0)), mode="edge")
-        first = (p[3:-1] - p[1:-3]) / (2.0 * step)
-        second = (p[3:-1] - 2.0 * p[2:-2] + p[1:-3]) / step**2
-        third = (p[4:] - 2.0 * p[3:-1] + 2.0 * p[1:-3] - p[:-4]) / (2.0 * step**3)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            speed = np.minimum(
-                (feed / np.hypot(first[:, 0], first[:, 1])) ** 2,
-                np.min((np.array(limits.velocity_mps) / first) ** 2, axis=1),
-            )
-        self._top = np.fmin(speed, _RATE_MAX)
-        inner = slice(1, -1)
-        upper, lower = (shares[:, :1] * most for most in _accelerations(first, limits))
-        jerk = shares[:, 1:] * np.array(limits.jerk_mps3)
-        self._limit = [(upper[inner, axis], lower[inner, axis], jerk[inner, axis]) for axis in (0, 1)]
-        self._acceleration: list[_Form] = []
-        self._jerk: list[_Form] = []
-        for axis in (0, 1):
-            p1, p2, p3 = first[inner, axis], second[inner, axis], third[inner, axis]
-            self._acceleration.append((-0.25 * p1 / step, p2, 0.25 * p1 / step))
-            swing, curve = 0.75 * p2 / step, 0.5 * p1 / step**2
-            self._jerk.append((curve - swing, p3 - 2.0 * curve, curve + swing))
-        least = max(
-            float(np.max(1.0 / self._top)),
-            float(np.max(np.maximum(second / upper, -second / lower))),
-            float(np.max(np.abs(third) / jerk)) ** (2.0 / 3.0),
-        )
-        self._b = np.full(len(position), 0.5 / least)
-        self._slack = self._slacks(self._b)
-
-    def solve(self, gap: float) -> FloatArray:
-        """The fastest b (n,), whose duration is less than about a share `gap` above the least one."""
-        count = len(self._b)
-        weight = _START * self._step * float(np.mean(self._b**-0.5))
-        while True:
-            for _ in range(_NEWTON_MAX):
-                gain = self._newton(weight)
-                if gain < 0.3 * weight * max(1.0, 3e-3 * count):
-                    break
-            if weight * count <= gap * self._step * float(np.sum(self._b**-0.5)):
-                return self._b
-            weight *= _DROP
-
-    def _slacks(self, b: FloatArray) -> list[FloatArray]:
-        inside = b[1:-1]
-        root = inside**-0.5
-        out = [self._top - b]
-        for axis in (0, 1):
-            upper, lower, jerk = self._limit[axis]
-            now = _value(self._acceleration[axis], b)
-            out += [upper - now, lower + now]
-            now, most = _value(self._jerk[axis], b), jerk * root
-            out += [most - now, most + now]
-        return out
-
-    def _merit(self, b: FloatArray, slack: list[FloatArray], weight: float) -> float:
-        return self._step * float(np.sum(b**-0.5)) - weight * _logarithms(slack)
-
-    def _newton(self, weight: float) -> float:
-        """One step; returns by how much a full one would lower the merit, 0 where none does."""
-        b, slack = self._b, self._slack
-        gradient = -0.5 * self._step * b**-1.5 + weight / slack[0]
-        band = np.zeros((3, len(b)))
-        band[0] = 0.75 * self._step * b**-2.5 + weight / slack[0] ** 2
-        for axis in (0, 1):
-            upper, lower = (weight / one for one in slack[1 + 4 * axis : 3 + 4 * axis])
-            form = self._acceleration[axis]
-            _add_gradient(gradient, form, upper - lower)
-            _add_square(band, form, (upper**2 + lower**2) / weight)
-            upper, lower = (weight / one for one in slack[3 + 4 * axis : 5 + 4 * axis])
-            before, at, behind = self._jerk[axis]
-            fall = -0.5 * self._limit[axis][2] * b[1:-1] ** -1.5
-            _add_gradient(gradient, (before, at, behind), upper - lower)
-            gradient[1:-1] -= (upper + lower) * fall
-            _add_square(band, (before, at - fall, behind), upper**2 / weight)
-            _add_square(band, (before, at + fall, behind), lower**2 / weight)
-        step = -np.asarray(solveh_banded(band, gradient, lower=True, overwrite_ab=True, check_finite=False))
-        gain = -float(gradient @ step)
-        merit, size = self._merit(b, slack, weight), 1.0
-        while size > 1e-8:
-            new = b + size * step
-            if np.min(new) > 0.0:
-                found = self._slacks(new)
-                least = min(float(np.min(one)) for one in found)
-                if least > 0.0 and self._merit(new, found, weight) <= merit - 0.1 * size * gain:
-                    self._b, self._slack = new, found
-                    return gain
-            size *= 0.5
-        return 0.0
-
-
-def _logarithms(slack: list[FloatArray]) -> float:
-    """The sum of the logarithms of all slacks, the first of which has two values more than the others."""
-    product = np.prod(slack[1:5], axis=0) * np.prod(slack[5:], axis=0)
-    return float(np.sum(np.log(slack[0])) + np.sum(np.log(product)))
-
-
-def _value(form: _Form, b: FloatArray) -> FloatArray:
-    return form[0] * b[:-2] + form[1] * b[1:-1] + form[2] * b[2:]
-
-
-def _add_gradient(gradient: FloatArray, form: _Form, weight: FloatArray) -> None:
-    gradient[:-2] += weight * form[0]
-    gradient[1:-1] += weight * form[1]
-    gradient[2:] += weight * form[2]
-
-
-def _add_square(band: FloatArray, form: _Form, weight: FloatArray) -> None:
-    """Add `weight` times the square of the form to the lower bands (3, n) of the matrix."""
-    before, at, behind = form
-    weighted = weight * before
-    band[0, :-2] += weighted * before
-    band[1, :-2] += weighted * at
-    band[2, :-2] += weighted * behind
-    weighted = weight * at
-    band[0, 1:-1] += weighted * at
-    band[1, 1:-1] += weighted * behind
-    band[0, 2:] += weight * behind**2
