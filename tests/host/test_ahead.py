@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from cam_paths import circle, letters
 from click.testing import CliRunner
-from gated_planning import LIMITS, MACHINE, Gate, opened_on_the_way
+from gated_planning import LIMITS, MACHINE, Gate, all_planned_when_it_moves, opened_on_the_way
 
 from kontur.cli import main, planned
 from kontur.cli.live_page import Panel
@@ -125,16 +125,18 @@ def test_the_command_starts_before_the_end_of_the_planning(small_windows, drive,
     ends = [(*move.segment.end_m, f"S{i}" if powers else "") for i, move in enumerate(letters(6).moves)]
     text = "\n".join(f"X{x * 1e3:.3f} Y{y * 1e3:.3f} {s}" for x, y, s in ends)
     file.write_text(f"G1 F3000{' M3' if powers else ''}\n{text}\n")
-    complete = []
+    started, complete = [], []
 
     def may_start(ahead):
         enough = len(ahead.knots_nm) > 0
         if enough:
+            started.append(ahead)
             complete.append(ahead.complete)
         return enough
 
     monkeypatch.setattr(Ahead, "may_start", property(may_start))
     monkeypatch.setattr(planned, "_SHOWN_S", 0.0)
+    all_planned_when_it_moves(started, monkeypatch)
     bus = ("-i", drive.bus["interface"], "-c", drive.bus["channel"])
     result = CliRunner().invoke(main, ["run", str(file), "--json", *bus, "--log", str(tmp_path / "a.csv")])
     assert result.exit_code == 0, result.output

@@ -318,15 +318,20 @@ def _report(
 def _plan(program: Program, motion: Motion, recording: Recording, target: Target) -> tuple[Planned, RunOptions]:
     """The trajectory, or so much of it that it can be driven while the rest is planned; and the options that all runs
     of it have in common. A drive in this process, whose time is not that of the clock, gets all of it."""
+    from kontur.drive.target import open_drive
     from kontur.planning.bounds import limits
     from kontur.planning.outputs import Tool
+    from kontur.runs.resume import passed_by
     from kontur.runs.runner import RunOptions
 
     values = parameters_of(motion.params) if motion.params is not None else {}
     values |= parameter_values(motion.parameters)
     bounds = limits(target.machine, motion.accel, motion.jerk)
-    whole = target.in_process or motion.resume
-    path = planned(program, bounds, target.machine.soft_limits_m, motion.tolerance, whole)
+    passed = 0
+    if motion.resume:
+        with open_drive(target) as device:
+            passed = passed_by(device)
+    path = planned(program, bounds, target.machine.soft_limits_m, motion.tolerance, target.in_process, passed)
     return path, RunOptions(
         parameters=values,
         tool=Tool(motion.full_s, motion.laser),

@@ -122,11 +122,8 @@ def begin_stream(device: Device, knots_nm: NDArray[np.int32], complete: bool = T
     raise StreamError("the drive does not open its queue for the path; does the bus corrupt frames?")
 
 
-def stopped_after(device: Device, knots_nm: NDArray[np.int32]) -> int:
-    """How many knots of the stream `knots_nm` (N, 2) the drive has executed, which it stopped on.
-
-    Raises StreamError: the drive did not stop on a path, or on another one.
-    """
+def check_stopped(device: Device) -> None:
+    """Raises StreamError: the drive did not stop on a path."""
     state = device.read_stable("stream.state")
     if state == DONE:
         raise StreamError("the drive has nothing to go on with: its last path, or jog, has gone to the end")
@@ -135,9 +132,25 @@ def stopped_after(device: Device, knots_nm: NDArray[np.int32]) -> int:
             "the drive cannot go on with the path: it did not stop on it, or the axes were moved since; plan anew from "
             "where they stand"
         )
-    total, executed, checksum = (int(device.read_stable(f"stream.{n}")) for n in ("total", "executed", "checksum"))
+
+
+def executed_of(device: Device, knots_nm: NDArray[np.int32]) -> int | None:
+    """How many knots of its stream the drive has executed, if `knots_nm` (N, 2) begin with these; None: they do not."""
+    executed, checksum = (int(device.read_stable(f"stream.{name}")) for name in ("executed", "checksum"))
     known = zlib.crc32(np.ascontiguousarray(knots_nm[:executed], dtype="<i4").tobytes())
-    if total not in (0, len(knots_nm)) or checksum != known:  # 0: it was stopped while it was planned
+    return executed if executed <= len(knots_nm) and checksum == known else None
+
+
+def stopped_after(device: Device, knots_nm: NDArray[np.int32], complete: bool = True) -> int:
+    """How many knots of the stream `knots_nm` (N, 2) the drive has executed, which it stopped on. Where they are not
+    `complete`, their number is not compared.
+
+    Raises StreamError: the drive did not stop on a path, or on another one.
+    """
+    check_stopped(device)
+    total, executed = int(device.read_stable("stream.total")), executed_of(device, knots_nm)
+    if executed is None or (complete and total not in (0, len(knots_nm))):  # 0: it was stopped while it was planned
+        executed = int(device.read_stable("stream.executed"))
         raise StreamError(
             f"the drive has left another path than this one, at knot {executed}; "
             "give the file and the options of the run that was stopped"
@@ -145,12 +158,13 @@ def stopped_after(device: Device, knots_nm: NDArray[np.int32]) -> int:
     return executed
 
 
-def resume_stream(device: Device, knots_nm: NDArray[np.int32]) -> int:
-    """Open the drive's queue again for the rest of `knots_nm` (N, 2); returns how many knots it has.
+def resume_stream(device: Device, knots_nm: NDArray[np.int32], complete: bool = True) -> int:
+    """Open the drive's queue again for the rest of `knots_nm` (N, 2); returns how many knots it has. They are
+    `complete`, or more will come.
 
     Raises StreamError: the drive stopped on another path, or cannot resume.
     """
-    stopped_after(device, knots_nm)
+    stopped_after(device, knots_nm, complete)
     accepted = int(device.read_stable("stream.accepted"))
     device.write("stream.command", _RESUME)
     return accepted
@@ -171,7 +185,7 @@ class KnotSender:
     def __init__(self, device: Device, knots: Knots, resume: bool = False) -> None:
         self.device = device
         self.total = len(knots.knots_nm) if knots.complete else 0
-        self.accepted = resume_stream(device, knots.knots_nm) if resume else 0
+        self.accepted = resume_stream(device, knots.knots_nm, self.total > 0) if resume else 0
         self.retransmitted = 0
         self._knots = knots
         self.holds: list[int] = []

@@ -15,18 +15,19 @@ from kontur.path.moves import dwells_in, feeds_mps, lengths_m
 from kontur.planning.planner import Planning, Trajectory
 
 _FASTER = 2.0  # planned path time a second, from which on the planning stays ahead
-_FIRST_S = 2.0  # of path time that is planned before the start
+FIRST_S = 2.0
+"""Path time that is planned before the start."""
 
 
 class Ahead:
     """What Trajectory is, as far as it is planned. `share`: of the planning that is done, 0 to 1. `error`: why it ended
-    before the end of the program."""
+    before the end of the program. The motion begins behind so many `passed` knots."""
 
-    def __init__(self, planning: Planning) -> None:
+    def __init__(self, planning: Planning, passed: int = 0) -> None:
         self.program: Program = planning.program
         self.error: Exception | None = None
         self.share = 0.0
-        self._planning = planning
+        self._planning, self._passed = planning, passed
         self._length_m = planning.length_m
         self._whole: Trajectory | None = None
         self._ended = threading.Event()
@@ -59,7 +60,7 @@ class Ahead:
     def may_start(self) -> bool:
         """Whether the motion can start without catching up with its planning."""
         planned_s = len(self.knots_nm) * KNOT_S
-        return planned_s >= max(_FIRST_S, _FASTER * (time.monotonic() - self._began_s))
+        return planned_s >= max(self._passed * KNOT_S + FIRST_S, _FASTER * (time.monotonic() - self._began_s))
 
     @property
     def complete(self) -> bool:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kontur.can import emcy
 from kontur.can.simulated import Truth, simulated
@@ -24,7 +25,7 @@ from kontur.drive.device import Device
 from kontur.drive.pdos import RANGE, TELEMETRY
 from kontur.drive.stream import UNATTENDED, Operator, StreamResult, stream
 from kontur.drive.target import Target, open_drive
-from kontur.errors import DeviceError, EmcyError, FileError, KonturError
+from kontur.errors import DeviceError, EmcyError, FileError, KonturError, StreamError
 from kontur.machine import ALL
 from kontur.path.geometry import KNOT_S
 from kontur.planning.ahead import Ahead, Planned
@@ -71,6 +72,10 @@ class RunOptions:
 
 
 DEFAULTS = RunOptions()
+_OTHER_END = (
+    "the drive has left another path than this one, whose end is different; give the file and the options of the run "
+    "that was stopped"
+)
 _AT_START_M = 1e-6  # where the axes are held so near the start, the path begins there
 
 
@@ -139,6 +144,7 @@ def _run(
         device.parameters.set(options.parameters)
         device.select_controller(controller)
         meta: dict[str, Any] = {"program": trajectory.program.name, "controller": controller}
+        planned_before = isinstance(trajectory, Trajectory)
         meta |= _of_path(trajectory) if isinstance(trajectory, Trajectory) else {}
         meta |= {"switched": _switched(trajectory)} if trajectory.program.events else {}
         meta |= _what(device, target, options)
@@ -156,11 +162,10 @@ def _run(
         )
         try:
             left = None
-            if isinstance(trajectory, Ahead) and options.resume:
-                trajectory = trajectory.trajectory()
-            if options.resume and isinstance(trajectory, Trajectory):
+            if options.resume:
                 left = resume.left_by(device, trajectory, resume.RETURN_MAX_M if options.approach is None else math.inf)
-                resume.check_outputs(device, of_words(of_rest(words(trajectory, options.tool), left.driven)))
+                trajectory = left.trajectory
+                resume.check_outputs(device, of_words(_words(trajectory, options.tool, left.driven)))
             with device.axes.enabled(also=TELEMETRY + (RANGE if options.error_range else ())):
                 if left is None:
                     placed = target.in_process and target.place_at_start
@@ -169,6 +174,8 @@ def _run(
                 driven, streamed = _move(device, trajectory, left, recorder, options, operator, limits(target.machine))
             if isinstance(trajectory, Ahead) and trajectory.error is not None:
                 raise trajectory.error
+            if left is not None and left.ends_otherwise:
+                raise StreamError(_OTHER_END)
             warnings = device.faults.warnings()
             oscillation = device.faults.oscillation(warnings)
             capture = _capture(device, streamed, warnings, options, operator)
@@ -187,7 +194,9 @@ def _run(
         if options.resume:
             outcome["resumed_at_s"] = float(driven.path_ms[streamed.passed]) * KNOT_S
         if isinstance(trajectory, Ahead) and trajectory.complete:
-            outcome |= _of_path(trajectory.trajectory())
+            trajectory = trajectory.trajectory()
+        if isinstance(trajectory, Trajectory) and not planned_before:
+            outcome |= _of_path(trajectory)
         log = recorder.end(outcome | {"dropped": device.link.dropped})
     return RunResult(log, recorder.truth(), streamed.completed, streamed.fault, capture, warnings, recorder.problem)
 
@@ -206,21 +215,26 @@ def _move(
     driven, has_knots = whole(trajectory), False
     if left is not None:
         driven, has_knots = resume.return_to(device, left, bounds, operator)
+        if isinstance(trajectory, Ahead) and not has_knots:
+            trajectory = trajectory.trajectory()  # all of it is planned
     word = np.zeros(1, dtype=np.uint32)
     if isinstance(trajectory, Trajectory) and trajectory.program.events:
-        word = of_rest(words(trajectory, options.tool), driven)
+        word = _words(trajectory, options.tool, driven)
     switching = Switching(trajectory, options.tool) if isinstance(trajectory, Ahead) else None
     device.write("energy.reset", 1)
     start_nm = device.position_nm()
 
     def before_start() -> None:
+        if left is not None and left.ends_otherwise:
+            raise StreamError(_OTHER_END)
         if options.scope is not None:
             scopes.arm(device, options.scope)
         recorder.begin(driven.trajectory, start_nm, lambda: word if switching is None else switching.word)
 
     def stop_requested() -> bool:
         planning_failed = isinstance(trajectory, Ahead) and trajectory.error is not None
-        return planning_failed or recorder.problem is not None or operator.stop_requested()
+        other_end = left is not None and left.ends_otherwise
+        return planning_failed or other_end or recorder.problem is not None or operator.stop_requested()
 
     streamed = stream(
         device,
@@ -285,6 +299,13 @@ def _of_path(trajectory: Trajectory) -> dict[str, Any]:
     meta = {"feed": str(trajectory.feed)} if trajectory.feed is not None else {}
     meta |= {"smoothing": trajectory.smoothed} if trajectory.smoothed else {}
     return meta | {"trajectory": trajectory.digest}
+
+
+def _words(trajectory: Planned, tool: Tool, driven: Rest) -> NDArray[np.uint32]:
+    """The words of the knots that are `driven` of a trajectory, as far as it is planned."""
+    if isinstance(trajectory, Ahead):
+        return Switching(trajectory, tool).word
+    return of_rest(words(trajectory, tool), driven)
 
 
 def _what(device: Device, target: Target, options: RunOptions) -> dict[str, Any]:
