@@ -111,6 +111,7 @@ def test_columns_of_arcs_give_what_each_arc_gives_bit_for_bit() -> None:
             for name in ("point", "tangent")
         )
         assert np.array_equal(columns.point(everything, share * length), point)
+        assert np.array_equal(columns.tangent(everything, share * length), tangent)
         assert np.array_equal(columns.heading(everything, share * length), np.arctan2(tangent[:, 1], tangent[:, 0]))
     assert np.array_equal(columns.ends_m(), moves.ends_m(program))
     assert np.array_equal(columns.curvature, [segment.curvature(np.zeros(1))[0] for segment in segments])

@@ -52,6 +52,11 @@ class ArcColumns:
         angle = self._angle(arc, s_m)
         return np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=1)
 
+    def tangent(self, arc: npt.NDArray[np.intp] | slice, s_m: FloatArray) -> FloatArray:
+        """The unit tangents (n, 2) of the same."""
+        angle, sense = self._angle(arc, s_m), np.copysign(1.0, self.values[4, arc])
+        return np.stack([sense * -np.sin(angle), sense * np.cos(angle)], axis=1)
+
     def heading(self, arc: npt.NDArray[np.intp] | slice, s_m: FloatArray) -> FloatArray:
         """The direction (n,) of the same in rad."""
         angle, sense = self._angle(arc, s_m), np.copysign(1.0, self.values[4, arc])

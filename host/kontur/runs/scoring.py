@@ -22,7 +22,7 @@ from scipy.interpolate import PchipInterpolator
 
 from kontur.errors import PathError
 from kontur.path.geometry import Curve, Program
-from kontur.path.moves import ends_m, feeds_mps, lengths_m, straight
+from kontur.path.moves import arcs, ends_m, feeds_mps, lengths_m, others
 from kontur.path.spline_fit import SmoothPath
 
 Array = NDArray[np.float64]
@@ -209,7 +209,11 @@ class _Pieces:
         self.tangent_out = self.tangent_in.copy()
         self.bend = np.zeros(count)
         self.curves: dict[int, _FastCurve] = {}
-        for i in np.flatnonzero(~straight(moves)).tolist():
+        bent, everything = arcs(moves), slice(None)
+        self.tangent_in[bent.at] = bent.tangent(everything, np.zeros(len(bent)))
+        self.tangent_out[bent.at] = bent.tangent(everything, bent.length_m)
+        self.bend[bent.at] = bent.curvature
+        for i in others(moves):
             segment = moves[i].segment
             self.point_in[i], self.tangent_in[i] = segment.point(start)[0], segment.tangent(start)[0]
             self.tangent_out[i] = segment.tangent(self.length[i : i + 1])[0]
