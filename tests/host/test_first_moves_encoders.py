@@ -12,9 +12,11 @@ from kontur.commissioning.first_moves import Agreed, Diagnosis
 from kontur.commissioning.identify import identify
 from kontur.commissioning.machine_file import scales
 from kontur.drive.target import Target, open_drive
-from kontur.machine import LENGTHS, MACHINES, load
+from kontur.machine import LENGTHS, MACHINES, Machine, load
 
-BALL_SCREW, STIFF_SCALE = (load(MACHINES / f"{name}.toml") for name in ("ball_screw", "stiff_scale"))
+BALL_SCREW, STIFF_SCALE, LEAD_SCREW, LONG_AXIS = (
+    load(MACHINES / f"{name}.toml") for name in ("ball_screw", "stiff_scale", "lead_screw", "long_axis")
+)
 FRICTION_N = 10.0
 Pair = tuple[float, float]
 
@@ -75,3 +77,32 @@ def test_length_that_does_not_fit_the_scale_is_told_as_that(factor: float) -> No
         with pytest.raises(Diagnosis, match="encoder and its scale do not agree: the length of a count") as caught:
             identify(device, "x", Agreed(300.0))
     assert caught.value.kind == "encoder"
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_scale_that_counts_the_other_way_is_told_as_that(axis: str) -> None:
+    with open_drive(Target(machine=STIFF_SCALE, told=LENGTHS)) as device:
+        device.parameters.set(scales(STIFF_SCALE) | {f"second_encoder_{axis}.invert": 1})
+        with pytest.raises(Diagnosis, match=r"encoder and its scale do not agree.*one counts the other way") as caught:
+            identify(device, axis, Agreed(300.0))
+    assert caught.value.kind == "encoder"
+
+
+@pytest.mark.parametrize("machine", [BALL_SCREW, LONG_AXIS], ids=["ball_screw", "long_axis"])
+def test_count_that_is_too_long_is_no_loose_coupling(machine: Machine) -> None:
+    """Millimetres of such counts are less, and presliding is more of them."""
+    with open_drive(Target(machine=machine, told=LENGTHS)) as device:
+        device.parameters.set({"plant_x.encoder": round(6.5e6 * machine.x.encoder_m, 8)})
+        with pytest.raises(Diagnosis, match=r"wrong by a factor of 0\.1538") as caught:
+            identify(device, "x", Agreed(300.0, index_m=machine.x.index_m))
+    assert caught.value.kind == "encoder"
+
+
+def test_light_axis_that_only_stands_by_does_not_swing() -> None:
+    """The observer of both axes slows down with the longest count; the drive takes the other axis for 98 kg."""
+    with open_drive(Target(machine=LEAD_SCREW, told=LENGTHS)) as device:
+        device.parameters.set({"plant_x.encoder": round(6.5e6 * LEAD_SCREW.x.encoder_m, 8)})
+        with pytest.raises(Diagnosis) as caught:
+            identify(device, "x", Agreed(150.0, index_m=LEAD_SCREW.x.index_m))
+    assert "FF1Fh" not in str(caught.value)
+    assert "length of an encoder count" in str(caught.value)

@@ -26,6 +26,7 @@ from kontur.drive.pdos import TELEMETRY
 from kontur.drive.single_axis import jog
 from kontur.errors import DeviceError, EmcyError
 
+_UNKNOWN_KG = 30.0  # of an axis whose mass nobody has told
 _CAREFUL = {"cascade.position_gain": 10.0, "cascade.velocity_gain": 15.0, "cascade.integral_gain": 1.0}
 FIRM = {"cascade.position_gain": 25.0, "cascade.velocity_gain": 60.0, "cascade.integral_gain": 15.0}
 _RUNAWAY_NM, _ROUGH_NM, MEASURE_NM = 500_000, 5_000_000, 3_000_000  # following window of each step
@@ -110,15 +111,18 @@ def explained(axis: str, what: str, say: Callable[[str], None]) -> Iterator[None
 
 def prepare(device: Device, axis: str) -> None:
     """No knowledge of the axis, and gains that hold it softly whatever its mass is. What a commissioning before has
-    found would hide what is to be found."""
+    found would hide what is to be found. The other axis, which is held at rest, is held softly until it is known."""
+    other = "y" if axis == "x" else "x"
+    unknown = device.read(f"plant_{other}.mass") == device.parameters[f"plant_{other}.mass"].default
     groups = tuple(f"{name}_{axis}." for name in ("friction", "screw", "transmission", "lead_map"))
     device.parameters.set(
         {name: device.parameters[name].default for name in device.parameters if name.startswith(groups)}
         | _CAREFUL
         | {f"friction_{axis}.presliding": _RISE_UM,
-           "observer.bandwidth": 3300.0, f"plant_{axis}.mass": 30.0, f"plant_{axis}.coulomb": 0.0,
+           "observer.bandwidth": 3300.0, f"plant_{axis}.mass": _UNKNOWN_KG, f"plant_{axis}.coulomb": 0.0,
            f"plant_{axis}.viscous": 0.0,
            f"following_window_{axis}": _RUNAWAY_NM, f"following_timeout_{axis}": 0}
+        | ({f"plant_{other}.mass": _UNKNOWN_KG} if unknown else {})
     )  # fmt: skip
 
 
@@ -140,6 +144,7 @@ def moving(device: Device, axis: str, stop_requested: Callable[[], bool]) -> Ite
     with device.axes.enabled(also=TELEMETRY):
         yield Mover(device, axis, stop_requested)
     device.pdos.restore()
+    device.faults.check()  # of the last moment
 
 
 # --- direction --------------------------------------------------------------------------------------------------------
@@ -175,30 +180,35 @@ def _counts(device: Device, axis: str, force_N: float, stop_requested: Callable[
     try:
         with moving(device, axis, stop_requested) as mover:
             return _swing(mover, force_N, _FAST, lambda moved_m, _: abs(moved_m) > least_m)
-    except EmcyError:  # it runs away
-        return True
+    except EmcyError as error:
+        if error.code == _DISAGREE:
+            raise
+        return True  # it runs away
 
 
 def _ramp(device: Device, axis: str, force_N: float, stop_requested: Callable[[], bool]) -> float | None:
     """Let the force swing slowly up to `force_N`; the force at which the axis broke away, None where it did not."""
-    count_m = encoder.count_m(device, axis)
-    work, largest_N = 0.0, 0.0
+    enough_m = max(_BROKEN_M, 20.0 * encoder.count_m(device, axis))
+    work_J, last_m, largest_N = 0.0, 0.0, 0.0  # of what is loose, the place says nothing: the movement does
 
     def broken(moved_m: float, now_N: float) -> bool:
-        nonlocal work, largest_N
+        nonlocal work_J, last_m, largest_N
         largest_N = max(largest_N, abs(now_N))
-        if abs(moved_m) > _SEEN_COUNTS * count_m:
-            work += moved_m * now_N
-        return abs(moved_m) > max(_BROKEN_M, 20.0 * count_m)
+        if abs(moved_m - last_m) > 0.25 * enough_m:  # the loop may shake by less
+            work_J += (moved_m - last_m) * now_N
+            last_m = moved_m
+        return abs(moved_m) > enough_m
 
     try:
         with moving(device, axis, stop_requested) as mover:
             broke = _swing(mover, force_N, _SLOW, broken)
     except EmcyError as error:
-        if work == 0.0:
+        if error.code == _DISAGREE:
+            raise
+        if work_J == 0.0:
             raise Diagnosis("unknown", f"axis {axis}: {error}") from error
         broke = True
-    if broke and work < 0.0:
+    if broke and work_J < 0.0:
         raise Diagnosis(
             "polarity",
             f"axis {axis} moves against its force: encoder and force have opposite directions. Set "

@@ -105,8 +105,6 @@ def identify(
         {f"plant_{axis}.mass": round(mass_kg, 3), f"plant_{axis}.coulomb": round(0.8 * coulomb_N, 3)}
         | first_moves.FIRM | {f"following_window_{axis}": first_moves.MEASURE_NM}
     )  # fmt: skip
-    with step("lost_motion", "to and fro by some millimetres: lost motion"):
-        first_moves.lost_motion(device, axis, stop_requested)
     if agreed.index_m > 0.0:
         with step("length", "from one index pulse to the next: length of an encoder count"):
             mass_kg *= first_moves.length_factor(device, axis, agreed, stop_requested)
@@ -114,6 +112,8 @@ def identify(
     elif agreed.gauge is not None:
         with step("length", "a slow move that you measure: length of an encoder count"):
             first_moves.check_by_gauge(device, axis, agreed.gauge, stop_requested)
+    with step("lost_motion", "to and fro by some millimetres: lost motion"):
+        first_moves.lost_motion(device, axis, stop_requested)
     if not agreed.encoder_known:
         with step("travel", "to the limit switches: free travel"):
             first_moves.find_travel(device, axis, agreed, breakaway_N, stop_requested)
