@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A planning that waits on its way until a test lets it go on."""
+"""A planning that waits on its way until a test lets it go on, and a drive that outlives the runs."""
 
 import threading
+
+import pytest
 
 from kontur import machine
 from kontur.drive import knot_sender
 from kontur.drive.state_machine import BIT_PATH_RUNS
+from kontur.drive.target import Target, open_drive
 from kontur.errors import PathError
 from kontur.path.smoothing import TOLERANCE_M
 from kontur.planning.ahead import Ahead
 from kontur.planning.bounds import limits
 from kontur.planning.planner import Planning
+from kontur.sim import process as sim_process
 
 MACHINE = machine.load()
 LIMITS = limits(MACHINE)
@@ -69,3 +73,14 @@ def all_planned_when_it_moves(started, monkeypatch):
         advance(sender)
 
     monkeypatch.setattr(knot_sender.KnotSender, "advance", advanced)
+
+
+def kept_drive():
+    """A drive as a process, which stays when a run has ended; its time passes with SYNC."""
+    if not sim_process.PROGRAM.exists():
+        pytest.skip("kontur-sim is not built; run `make lib`")
+    with sim_process.start(slcan_tcp="0", pace="sync", machine=MACHINE) as sim:
+        target = Target(machine=MACHINE, bus={"interface": sim.interface, "channel": sim.channel})
+        with open_drive(target) as device, device.master.held():
+            device.parameters.set(MACHINE.parameters(1))
+        yield target

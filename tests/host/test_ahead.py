@@ -11,20 +11,21 @@ import numpy as np
 import pytest
 from cam_paths import circle, letters
 from click.testing import CliRunner
-from gated_planning import LIMITS, MACHINE, Gate, all_planned_when_it_moves, opened_on_the_way
+from gated_planning import LIMITS, MACHINE, Gate, all_planned_when_it_moves, kept_drive, opened_on_the_way
 
 from kontur.cli import main, planned
 from kontur.cli.live_page import Panel
 from kontur.cli.run_progress import run_progress
 from kontur.drive.stream import Operator
-from kontur.drive.target import Target, open_drive
+from kontur.drive.target import Target
 from kontur.path import gcode, programs, smoothing
 from kontur.path.smoothing import TOLERANCE_M
 from kontur.planning.ahead import Ahead
 from kontur.planning.planner import Planning, plan
 from kontur.runs.log import read
 from kontur.runs.runner import RunOptions, run
-from kontur.sim import process as sim_process
+
+drive = pytest.fixture(kept_drive)
 
 
 @pytest.fixture
@@ -90,18 +91,6 @@ def test_what_is_planned_ahead_is_the_trajectory_at_the_end():
     assert ahead.duration_s == ahead.trajectory().duration_s
     assert ahead.done(len(ahead.knots_nm)) == pytest.approx(1.0)
     assert ahead.done(0) == 0.0
-
-
-@pytest.fixture
-def drive():
-    """A drive as a process, which stays when a run has ended; its time passes with SYNC."""
-    if not sim_process.PROGRAM.exists():
-        pytest.skip("kontur-sim is not built; run `make lib`")
-    with sim_process.start(slcan_tcp="0", pace="sync", machine=MACHINE) as sim:
-        target = Target(machine=MACHINE, bus={"interface": sim.interface, "channel": sim.channel})
-        with open_drive(target) as device, device.master.held():
-            device.parameters.set(MACHINE.parameters(1))
-        yield target
 
 
 def test_a_path_that_was_stopped_while_it_was_planned_is_resumed(small_windows, drive):

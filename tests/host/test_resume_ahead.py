@@ -4,12 +4,12 @@
 import pytest
 from cam_paths import letters
 from click.testing import CliRunner
-from gated_planning import LIMITS, MACHINE, Gate, all_planned_when_it_moves, opened_on_the_way
+from gated_planning import LIMITS, MACHINE, Gate, all_planned_when_it_moves, kept_drive, opened_on_the_way
 from test_resume import creep
 
 from kontur.cli import main, planned
 from kontur.drive.stream import Operator
-from kontur.drive.target import Target, open_drive
+from kontur.drive.target import open_drive
 from kontur.errors import StreamError
 from kontur.path import gcode, programs, smoothing
 from kontur.path.smoothing import TOLERANCE_M
@@ -17,10 +17,11 @@ from kontur.planning import ahead as ahead_of_drive
 from kontur.planning.ahead import Ahead
 from kontur.planning.planner import Planning, plan
 from kontur.runs.runner import RunOptions, run
-from kontur.sim import process as sim_process
 
 PROGRAM = letters(40)
 RESUME = RunOptions(resume=True)
+
+drive = pytest.fixture(kept_drive)
 
 
 @pytest.fixture(autouse=True)
@@ -31,18 +32,6 @@ def small_windows(monkeypatch):
 @pytest.fixture
 def whole():
     return plan(PROGRAM, LIMITS, tolerance_m=TOLERANCE_M)
-
-
-@pytest.fixture
-def drive():
-    """A drive as a process, which stays when a run has ended; its time passes with SYNC."""
-    if not sim_process.PROGRAM.exists():
-        pytest.skip("kontur-sim is not built; run `make lib`")
-    with sim_process.start(slcan_tcp="0", pace="sync", machine=MACHINE) as sim:
-        target = Target(machine=MACHINE, bus={"interface": sim.interface, "channel": sim.channel})
-        with open_drive(target) as device, device.master.held():
-            device.parameters.set(MACHINE.parameters(1))
-        yield target
 
 
 def stop_on_the_way(drive, path):
