@@ -13,6 +13,7 @@ from test_plant import Plant, plants, spring_of  # noqa: F401
 from kontur import machine as machines
 from kontur.cli.options import parameter_names
 from kontur.drive.target import Target, open_drive
+from kontur.machine import model
 from kontur.path import shapes
 from kontur.planning.bounds import limits
 from kontur.planning.planner import plan
@@ -42,7 +43,7 @@ def test_every_parameter_that_is_told_exists_and_takes_its_value() -> None:
     both = dataclasses.replace(TABLE1.y, **(REAL | dict(scale_m=1e-8, resonance_Hz=0.0)))
     real = dataclasses.replace(TABLE1, x=dataclasses.replace(TABLE1.x, **REAL), y=both)
     values = real.parameters()
-    assert {p.format(a) for p, *_ in machines._PARAMETERS for a in "xy"} <= set(parameter_names())
+    assert {p.format(a) for p, *_ in model._PARAMETERS for a in "xy"} <= set(parameter_names())
     with open_drive(Target(real)) as device:
         for name, value in values.items():
             assert device.read(name) == pytest.approx(value, abs=1e-3 * abs(value) + 5e-9), name
