@@ -211,6 +211,25 @@ def test_host_that_was_too_slow_is_no_blocked_axis(code: int) -> None:
     assert caught.value.kind == "host"
 
 
+@pytest.mark.parametrize("swings", [0, 1], ids=["fast", "slow"])
+def test_fault_that_says_nothing_of_the_direction_is_not_taken_for_a_runaway(
+    swings: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A host that was too slow while the force swings fast, or slowly, is told as that."""
+    done: list[int] = []
+
+    def swing(*_: object) -> bool:
+        if len(done) == swings:
+            raise EmcyError(0x8130, 1, b"", "no heartbeat")
+        done.append(1)
+        return True
+
+    monkeypatch.setattr(first_moves, "_swing", swing)
+    with drive(BALL_SCREW) as device, pytest.raises(Diagnosis, match="no heartbeat") as caught:
+        identify(device, "x", Agreed(300.0))
+    assert caught.value.kind == "host"
+
+
 def test_encoder_and_scale_that_disagree_are_no_blocked_axis() -> None:
     """The drive watches them, and says what to look at: a scale_m of another scale ends within some millimetres."""
     with drive(load(MACHINES / "stiff_scale.toml")) as device:

@@ -48,6 +48,7 @@ _CATCH_UP_S = 20.0
 _DISAGREE = 0x7306  # two encoders of an axis: docs/faults.md
 HOST_FAULTS = (0x8130, 0xFF10)
 """Of a host or a bus that was too slow: no heartbeat, no knots. They say nothing of the axes."""
+_NO_RUNAWAY = (_DISAGREE, *HOST_FAULTS)  # faults that say nothing of the direction of the force
 _ENDS, _SWITCHES = {"max": "upper", "min": "lower"}, {"max": 2, "min": 1}  # names, and bits of digital_inputs
 _RISE_UM = 200.0  # of the reference, over which the feedforward of the friction turns
 _NM = 1e-9
@@ -181,7 +182,7 @@ def _counts(device: Device, axis: str, force_N: float, stop_requested: Callable[
         with moving(device, axis, stop_requested) as mover:
             return _swing(mover, force_N, _FAST, lambda moved_m, _: abs(moved_m) > least_m)
     except EmcyError as error:
-        if error.code == _DISAGREE:
+        if error.code in _NO_RUNAWAY:
             raise
         return True  # it runs away
 
@@ -203,7 +204,7 @@ def _ramp(device: Device, axis: str, force_N: float, stop_requested: Callable[[]
         with moving(device, axis, stop_requested) as mover:
             broke = _swing(mover, force_N, _SLOW, broken)
     except EmcyError as error:
-        if error.code == _DISAGREE:
+        if error.code in _NO_RUNAWAY:
             raise
         if work_J == 0.0:
             raise Diagnosis("unknown", f"axis {axis}: {error}") from error
